@@ -1,0 +1,1 @@
+"""The workstation: a window for the whole calibration session."""

@@ -1,0 +1,195 @@
+"""A whole camera: optics, lenslets, sensor."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass
+from types import UnionType
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
+
+from lfcal.camera._checks import check_number
+from lfcal.camera.lattice import LensletLattice
+from lfcal.camera.main_lens import MainLens, Microscope, Optics
+from lfcal.camera.sensor import Sensor
+from lfcal.errors import FileFormatError, InputError, expectation
+
+__all__ = ["Camera", "build"]
+
+T = TypeVar("T")
+FORMAT = "lfcal-camera"
+VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A plenoptic camera or light-field microscope.
+
+    Attributes
+    ----------
+    name
+        For people.
+    optics
+        `MainLens` or `Microscope`.
+    lattice, sensor
+        Lenslet array and image sensor.
+    wavelength_um
+        Design wavelength in vacuum (µm).
+    bandwidth_um
+        Full width of the light's spectrum (µm).
+    """
+
+    name: str
+    optics: Optics
+    lattice: LensletLattice
+    sensor: Sensor
+    wavelength_um: float = 0.55
+    bandwidth_um: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("wavelength (µm)", self.wavelength_um, above=0.05, below=20, remedy="give it in µm")
+        check_number("bandwidth (µm)", self.bandwidth_um, at_least=0, below=self.wavelength_um)
+
+    # -- derived lengths -------------------------------------------------------------------------------
+    @property
+    def pitch_px(self) -> float:
+        """Micro-image pitch along a row (sensor pixels)."""
+        return self.lattice.pitch_um / self.sensor.pixel_um
+
+    @property
+    def period_px(self) -> tuple[float, float]:
+        """Period ``(y, x)`` of the array on the sensor, unrounded (pixels)."""
+        y, x = self.lattice.period_um
+        return y / self.sensor.pixel_um, x / self.sensor.pixel_um
+
+    @property
+    def lattice_scale(self) -> float:
+        """Micro-image lattice over lenslet lattice: 1 + B/b for a lens, 1 for a telecentric microscope."""
+        if isinstance(self.optics, Microscope):
+            return 1.0
+        return 1.0 + self.lattice.gap_um / self.optics.image_distance_um
+
+    @property
+    def magnification(self) -> float:
+        """|M| from the working plane to the sensor, by the chief ray."""
+        return self.optics.magnification * self.lattice_scale
+
+    # -- depth -----------------------------------------------------------------------------------------
+    def step_um(self, z_um: float = 0.0) -> float:
+        """Return the lateral object-space step that moves the image by one pixel at depth ``z_um`` (µm).
+
+        For a main lens the chief ray is followed to the sensor, at ``(distance to the lens)``: that makes
+        the period of the pattern exactly that of the micro-images at every depth.
+        """
+        if isinstance(self.optics, Microscope):
+            return self.sensor.pixel_um / self.optics.magnification
+        distance = self._object_distance(z_um)
+        return self.sensor.pixel_um * distance / (self.optics.image_distance_um + self.lattice.gap_um)
+
+    def image_shift_um(self, z_um: float) -> float:
+        """Return the distance ``a`` of the image of depth ``z_um`` behind the lenslet array (µm).
+
+        z > 0 is away from the camera: there the image lies in front of the array and ``a`` is negative.
+        A microscope has ``a = -M² z / n`` (paraxial); a main lens follows the thin-lens equation.
+        """
+        if isinstance(self.optics, Microscope):
+            return -(self.optics.magnification**2) * z_um / self.optics.medium_index
+        return self.optics.image_of(self._object_distance(z_um)) - self.optics.image_distance_um
+
+    def virtual_depth(self, z_um: float) -> float:
+        """Return the virtual depth v = a/B of object depth ``z_um``."""
+        return self.image_shift_um(z_um) / self.lattice.gap_um
+
+    def depth_of(self, virtual_depth: float) -> float:
+        """Return the object depth z (µm) whose image lies at ``virtual_depth``: inverse of `virtual_depth`."""
+        a = virtual_depth * self.lattice.gap_um
+        if isinstance(self.optics, Microscope):
+            return -a * self.optics.medium_index / self.optics.magnification**2
+        image = self.optics.image_distance_um + a
+        if image <= self.optics.focal_length_um:
+            infinity = (self.optics.focal_length_um - self.optics.image_distance_um) / self.lattice.gap_um
+            limit = f"above {infinity:.4g} (an object at infinity)"
+            raise InputError(expectation("virtual depth", limit, virtual_depth, "choose a larger virtual depth"))
+        return 1.0 / (1.0 / self.optics.focal_length_um - 1.0 / image) - self.optics.working_distance_um
+
+    def _object_distance(self, z_um: float) -> float:
+        assert isinstance(self.optics, MainLens)
+        distance = self.optics.working_distance_um + z_um
+        if not distance > self.optics.focal_length_um:
+            focus = self.optics.focal_length_um - self.optics.working_distance_um
+            limit = f"z above {focus:.6g} µm (the front focal plane)"
+            raise InputError(expectation("depth", limit, f"{z_um:g} µm", "choose a plane farther from the lens"))
+        return distance
+
+    # -- JSON ------------------------------------------------------------------------------------------
+    def to_dict(self) -> dict[str, Any]:
+        """Return the description as plain JSON types."""
+        data = asdict(self)
+        data["optics"] = {"type": type(self.optics).__name__, **asdict(self.optics)}
+        return {"format": FORMAT, "version": VERSION, **data}
+
+    def to_json(self) -> str:
+        """Return the description as JSON text."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Camera:
+        """Return the camera described by ``data``; unknown or missing entries raise `InputError`."""
+        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+            raise FileFormatError(
+                expectation("camera description", f'"format": "{FORMAT}"', "something else", "check the file")
+            )
+        if data.get("version") != VERSION:
+            raise FileFormatError(
+                expectation("camera description", f"version {VERSION}", data.get("version"), "update lfcal")
+            )
+        body = {key: value for key, value in data.items() if key not in ("format", "version")}
+        optics = body.get("optics")
+        if not isinstance(optics, Mapping) or optics.get("type") not in ("MainLens", "Microscope"):
+            raise FileFormatError(expectation("camera optics", "type MainLens or Microscope", optics, "correct it"))
+        kind = MainLens if optics["type"] == "MainLens" else Microscope
+        body["optics"] = build(kind, {k: v for k, v in optics.items() if k != "type"}, "optics")
+        return build(cls, body, "camera")
+
+    @classmethod
+    def from_json(cls, text: str) -> Camera:
+        """Return the camera described by JSON ``text``."""
+        try:
+            data = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise FileFormatError(expectation("camera description", "JSON text", str(error), "check it")) from None
+        return cls.from_dict(data)
+
+
+def build(kind: type[T], data: Any, what: str) -> T:
+    """Return dataclass ``kind`` from JSON ``data``: nested dataclasses and tuples are rebuilt, names checked."""
+    if not isinstance(data, Mapping):
+        raise FileFormatError(expectation(what, "an object with named entries", type(data).__name__, "correct it"))
+    hints = get_type_hints(kind)
+    names = {f.name for f in fields(cast(Any, kind))}
+    unknown = sorted(set(data) - names)
+    if unknown:
+        raise FileFormatError(expectation(what, f"only {', '.join(sorted(names))}", unknown[0], "remove it"))
+    try:
+        return kind(**{name: _value(hints[name], value, f"{what}.{name}") for name, value in data.items()})
+    except TypeError as error:
+        raise FileFormatError(f"{what}: {error}; add the missing entry") from None
+
+
+def _value(hint: Any, value: Any, what: str) -> Any:
+    origin = get_origin(hint)
+    if origin is tuple:
+        if not isinstance(value, list | tuple):
+            raise FileFormatError(expectation(what, "a list", type(value).__name__, "correct it"))
+        args = get_args(hint)
+        inner = args[0] if args else Any
+        return tuple(_value(inner, v, what) for v in value)
+    if origin is UnionType:
+        if value is None:
+            return None
+        options = [a for a in get_args(hint) if a is not type(None)]
+        return _value(options[0], value, what) if len(options) == 1 else value
+    if isinstance(hint, type) and is_dataclass(hint) and not isinstance(value, hint):
+        return build(hint, value, what)
+    return value

@@ -1,0 +1,170 @@
+"""The lenslet array, described as it is seen on the sensor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera._checks import check_choice, check_number
+from lfcal.errors import InputError, expectation
+
+__all__ = ["LensType", "LensletLattice"]
+
+
+@dataclass(frozen=True, slots=True)
+class LensType:
+    """One type of lenslet.
+
+    Attributes
+    ----------
+    focal_length_um
+        Focal length (µm).
+    depth_range
+        Virtual depths (near, far) this type is used for, where the maker states them.
+    """
+
+    focal_length_um: float
+    depth_range: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("lenslet focal length (µm)", self.focal_length_um, above=0)
+        if self.depth_range is not None:
+            object.__setattr__(self, "depth_range", tuple(float(v) for v in self.depth_range))
+            near, far = self.depth_range
+            check_number("virtual depth, near", near)
+            check_number("virtual depth, far", far, above=near, remedy="the far end lies beyond the near end")
+
+    @classmethod
+    def focused_at(
+        cls, virtual_depth: float, gap_um: float, depth_range: tuple[float, float] | None = None
+    ) -> LensType:
+        """Return the lenslet that is in focus at ``virtual_depth``: 1/f = (1 - 1/v) / gap.
+
+        ``math.inf`` is a lenslet focused at infinity (f = gap), as in a light-field microscope.
+        """
+        if virtual_depth in (0, 1) or 0 < virtual_depth < 1:
+            raise InputError(
+                expectation("virtual depth in focus", "a value above 1 or below 0", virtual_depth, "correct it")
+            )
+        return cls(gap_um / (1.0 - 1.0 / virtual_depth), depth_range)
+
+    def focus_depth(self, gap_um: float) -> float:
+        """Return the virtual depth that this type has in focus with the sensor ``gap_um`` behind it."""
+        inverse = 1.0 - gap_um / self.focal_length_um
+        return math.inf if inverse == 0 else 1.0 / inverse
+
+
+@dataclass(frozen=True, slots=True)
+class LensletLattice:
+    """A square or hexagonal lenslet array of one or three types.
+
+    Distances are those of the micro-image lattice on the sensor: what a white image shows and what the
+    maker's calibration states. The lenslets themselves are closer together by `Camera.lattice_scale`.
+
+    Attributes
+    ----------
+    kind
+        ``"square"`` or ``"hexagonal"`` (rows along x, odd rows shifted by half a pitch).
+    pitch_um
+        Distance of neighbouring micro-image centres along a row (µm).
+    gap_um
+        Distance from lenslets to sensor, B (µm).
+    types
+        One or three lens types. Three types on a hexagonal array are coloured so that neighbours differ;
+        a lenslet of type 0 sits at the offset.
+    rotation_rad
+        Angle from the sensor's +x axis to a row, positive from +x towards +y (downwards) (rad).
+    offset_um
+        Centre (x, y) of a type-0 micro-image from the sensor's centre, x to the right, y downwards (µm).
+    clear_um
+        Clear diameter of a lenslet on the sensor's scale; None: the full pitch (µm).
+    row_pitch_um
+        Distance of neighbouring rows where it is not the ideal one (square: pitch; hexagonal:
+        pitch * sqrt(3)/2), as measured from a white image (µm).
+    """
+
+    kind: str = "hexagonal"
+    pitch_um: float = 174.35
+    gap_um: float = 871.75
+    types: tuple[LensType, ...] = (LensType(1000.0),)
+    rotation_rad: float = 0.0
+    offset_um: tuple[float, float] = (0.0, 0.0)
+    clear_um: float | None = None
+    row_pitch_um: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_choice("lenslet lattice", self.kind, ("square", "hexagonal"))
+        check_number("lenslet pitch (µm)", self.pitch_um, above=0)
+        check_number("lenslet-sensor gap (µm)", self.gap_um, above=0)
+        check_number("lattice rotation (rad)", self.rotation_rad)
+        object.__setattr__(self, "types", tuple(self.types))
+        object.__setattr__(self, "offset_um", tuple(float(v) for v in self.offset_um))
+        if len(self.offset_um) != 2:
+            raise InputError(expectation("lattice offset", "(x, y) in µm", self.offset_um, "correct it"))
+        for value in self.offset_um:
+            check_number("lattice offset (µm)", value)
+        if len(self.types) not in (1, 3) or (len(self.types) == 3 and self.kind == "square"):
+            raise InputError(
+                expectation("lens types", "one, or three on a hexagonal array", len(self.types), "correct it")
+            )
+        if self.clear_um is not None:
+            check_number("clear diameter (µm)", self.clear_um, above=0, at_most=1.5 * self.pitch_um)
+        if self.row_pitch_um is not None:
+            check_number("row pitch (µm)", self.row_pitch_um, above=0)
+
+    @property
+    def row_step_um(self) -> float:
+        """Distance of neighbouring rows (µm)."""
+        if self.row_pitch_um is not None:
+            return self.row_pitch_um
+        return self.pitch_um * (math.sqrt(3) / 2 if self.kind == "hexagonal" else 1.0)
+
+    @property
+    def clear_diameter_um(self) -> float:
+        """Clear diameter of a lenslet (µm)."""
+        return self.pitch_um if self.clear_um is None else self.clear_um
+
+    @property
+    def period_um(self) -> tuple[float, float]:
+        """Rectangular period ``(y, x)`` of the array, types included (µm)."""
+        if self.kind == "square":
+            return self.row_step_um, self.pitch_um
+        return 2 * self.row_step_um, (3 if len(self.types) == 3 else 1) * self.pitch_um
+
+    def basis_um(self) -> NDArray[np.float64]:
+        """Return the lattice vectors as rows ``[[ax, ay], [bx, by]]``: along a row, and to the next row (µm)."""
+        a = np.array([self.pitch_um, 0.0])
+        b = np.array([self.pitch_um / 2 if self.kind == "hexagonal" else 0.0, self.row_step_um])
+        c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
+        turn = np.array([[c, s], [-s, c]])
+        return np.stack([a @ turn, b @ turn])
+
+    def centres_um(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.float64]:
+        """Return centres ``(..., 2)`` as (x, y) from the sensor's centre for lattice indices q (in row), r (row)."""
+        index = np.stack(np.broadcast_arrays(np.asarray(q, float), np.asarray(r, float)), axis=-1)
+        centres: NDArray[np.float64] = index @ self.basis_um() + np.array(self.offset_um)
+        return centres
+
+    def type_of(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.intp]:
+        """Return the type index of the lenslets q, r: ``(q - r) mod 3`` for three types, so neighbours differ."""
+        return np.mod(np.asarray(q, np.intp) - np.asarray(r, np.intp), len(self.types))
+
+    def lenslets_within(
+        self, half_width_um: float, half_height_um: float, about_um: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """Return centres ``(n, 2)`` as (x, y) and types ``(n,)`` inside a box about ``about_um`` (µm)."""
+        basis = self.basis_um()
+        corners = np.array([(sx * half_width_um, sy * half_height_um) for sx in (-1, 1) for sy in (-1, 1)])
+        index = (corners + np.array(about_um) - np.array(self.offset_um)) @ np.linalg.inv(basis)
+        lo, hi = np.floor(index.min(0)).astype(int) - 1, np.ceil(index.max(0)).astype(int) + 1
+        q, r = np.meshgrid(np.arange(lo[0], hi[0] + 1), np.arange(lo[1], hi[1] + 1))
+        centres = self.centres_um(q.ravel(), r.ravel())
+        inside = (np.abs(centres[:, 0] - about_um[0]) <= half_width_um) & (
+            np.abs(centres[:, 1] - about_um[1]) <= half_height_um
+        )
+        return centres[inside], self.type_of(q.ravel(), r.ravel())[inside]

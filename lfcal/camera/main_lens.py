@@ -1,0 +1,122 @@
+"""The optics in front of the lenslets: a photographic main lens or a microscope."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from lfcal.camera._checks import check_number
+
+__all__ = ["MainLens", "Microscope", "Optics"]
+
+
+@dataclass(frozen=True, slots=True)
+class MainLens:
+    """A photographic main lens, focused on the lenslet array.
+
+    Attributes
+    ----------
+    focal_length_um
+        Focal length (µm).
+    f_number
+        f-number set on the lens (focal length over entrance pupil diameter).
+    working_distance_um
+        Distance from the lens to the plane whose image lies on the lenslet array (µm).
+    blades
+        Iris blades; 0 is a circular iris.
+    blade_rotation_rad
+        Angle of the first vertex from the +x (column) axis (rad).
+    blade_curvature
+        Apothem over blade radius: 0 straight edges, 1 a circle.
+    """
+
+    focal_length_um: float = 200e3
+    f_number: float = 4.0
+    working_distance_um: float = 1e6
+    blades: int = 9
+    blade_rotation_rad: float = 0.0
+    blade_curvature: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("main lens focal length (µm)", self.focal_length_um, above=0)
+        check_number("main lens f-number", self.f_number, above=0)
+        check_number("working distance (µm)", self.working_distance_um, above=self.focal_length_um,
+                     remedy="give a distance beyond the focal length")  # fmt: skip
+        check_number("iris blades", self.blades, at_least=0, at_most=64, integer=True)
+        if self.blades in (1, 2):
+            check_number("iris blades", self.blades, at_least=3, remedy="use 0 for a circular iris")
+        check_number("blade rotation (rad)", self.blade_rotation_rad)
+        check_number("blade curvature", self.blade_curvature, at_least=0, at_most=1)
+
+    @property
+    def telecentric(self) -> bool:
+        """Whether the period is the same over the whole field (it is not)."""
+        return False
+
+    @property
+    def image_distance_um(self) -> float:
+        """Distance from the lens to the lenslet array (µm): thin-lens equation."""
+        return self.image_of(self.working_distance_um)
+
+    def image_of(self, object_distance_um: float) -> float:
+        """Return the image distance of a point ``object_distance_um`` in front of the lens (µm)."""
+        return 1.0 / (1.0 / self.focal_length_um - 1.0 / object_distance_um)
+
+    @property
+    def magnification(self) -> float:
+        """|M| from the working plane to the lenslet array."""
+        return self.image_distance_um / self.working_distance_um
+
+    @property
+    def working_f_number(self) -> float:
+        """Image distance over pupil diameter: the cone that reaches the lenslets."""
+        return self.image_distance_um * self.f_number / self.focal_length_um
+
+
+@dataclass(frozen=True, slots=True)
+class Microscope:
+    """An infinity-corrected, telecentric light-field microscope.
+
+    Attributes
+    ----------
+    magnification
+        |M| of objective and tube lens together.
+    numerical_aperture
+        Object-side NA of the objective.
+    medium_index
+        Refractive index of the immersion medium.
+    tube_length_um
+        Focal length of the tube lens (µm).
+    """
+
+    magnification: float = 20.0
+    numerical_aperture: float = 0.5
+    medium_index: float = 1.0
+    tube_length_um: float = 200e3
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("magnification", self.magnification, above=0)
+        check_number("medium index", self.medium_index, at_least=1, at_most=4)
+        check_number("numerical aperture", self.numerical_aperture, above=0, below=self.medium_index,
+                     remedy="the NA is below the index of the medium")  # fmt: skip
+        check_number("tube lens focal length (µm)", self.tube_length_um, above=0)
+
+    @property
+    def telecentric(self) -> bool:
+        """Whether the period is the same over the whole field."""
+        return True
+
+    @property
+    def working_f_number(self) -> float:
+        """M / (2 NA): the cone that reaches the lenslets."""
+        return self.magnification / (2 * self.numerical_aperture)
+
+    @property
+    def half_angle_rad(self) -> float:
+        """Half opening angle of the objective (rad)."""
+        return math.asin(self.numerical_aperture / self.medium_index)
+
+
+Optics = MainLens | Microscope

@@ -1,0 +1,91 @@
+"""Cameras that come with lfcal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from lfcal.camera.description import Camera
+from lfcal.camera.lattice import LensletLattice, LensType
+from lfcal.camera.main_lens import MainLens, Microscope
+from lfcal.camera.sensor import Sensor
+from lfcal.errors import InputError, expectation
+
+__all__ = ["PRESETS", "preset"]
+
+
+def _hexagonal(pitch_um: float, f_number: float, clear_um: float, depths: tuple[float, ...]) -> LensletLattice:
+    gap = pitch_um * f_number
+    types = tuple(LensType.focused_at(v, gap) for v in depths)
+    return LensletLattice("hexagonal", pitch_um, gap, types, clear_um=clear_um)
+
+
+def r29() -> Camera:
+    """Return the Raytrix R29 of Eberhart's paper: 95 x 55 positions.
+
+    The maker does not publish the lenslets' focal lengths: types in focus at v = 2, 3 and 5 are assumed.
+    """
+    pixel = 5.5
+    return Camera(
+        "r29",
+        MainLens(200e3, 4.0, 1e6, blades=9, blade_rotation_rad=0.1),
+        _hexagonal(31.7 * pixel, 5.0, 31.0 * pixel, (2.0, 3.0, 5.0)),
+        Sensor((4384, 6576), pixel, 12, 20e3, 12.0),
+        wavelength_um=0.55,
+        bandwidth_um=0.02,
+    )
+
+
+def bench() -> Camera:
+    """Return a small three-type camera, 33 x 19 positions, for tests and the demo."""
+    pixel = 5.5
+    pitch = 11.0 * pixel
+    return Camera(
+        "bench",
+        MainLens(50e3, 4.0, 300e3, blades=7, blade_rotation_rad=0.2),
+        _hexagonal(pitch, 4.8, 10.6 * pixel, (2.0, 3.0, 5.0)),
+        Sensor((320, 320), pixel, 12, 20e3, 8.0, black_level=64.0),
+        wavelength_um=0.55,
+        bandwidth_um=0.02,
+    )
+
+
+def lfm_20x05() -> Camera:
+    """Return the 20x/0.5 light-field microscope after Broxton et al. 2013: 125 µm lenslets of 15 px."""
+    pixel = 125.0 / 15
+    return Camera(
+        "lfm_20x05",
+        Microscope(20.0, 0.5, 1.0),
+        LensletLattice("square", 125.0, 2500.0, (LensType.focused_at(math.inf, 2500.0),)),
+        Sensor((2160, 2560), pixel, 16, 30e3, 1.5),
+        wavelength_um=0.525,
+        bandwidth_um=0.02,
+    )
+
+
+def lfm_60x12() -> Camera:
+    """Return a 60x/1.2 water light-field microscope: 100 µm lenslets of 15.385 px, f 2.5 mm, pixel 6.5 µm."""
+    return Camera(
+        "lfm_60x12",
+        Microscope(60.0, 1.2, 1.35),
+        LensletLattice("square", 100.0, 2500.0, (LensType.focused_at(math.inf, 2500.0),)),
+        Sensor((2048, 2048), 6.5, 16, 30e3, 1.5),
+        wavelength_um=0.593,
+        bandwidth_um=0.02,
+    )
+
+
+PRESETS: dict[str, Callable[[], Camera]] = {
+    "r29": r29,
+    "lfm_20x05": lfm_20x05,
+    "lfm_60x12": lfm_60x12,
+    "bench": bench,
+}
+"""Name to maker of each preset."""
+
+
+def preset(name: str) -> Camera:
+    """Return a camera that comes with lfcal: ``r29``, ``lfm_20x05``, ``lfm_60x12`` or ``bench``."""
+    if name not in PRESETS:
+        raise InputError(expectation("preset", " or ".join(PRESETS), repr(name), "choose one of these"))
+    return PRESETS[name]()

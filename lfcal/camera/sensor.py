@@ -1,0 +1,93 @@
+"""The image sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lfcal.camera._checks import check_number
+from lfcal.errors import InputError, expectation
+
+__all__ = ["Sensor"]
+
+CFA_LETTERS = "RGBWCMYE"
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """A pixel sensor and its noise.
+
+    Attributes
+    ----------
+    shape
+        Pixels ``(rows, columns)``.
+    pixel_um
+        Pixel pitch (µm); for a microscope with relay optics, the pitch as projected to the lenslets.
+    bit_depth
+        Bits per sample.
+    full_well_e
+        Electrons at the highest sample value.
+    read_noise_e
+        Read noise, rms (electrons).
+    dark_current_e_s
+        Dark current (electrons per pixel and second).
+    black_level
+        Sample value of no light.
+    prnu
+        Pixel response non-uniformity, rms (relative).
+    quantum_efficiency
+        Detected share of photons.
+    fill_factor
+        Light-sensitive share of a pixel's area.
+    cfa
+        Colour filter pattern by rows, e.g. ``"GRBG"`` for 2 x 2; empty for a monochrome sensor.
+    """
+
+    shape: tuple[int, int] = (4384, 6576)
+    pixel_um: float = 5.5
+    bit_depth: int = 12
+    full_well_e: float = 20e3
+    read_noise_e: float = 12.0
+    dark_current_e_s: float = 1.0
+    black_level: float = 0.0
+    prnu: float = 0.01
+    quantum_efficiency: float = 0.5
+    fill_factor: float = 1.0
+    cfa: str = ""
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
+        if len(self.shape) != 2:
+            raise InputError(expectation("sensor shape", "(rows, columns)", self.shape, "correct it"))
+        for n in self.shape:
+            check_number("sensor pixels", n, at_least=1, at_most=200_000, integer=True)
+        check_number("pixel pitch (µm)", self.pixel_um, above=0)
+        check_number("bit depth", self.bit_depth, at_least=1, at_most=16, integer=True)
+        check_number("full well (e-)", self.full_well_e, above=0)
+        check_number("read noise (e-)", self.read_noise_e, at_least=0)
+        check_number("dark current (e-/s)", self.dark_current_e_s, at_least=0)
+        check_number("black level", self.black_level, at_least=0, below=self.max_value)
+        check_number("PRNU", self.prnu, at_least=0, at_most=1)
+        check_number("quantum efficiency", self.quantum_efficiency, above=0, at_most=1)
+        check_number("fill factor", self.fill_factor, above=0, at_most=1)
+        side = {0: 0, 1: 1, 4: 2, 16: 4, 36: 6}.get(len(self.cfa))
+        if side is None or any(letter not in CFA_LETTERS for letter in self.cfa):
+            raise InputError(
+                expectation("colour filter pattern", f"1, 4, 16 or 36 letters of {CFA_LETTERS}", repr(self.cfa),
+                            'for example "GRBG", or "" for monochrome')
+            )  # fmt: skip
+
+    @property
+    def max_value(self) -> int:
+        """Highest sample value."""
+        return (1 << self.bit_depth) - 1
+
+    @property
+    def electrons_per_count(self) -> float:
+        """Electrons per sample value."""
+        return self.full_well_e / (self.max_value - self.black_level)
+
+    @property
+    def cfa_side(self) -> int:
+        """Side of the colour filter pattern in pixels (0: monochrome)."""
+        return {0: 0, 1: 1, 4: 2, 16: 4, 36: 6}[len(self.cfa)]

@@ -1,0 +1,124 @@
+"""What the commands share: the app, progress bars, JSON, one-line errors."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import typer
+
+import lfcal.cli
+from lfcal import __version__
+from lfcal.progress import Progress, Work, drain
+from lfcal.units import format_seconds
+
+__all__ = ["build_app", "print_json", "print_table", "report", "run_work"]
+
+R = TypeVar("R")
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"lfcal {__version__}")
+        raise typer.Exit
+
+
+def build_app() -> typer.Typer:
+    """Return the application with every command registered."""
+    app = typer.Typer(
+        name="lfcal",
+        help="PSF calibration and acquisition for plenoptic (light-field) cameras.",
+        no_args_is_help=True,
+        add_completion=False,
+        rich_markup_mode="markdown",
+        pretty_exceptions_enable=False,
+    )
+
+    @app.callback()
+    def _root(
+        version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
+    ) -> None:
+        """PSF calibration and acquisition for plenoptic (light-field) cameras."""
+
+    for module in lfcal.cli.modules(lfcal.cli, lfcal.cli.ORDER):
+        module.register(app)
+    return app
+
+
+def report(message: str) -> None:
+    """Print one line to standard error."""
+    print(f"lfcal: {' '.join(message.split())}", file=sys.stderr)
+
+
+def run_work(work: Work[R], *, quiet: bool = False) -> R:
+    """Drain ``work`` with a progress bar on standard error (none when ``quiet`` or not a terminal)."""
+    if quiet or not sys.stderr.isatty():
+        return drain(work)
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
+               TextColumn("{task.fields[note]}"))  # fmt: skip
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        tasks: dict[str, Any] = {}
+
+        def show(record: Progress) -> None:
+            if record.stage not in tasks:
+                tasks[record.stage] = bar.add_task(record.stage, total=record.total or None, note="")
+            bar.update(tasks[record.stage], completed=record.done, total=record.total or None, note=record.note)
+
+        return drain(work, show)
+
+
+def plain(value: Any) -> Any:
+    """Return ``value`` as JSON types: arrays as lists, dataclasses as objects, NaN and infinity as null."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(v) for v in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def print_json(value: Any) -> None:
+    """Print ``value`` as JSON to standard output."""
+    typer.echo(json.dumps(plain(value), indent=2, ensure_ascii=False))
+
+
+def print_table(headers: list[str], rows: list[list[str]], *, title: str = "") -> None:
+    """Print a table to standard output; numbers align to the right."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left")
+    for k, header in enumerate(headers):
+        numeric = bool(rows) and all(_numeric(row[k]) for row in rows)
+        table.add_column(header, justify="right" if numeric else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    Console(width=None if sys.stdout.isatty() else 132).print(table)
+
+
+def _numeric(text: str) -> bool:
+    return not text or text[0].isdigit() or text[0] in "-+–<≈" or text == "—"
+
+
+def seconds(value: float) -> str:
+    """Return a duration for a table."""
+    return format_seconds(value)

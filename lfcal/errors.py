@@ -1,0 +1,42 @@
+"""Exceptions of the library: every message is one line that says what to do."""
+
+from __future__ import annotations
+
+__all__ = [
+    "Cancelled",
+    "FileFormatError",
+    "InputError",
+    "LfcalError",
+    "StorageError",
+    "UnsafeFileError",
+    "expectation",
+]
+
+
+class LfcalError(Exception):
+    """Base of all errors a user is meant to read."""
+
+
+class InputError(LfcalError, ValueError):
+    """What the user gave cannot be used as it is."""
+
+
+class FileFormatError(InputError):
+    """A file is not what its name or its header says, or is damaged."""
+
+
+class UnsafeFileError(FileFormatError):
+    """A file asks for something no reader should do for it."""
+
+
+class StorageError(LfcalError, OSError):
+    """The disk cannot take or give what was asked: full, read-only, missing."""
+
+
+class Cancelled(LfcalError):
+    """The user stopped the work; nothing half-written stays behind."""
+
+
+def expectation(what: str, expected: object, got: object, remedy: str) -> str:
+    """Return the one-line message ``what: expected …, got …; remedy``."""
+    return f"{what}: expected {expected}, got {got}; {remedy}"

@@ -1,0 +1,206 @@
+"""Files that appear whole or not at all, and HDF5 files opened without trusting them."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lfcal.errors import FileFormatError, StorageError, UnsafeFileError, expectation
+from lfcal.units import format_bytes
+
+if TYPE_CHECKING:
+    import h5py
+
+__all__ = ["check_dataset", "open_h5", "replace_whole", "require_space", "storage_errors"]
+
+MAX_BYTES = 1 << 44
+"""No dataset above this declared size (17.6 TB) is believed."""
+
+MAX_EXPANSION = 2000
+"""Declared bytes a dataset may hold per byte of file; gzip reaches 1030 on constant data."""
+
+KNOWN_FILTERS = {1, 2, 3, 32000, 32001, 32004, 32008, 32015}
+"""HDF5 filters that are read: deflate, shuffle, fletcher32, lzf, blosc, lz4, bitshuffle, zstd."""
+
+
+@contextmanager
+def storage_errors(path: Path) -> Iterator[None]:
+    """Turn what the operating system says about ``path`` into a one-line `StorageError`."""
+    try:
+        yield
+    except StorageError:
+        raise
+    except OSError as error:
+        reason = error.strerror or str(error)
+        remedy = {
+            errno.ENOSPC: "free some space or choose another disk",
+            errno.EACCES: "choose a folder you may write to",
+            errno.EPERM: "choose a folder you may write to",
+            errno.EROFS: "the disk is read-only; choose another one",
+            errno.ENOENT: "check the path",
+            errno.ENOTDIR: "a part of the path is a file; check the path",
+            errno.EISDIR: "the path is a folder; name a file in it",
+        }.get(error.errno or 0, "check the disk and the path")
+        raise StorageError(f"{path}: {reason}; {remedy}") from error
+
+
+def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
+    """Raise `StorageError` unless the disk that holds ``folder`` has ``nbytes`` and 1 % to spare.
+
+    A chunked HDF5 write onto a full disk can end the process, so this is asked first.
+    """
+    probe = folder.absolute()
+    while not probe.exists() and probe != probe.parent:
+        probe = probe.parent
+    with storage_errors(probe):
+        free = shutil.disk_usage(probe).free
+    need = int(nbytes * 1.01) + (1 << 20)
+    if free < need:
+        message = expectation(
+            f"disk space for {what} in {folder}",
+            format_bytes(need),
+            f"{format_bytes(free)} free",
+            "free some space or choose another folder",
+        )
+        raise StorageError(message)
+
+
+@contextmanager
+def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a scratch path beside ``path``; put it in place when the block ends well, else remove it.
+
+    The scratch file is flushed to disk before it takes the name (`os.replace`), so that ``path`` is at
+    every moment the old file, the new file whole, or absent. Folders above ``path`` are made.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise StorageError(f"{target}: is a folder; name a file in it")
+    with storage_errors(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        part = target.with_name(f".{target.name}.{os.getpid()}.part")
+        try:
+            part.touch(exist_ok=True)
+            yield part
+            _flush(part)
+            os.replace(part, target)
+            _flush(target.parent)
+        finally:
+            with suppress(FileNotFoundError):
+                part.unlink()
+
+
+def _flush(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError:
+        if not path.is_dir():  # some file systems cannot flush a folder; a file must be flushed
+            raise
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def open_h5(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
+    """Open an HDF5 file for reading with one-line errors; use `check_dataset` before reading from it."""
+    file = open_h5_file(path)
+    try:
+        yield file
+    finally:
+        file.close()
+
+
+def open_h5_file(path: str | os.PathLike[str]) -> h5py.File:
+    """Open an HDF5 file for reading and return it; the caller closes it."""
+    import h5py
+    import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
+
+    source = Path(path)
+    if not source.exists():
+        raise StorageError(f"{source}: no such file; check the path")
+    if source.is_dir():
+        raise StorageError(f"{source}: is a folder; name a file in it")
+    with storage_errors(source):
+        source.open("rb").close()
+    try:
+        return h5py.File(source, "r", locking=False)
+    except OSError as error:
+        raise FileFormatError(
+            expectation(str(source), "an intact HDF5 file", "a damaged or other file", "record or copy it again")
+        ) from error
+
+
+def check_dataset(file: h5py.File, name: str, *, max_bytes: int = MAX_BYTES) -> Any:
+    """Return dataset ``name`` of ``file`` after checking that it may be read.
+
+    Soft and external links, external storage, virtual datasets, unknown filters, dtypes other than
+    plain numbers, declared sizes beyond ``max_bytes`` or far beyond the file's size, and chunks that were
+    never written are refused with `UnsafeFileError` or `FileFormatError`.
+    """
+    import h5py
+
+    where = f"{file.filename}:/{name}"
+    group: Any = file
+    parts = [p for p in name.split("/") if p]
+    for part in parts:
+        link = group.get(part, getlink=True) if part in group.keys() else None
+        if link is None:
+            names = ", ".join(sorted(group.keys())[:8]) or "nothing"
+            raise FileFormatError(expectation(where, "a dataset of this name", f"only {names}", "check the file"))
+        if not isinstance(link, h5py.HardLink):
+            raise UnsafeFileError(
+                expectation(where, "data stored in the file itself", type(link).__name__, "copy the data in")
+            )
+        group = group[part]
+    data = group
+    if not isinstance(data, h5py.Dataset):
+        raise FileFormatError(expectation(where, "a dataset", type(data).__name__, "check the file"))
+    _check_storage(data, where, max_bytes)
+    return data
+
+
+def _check_storage(data: Any, where: str, max_bytes: int) -> None:
+    import h5py
+
+    plist = data.id.get_create_plist()
+    if plist.get_external_count():
+        raise UnsafeFileError(expectation(where, "data stored in the file itself", "external storage", "copy it in"))
+    if plist.get_layout() == h5py.h5d.VIRTUAL:
+        raise UnsafeFileError(expectation(where, "stored data", "a virtual dataset", "copy the data in"))
+    if data.dtype.kind not in "iufb":
+        raise UnsafeFileError(expectation(where, "plain numbers", f"dtype {data.dtype}", "store it as numbers"))
+    filters = {plist.get_filter(k)[0] for k in range(plist.get_nfilters())}
+    if filters - KNOWN_FILTERS:
+        raise UnsafeFileError(
+            expectation(where, "gzip, lzf, zstd, blosc or lz4", f"HDF5 filter {sorted(filters)}", "repack the file")
+        )
+    nbytes = int(data.size or 0) * data.dtype.itemsize
+    stored = os.path.getsize(data.file.filename)
+    if nbytes > max_bytes:
+        raise UnsafeFileError(
+            expectation(where, f"at most {format_bytes(max_bytes)}", format_bytes(nbytes), "check the file")
+        )
+    if nbytes > MAX_EXPANSION * stored + (1 << 20):
+        raise UnsafeFileError(
+            expectation(where, "a size the file can hold", f"{format_bytes(nbytes)} declared in a file of "
+                        f"{format_bytes(stored)}", "the header is wrong; take it from its source again")
+        )  # fmt: skip
+    if data.chunks is not None and nbytes:
+        want = 1
+        for n, c in zip(data.shape, data.chunks, strict=True):
+            want *= -(-n // c)
+        have = data.id.get_num_chunks()
+        if have < want:
+            raise FileFormatError(
+                expectation(where, f"{want} written chunks", f"{have}", "the file is unfinished; write it again")
+            )
+    elif data.chunks is None and nbytes and data.id.get_storage_size() < nbytes:
+        raise FileFormatError(
+            expectation(where, f"{format_bytes(nbytes)} of data", format_bytes(data.id.get_storage_size()),
+                        "the file is unfinished; write it again")
+        )  # fmt: skip

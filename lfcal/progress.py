@@ -1,0 +1,82 @@
+"""Long work as a generator of immutable `Progress` records that anyone can drain or cancel.
+
+Work that takes time is written once as ``iter_work(...) -> Generator[Progress, None, Result]``; the plain
+``work(...)`` drains it. Closing the generator (`Generator.close`) cancels: the work cleans up behind itself.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import TypeVar
+
+__all__ = ["Clock", "Progress", "Work", "drain"]
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a piece of work has come.
+
+    Attributes
+    ----------
+    done, total
+        Units of work finished and in all (``total`` 0: not known).
+    stage
+        What is being done, for people.
+    seconds
+        Wall time since the work began.
+    note
+        Something worth a line, or empty.
+    """
+
+    done: int
+    total: int
+    stage: str
+    seconds: float = 0.0
+    note: str = ""
+
+    @property
+    def fraction(self) -> float:
+        """Finished share in [0, 1]."""
+        return min(1.0, self.done / self.total) if self.total > 0 else 0.0
+
+    @property
+    def eta_seconds(self) -> float | None:
+        """Estimated seconds to the end, or None while there is nothing to go by."""
+        if self.done <= 0 or self.total <= 0:
+            return None
+        return self.seconds * max(0, self.total - self.done) / self.done
+
+
+Work = Generator[Progress, None, R]
+"""A running piece of work: yields `Progress`, returns its result."""
+
+
+class Clock:
+    """Make `Progress` records of one stage against a common start time."""
+
+    def __init__(self, stage: str, total: int) -> None:
+        self.stage = stage
+        self.total = total
+        self._start = time.perf_counter()
+
+    def at(self, done: int, note: str = "") -> Progress:
+        """Return the record for ``done`` finished units."""
+        return Progress(done, self.total, self.stage, time.perf_counter() - self._start, note)
+
+
+def drain(work: Work[R], on_progress: Callable[[Progress], None] | None = None) -> R:
+    """Run ``work`` to its end, hand each record to ``on_progress``, return its result."""
+    try:
+        while True:
+            record = next(work)
+            if on_progress is not None:
+                on_progress(record)
+    except StopIteration as stop:
+        result: R = stop.value
+        return result
+    finally:
+        work.close()

@@ -1,0 +1,1 @@
+"""The PSF matrix H."""

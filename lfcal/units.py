@@ -1,0 +1,44 @@
+"""Numbers with their units, as people read them."""
+
+from __future__ import annotations
+
+__all__ = ["format_bytes", "format_length", "format_seconds"]
+
+
+def format_bytes(n: float) -> str:
+    """Return ``n`` bytes in decimal units, e.g. ``'685.0 MB'``."""
+    value = float(n)
+    for unit in ("B", "kB", "MB", "GB", "TB"):
+        if abs(value) < 1000 or unit == "TB":
+            return f"{value:.0f} {unit}" if unit == "B" else f"{value:.1f} {unit}"
+        value /= 1000
+    raise AssertionError("unreachable")
+
+
+def format_seconds(seconds: float) -> str:
+    """Return a duration, e.g. ``'2 h 05 min'``, ``'42 s'``, ``'3.1 ms'``."""
+    if seconds < 1e-3:
+        return f"{seconds * 1e6:.0f} µs"
+    if seconds < 1:
+        return f"{seconds * 1e3:.3g} ms"
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    minutes = round(seconds / 60)
+    return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def format_length(um: float) -> str:
+    """Return a length given in micrometres with a fitting unit, e.g. ``'250 mm'``."""
+    size = abs(um)
+    if size >= 1e6:
+        return f"{um / 1e6:.4g} m"
+    if size >= 1e3:
+        return f"{um / 1e3:.4g} mm"
+    if size >= 1 or size == 0:
+        return f"{um:.4g} µm"
+    return f"{um * 1e3:.4g} nm"
