@@ -1,0 +1,368 @@
+"""One depth plane as an engine needs it: all lengths, flags and windows, derived from a `Camera`.
+
+Coordinates
+-----------
+The sensor's origin is the chief ray of source position (0, 0), which is the centre of a pixel; x to the
+right, y downwards (µm). Position (iy, ix) has its chief ray ``iy, ix`` pixels away. The exit pupil lies a
+distance b before the lenslet array (inf: telecentric). Writing s = 1 + B/b, a chief ray that meets the
+sensor at x_s met the array at x_s / s, and Fresnel optics with finite b is exactly the telecentric one with
+
+    B' = B/s,   pixel' = pixel/s,   1/a' = 1/a + 1/b
+
+(the common spherical wave from the pupil only magnifies the sensor by s). Engines work in this reduced frame.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.axes import check_cutout
+from lfcal.camera import Camera, LensletLattice, Microscope
+from lfcal.camera._checks import check_choice, check_number
+from lfcal.errors import InputError, expectation
+
+__all__ = ["Grid", "Iris", "Scene", "scene_of", "seidel"]
+
+Wavefront = tuple[tuple[int, int, float], ...]
+
+
+class Grid(Protocol):
+    """What of a scan plan a scene needs."""
+
+    @property
+    def period(self) -> tuple[int, int]:
+        """Source positions (ny, nx)."""
+        ...
+
+    @property
+    def cutout(self) -> tuple[int, int]:
+        """Pixels (nt, ns)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Iris:
+    """The main lens's iris, in units of the radius of the disc f/(2 N): its area is that disc's, pi.
+
+    Attributes
+    ----------
+    blades
+        Number of blades; 0 is a circle.
+    curvature
+        Apothem over blade radius: 0 straight edges, 1 a circle.
+    rotation_rad
+        Angle of the first vertex from +x towards +y.
+    stop
+        A second, circular stop ``(x, y, radius)`` that cuts the pupil seen from off axis (mechanical
+        vignetting), or None. It takes light away: what is left has less than the unit energy.
+    """
+
+    blades: int = 0
+    curvature: float = 0.0
+    rotation_rad: float = 0.0
+    stop: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("iris blades", self.blades, at_least=0, at_most=64, integer=True)
+        if self.blades in (1, 2):
+            check_number("iris blades", self.blades, at_least=3, remedy="use 0 for a circular iris")
+        check_number("blade curvature", self.curvature, at_least=0, at_most=1)
+        check_number("blade rotation (rad)", self.rotation_rad)
+        if self.stop is not None:
+            object.__setattr__(self, "stop", tuple(float(v) for v in self.stop))
+            if len(self.stop) != 3:
+                raise InputError(expectation("second stop", "(x, y, radius)", self.stop, "give three numbers"))
+            for value in self.stop:
+                check_number("second stop (pupil radii)", value)
+            check_number("second stop's radius (pupil radii)", self.stop[2], above=0)
+
+    @property
+    def circular(self) -> bool:
+        """Whether the iris is a plain circle."""
+        return (self.blades == 0 or self.curvature == 1) and self.stop is None
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """Everything an engine needs to know of one depth plane; lengths in µm.
+
+    Attributes
+    ----------
+    wavelength_um, pixel_um
+        Light in air; pixel pitch.
+    image_um
+        Distance a of the source's image behind the lenslet array, signed; 0 is the native plane.
+    lattice
+        The lenslets on the array itself (not their micro-images), with focal lengths, clear diameter and gap
+        B; its offset is the centre of a type-0 lenslet from source position (0, 0).
+    cutout, period
+        Pixels (nt, ns) around each source position; source positions (ny, nx) of a full plane.
+    f_number
+        Working f-number Nw of the cone that reaches the array.
+    iris
+        Shape of the pupil.
+    aperture
+        Lenslet aperture: ``"circle"`` (clear diameter, opaque gaps) or ``"cell"`` (fills the lattice).
+    pupil_um
+        Distance b of the exit pupil before the array; inf is telecentric.
+    wavefront
+        Aberration of the main lens: ``(n, m, waves)`` of Zernike R_n^|m|(rho) cos(m theta), sin for m < 0,
+        value 1 at the rim, rho = 1 on the disc f/(2N). Empty: none. See `seidel`.
+    main_diffraction, lenslet_diffraction
+        Whether the fringes of the iris and the lenslets' diffraction are computed.
+    exact_defocus
+        The main lens's defocus as a(1 - cos theta) instead of a theta^2 / 2.
+    exact_rays
+        Rays between lenslet and sensor by tan theta instead of sin theta.
+    pixel_fill
+        Light-sensitive share of a pixel's side, in (0, 1].
+    objective, z_um
+        The microscope and its defocus in object space, for the Debye path; None for a main lens.
+    offsets_um
+        Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None. The
+        pixels stay where they are.
+    """
+
+    wavelength_um: float
+    pixel_um: float
+    image_um: float
+    lattice: LensletLattice
+    cutout: tuple[int, int]
+    period: tuple[int, int]
+    f_number: float
+    iris: Iris = Iris()
+    aperture: str = "circle"
+    pupil_um: float = math.inf
+    wavefront: Wavefront = ()
+    main_diffraction: bool = True
+    lenslet_diffraction: bool = True
+    exact_defocus: bool = False
+    exact_rays: bool = False
+    pixel_fill: float = 1.0
+    objective: Microscope | None = None
+    z_um: float = 0.0
+    offsets_um: NDArray[np.float64] | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("wavelength (µm)", self.wavelength_um, above=0.05, below=20, remedy="give it in µm")
+        check_number("pixel pitch (µm)", self.pixel_um, above=0)
+        check_number("image distance behind the array (µm)", self.image_um)
+        check_number("working f-number", self.f_number, at_least=0.5, remedy="a cone in air is f/0.5 or slower")
+        check_number("light-sensitive share of a pixel's side", self.pixel_fill, above=0, at_most=1)
+        check_number("depth (µm)", self.z_um)
+        check_choice("lenslet aperture", self.aperture, ("circle", "cell"))
+        for name in ("cutout", "period"):
+            object.__setattr__(self, name, tuple(int(n) for n in getattr(self, name)))
+        check_cutout(*self.cutout)
+        for n in self.period:
+            check_number("period (positions)", n, at_least=1, integer=True)
+        self._check_pupil()
+        object.__setattr__(self, "wavefront", tuple((int(n), int(m), float(w)) for n, m, w in self.wavefront))
+        for n, m, waves in self.wavefront:
+            check_number("wavefront coefficient (waves)", waves)
+            if n < 0 or abs(m) > n or (n - abs(m)) % 2:
+                raise InputError(
+                    expectation("Zernike term", "n >= |m| >= 0 with n - |m| even", f"n={n}, m={m}", "correct it")
+                )
+        if self.offsets_um is not None:
+            self._check_offsets(np.array(self.offsets_um, np.float64))
+
+    def _check_pupil(self) -> None:
+        b = self.pupil_um
+        if not (b > 0 and 1.0 + self.image_um / b > 0):
+            limit = f"beyond {max(0.0, -self.image_um):g} µm, or inf for a telecentric lens"
+            raise InputError(expectation("exit pupil's distance (µm)", limit, b, "correct the pupil or the depth"))
+
+    def _check_offsets(self, offsets: NDArray[np.float64]) -> None:
+        wanted = (*self.period, 2)
+        if offsets.shape != wanted or not np.isfinite(offsets).all():
+            raise InputError(
+                expectation("source offsets", f"finite numbers of shape {wanted}", offsets.shape, "correct them")
+            )
+        offsets.flags.writeable = False
+        object.__setattr__(self, "offsets_um", offsets)
+
+    # -- derived lengths of the reduced, telecentric frame ------------------------------------------------
+    @property
+    def scale(self) -> float:
+        """Micro-image lattice over lenslet lattice, s = 1 + B/b."""
+        return 1.0 + self.gap_um / self.pupil_um
+
+    @property
+    def gap_um(self) -> float:
+        """Distance B from lenslets to sensor."""
+        return self.lattice.gap_um
+
+    @property
+    def reduced_gap_um(self) -> float:
+        """B' = B/s."""
+        return self.gap_um / self.scale
+
+    @property
+    def reduced_pixel_um(self) -> float:
+        """Pixel pitch in the reduced frame, pixel/s."""
+        return self.pixel_um / self.scale
+
+    @property
+    def reduced_image_um(self) -> float:
+        """Image distance in the reduced frame, a' = a / (1 + a/b); 0 at the native plane."""
+        return self.image_um / (1.0 + self.image_um / self.pupil_um)
+
+    @property
+    def shadow_radius_um(self) -> float:
+        """Radius of the disc that the cone f/Nw cuts from the array, |a'| / (2 Nw)."""
+        return abs(self.reduced_image_um) / (2 * self.f_number)
+
+    @property
+    def clear_radius_um(self) -> float:
+        """Radius of a circular lenslet's clear aperture."""
+        return self.lattice.clear_diameter_um / 2
+
+    @property
+    def fresnel_number(self) -> float:
+        """Fresnel number |a'| / (4 Nw^2 lambda) of the iris's shadow."""
+        return abs(self.reduced_image_um) / (4 * self.f_number**2 * self.wavelength_um)
+
+    @property
+    def virtual_depth(self) -> float:
+        """Virtual depth v = a/B."""
+        return self.image_um / self.gap_um
+
+    @property
+    def anchor_px(self) -> tuple[float, float]:
+        """Source position (0, 0) as (y, x) pixels on the sensor from the centre of a type-0 micro-image."""
+        x, y = self.lattice.offset_um
+        return -y * self.scale / self.pixel_um, -x * self.scale / self.pixel_um
+
+    @property
+    def fill_factor(self) -> float:
+        """Transmitted share of an evenly lit array."""
+        if self.aperture == "cell":
+            return 1.0
+        return math.pi * self.clear_radius_um**2 / (self.lattice.pitch_um * self.lattice.row_step_um)
+
+    def lens_curvature(self, kind: int) -> float:
+        """Return B'/f of lenslets of type ``kind``."""
+        return self.reduced_gap_um / self.lattice.types[kind].focal_length_um
+
+    def sigma(self, kind: int) -> float:
+        """Return the spot's size over the lenslet's, 1 - B'/a' - B'/f, signed; infinite at the native plane."""
+        near = self.reduced_image_um
+        return math.inf if near == 0 else 1.0 - self.reduced_gap_um / near - self.lens_curvature(kind)
+
+    def nearest_pixel(self, y_um: float, x_um: float) -> tuple[int, int]:
+        """Return the pixel (row, column), from source position (0, 0), in which a chief ray ends."""
+        return math.floor(y_um / self.pixel_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)
+
+    def source_um(self, y: int, x: int) -> tuple[float, float]:
+        """Return where the chief ray of position (y, x) meets the sensor, its offset included."""
+        dy, dx = (0.0, 0.0) if self.offsets_um is None else self.offsets_um[y % self.period[0], x % self.period[1]]
+        return y * self.pixel_um + float(dy), x * self.pixel_um + float(dx)
+
+
+def scene_of(
+    camera: Camera,
+    grid: Grid | None = None,
+    z_um: float | None = None,
+    *,
+    virtual_depth: float | None = None,
+    cutout: tuple[int, int] | None = None,
+    period: tuple[int, int] | None = None,
+    anchor_px: tuple[float, float] = (0.0, 0.0),
+    gap_um: float | None = None,
+    **overrides: Any,
+) -> Scene:
+    """Return the scene of one depth plane of ``camera``.
+
+    Parameters
+    ----------
+    grid
+        A scan plan, or anything with ``period`` and ``cutout``; or give these two (the period defaults to the
+        camera's, rounded).
+    z_um, virtual_depth
+        The plane, one of the two; neither is the native plane.
+    anchor_px
+        Source position (0, 0) as (y, x) pixels from the centre of a type-0 micro-image.
+    gap_um
+        Distance from lenslets to sensor where it is not the camera's; the image stays where it is.
+    overrides
+        Fields of `Scene` to set, for example ``pupil_um=math.inf`` for a telecentric model.
+
+    Raises
+    ------
+    InputError
+        For a depth given twice, a missing cutout, an unknown field or a value out of range.
+    """
+    unknown = sorted(set(overrides) - {f.name for f in fields(Scene)})
+    if unknown:
+        raise InputError(expectation("scene", "fields of Scene", unknown[0], "correct the name"))
+    if z_um is not None and virtual_depth is not None:
+        raise InputError(expectation("depth", "z or virtual depth", "both", "give one of them"))
+    window = cutout if cutout is not None else (grid.cutout if grid is not None else None)
+    if window is None:
+        raise InputError(expectation("cutout", "(nt, ns) pixels", None, "give a scan plan or a cutout"))
+    positions = period if period is not None else (grid.period if grid is not None else _whole_period(camera))
+    depth = camera.depth_of(virtual_depth) if virtual_depth is not None else float(z_um or 0.0)
+    a = virtual_depth * camera.lattice.gap_um if virtual_depth is not None else camera.image_shift_um(depth)
+    optics, lattice = camera.optics, _on_array(camera, anchor_px)
+    known: dict[str, Any] = {
+        "aperture": "cell" if lattice.kind == "square" and lattice.clear_um is None else "circle",
+        "pixel_fill": math.sqrt(camera.sensor.fill_factor),
+        "z_um": depth,
+    }
+    if isinstance(optics, Microscope):
+        known["objective"] = optics
+    else:
+        known["iris"] = Iris(optics.blades, optics.blade_curvature, optics.blade_rotation_rad)
+        known["pupil_um"] = optics.image_distance_um
+    if gap_um is not None:
+        lattice = replace(lattice, gap_um=gap_um)
+    known |= {
+        "wavelength_um": camera.wavelength_um,
+        "pixel_um": camera.sensor.pixel_um,
+        "image_um": a,
+        "lattice": lattice,
+        "cutout": window,
+        "period": positions,
+        "f_number": optics.working_f_number,
+    }
+    return Scene(**(known | overrides))
+
+
+def _whole_period(camera: Camera) -> tuple[int, int]:
+    y, x = camera.period_px
+    return max(1, round(y)), max(1, round(x))
+
+
+def _on_array(camera: Camera, anchor_px: tuple[float, float]) -> LensletLattice:
+    """Return the lenslets themselves: the micro-image lattice divided by `Camera.lattice_scale`."""
+    seen, s, px = camera.lattice, camera.lattice_scale, camera.sensor.pixel_um
+    y, x = anchor_px
+    return replace(
+        seen,
+        pitch_um=seen.pitch_um / s,
+        row_pitch_um=None if seen.row_pitch_um is None else seen.row_pitch_um / s,
+        clear_um=None if seen.clear_um is None else seen.clear_um / s,
+        offset_um=(-x * px / s, -y * px / s),
+    )
+
+
+def seidel(*, spherical: float = 0.0, coma: float = 0.0, angle_rad: float = 0.0) -> Wavefront:
+    """Return the Zernike terms of Seidel W040 rho^4 + W131 rho^3 cos(theta - angle), coefficients in waves.
+
+    rho^4 = (R40 + 3 R20 + 2 R00) / 6 and rho^3 = (R31 + 2 R11) / 3.
+    """
+    terms: list[tuple[int, int, float]] = []
+    if spherical:
+        terms += [(4, 0, spherical / 6), (2, 0, spherical / 2), (0, 0, spherical / 3)]
+    if coma:
+        for m, part in ((1, math.cos(angle_rad)), (-1, math.sin(angle_rad))):
+            terms += [(3, m, coma * part / 3), (1, m, coma * part * 2 / 3)]
+    return tuple(terms)
