@@ -1,0 +1,253 @@
+"""The transposed matrix HT, one slice of it, and depth-plane sums, of plain arrays in memory.
+
+HT is an index permutation of H, exact for every period (axes and centre rule in `lfcal.axes`)::
+
+    HT[z, y, x, t, s] = H[z, (y + t - ct) mod ny, (x + s - cs) mod nx, nt-1-t, ns-1-s]
+
+``method="paper"`` gives what equations 4 to 9 of M. Eberhart, "Efficient algorithm for calculating transposed
+PSF matrices for 3D light field deconvolution" (arXiv:2003.09133, 2020) write: the same values, but only where
+``cx <= x + s < ns + cx`` and ``cy <= y + t < nt + cy`` with ``cx = (nx-1)/2``, ``cy = (ny-1)/2``; the rest stays
+zero. Padding H by (nx-1)/2 and (ny-1)/2 zeros per side beforehand (``"paper-padded"``) makes it exact.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.axes import centre, check_psf_shape
+from lfcal.errors import InputError, expectation
+from lfcal.threads import for_each_chunk
+
+__all__ = ["BORDER_LIMIT", "border_energy", "border_warning", "depth_sum", "ht_slice", "transpose"]
+
+BORDER_LIMIT = 0.001
+"""Share of the energy near the edge of the cutout above which `border_warning` speaks."""
+
+
+def transpose(
+    array: Any,
+    method: str = "exact",
+    out: NDArray[Any] | None = None,
+    workers: int | None = None,
+) -> NDArray[Any]:
+    """Return the transposed matrix HT of H as a new array.
+
+    Parameters
+    ----------
+    array
+        H ``(nz, ny, nx, nt, ns)``: any array, memory map or dataset of numbers, in any memory layout and byte
+        order; read one depth plane at a time.
+    method
+        ``"exact"`` for the transpose; ``"paper"`` for Eberhart's equations 4 to 9 as printed, which need an odd
+        period and leave a border of HT zero; ``"paper-padded"`` for the same on zero-padded H, equal to exact.
+    out
+        Array of H's shape and dtype to fill; it may not share memory with H.
+    workers
+        Threads; None takes every processor.
+
+    Raises
+    ------
+    InputError
+        If the shape is not that of a PSF matrix, the dtype is not a number, ``out`` does not fit or overlaps
+        H, or the period is even where the method needs an odd one.
+    """
+    shape = check_psf_shape(tuple(array.shape) if hasattr(array, "shape") else np.shape(array))
+    source = array if hasattr(array, "dtype") else np.asarray(array)
+    _check_dtype(source.dtype)
+    _check_method(method, shape)
+    result = np.empty(shape, source.dtype) if out is None else _checked_out(out, source, shape)
+    for z in range(shape[0]):
+        plane = np.ascontiguousarray(source[z])
+        target = result[z] if result[z].flags.c_contiguous else np.empty(shape[1:], source.dtype)
+        if method == "paper-padded":
+            _transpose_padded(plane, target, workers)
+        else:
+            _transpose_plane(plane, target, workers)
+            if method == "paper":
+                _clear_border(target)
+        if target.base is not result and not np.shares_memory(target, result):
+            result[z] = target
+    return result
+
+
+def _transpose_plane(plane: NDArray[Any], out: NDArray[Any], workers: int | None) -> None:
+    from lfcal.psf import _kernels
+
+    source, target = _as_words(plane), _as_words(out)
+    for_each_chunk(lambda a, b: _kernels.transpose_rows(source, target, a, b), plane.shape[0], workers)
+
+
+def _as_words(array: NDArray[Any]) -> NDArray[Any]:
+    """Return the values as plain words of their size: they are moved, not computed with."""
+    size = array.dtype.itemsize
+    return array.view(np.complex128 if size == 16 else f"u{size}")
+
+
+def _clear_border(plane: NDArray[Any]) -> None:
+    """Set to zero what equations 4 to 9 do not write."""
+    ny, nx, nt, ns = plane.shape
+    for y in range(ny):
+        first = centre(ny) - y
+        plane[y, :, : max(0, first)] = 0
+        plane[y, :, max(0, nt + first) :] = 0
+    for x in range(nx):
+        first = centre(nx) - x
+        plane[:, x, :, : max(0, first)] = 0
+        plane[:, x, :, max(0, ns + first) :] = 0
+
+
+def _transpose_padded(plane: NDArray[Any], out: NDArray[Any], workers: int | None) -> None:
+    ny, nx, nt, ns = plane.shape
+    cy, cx = centre(ny), centre(nx)
+    padded = np.pad(plane, ((0, 0), (0, 0), (cy, cy), (cx, cx)))
+    turned = np.empty_like(padded)
+    _transpose_plane(padded, turned, workers)
+    _clear_border(turned)
+    out[...] = turned[:, :, cy : cy + nt, cx : cx + ns]
+
+
+def _check_dtype(dtype: np.dtype[Any]) -> None:
+    if dtype.kind not in "biufc" or dtype.itemsize not in (1, 2, 4, 8, 16):
+        raise InputError(
+            expectation("PSF matrix", "integers, bool, float or complex numbers up to 16 bytes", f"dtype {dtype}",
+                        "convert it first")
+        )  # fmt: skip
+
+
+def _check_method(method: str, shape: tuple[int, ...]) -> None:
+    if method not in ("exact", "paper", "paper-padded"):
+        raise InputError(
+            expectation("transpose method", "exact, paper or paper-padded", repr(method), "choose one of these")
+        )
+    ny, nx = shape[1:3]
+    if method != "exact" and (ny % 2 == 0 or nx % 2 == 0):
+        raise InputError(
+            expectation(f"transpose method {method}", "a period odd in y and x", f"{ny} x {nx}", "use method exact")
+        )
+
+
+def _checked_out(out: NDArray[Any], source: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+    if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != source.dtype:
+        got = f"{out.shape} {out.dtype}" if isinstance(out, np.ndarray) else type(out).__name__
+        raise InputError(
+            expectation("out", f"an array {shape} {source.dtype}", got, "make it with numpy.empty_like(H)")
+        )
+    if not out.flags.writeable:
+        raise InputError(expectation("out", "a writeable array", "a read-only one", "copy it or open it for writing"))
+    if isinstance(source, np.ndarray) and _overlap(source, out):
+        raise InputError(
+            expectation("out", "memory of its own", "memory shared with H", "transpose into another array")
+        )
+    return out
+
+
+def _overlap(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    if isinstance(a, np.memmap) and isinstance(b, np.memmap) and a.filename is not None and a.filename == b.filename:
+        return True
+    try:
+        return np.shares_memory(a, b, max_work=100_000)  # type: ignore[arg-type]  # the stubs know 0 and -1 alone
+    except np.exceptions.TooHardError:
+        return True
+
+
+def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any] | None = None) -> NDArray[Any]:
+    """Return the slice ``HT[y, x]`` ``(nt, ns)`` of one depth plane, without building HT.
+
+    Parameters
+    ----------
+    plane
+        Depth plane of H, ``(ny, nx, nt, ns)``.
+    y, x
+        Position within the period; negative counts from the end.
+    out
+        C-contiguous array ``(nt, ns)`` of H's dtype to fill.
+
+    Raises
+    ------
+    InputError
+        If the plane is not ``(ny, nx, nt, ns)`` with an odd cutout, or ``out`` does not fit.
+    IndexError
+        If there is no such position.
+    """
+    from lfcal.psf import _kernels
+
+    _, ny, nx, nt, ns = check_psf_shape((1, *plane.shape))
+    _check_dtype(plane.dtype)
+    if not (-ny <= y < ny and -nx <= x < nx):
+        raise IndexError(f"position ({y}, {x}) is outside the period ({ny}, {nx})")
+    if out is None:
+        out = np.empty((nt, ns), plane.dtype)
+    elif out.shape != (nt, ns) or out.dtype != plane.dtype or not (out.flags.c_contiguous and out.flags.writeable):
+        raise InputError(
+            expectation("out", f"a contiguous array {(nt, ns)} {plane.dtype}", f"{out.shape} {out.dtype}",
+                        "make it with numpy.empty")
+        )  # fmt: skip
+    if plane.flags.c_contiguous:
+        _kernels.ht_slice(_as_words(plane), y % ny, x % nx, _as_words(out))
+    else:
+        t, s = np.arange(nt)[:, None], np.arange(ns)
+        out[...] = plane[(y + t - centre(nt)) % ny, (x + s - centre(ns)) % nx, nt - 1 - t, ns - 1 - s]
+    return out
+
+
+def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
+    """Return the sum of a depth plane over all positions, ``(nt, ns)``, in float64 (complex128 for complex H).
+
+    Every value is added in double precision: for n positions the relative error of a sum of non-negative
+    values is below n * 2**-53, and integer sums up to 2**53 are exact.
+
+    Parameters
+    ----------
+    plane
+        Depth plane of H, ``(ny, nx, nt, ns)``, any numeric dtype and memory layout.
+    workers
+        Threads; None takes every processor.
+    """
+    _, ny, nx, nt, ns = check_psf_shape((1, *plane.shape))
+    _check_dtype(plane.dtype)
+    kind = np.complex128 if plane.dtype.kind == "c" else np.float64
+    if not (plane.flags.c_contiguous and plane.dtype.isnative and plane.dtype.itemsize <= 16):
+        strided: NDArray[Any] = plane.sum(axis=(0, 1), dtype=kind)
+        return strided
+    from lfcal.psf import _kernels
+
+    patterns = plane.reshape(ny * nx, nt * ns)
+    total = np.zeros(nt * ns, kind)
+    for_each_chunk(lambda a, b: _kernels.depth_sum_block(patterns, total, a, b), nt * ns, workers)
+    return total.reshape(nt, ns)
+
+
+def border_energy(H: Any) -> float:
+    """Return the share of the energy of H that lies within (nx-1)/2 or (ny-1)/2 pixels of the cutout's edge.
+
+    Energy is the sum of absolute values, all positions and depths together. Other codes' transposers drop
+    part of this border, and so does ``method="paper"``; `transpose` keeps it.
+    """
+    shape = check_psf_shape(tuple(H.shape))
+    _, ny, nx, nt, ns = shape
+    energy = np.zeros((nt, ns))
+    for z in range(shape[0]):
+        plane = np.asarray(H[z])
+        if plane.dtype.kind in "bu":
+            energy += depth_sum(plane)
+        else:
+            for row in plane:
+                energy += np.abs(row).sum(axis=0, dtype=np.float64)
+    inner = energy[ny // 2 : nt - ny // 2, nx // 2 : ns - nx // 2].sum()
+    total = energy.sum()
+    return float(1 - inner / total) if total > 0 else 0.0
+
+
+def border_warning(H: Any, limit: float = BORDER_LIMIT) -> str | None:
+    """Return a line for the user where more than ``limit`` of the energy lies near the edge, else None."""
+    share = border_energy(H)
+    if share <= limit:
+        return None
+    _, ny, nx, _, _ = check_psf_shape(tuple(H.shape))
+    return (
+        f"{share:.2%} of the energy lies within {ny // 2} rows or {nx // 2} columns of the cutout's edge, where "
+        "other codes' transposers (and method paper) drop values; enlarge the cutout or transpose with method exact"
+    )

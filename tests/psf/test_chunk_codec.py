@@ -1,0 +1,220 @@
+"""Chunks coded outside of HDF5 are those HDF5 writes and reads."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from lfcal.errors import FileFormatError, InputError
+from lfcal.psf import chunk_codec
+from lfcal.psf.chunk_codec import (
+    PIPELINE,
+    chunk_pipeline,
+    decode_chunk,
+    encode_chunk,
+    fletcher32,
+    parallel_read,
+    parallel_write,
+)
+
+DTYPES = ["?", "u1", "i2", ">u2", "<f4", ">f4", "<f8", "<c8", "<c16"]
+SHAPES = [(2, 2, 3, 1, 1), (1, 3, 2, 3, 7), (2, 1, 1, 11, 9), (1, 2, 2, 45, 31)]
+OPTIONS = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
+
+
+def sample(shape: tuple[int, ...], dtype: str, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    values = np.floor(rng.random(shape) ** 4 * 250)
+    return (values % 2 if dtype == "?" else values).astype(dtype)
+
+
+def create(path: Path, shape: tuple[int, ...], dtype: str, **options: object) -> h5py.File:
+    file = h5py.File(path, "w")
+    file.create_dataset("H", shape, dtype, chunks=(1, 1, 1, *shape[3:]), **{**OPTIONS, **options})
+    return file
+
+
+def plain_fletcher32(data: bytes) -> int:
+    """Return the closed form: sums modulo 65535 of big-endian words, where a non-zero sum is never 0."""
+    padded = data + b"\0" * (len(data) % 2)
+    words = [int.from_bytes(padded[k : k + 2], "big") for k in range(0, len(padded), 2)]
+    first = sum(words)
+    second = sum((len(words) - k) * word for k, word in enumerate(words))
+    one, two = (v % 65535 or (65535 if v else 0) for v in (first, second))
+    return two << 16 | one
+
+
+@pytest.mark.parametrize("length", [0, 1, 2, 3, 7, 719, 720, 721, 722, 5001, 100_003])
+def test_fletcher32_equals_its_closed_form(length: int) -> None:
+    data = np.random.default_rng(length).integers(0, 256, length, dtype=np.uint8).tobytes()
+    assert fletcher32(data) == plain_fletcher32(data)
+    assert fletcher32(b"\xff" * length) == plain_fletcher32(b"\xff" * length)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_h5py_reads_what_was_written(tmp_path: Path, shape: tuple[int, ...], dtype: str) -> None:
+    array = sample(shape, dtype)
+    with create(tmp_path / "a.h5", shape, dtype) as file:
+        stored = sum(parallel_write(file["H"], z, array[z], workers=2) for z in range(shape[0]))
+        assert stored == file["H"].id.get_storage_size()
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert np.array_equal(file["H"][...], array)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_what_h5py_wrote_is_read(tmp_path: Path, shape: tuple[int, ...], dtype: str) -> None:
+    array = sample(shape, dtype, 1)
+    with create(tmp_path / "a.h5", shape, dtype) as file:
+        file["H"][...] = array
+        file.flush()
+        for z in range(shape[0]):
+            plane = parallel_read(file["H"], z, workers=2)
+            assert plane.dtype == array.dtype
+            assert np.array_equal(plane, array[z])
+        mask, raw = file["H"].id.read_direct_chunk((0, 0, 0, 0, 0))
+        assert np.array_equal(decode_chunk(raw, dtype, shape[3:], mask), array[0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"fletcher32": False},
+        {"shuffle": False},
+        {"compression": None, "compression_opts": None},
+        {"shuffle": False, "fletcher32": False, "compression_opts": 9},
+        {"shuffle": False, "fletcher32": False, "compression": None, "compression_opts": None},
+    ],
+)
+def test_any_choice_of_the_three_filters(tmp_path: Path, options: dict[str, object]) -> None:
+    array = sample((2, 2, 3, 9, 7), "f4")
+    with create(tmp_path / "a.h5", array.shape, "f4", **options) as file:
+        file["H"][0] = array[0]
+        parallel_write(file["H"], 1, array[1])
+        assert np.array_equal(file["H"][...], array)
+        assert np.array_equal(parallel_read(file["H"], 1), array[1])
+
+
+def test_filters_left_out_of_one_chunk(tmp_path: Path) -> None:
+    array = sample((1, 1, 1, 9, 7), "f4")
+    raw = encode_chunk(array, filters=("shuffle", "fletcher32"))
+    with create(tmp_path / "a.h5", array.shape, "f4") as file:
+        file["H"].id.write_direct_chunk((0, 0, 0, 0, 0), raw, filter_mask=0b010)
+        assert np.array_equal(file["H"][...], array)
+        assert np.array_equal(parallel_read(file["H"], 0), array[0])
+
+
+def test_chunks_never_written_hold_the_fill_value(tmp_path: Path) -> None:
+    array = sample((1, 2, 2, 5, 3), "f4")
+    with create(tmp_path / "a.h5", array.shape, "f4", fillvalue=-3.0) as file:
+        assert np.all(parallel_read(file["H"], 0) == -3)
+        file["H"][0, 1, 0] = array[0, 1, 0]
+        out = np.empty(array.shape[1:], "f4")
+        assert parallel_read(file["H"], 0, out=out) is out
+        assert np.array_equal(out, file["H"][0])
+        assert np.array_equal(out[1, 0], array[0, 1, 0])
+
+
+@pytest.mark.parametrize("options", [{"chunks": (1, 1, 1, 3, 3)}, {"compression": "lzf", "compression_opts": None}])
+def test_other_storage_goes_through_hdf5(tmp_path: Path, options: dict[str, object]) -> None:
+    array = sample((1, 2, 2, 5, 3), "f4")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        settings = {**OPTIONS, "chunks": (1, 1, 1, 5, 3), **options}
+        dataset = file.create_dataset("H", array.shape, array.dtype, **settings)
+        assert chunk_pipeline(dataset) is None
+        assert parallel_write(dataset, 0, array[0]) == dataset.id.get_storage_size()
+        assert np.array_equal(parallel_read(dataset, 0), array[0])
+
+
+def test_pipeline_of_an_h_dataset(tmp_path: Path) -> None:
+    with create(tmp_path / "a.h5", (1, 1, 1, 3, 3), "f4") as file:
+        assert chunk_pipeline(file["H"]) == PIPELINE
+
+
+def test_a_flipped_bit_is_found_and_the_chunk_named(tmp_path: Path) -> None:
+    array = sample((1, 2, 2, 15, 13), "f4")
+    raw = bytearray(encode_chunk(array[0, 1, 1]))
+    raw[len(raw) // 2] ^= 4
+    with create(tmp_path / "a.h5", array.shape, "f4") as file:
+        parallel_write(file["H"], 0, array[0])
+        file["H"].id.write_direct_chunk((0, 1, 1, 0, 0), bytes(raw))
+        with pytest.raises(FileFormatError, match=r"a\.h5:/H chunk \(z=0, y=1, x=1\): expected checksum"):
+            parallel_read(file["H"], 0)
+
+
+@pytest.mark.parametrize("position", [0, 7, -1])
+def test_every_byte_counts(position: int) -> None:
+    raw = bytearray(encode_chunk(sample((9, 7), "f4")))
+    raw[position] ^= 1
+    with pytest.raises(FileFormatError):
+        decode_chunk(bytes(raw), "f4", (9, 7))
+
+
+def test_damage_without_a_checksum() -> None:
+    filters = ("shuffle", "deflate")
+    array = sample((9, 7), "f4")
+    raw = encode_chunk(array, filters=filters)
+    with pytest.raises(FileFormatError, match="expected 252 bytes"):
+        decode_chunk(raw[:-20], "f4", (9, 7), filters=filters)
+    with pytest.raises(FileFormatError, match="damaged bytes"):
+        decode_chunk(b"\0" + raw, "f4", (9, 7), filters=filters)
+    bomb = zlib.compress(bytes(10_000_000))
+    with pytest.raises(FileFormatError, match="expected 252 bytes, got 253"):
+        decode_chunk(bomb, "f4", (9, 7), filters=filters)
+    with pytest.raises(FileFormatError, match="checksum"):
+        decode_chunk(b"ab", "f4", (9, 7), filters=("fletcher32",))
+
+
+def test_swapped_checksums_of_old_files_are_read() -> None:
+    array = sample((9, 7), "f4")
+    raw = encode_chunk(array)
+    a, b, c, d = raw[-4:]
+    assert np.array_equal(decode_chunk(raw[:-4] + bytes((b, a, d, c)), "f4", (9, 7)), array)
+    with pytest.raises(FileFormatError):
+        decode_chunk(raw[:-4] + bytes((d, c, b, a)), "f4", (9, 7))
+
+
+def test_planes_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    with create(tmp_path / "a.h5", (1, 2, 2, 5, 3), "u2") as file:
+        with pytest.raises(InputError, match=r"plane 0: expected \(2, 2, 5, 3\) uint16"):
+            parallel_write(file["H"], 0, np.zeros((2, 2, 3, 5), "u2"))
+        with pytest.raises(InputError, match="float64"):
+            parallel_write(file["H"], 0, np.zeros((2, 2, 5, 3)))
+        with pytest.raises(InputError, match="0 to 0"):
+            parallel_read(file["H"], 1)
+        with pytest.raises(InputError, match="0 to 0"):
+            parallel_write(file["H"], -1, np.zeros((2, 2, 5, 3), "u2"))
+        assert file["H"].id.get_num_chunks() == 0
+        parallel_write(file["H"], 0, np.ones((2, 2, 5, 3), "u1").transpose(1, 0, 2, 3))
+        assert np.all(file["H"][...] == 1)
+
+
+def test_memory_stays_bounded_while_threads_run_behind() -> None:
+    started, finished = 0, []
+
+    def work(batch: list[int]) -> int:
+        finished.append(batch)
+        return len(batch)
+
+    def batches():
+        nonlocal started
+        for k in range(100):
+            started += 1
+            yield [k]
+
+    ahead = [started - k for k, _ in enumerate(chunk_codec._in_threads(work, batches(), 3))]
+    assert len(finished) == 100
+    assert max(ahead) <= 8
+
+
+def test_the_first_failure_ends_the_work() -> None:
+    def work(batch: list[int]) -> int:
+        return 1 // batch[0]
+
+    with pytest.raises(ZeroDivisionError):
+        list(chunk_codec._in_threads(work, iter([[1], [0], *[[1]] * 50]), 2))
