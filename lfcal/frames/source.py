@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.axes import Position
+
 __all__ = ["FrameSource", "Position"]
-
-
-class Position(NamedTuple):
-    """Where the source stood: indices into the scan plan, ``H[z, y, x]``."""
-
-    z: int
-    y: int
-    x: int
 
 
 @runtime_checkable

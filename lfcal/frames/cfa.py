@@ -1,0 +1,84 @@
+"""Colour filter patterns: their phases, channel names and same-colour neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError, expectation
+
+__all__ = ["channel_names", "channel_phase", "check_cfa", "pattern_side", "phases", "same_colour_offsets"]
+
+_SIDES = {0: 1, 1: 1, 4: 2, 16: 4, 36: 6}
+_LETTERS = "RGBWCMYE"
+
+
+def check_cfa(cfa: str) -> str:
+    """Return ``cfa`` or raise `InputError` unless it is a square pattern of filter letters by rows, or empty."""
+    if not isinstance(cfa, str) or len(cfa) not in _SIDES or any(letter not in _LETTERS for letter in cfa):
+        raise InputError(
+            expectation("colour filter pattern", f"1, 4, 16 or 36 letters of {_LETTERS}", repr(cfa),
+                        'for example "GRBG", or "" for monochrome')
+        )  # fmt: skip
+    return cfa
+
+
+def pattern_side(cfa: str) -> int:
+    """Return the period of the pattern in pixels: 1 for monochrome, 2 for Bayer."""
+    return _SIDES[len(check_cfa(cfa))]
+
+
+def phases(cfa: str) -> list[tuple[slice, slice]]:
+    """Return the strided slices that pick each position of the pattern, by rows; one for monochrome."""
+    side = pattern_side(cfa)
+    return [(slice(r, None, side), slice(c, None, side)) for r in range(side) for c in range(side)]
+
+
+def channel_names(cfa: str) -> tuple[str, ...]:
+    """Return a name for each position of the pattern by rows: its letter, numbered where it occurs again.
+
+    ``"GRBG"`` gives ``("G1", "R", "B", "G2")``: the first green by rows is G1.
+    """
+    names = []
+    for k, letter in enumerate(check_cfa(cfa)):
+        many = cfa.count(letter) > 1
+        names.append(f"{letter}{cfa[: k + 1].count(letter)}" if many else letter)
+    return tuple(names)
+
+
+def channel_phase(cfa: str, channel: str) -> tuple[int, int]:
+    """Return row and column of ``channel`` in the pattern.
+
+    Raises
+    ------
+    InputError
+        If the pattern is monochrome or has no such channel.
+    """
+    names = channel_names(cfa)
+    if channel not in names:
+        known = ", ".join(names) or "none (monochrome frames)"
+        raise InputError(expectation("colour channel", f"one of {known}", repr(channel), "choose one of these"))
+    return divmod(names.index(channel), pattern_side(cfa))
+
+
+def same_colour_offsets(cfa: str, reach: int = 2) -> list[list[list[NDArray[np.int32]]]]:
+    """Return, for each pattern position ``[row][column]``, its same-colour neighbours in rings of equal distance.
+
+    Each ring is an ``(n, 2)`` array of row and column offsets, nearest ring first, up to ``reach`` periods away.
+    """
+    side = pattern_side(cfa)
+    letters = cfa or "W"
+    span = range(-reach * side, reach * side + 1)
+    table: list[list[list[NDArray[np.int32]]]] = []
+    for r in range(side):
+        line = []
+        for c in range(side):
+            rings: dict[int, list[tuple[int, int]]] = {}
+            for dr in span:
+                for dc in span:
+                    same = letters[((r + dr) % side) * side + (c + dc) % side] == letters[r * side + c]
+                    if same and (dr or dc):
+                        rings.setdefault(dr * dr + dc * dc, []).append((dr, dc))
+            line.append([np.array(rings[d], np.int32) for d in sorted(rings)])
+        table.append(line)
+    return table

@@ -1,0 +1,122 @@
+"""A frame source seen through a correction chain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError, LfcalError, expectation
+from lfcal.frames.corrections import CorrectionChain
+from lfcal.frames.regions import Region, check_region, grow_region, read_region, whole
+from lfcal.frames.source import FrameSource, Position
+from lfcal.frames.stack import frame_drift, frame_exposure
+
+__all__ = ["CorrectedSource", "corrected"]
+
+
+class CorrectedSource:
+    """Corrected float32 frames of ``source``; a region costs no more than the region and its margin."""
+
+    def __init__(self, source: FrameSource, chain: CorrectionChain) -> None:
+        if chain.shape is not None and chain.shape != source.shape:
+            raise InputError(
+                expectation("frames", f"shape {chain.shape} of the calibration frames", source.shape,
+                            "take frames, dark and white with one sensor setting")
+            )  # fmt: skip
+        if chain.saturation is None and source.metadata.get("saturation") is not None:
+            chain = replace(chain, saturation=float(source.metadata["saturation"]))
+        self.source = source
+        self.chain = chain
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of every frame."""
+        return self.source.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """float32."""
+        return np.dtype(np.float32)
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """The raw frames' metadata with the ``corrections`` described."""
+        return {**self.source.metadata, "corrections": self.chain.describe()}
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.source)
+
+    def position(self, index: int) -> Position:
+        """Return the scan position of frame ``index``."""
+        return self.source.position(index)
+
+    def exposure_s(self, index: int) -> float | None:
+        """Return the exposure of frame ``index`` (s), or None."""
+        return frame_exposure(self.source, index)
+
+    def drift(self, index: int) -> tuple[float, float]:
+        """Return the drift ``(dy, dx)`` of frame ``index`` (px)."""
+        return frame_drift(self.source, index)
+
+    def label(self, index: int) -> str:
+        """Return the name of the raw frame."""
+        return self.source.label(index)
+
+    def read(self, index: int) -> NDArray[np.float32]:
+        """Return frame ``index`` corrected."""
+        return self.read_counted(index, *whole(self.shape))[0]
+
+    def read_region(self, index: int, rows: slice, columns: slice) -> NDArray[np.float32]:
+        """Return the part ``[rows, columns]`` of frame ``index``, equal to that of the whole corrected frame."""
+        return self.read_counted(index, rows, columns)[0]
+
+    def read_counted(self, index: int, rows: slice, columns: slice) -> tuple[NDArray[np.float32], int]:
+        """Return a corrected part of frame ``index`` and how many of its raw pixels are saturated.
+
+        Raises
+        ------
+        InputError
+            With the frame's name, if it cannot be read or corrected.
+        """
+        inside = check_region((rows, columns), self.shape)
+        grown = grow_region(inside, self.chain.margin, self.shape)
+        exposure = frame_exposure(self.source, index)
+        part = read_region(self.source, index, *grown)
+        try:
+            plane = self._background(index, part, grown, exposure)
+            clean = self.chain.apply_region(part, grown, inside=inside, exposure_s=exposure, background=plane)
+        except LfcalError as error:
+            raise type(error)(f"{self.label(index)}: {error}") from error
+        (r, c), (ir, ic) = grown, inside
+        raw = part[ir.start - r.start : ir.stop - r.start, ic.start - c.start : ic.stop - c.start]
+        return clean, self.chain.saturated(raw, inside)
+
+    def _background(
+        self, index: int, part: NDArray[Any], known: Region, exposure: float | None
+    ) -> tuple[float, float, float] | None:
+        """Return the background of frame ``index``; reads its border only where ``part`` does not hold it."""
+        if not self.chain.measures_frames:
+            return None
+
+        def read(region: Region) -> NDArray[Any]:
+            if known == whole(self.shape):
+                return part[region]
+            return read_region(self.source, index, *region)
+
+        return self.chain.measure(read, self.shape, exposure_s=exposure)
+
+
+def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:
+    """Return the frames of ``source`` as ``chain`` corrects them, again a `FrameSource`.
+
+    Raises
+    ------
+    InputError
+        If the calibration frames of the chain have another shape.
+    """
+    return CorrectedSource(source, chain)
