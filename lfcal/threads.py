@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from typing import ParamSpec, TypeVar, cast
 
-import numba
-
-__all__ = ["chunks", "for_each_chunk", "njit", "worker_count"]
+__all__ = ["chunks", "for_each_chunk", "njit", "one_blas_thread", "worker_count"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -22,6 +22,8 @@ R = TypeVar("R")
 
 def njit(**options: object) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Compile a kernel with numba: cached on disk, without the GIL, typed for mypy."""
+    import numba  # here, because it takes longer to load than the rest of the library
+
     settings = {"cache": True, "nogil": True, **options}
     return cast("Callable[[Callable[P, R]], Callable[P, R]]", numba.njit(**settings))
 
@@ -64,3 +66,37 @@ def for_each_chunk(
         return [function(a, b) for a, b in ranges]
     with ThreadPoolExecutor(count) as pool:
         return list(pool.map(lambda ab: function(*ab), ranges))
+
+
+class _BlasGate:
+    """How many callers want one BLAS thread at present, and how to undo it when the last has left."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.users = 0
+        self.undo = ExitStack()
+
+
+_GATE = _BlasGate()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Let matrix products inside this block run on the calling thread alone.
+
+    Small products inside a thread pool are up to ten times slower when each starts threads of its own. The limit
+    holds for the process; it is lifted when the last of several concurrent blocks ends.
+    """
+    from threadpoolctl import ThreadpoolController
+
+    with _GATE.lock:
+        if _GATE.users == 0:
+            _GATE.undo.enter_context(ThreadpoolController().limit(limits=1, user_api="blas"))
+        _GATE.users += 1
+    try:
+        yield
+    finally:
+        with _GATE.lock:
+            _GATE.users -= 1
+            if _GATE.users == 0:
+                _GATE.undo.close()
