@@ -26,15 +26,25 @@ which is its own inverse and satisfies ``<H g, f> = <g, HT f>``.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from lfcal.errors import InputError, expectation
 
-__all__ = ["AXES", "MATLAB_AXES", "centre", "check_cutout", "check_psf_shape"]
+__all__ = ["AXES", "MATLAB_AXES", "Position", "centre", "check_cutout", "check_psf_shape"]
 
 AXES = ("z", "y", "x", "t", "s")
 """Axis names of H in storage order."""
 
 MATLAB_AXES = AXES[::-1]
 """The same bytes as MATLAB names them."""
+
+
+class Position(NamedTuple):
+    """Where the source stood: indices into the scan plan, ``H[z, y, x]``."""
+
+    z: int
+    y: int
+    x: int
 
 
 def centre(n: int) -> int:

@@ -3,16 +3,39 @@
 - ``main_lens``: photographic main lens or microscope
 - ``lattice``: lenslet array, square or hexagonal, one or three types
 - ``sensor``: pixels and noise
+- ``distortion``: the maker's distortion, kept with the camera
 - ``description``: the whole camera; depths, steps, JSON
 - ``presets``: cameras that come with lfcal
 - ``raytrix``: Raytrix calibration XML
-- ``plan``: the scan plan and its forecast
+- ``shadow``: how far the image of a point spreads
+- ``stage``: how a stage's axes move the image
+- ``plan``: which positions are recorded, and in which order
+- ``forecast``: what that costs in time, disk and memory
 """
 
 from lfcal.camera.description import Camera
+from lfcal.camera.distortion import BrownDistortion
+from lfcal.camera.forecast import Forecast
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
+from lfcal.camera.plan import ScanPlan
 from lfcal.camera.presets import PRESETS, preset
+from lfcal.camera.raytrix import read_raytrix_xml
 from lfcal.camera.sensor import Sensor
+from lfcal.camera.stage import StageAxes
 
-__all__ = ["PRESETS", "Camera", "LensType", "LensletLattice", "MainLens", "Microscope", "Sensor", "preset"]
+__all__ = [
+    "PRESETS",
+    "BrownDistortion",
+    "Camera",
+    "Forecast",
+    "LensType",
+    "LensletLattice",
+    "MainLens",
+    "Microscope",
+    "ScanPlan",
+    "Sensor",
+    "StageAxes",
+    "preset",
+    "read_raytrix_xml",
+]

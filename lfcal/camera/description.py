@@ -8,7 +8,11 @@ from dataclasses import asdict, dataclass, fields, is_dataclass
 from types import UnionType
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from lfcal.camera._checks import check_number
+from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice
 from lfcal.camera.main_lens import MainLens, Microscope, Optics
 from lfcal.camera.sensor import Sensor
@@ -37,6 +41,8 @@ class Camera:
         Design wavelength in vacuum (µm).
     bandwidth_um
         Full width of the light's spectrum (µm).
+    distortion
+        The maker's lens distortion, where one is known; kept with the camera, not applied.
     """
 
     name: str
@@ -45,6 +51,7 @@ class Camera:
     sensor: Sensor
     wavelength_um: float = 0.55
     bandwidth_um: float = 0.0
+    distortion: BrownDistortion | None = None
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -74,6 +81,18 @@ class Camera:
     def magnification(self) -> float:
         """|M| from the working plane to the sensor, by the chief ray."""
         return self.optics.magnification * self.lattice_scale
+
+    def pixels(self, xy_um: ArrayLike) -> NDArray[np.float64]:
+        """Return pixel coordinates ``(..., 2)`` as (row, column) of points (x, y) from the sensor's centre (µm)."""
+        flipped = np.asarray(xy_um, float)[..., ::-1]
+        pixels: NDArray[np.float64] = flipped / self.sensor.pixel_um + np.array(self.sensor.centre_px)
+        return pixels
+
+    def sensor_um(self, pixels: ArrayLike) -> NDArray[np.float64]:
+        """Return points (x, y) from the sensor's centre (µm) of pixels (row, column): inverse of `pixels`."""
+        offset = np.asarray(pixels, float) - np.array(self.sensor.centre_px)
+        flipped: NDArray[np.float64] = offset[..., ::-1]
+        return flipped * self.sensor.pixel_um
 
     # -- depth -----------------------------------------------------------------------------------------
     def step_um(self, z_um: float = 0.0) -> float:

@@ -85,6 +85,9 @@ class LensletLattice:
     row_pitch_um
         Distance of neighbouring rows where it is not the ideal one (square: pitch; hexagonal:
         pitch * sqrt(3)/2), as measured from a white image (µm).
+    type_step
+        Type of the lenslet that follows a type-0 lenslet in its row (+q): 1, or 2 where the types run the
+        other way. Makers number types as they please; with this the rotation stays small.
     """
 
     kind: str = "hexagonal"
@@ -95,6 +98,7 @@ class LensletLattice:
     offset_um: tuple[float, float] = (0.0, 0.0)
     clear_um: float | None = None
     row_pitch_um: float | None = None
+    type_step: int = 1
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -116,6 +120,7 @@ class LensletLattice:
             check_number("clear diameter (µm)", self.clear_um, above=0, at_most=1.5 * self.pitch_um)
         if self.row_pitch_um is not None:
             check_number("row pitch (µm)", self.row_pitch_um, above=0)
+        check_number("step of lens types along a row", self.type_step, at_least=1, at_most=2, integer=True)
 
     @property
     def row_step_um(self) -> float:
@@ -131,10 +136,24 @@ class LensletLattice:
 
     @property
     def period_um(self) -> tuple[float, float]:
-        """Rectangular period ``(y, x)`` of the array, types included (µm)."""
-        if self.kind == "square":
-            return self.row_step_um, self.pitch_um
-        return 2 * self.row_step_um, (3 if len(self.types) == 3 else 1) * self.pitch_um
+        """Rectangular period ``(y, x)`` of the array, types included (µm).
+
+        Rows that run closer to the sensor's columns than to its rows swap the two.
+        """
+        across, along = self.row_step_um, self.pitch_um
+        if self.kind == "hexagonal":
+            across, along = 2 * across, len(self.types) * along
+        return (along, across) if self.quarter_turns % 2 else (across, along)
+
+    @property
+    def quarter_turns(self) -> int:
+        """Whole quarter turns from the sensor's +x axis to the rows."""
+        return round(self.rotation_rad / (math.pi / 2))
+
+    @property
+    def tilt_rad(self) -> float:
+        """Angle from the nearest sensor axis to the rows: what keeps the period from lying on the pixel grid."""
+        return self.rotation_rad - self.quarter_turns * math.pi / 2
 
     def basis_um(self) -> NDArray[np.float64]:
         """Return the lattice vectors as rows ``[[ax, ay], [bx, by]]``: along a row, and to the next row (µm)."""
@@ -151,8 +170,8 @@ class LensletLattice:
         return centres
 
     def type_of(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.intp]:
-        """Return the type index of the lenslets q, r: ``(q - r) mod 3`` for three types, so neighbours differ."""
-        return np.mod(np.asarray(q, np.intp) - np.asarray(r, np.intp), len(self.types))
+        """Return the type of the lenslets q, r: ``type_step (q - r) mod 3`` for three types, so neighbours differ."""
+        return np.mod(self.type_step * (np.asarray(q, np.intp) - np.asarray(r, np.intp)), len(self.types))
 
     def lenslets_within(
         self, half_width_um: float, half_height_um: float, about_um: tuple[float, float] = (0.0, 0.0)

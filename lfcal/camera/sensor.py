@@ -78,6 +78,11 @@ class Sensor:
             )  # fmt: skip
 
     @property
+    def centre_px(self) -> tuple[float, float]:
+        """Centre ``(row, column)`` of the sensor; whole numbers are centres of pixels."""
+        return (self.shape[0] - 1) / 2, (self.shape[1] - 1) / 2
+
+    @property
     def max_value(self) -> int:
         """Highest sample value."""
         return (1 << self.bit_depth) - 1

@@ -1,0 +1,84 @@
+"""What a scan will cost, before anything runs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from lfcal.camera._checks import check_number
+from lfcal.camera.plan import ScanPlan
+
+__all__ = ["Forecast"]
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """Time, disk and memory that a `ScanPlan` needs.
+
+    Attributes
+    ----------
+    positions, frames
+        Source positions, and frames recorded (several where they are averaged).
+    exposure_hours, settle_hours, move_hours
+        Time in hours spent exposing, settling and moving.
+    frame_bytes, cutout_bytes
+        All frames as the camera gives them, and only their cutouts as uint16.
+    h_float32_bytes, h_uint16_bytes
+        H uncompressed in either type. HT has the same size and is stored only when exported.
+    assembly_bytes
+        Peak memory of assembly: two float32 planes.
+    """
+
+    positions: int
+    frames: int
+    exposure_hours: float
+    settle_hours: float
+    move_hours: float
+    frame_bytes: int
+    cutout_bytes: int
+    h_float32_bytes: int
+    h_uint16_bytes: int
+    assembly_bytes: int
+
+    @property
+    def hours(self) -> float:
+        """Time in all (h)."""
+        return self.exposure_hours + self.settle_hours + self.move_hours
+
+    @property
+    def ht_float32_bytes(self) -> int:
+        """HT uncompressed (float32), where it is exported."""
+        return self.h_float32_bytes
+
+    @classmethod
+    def of(cls, plan: ScanPlan, *, stage_um_per_s: float = 1000.0) -> Forecast:
+        """Return the forecast of ``plan`` with a stage that moves at ``stage_um_per_s`` (µm/s).
+
+        The axes move at the same time; the camera's readout is taken to fall into the settle time.
+        """
+        check_number("stage speed (µm/s)", stage_um_per_s, above=0)
+        _, ny, nx, nt, ns = plan.shape
+        per_plane = ny * nx
+        pixels = math.prod(plan.camera.sensor.shape)
+        frames = plan.n_positions * plan.frames_averaged
+        entries = plan.n_positions * nt * ns
+        return cls(
+            positions=plan.n_positions,
+            frames=frames,
+            exposure_hours=sum(plan.exposures) * per_plane * plan.frames_averaged / 3600,
+            settle_hours=plan.n_positions * plan.settle_s / 3600,
+            move_hours=_travel_um(plan) / stage_um_per_s / 3600,
+            frame_bytes=frames * pixels * (1 if plan.camera.sensor.bit_depth <= 8 else 2),
+            cutout_bytes=2 * entries,
+            h_float32_bytes=4 * entries,
+            h_uint16_bytes=2 * entries,
+            assembly_bytes=2 * per_plane * nt * ns * 4,
+        )
+
+
+def _travel_um(plan: ScanPlan) -> float:
+    """Return the way of the stage, its longest axis counted in each move (µm)."""
+    path = plan.stage_um()
+    return float(np.abs(np.diff(path, axis=0)).max(axis=1).sum()) if len(path) > 1 else 0.0

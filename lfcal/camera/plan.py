@@ -1,0 +1,334 @@
+"""The scan plan: which positions of the source are recorded, where they are, and in which order."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.axes import Position, check_cutout
+from lfcal.camera._checks import check_choice, check_number
+from lfcal.camera.description import Camera, build
+from lfcal.camera.shadow import cutout_for
+from lfcal.camera.stage import StageAxes
+from lfcal.errors import FileFormatError, InputError, expectation
+
+__all__ = ["ScanPlan"]
+
+FORMAT = "lfcal-plan"
+VERSION = 1
+MAX_POSITIONS = 1 << 31
+MAX_TILT_RAD = math.radians(2.0)
+"""Beyond this the rectangular period no longer describes the array."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScanPlan:
+    """Where the source goes and what is kept of each frame.
+
+    Position ``(z, y, x)`` puts the source's image (its chief ray) at ``anchor + (y, x)`` in every depth
+    plane, so lateral steps in object space are `step_um` of the plane's depth.
+
+    Attributes
+    ----------
+    camera
+        The camera under calibration.
+    period
+        Positions ``(ny, nx)``: the representative cell of the lenslet array.
+    cutout
+        Pixels ``(nt, ns)`` kept around the image, odd.
+    depths_um
+        Object-space depth of each plane, z > 0 away from the camera, rising or falling throughout (µm).
+    anchor
+        Sensor position ``(row, column)`` of the image at y = x = 0; whole numbers are centres of pixels.
+    stage
+        How the stage's axes move the image.
+    order
+        ``"serpentine"`` (no long way back) or ``"raster"`` (every row from the same side).
+    exposure_s
+        Exposure of each plane, or one for all (s).
+    settle_s
+        Wait after each move (s).
+    frames_averaged
+        Frames recorded at each position.
+    resample
+        Frames are scaled by `resample_factors` so that the period is whole; steps and cutout are then in
+        resampled pixels. The anchor stays in sensor pixels.
+    """
+
+    camera: Camera
+    period: tuple[int, int]
+    cutout: tuple[int, int]
+    depths_um: tuple[float, ...]
+    anchor: tuple[float, float]
+    stage: StageAxes = field(default_factory=StageAxes)
+    order: str = "serpentine"
+    exposure_s: float | tuple[float, ...] = 0.02
+    settle_s: float = 0.05
+    frames_averaged: int = 1
+    resample: bool = False
+
+    def __post_init__(self) -> None:
+        """Check every value, and that no cutout leaves the sensor."""
+        for name in ("period", "cutout"):
+            object.__setattr__(self, name, _pair(name, getattr(self, name), integer=True))
+        check_cutout(*self.cutout)
+        object.__setattr__(self, "anchor", _pair("anchor", self.anchor, integer=False))
+        _set_depths(self)
+        _set_exposures(self)
+        check_choice("scan order", self.order, ("serpentine", "raster"))
+        check_number("settle time (s)", self.settle_s, at_least=0)
+        check_number("frames averaged", self.frames_averaged, at_least=1, at_most=100_000, integer=True)
+        check_number("positions", self.n_positions, at_least=1, at_most=MAX_POSITIONS, integer=True)
+        if abs(self.camera.lattice.tilt_rad) > MAX_TILT_RAD:
+            tilt = f"{math.degrees(self.camera.lattice.tilt_rad):.2f}°"
+            raise InputError(expectation("lattice rotation", "rows within 2° of a sensor axis", tilt,
+                                         "turn the camera's lattice upright, or rotate the frames"))  # fmt: skip
+        _check_on_sensor(self)
+
+    # -- construction ----------------------------------------------------------------------------------
+    @classmethod
+    def for_camera(
+        cls,
+        camera: Camera,
+        *,
+        depths_um: Iterable[float] | None = None,
+        virtual_depths: Iterable[float] | None = None,
+        cutout: int | tuple[int, int] | None = None,
+        anchor: tuple[float, float] | None = None,
+        **options: Any,
+    ) -> ScanPlan:
+        """Return the plan that covers the camera's representative cell.
+
+        Parameters
+        ----------
+        camera
+            The camera under calibration.
+        depths_um, virtual_depths
+            The planes, as object-space depths (µm) or as virtual depths; give one of them.
+        cutout
+            Pixels kept, one number or ``(nt, ns)``; by default what holds the geometric pattern at every
+            depth with a margin for the lenslets' diffraction.
+        anchor
+            By default the cell lies at the sensor's centre, on whole pixels.
+        **options
+            The other attributes of `ScanPlan`.
+
+        Raises
+        ------
+        InputError
+            If no plan can be made of these.
+        """
+        depths = _depths(camera, depths_um, virtual_depths)
+        ny, nx = (max(1, round(length)) for length in camera.period_px)
+        if cutout is None:
+            cutout = cutout_for(camera, depths)
+        if anchor is None:
+            row, column = camera.sensor.centre_px
+            anchor = (float(round(row - (ny - 1) / 2)), float(round(column - (nx - 1) / 2)))
+        window = (cutout, cutout) if isinstance(cutout, int) else cutout
+        return cls(camera, (ny, nx), window, depths, anchor, **options)
+
+    # -- sizes -----------------------------------------------------------------------------------------
+    @property
+    def shape(self) -> tuple[int, int, int, int, int]:
+        """Shape of H: ``(nz, ny, nx, nt, ns)``."""
+        return (len(self.depths_um), *self.period, *self.cutout)
+
+    @property
+    def n_positions(self) -> int:
+        """Source positions in all."""
+        return len(self.depths_um) * self.period[0] * self.period[1]
+
+    @property
+    def exposures(self) -> tuple[float, ...]:
+        """Exposure of each plane (s)."""
+        one = self.exposure_s
+        return one if isinstance(one, tuple) else (one,) * len(self.depths_um)
+
+    @property
+    def virtual_depths(self) -> tuple[float, ...]:
+        """Virtual depth v = a/B of each plane."""
+        return tuple(self.camera.virtual_depth(z) for z in self.depths_um)
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """How many lattice cells ``(y, x)`` the period spans: 1 unless a longer one was chosen."""
+        ny, nx = (max(1, round(n / p)) for n, p in zip(self.period, self.camera.period_px, strict=True))
+        return ny, nx
+
+    @property
+    def period_residual_px(self) -> tuple[float, float]:
+        """Period of the array minus that of the grid, ``(y, x)``: what rounding leaves (pixels)."""
+        y, x = (k * p - n for k, p, n in zip(self.cells, self.camera.period_px, self.period, strict=True))
+        return y, x
+
+    @property
+    def tilt_residual_px(self) -> float:
+        """Sideways shift over the longer side of the period because the rows are tilted (pixels)."""
+        return max(self.period) * math.tan(self.camera.lattice.tilt_rad)
+
+    @property
+    def resample_factors(self) -> tuple[float, float]:
+        """Frame pixels per sensor pixel ``(fy, fx)``; (1, 1) unless `resample`.
+
+        Resampled pixel i shows the sensor at i / factor.
+        """
+        if not self.resample:
+            return 1.0, 1.0
+        fy, fx = (n / (k * p) for k, p, n in zip(self.cells, self.camera.period_px, self.period, strict=True))
+        return fy, fx
+
+    @property
+    def lattice_anchor(self) -> tuple[float, float]:
+        """Anchor minus the nearest centre of a type-0 micro-image, ``(row, column)`` (sensor pixels)."""
+        lattice = self.camera.lattice
+        point = self.camera.sensor_um(self.anchor)
+        reach = max(lattice.period_um)
+        centres, types = lattice.lenslets_within(reach, reach, (float(point[0]), float(point[1])))
+        centres = centres[types == 0]
+        offset = point - centres[np.argmin(np.hypot(*(centres - point).T))]
+        return float(offset[1] / self.camera.sensor.pixel_um), float(offset[0] / self.camera.sensor.pixel_um)
+
+    # -- places ----------------------------------------------------------------------------------------
+    def step_um(self, z: int) -> tuple[float, float]:
+        """Return the object-space steps ``(y, x)`` of plane ``z`` (µm): one (resampled) pixel in the image."""
+        step = self.camera.step_um(self.depths_um[z])
+        fy, fx = self.resample_factors
+        return step / fy, step / fx
+
+    def image_px(self, positions: ArrayLike) -> NDArray[np.float64]:
+        """Return the sensor positions ``(..., 2)`` as (row, column) of the images of positions (z, y, x)."""
+        index = np.asarray(positions, float)
+        result: NDArray[np.float64] = np.array(self.anchor) + index[..., 1:] / np.array(self.resample_factors)
+        return result
+
+    def object_um(self, positions: ArrayLike) -> NDArray[np.float64]:
+        """Return object points ``(..., 3)`` as (right, down, away) of positions (z, y, x) (µm).
+
+        Sideways they count from the optical axis (the sensor's centre), in the sense in which the image
+        moves; depth counts from the working plane.
+        """
+        index = np.asarray(positions)
+        planes = index[..., 0].astype(np.intp)
+        steps = np.array([self.camera.step_um(z) for z in self.depths_um])[planes]
+        offset = self.image_px(index) - np.array(self.camera.sensor.centre_px)
+        depth = np.array(self.depths_um)[planes]
+        return np.stack([offset[..., 1] * steps, offset[..., 0] * steps, depth], axis=-1)
+
+    def stage_um(self, positions: ArrayLike | None = None) -> NDArray[np.float64]:
+        """Return stage coordinates ``(..., 3)`` as (x, y, z) of positions (z, y, x); by default in scan order (µm)."""
+        return self.stage.to_stage(self.object_um(self.order_indices() if positions is None else positions))
+
+    # -- order -----------------------------------------------------------------------------------------
+    def order_indices(self) -> NDArray[np.intp]:
+        """Return all positions ``(N, 3)`` as (z, y, x) in scan order.
+
+        Serpentine turns round at the end of each row and of each plane: every move is one step.
+        """
+        nz, ny, nx = self.shape[:3]
+        index = np.indices((nz, ny, nx), dtype=np.intp)
+        if self.order == "serpentine":
+            index[1, 1::2] = ny - 1 - index[1, 1::2]
+            rows = index[2].reshape(nz * ny, nx)
+            rows[1::2] = nx - 1 - rows[1::2]
+        return index.reshape(3, -1).T
+
+    def positions(self) -> Iterator[Position]:
+        """Iterate over all positions in scan order."""
+        return map(Position._make, self.order_indices().tolist())
+
+    # -- JSON ------------------------------------------------------------------------------------------
+    def to_dict(self) -> dict[str, Any]:
+        """Return the plan as plain JSON types."""
+        return {"format": FORMAT, "version": VERSION, **asdict(self), "camera": self.camera.to_dict()}
+
+    def to_json(self) -> str:
+        """Return the plan as JSON text."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> ScanPlan:
+        """Return the plan described by ``data``; unknown or missing entries raise `InputError`."""
+        if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+            raise FileFormatError(expectation("scan plan", f'"format": "{FORMAT}"', "something else", "check the file"))
+        if data.get("version") != VERSION:
+            raise FileFormatError(expectation("scan plan", f"version {VERSION}", data.get("version"), "update lfcal"))
+        body = {key: value for key, value in data.items() if key not in ("format", "version")}
+        body["camera"] = Camera.from_dict(body.get("camera", {}))
+        return build(cls, body, "scan plan")
+
+    @classmethod
+    def from_json(cls, text: str) -> ScanPlan:
+        """Return the plan described by JSON ``text``."""
+        try:
+            data = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise FileFormatError(expectation("scan plan", "JSON text", str(error), "check it")) from None
+        return cls.from_dict(data)
+
+
+def _pair(name: str, value: Any, *, integer: bool) -> tuple[Any, Any]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise InputError(expectation(name, "two numbers (rows, columns)", repr(value), "correct it"))
+    for number in value:
+        check_number(name, number, integer=integer, at_least=1 if integer else None)
+    return (int(value[0]), int(value[1])) if integer else (float(value[0]), float(value[1]))
+
+
+def _set_depths(plan: ScanPlan) -> None:
+    depths = plan.depths_um
+    if not isinstance(depths, list | tuple) or not depths:
+        raise InputError(expectation("depths (µm)", "one or more numbers", repr(depths), "give at least one plane"))
+    for z in depths:
+        check_number("depth (µm)", z)
+        plan.camera.step_um(float(z))
+    steps = np.diff(np.array(depths, float))
+    if steps.size and not (np.all(steps > 0) or np.all(steps < 0)):
+        raise InputError(expectation("depths (µm)", "rising or falling throughout", "another order or a repeated plane",
+                                     "sort them and remove repetitions"))  # fmt: skip
+    object.__setattr__(plan, "depths_um", tuple(float(z) for z in depths))
+
+
+def _set_exposures(plan: ScanPlan) -> None:
+    given, planes = plan.exposure_s, len(plan.depths_um)
+    exposures = tuple(given) if isinstance(given, list | tuple) else (given,) * planes
+    if len(exposures) != planes:
+        raise InputError(
+            expectation("exposures (s)", f"one, or one per plane ({planes})", len(exposures), "correct it")
+        )
+    for value in exposures:
+        check_number("exposure (s)", value, above=0)
+    object.__setattr__(plan, "exposure_s", tuple(float(v) for v in exposures))
+
+
+def _depths(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[float] | None) -> tuple[float, ...]:
+    if (depths is None) == (virtual is None):
+        raise InputError(expectation("depth planes", "depths in µm or virtual depths", "both or neither", "give one"))
+    values: Sequence[float] = tuple(depths if depths is not None else virtual or ())
+    for value in values:
+        check_number("depth", value)
+    return tuple(values) if depths is not None else tuple(camera.depth_of(v) for v in values)
+
+
+def _check_on_sensor(plan: ScanPlan) -> None:
+    """Raise unless the cutout of every position lies on the sensor; the anchor and step are plane-independent."""
+    factors = plan.resample_factors
+    for axis, name in enumerate(("row", "column")):
+        size = plan.camera.sensor.shape[axis]
+        half = (plan.cutout[axis] - 1) / 2 / factors[axis]
+        centres = np.floor(plan.anchor[axis] + 0.5) + np.arange(plan.period[axis]) / factors[axis]
+        outside = np.flatnonzero((centres - half < -0.5) | (centres + half > size - 0.5))
+        if outside.size:
+            k = int(outside[0])
+            place = Position(0, k, 0) if axis == 0 else Position(0, 0, k)
+            lo, hi = centres[k] - half, centres[k] + half
+            raise InputError(
+                expectation(f"cutout of position z={place.z}, y={place.y}, x={place.x}", f"{name}s 0 to {size - 1}",
+                            f"{lo:.0f} to {hi:.0f}", "move the anchor inwards or choose a smaller cutout")
+            )  # fmt: skip

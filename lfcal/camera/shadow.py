@@ -1,0 +1,59 @@
+"""How far the image of a point spreads on the sensor, by geometry."""
+
+from __future__ import annotations
+
+import math
+
+from lfcal.camera.description import Camera
+from lfcal.camera.main_lens import Microscope
+
+__all__ = ["cutout_for", "half_extent_px", "shadow_diameter_px"]
+
+AIRY_RADII = 3.0
+"""Airy radii of a lenslet left as margin: 5.7 % of a spot at the pattern's edge falls beyond, far less of the whole."""
+
+
+def _edge_slope(camera: Camera, z_um: float) -> tuple[float, float]:
+    """Return the shadow's radius on the lenslet array (µm) and the slope of the cone's edge there."""
+    optics = camera.optics
+    if isinstance(optics, Microscope):
+        angle = optics.half_angle_rad
+        # sine condition: the object-side cone tan(alpha), M times in the image, at slope NA/M
+        return optics.magnification * abs(z_um) * math.tan(angle), optics.numerical_aperture / optics.magnification
+    image = optics.image_distance_um + camera.image_shift_um(z_um)
+    radius = optics.focal_length_um / optics.f_number / 2
+    if optics.blades:
+        # the polygon has the area of the circle, so its corners stand out
+        n = optics.blades
+        radius *= math.sqrt(math.pi / (n / 2 * math.sin(2 * math.pi / n)))
+    return radius * abs(camera.image_shift_um(z_um)) / image, radius / image
+
+
+def shadow_diameter_px(camera: Camera, z_um: float) -> float:
+    """Return the diameter of the main lens's shadow on the lenslet array at depth ``z_um`` (sensor pixels)."""
+    return 2 * _edge_slope(camera, z_um)[0] / camera.sensor.pixel_um
+
+
+def half_extent_px(camera: Camera, z_um: float) -> float:
+    """Return the half width of the pattern of a point at depth ``z_um`` about its chief ray (sensor pixels).
+
+    A ray through pupil point p meets the array p·a/(b+a) from the chief ray with slope -p/(b+a); its lenslet
+    bends it by -e/f for its distance e from the lenslet's centre. On the sensor, B behind, that is
+    ``p (a - B)/(b + a) - (B/f) e``, whose bound is taken over the pupil's corners and the lenslet's edge.
+    """
+    gap = camera.lattice.gap_um
+    shadow, slope = _edge_slope(camera, z_um)
+    spread = abs(math.copysign(shadow, camera.image_shift_um(z_um)) - gap * slope)
+    diameter = camera.lattice.clear_diameter_um / camera.lattice_scale
+    bend = max(gap / kind.focal_length_um for kind in camera.lattice.types) * diameter / 2
+    airy = 1.22 * camera.wavelength_um * gap / diameter
+    return (spread + bend + AIRY_RADII * airy) / camera.sensor.pixel_um
+
+
+def cutout_for(camera: Camera, depths_um: tuple[float, ...]) -> int:
+    """Return the odd side of the smallest square cutout that holds the pattern at every depth (pixels).
+
+    Half a pixel is added for an anchor between two pixels.
+    """
+    half = max(half_extent_px(camera, z) for z in depths_um)
+    return 2 * math.ceil(half + 0.5) + 1

@@ -1,0 +1,68 @@
+"""How a stage's axes move the image of the source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera._checks import check_number
+from lfcal.errors import InputError, expectation
+
+__all__ = ["StageAxes"]
+
+AXES = "xyz"
+IMAGE_MOVES = ("image right", "image down", "away from the camera")
+
+
+@dataclass(frozen=True, slots=True)
+class StageAxes:
+    """Which way of which stage axis moves the source's image right, down, and the source away.
+
+    Attributes
+    ----------
+    right, down, away
+        Stage axis with its sense, ``"+x"`` to ``"-z"``: moving that way moves the image towards +column
+        (right) or +row (down) of the sensor, or the source away from the camera. A lens turns the image
+        upside down; what is stated here is what is seen on the sensor.
+    origin_um
+        Stage coordinates (x, y, z) at which the source's image is at the sensor's centre and the source in
+        the working plane (µm).
+    """
+
+    right: str = "+x"
+    down: str = "+y"
+    away: str = "+z"
+    origin_um: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        for move, axis in zip(IMAGE_MOVES, (self.right, self.down, self.away), strict=True):
+            if not (isinstance(axis, str) and len(axis) == 2 and axis[0] in "+-" and axis[1] in AXES):
+                raise InputError(expectation(f"stage axis ({move})", "+x, -x, +y … or -z", repr(axis), "correct it"))
+        if {self.right[1], self.down[1], self.away[1]} != set(AXES):
+            got = f"{self.right}, {self.down}, {self.away}"
+            raise InputError(expectation("stage axes", "x, y and z once each", got, "correct them"))
+        if not isinstance(self.origin_um, list | tuple) or len(self.origin_um) != 3:
+            raise InputError(expectation("stage origin", "(x, y, z) in µm", repr(self.origin_um), "correct it"))
+        for value in self.origin_um:
+            check_number("stage origin (µm)", value)
+        object.__setattr__(self, "origin_um", tuple(float(v) for v in self.origin_um))
+
+    def matrix(self) -> NDArray[np.float64]:
+        """Return the signed permutation ``(3, 3)``: stage (x, y, z) from object (right, down, away)."""
+        result = np.zeros((3, 3))
+        for column, axis in enumerate((self.right, self.down, self.away)):
+            result[AXES.index(axis[1]), column] = 1.0 if axis[0] == "+" else -1.0
+        return result
+
+    def to_stage(self, object_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return stage coordinates ``(..., 3)`` as (x, y, z) of object points (right, down, away) (µm)."""
+        stage: NDArray[np.float64] = object_um @ self.matrix().T + np.array(self.origin_um)
+        return stage
+
+    def to_object(self, stage_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return object points (right, down, away) of stage coordinates: inverse of `to_stage` (µm)."""
+        points: NDArray[np.float64] = (stage_um - np.array(self.origin_um)) @ self.matrix()
+        return points

@@ -1,0 +1,210 @@
+"""``lfcal plan``: what a scan will cost, and the plan as a file."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import typer
+
+from lfcal.camera import PRESETS, Camera, Forecast, ScanPlan, StageAxes, preset, read_raytrix_xml
+from lfcal.cli._common import print_json, print_table
+from lfcal.errors import InputError, StorageError, expectation
+from lfcal.files import replace_whole, storage_errors
+from lfcal.units import format_bytes, format_length, format_seconds
+
+__all__ = ["load_camera", "parse_depths", "parse_pair", "register"]
+
+UNITS = {"": 1.0, "um": 1.0, "µm": 1.0, "mm": 1e3}
+MAX_PLANES = 10_000
+MAX_JSON = 1 << 24
+
+
+def load_camera(name: str) -> Camera:
+    """Return the camera named by a preset, a camera JSON file or a Raytrix calibration XML file."""
+    if name in PRESETS:
+        return preset(name)
+    path = Path(name)
+    if not path.exists():
+        known = ", ".join(PRESETS)
+        raise StorageError(expectation("camera", f"{known}, a JSON file or a Raytrix XML file", name, "check the name"))
+    if path.suffix.lower() == ".xml":
+        return read_raytrix_xml(path)
+    with storage_errors(path), path.open("rb") as file:
+        data = file.read(MAX_JSON + 1)
+    if len(data) > MAX_JSON:
+        raise InputError(expectation(str(path), "a camera description of a few kB", "a large file", "check the path"))
+    try:
+        return Camera.from_json(data.decode("utf-8"))
+    except UnicodeDecodeError:
+        raise InputError(expectation(str(path), "JSON in UTF-8", "other bytes", "check the path")) from None
+
+
+def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:
+    """Return the planes of ``"a,b,c"`` or ``"start:stop:step"``; ``lengths`` may end in um or mm (µm if bare)."""
+    fields = re.split("[,:]", text)
+    values = [_number(field, lengths) for field in fields]
+    if ":" not in text:
+        return tuple(values)
+    if "," in text or len(values) != 3 or values[2] == 0:
+        raise InputError(expectation("planes", "a,b,c or start:stop:step", repr(text), "for example 2:5.5:0.5"))
+    start, stop, step = values
+    count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
+    if not 1 <= count <= MAX_PLANES:
+        raise InputError(
+            expectation("planes", f"1 to {MAX_PLANES} steps from start to stop", repr(text), "correct the step")
+        )
+    return tuple(start + k * step for k in range(count))
+
+
+def _number(field: str, lengths: bool) -> float:
+    match = re.fullmatch(r"\s*([-+−]?[0-9.]+(?:[eE][-+]?\d+)?)\s*(um|µm|mm)?\s*", field)
+    try:
+        if match is None or (match[2] and not lengths):
+            raise ValueError
+        return float(match[1].replace("−", "-")) * UNITS[match[2] or ""]
+    except ValueError:
+        wanted = "numbers, in µm or with mm" if lengths else "numbers"
+        raise InputError(expectation("planes", wanted, repr(field), "for example 2,3,5")) from None
+
+
+def parse_pair(text: str, what: str) -> tuple[float, float]:
+    """Return ``"a"`` as (a, a) and ``"a,b"`` or ``"axb"`` as (a, b)."""
+    fields = re.split("[,x×]", text)
+    try:
+        values = [float(field) for field in fields]
+        if len(values) in (1, 2):
+            return values[0], values[-1]
+    except ValueError:
+        pass
+    raise InputError(expectation(what, "one number or two (rows,columns)", repr(text), "for example 181 or 181,181"))
+
+
+def _rows(plan: ScanPlan, forecast: Forecast, speed: float) -> list[list[str]]:
+    nz, ny, nx, nt, ns = plan.shape
+    camera, (py, px), (ry, rx) = plan.camera, plan.camera.period_px, plan.period_residual_px
+    steps = [plan.step_um(z)[1] for z in range(nz)]
+    depths, virtual = plan.depths_um, plan.virtual_depths
+    where = plan.lattice_anchor
+    rows = [
+        ["camera", f"{camera.name}: {camera.lattice.kind}, {len(camera.lattice.types)} lens type(s)"],
+        ["cell of the lenslet array (x × y)", f"{px:.3f} × {py:.3f} px"],
+        ["positions per plane (x × y)", f"{nx} × {ny} = {nx * ny}"],
+        ["residual over one period (x, y)", f"{rx:+.3f}, {ry:+.3f} px{_cure(plan)}"],
+        ["tilt over one period", f"{plan.tilt_residual_px:+.3f} px"],
+        ["planes", f"{nz}"],
+        ["  object-space depth", _span([format_length(z) for z in depths])],
+        ["  virtual depth", _span([f"{v:.4g}" for v in virtual])],
+        ["  lateral step (x)", _span([format_length(step) for step in steps])],
+        ["cutout (rows × columns)", f"{nt} × {ns} px"],
+        ["image of position y = x = 0", f"row {plan.anchor[0]:g}, column {plan.anchor[1]:g}"],
+        ["  from the nearest type-0 lenslet", f"{where[0]:+.2f}, {where[1]:+.2f} px (rows, columns)"],
+        ["order", plan.order],
+        ["source positions", f"{forecast.positions}"],
+        ["frames", f"{forecast.frames} ({plan.frames_averaged} per position)"],
+        ["time in all", format_seconds(forecast.hours * 3600)],
+        ["  exposing", format_seconds(forecast.exposure_hours * 3600)],
+        ["  settling", f"{format_seconds(forecast.settle_hours * 3600)} ({format_seconds(plan.settle_s)} per move)"],
+        ["  moving", f"{format_seconds(forecast.move_hours * 3600)} at {format_length(speed)}/s"],
+        ["whole frames on disk", format_bytes(forecast.frame_bytes)],
+        ["cutouts on disk (uint16)", format_bytes(forecast.cutout_bytes)],
+        ["H, float32", f"{format_bytes(forecast.h_float32_bytes)} before compression"],
+        ["H, uint16", f"{format_bytes(forecast.h_uint16_bytes)} before compression"],
+        ["HT, where it is exported (float32)", format_bytes(forecast.ht_float32_bytes)],
+        ["memory to assemble (two planes)", format_bytes(forecast.assembly_bytes)],
+    ]
+    return rows
+
+
+def _cure(plan: ScanPlan) -> str:
+    if plan.resample:
+        fy, fx = plan.resample_factors
+        return f", removed: frames are resampled × {fx:.6f}, {fy:.6f}"
+    worst = max(map(abs, plan.period_residual_px))
+    return " (--resample removes it)" if worst > 0.005 else ""
+
+
+def _span(values: list[str]) -> str:
+    return values[0] if len(values) == 1 else f"{values[0]} … {values[-1]}"
+
+
+def _as_json(plan: ScanPlan, forecast: Forecast) -> dict[str, object]:
+    costs = {name: getattr(forecast, name) for name in forecast.__slots__}
+    return {
+        "period_px": plan.camera.period_px,
+        "period": plan.period,
+        "period_residual_px": plan.period_residual_px,
+        "tilt_residual_px": plan.tilt_residual_px,
+        "resample_factors": plan.resample_factors,
+        "cutout": plan.cutout,
+        "anchor_px": plan.anchor,
+        "lattice_anchor_px": plan.lattice_anchor,
+        "depths_um": plan.depths_um,
+        "virtual_depths": plan.virtual_depths,
+        "steps_um": [plan.step_um(z) for z in range(len(plan.depths_um))],
+        "forecast": {**costs, "hours": forecast.hours, "ht_float32_bytes": forecast.ht_float32_bytes},
+        "plan": plan.to_dict(),
+    }
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``plan``."""
+
+    @app.command()
+    def plan(
+        camera: str = typer.Argument(..., help="Preset, camera JSON or Raytrix XML."),
+        depths: str = typer.Option("", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
+        virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B."),
+        cutout: str = typer.Option("", help="Pixels kept, odd: 181 or ROWS,COLUMNS; by default by geometry."),
+        anchor: str = typer.Option("", help="Sensor ROW,COLUMN of the image at y = x = 0; by default centred."),
+        resample: bool = typer.Option(False, help="Scale the frames so that the period is whole."),
+        order: str = typer.Option("serpentine", help="serpentine or raster."),
+        stage: str = typer.Option("+x,+y,+z", help="Stage axes that move the image right, down, the source away."),
+        exposure: float = typer.Option(0.02, help="Exposure (s)."),
+        settle: float = typer.Option(0.05, help="Wait after each move (s)."),
+        average: int = typer.Option(1, help="Frames per position."),
+        speed: float = typer.Option(1000.0, help="Speed of the stage (µm/s)."),
+        out: Path | None = typer.Option(None, "-o", "--out", help="Write the plan as JSON."),
+        json: bool = typer.Option(False, "--json", help="Print JSON."),
+    ) -> None:
+        """Plan a scan and show what it costs.
+
+        Example: `lfcal plan r29 --virtual-depths 2:5.5:0.35 -o plan.json`
+        """
+        if bool(depths) == bool(virtual_depths):
+            raise InputError("planes: give --depths (µm) or --virtual-depths, for example --virtual-depths 2:5.5:0.5")
+        described = load_camera(camera)
+        window = parse_pair(cutout, "cutout") if cutout else None
+        axes = stage.split(",")
+        if len(axes) != 3:
+            raise InputError(expectation("stage axes", "three, such as +x,-y,+z", repr(stage), "correct them"))
+        made = ScanPlan.for_camera(
+            described,
+            depths_um=parse_depths(depths, lengths=True) if depths else None,
+            virtual_depths=parse_depths(virtual_depths, lengths=False) if virtual_depths else None,
+            cutout=_whole(window) if window else None,
+            anchor=parse_pair(anchor, "anchor") if anchor else None,
+            order=order,
+            stage=StageAxes(axes[0].strip(), axes[1].strip(), axes[2].strip()),
+            exposure_s=exposure,
+            settle_s=settle,
+            frames_averaged=average,
+            resample=resample,
+        )
+        forecast = Forecast.of(made, stage_um_per_s=speed)
+        if out is not None:
+            with replace_whole(out) as part:
+                part.write_text(made.to_json(), encoding="utf-8")
+        if json:
+            print_json(_as_json(made, forecast))
+            return
+        print_table(["scan plan", "value"], _rows(made, forecast, speed))
+        if out is not None:
+            typer.echo(f"written: {out}")
+
+
+def _whole(pair: tuple[float, float]) -> tuple[int, int]:
+    if any(not value.is_integer() for value in pair):
+        raise InputError(expectation("cutout", "whole numbers of pixels", f"{pair[0]:g}, {pair[1]:g}", "correct it"))
+    return int(pair[0]), int(pair[1])
