@@ -1,0 +1,173 @@
+"""The filters of one HDF5 chunk: shuffle, deflate and fletcher32, as the HDF5 library defines them."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from lfcal.errors import FileFormatError, expectation
+from lfcal.threads import njit
+
+__all__ = ["PIPELINE", "decode_chunk", "encode_chunk", "fletcher32"]
+
+PIPELINE = ("shuffle", "deflate", "fletcher32")
+"""The filters of an H file, in the order in which they are applied on writing."""
+
+
+@njit()
+def _fletcher32(data: NDArray[np.uint8]) -> int:
+    words = data.size // 2
+    sum1 = np.uint32(0)
+    sum2 = np.uint32(0)
+    start = 0
+    while start < words:
+        stop = min(start + 360, words)  # as many words as 32 bits hold without overflow
+        for k in range(start, stop):
+            sum1 += np.uint32((np.uint32(data[2 * k]) << np.uint32(8)) | np.uint32(data[2 * k + 1]))
+            sum2 += sum1
+        sum1 = (sum1 & np.uint32(0xFFFF)) + (sum1 >> np.uint32(16))
+        sum2 = (sum2 & np.uint32(0xFFFF)) + (sum2 >> np.uint32(16))
+        start = stop
+    if data.size % 2:
+        sum1 += np.uint32(data[data.size - 1]) << np.uint32(8)
+        sum2 += sum1
+        sum1 = (sum1 & np.uint32(0xFFFF)) + (sum1 >> np.uint32(16))
+        sum2 = (sum2 & np.uint32(0xFFFF)) + (sum2 >> np.uint32(16))
+    sum1 = (sum1 & np.uint32(0xFFFF)) + (sum1 >> np.uint32(16))
+    sum2 = (sum2 & np.uint32(0xFFFF)) + (sum2 >> np.uint32(16))
+    return int((sum2 << np.uint32(16)) | sum1)
+
+
+@njit()
+def _shuffle(data: NDArray[np.uint8], size: int, out: NDArray[np.uint8]) -> None:
+    n = data.size // size
+    for b in range(size):
+        for k in range(n):
+            out[b * n + k] = data[k * size + b]
+
+
+@njit()
+def _unshuffle(data: NDArray[np.uint8], size: int, out: NDArray[np.uint8]) -> None:
+    n = data.size // size
+    for b in range(size):
+        for k in range(n):
+            out[k * size + b] = data[b * n + k]
+
+
+def fletcher32(data: bytes) -> int:
+    """Return the checksum HDF5 keeps with a chunk: Fletcher's sums of big-endian 16-bit words.
+
+    An odd last byte counts as the high byte of a word (HDF5 library, `H5_checksum_fletcher32`).
+    """
+    return int(_fletcher32(np.frombuffer(data, np.uint8)))
+
+
+def encode_chunk(array: NDArray[Any], level: int = 1, filters: Sequence[str] = PIPELINE) -> bytes:
+    """Return the bytes HDF5 stores for a chunk with these values.
+
+    Parameters
+    ----------
+    array
+        The whole chunk, any shape, of the dataset's dtype.
+    level
+        Level of deflate, 0 to 9.
+    filters
+        The dataset's filters in order, of ``shuffle``, ``deflate`` and ``fletcher32``.
+    """
+    contiguous = np.ascontiguousarray(array)
+    data: Any = contiguous.reshape(-1).view(np.uint8)
+    for name in filters:
+        if name == "shuffle":
+            if contiguous.itemsize > 1:
+                shuffled = np.empty_like(data)
+                _shuffle(data, contiguous.itemsize, shuffled)
+                data = shuffled
+        elif name == "deflate":
+            data = zlib.compress(data, level)
+        else:
+            raw = bytes(data)
+            data = raw + fletcher32(raw).to_bytes(4, "little")
+    return bytes(data)
+
+
+def decode_chunk(
+    raw: bytes,
+    dtype: DTypeLike,
+    shape: Sequence[int],
+    filter_mask: int = 0,
+    filters: Sequence[str] = PIPELINE,
+    *,
+    where: str = "HDF5 chunk",
+) -> NDArray[Any]:
+    """Return the values of a stored chunk; the inverse of `encode_chunk`.
+
+    Parameters
+    ----------
+    raw
+        The stored bytes.
+    dtype, shape
+        Those of the chunk.
+    filter_mask
+        Bit k set: filter k was left out for this chunk.
+    filters
+        The dataset's filters in order.
+    where
+        Names the chunk in an error.
+
+    Raises
+    ------
+    FileFormatError
+        If the checksum is wrong, the compressed data are damaged, or the size is not that of the chunk.
+    """
+    dtype = np.dtype(dtype)
+    nbytes = dtype.itemsize * math.prod(shape)
+    data: Any = raw
+    for k in reversed(range(len(filters))):
+        if filter_mask >> k & 1:
+            continue
+        if filters[k] == "fletcher32":
+            data = _verified(data, where)
+        elif filters[k] == "deflate":
+            data = _inflated(data, nbytes, where)
+        elif dtype.itemsize > 1:
+            _check_size(data, nbytes, where)
+            plain = np.empty(nbytes, np.uint8)
+            _unshuffle(np.frombuffer(data, np.uint8), dtype.itemsize, plain)
+            data = plain.data
+    _check_size(data, nbytes, where)
+    return np.frombuffer(data, dtype).reshape(tuple(shape))
+
+
+def _verified(data: bytes, where: str) -> bytes:
+    body, stored = data[:-4], int.from_bytes(data[-4:], "little")
+    found = fletcher32(body)
+    # HDF5 before 1.6.3 stored the bytes of each half swapped on little-endian machines; it still reads them.
+    swapped = ((found & 0x00FF00FF) << 8) | (found >> 8 & 0x00FF00FF)
+    if len(data) < 4 or stored not in (found, swapped):
+        raise FileFormatError(
+            expectation(where, f"checksum {stored:08x}", f"{found:08x}", "the file is damaged; copy it again")
+        )
+    return body
+
+
+def _inflated(data: bytes, nbytes: int, where: str) -> bytes:
+    stream = zlib.decompressobj()
+    try:
+        plain = stream.decompress(data, nbytes + 1)  # never more than the chunk declares
+    except zlib.error as error:
+        raise FileFormatError(
+            expectation(where, "compressed data", f"damaged bytes ({error})", "the file is damaged; copy it again")
+        ) from error
+    return plain
+
+
+def _check_size(data: Any, nbytes: int, where: str) -> None:
+    if len(data) != nbytes:
+        raise FileFormatError(
+            expectation(where, f"{nbytes} bytes", f"{len(data)}", "the file is damaged; copy it again")
+        )
