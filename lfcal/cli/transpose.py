@@ -1,0 +1,42 @@
+"""``lfcal transpose``: H file to HT file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``transpose`` to the app."""
+    app.command("transpose")(command)
+
+
+def command(
+    source: Path = typer.Argument(help="H file (.h5), MATLAB v7.3 file (.mat) or .npy array."),
+    out: Path = typer.Option(..., "--out", "-o", help="HT file to write (.h5)."),
+    method: str = typer.Option("exact", help="'exact', or 'paper' for the published loop with its unwritten border."),
+    compression: str = typer.Option("gzip", help="gzip, zstd or none."),
+    workers: int | None = typer.Option(None, help="Threads; every processor by default."),
+    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+) -> None:
+    """Transpose H into HT, file to file, with one plane of each in memory.
+
+    Example: `lfcal transpose H.h5 -o HT.h5`
+    """
+    import time
+
+    from lfcal.cli._common import print_json, run_work
+    from lfcal.psf.store import open_psf
+    from lfcal.psf.transpose_file import iter_transpose_file
+    from lfcal.units import format_bytes, format_seconds
+
+    start = time.perf_counter()
+    with open_psf(source) as matrix:
+        run_work(iter_transpose_file(matrix, out, method=method, compression=compression, workers=workers), quiet=json)
+        shape, nbytes = matrix.shape, matrix.nbytes
+    seconds = time.perf_counter() - start
+    if json:
+        print_json({"out": out, "shape": shape, "bytes": nbytes, "seconds": seconds, "method": method})
+    else:
+        typer.echo(f"{out}: HT {shape}, {format_bytes(nbytes)} transposed ({method}) in {format_seconds(seconds)}")

@@ -1,0 +1,178 @@
+"""The cutout that shifts along with the point (Eberhart, section 2.1, figure 4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.axes import centre, check_cutout
+from lfcal.errors import InputError, expectation
+from lfcal.frames.source import FrameSource, Position
+
+__all__ = ["INTERPOLATIONS", "Cutout", "Window", "find_cutout", "frame_origin"]
+
+INTERPOLATIONS = ("nearest", "linear", "cubic", "fourier")
+"""How a window that lies between pixels is taken; ``nearest`` moves no light and reports what is left."""
+
+_MARGIN = {"nearest": 0, "linear": 1, "cubic": 12, "fourier": 0}
+"""Pixels around the window that an interpolation looks at; a cubic spline's memory is 1e-6 after 11."""
+
+
+class Window(NamedTuple):
+    """Where a cutout lies on the sensor: first row and column, and the sub-pixel rest in (-0.5, 0.5]."""
+
+    row: int
+    column: int
+    row_residual: float
+    column_residual: float
+
+
+@dataclass(frozen=True, slots=True)
+class Cutout:
+    """A window of odd x odd pixels around the paraxial image of the source.
+
+    Attributes
+    ----------
+    shape
+        ``(nt, ns)`` pixels, both odd.
+    anchor
+        Sensor position (row, column) of the image of source position y = x = 0 (pixels, pixel centres
+        at whole numbers); position (y, x) lies at ``anchor + (y, x)``.
+    interpolation
+        One of `INTERPOLATIONS`.
+    outside
+        ``"error"``: a cutout that leaves the sensor is an error; ``"zero"``: it is padded with zeros.
+    """
+
+    shape: tuple[int, int]
+    anchor: tuple[float, float] = (0.0, 0.0)
+    interpolation: str = "nearest"
+    outside: str = "error"
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
+        object.__setattr__(self, "anchor", tuple(float(v) for v in self.anchor))
+        check_cutout(*self.shape)
+        if not all(math.isfinite(v) for v in self.anchor):
+            raise InputError(expectation("anchor", "finite numbers (row, column)", self.anchor, "correct it"))
+        for what, value, choices in (
+            ("interpolation", self.interpolation, INTERPOLATIONS),
+            ("outside", self.outside, ("error", "zero")),
+        ):
+            if value not in choices:
+                raise InputError(expectation(what, " or ".join(choices), repr(value), "choose one of these"))
+
+    def window(self, position: Position, drift: tuple[float, float] = (0.0, 0.0)) -> Window:
+        """Return the window of ``position``; ``drift`` (rows, columns) is how far the image is off (px)."""
+        row = self.anchor[0] + position.y + drift[0]
+        column = self.anchor[1] + position.x + drift[1]
+        whole_row, whole_column = math.ceil(row - 0.5), math.ceil(column - 0.5)
+        return Window(
+            whole_row - centre(self.shape[0]),
+            whole_column - centre(self.shape[1]),
+            row - whole_row,
+            column - whole_column,
+        )
+
+    def region(self, window: Window) -> tuple[slice, slice]:
+        """Return the rows and columns of the sensor that ``window`` and its interpolation look at."""
+        margin = 0 if window.row_residual == window.column_residual == 0 else _MARGIN[self.interpolation]
+        return (
+            slice(window.row - margin, window.row + self.shape[0] + margin),
+            slice(window.column - margin, window.column + self.shape[1] + margin),
+        )
+
+    def resample(self, values: NDArray[Any], window: Window) -> NDArray[np.float32]:
+        """Return the cutout from ``values`` of `region`, moved by the window's sub-pixel rest."""
+        shift = (window.row_residual, window.column_residual)
+        data = np.asarray(values, np.float32)
+        if self.interpolation == "nearest" or shift == (0.0, 0.0):
+            return data
+        if self.interpolation == "fourier":
+            return _fourier_shift(data, shift)
+        from scipy import ndimage
+
+        order: Literal[1, 3] = 1 if self.interpolation == "linear" else 3
+        moved: NDArray[np.float32] = ndimage.shift(data, (-shift[0], -shift[1]), order=order, mode="nearest")
+        margin = _MARGIN[self.interpolation]
+        return moved[margin : margin + self.shape[0], margin : margin + self.shape[1]]
+
+
+def _fourier_shift(data: NDArray[np.float32], shift: tuple[float, float]) -> NDArray[np.float32]:
+    """Return ``data`` moved by ``-shift`` pixels as a band-limited, periodic image (odd sizes: exact)."""
+    rows, columns = np.fft.fftfreq(data.shape[0]), np.fft.rfftfreq(data.shape[1])
+    phase = np.exp(2j * np.pi * (shift[0] * rows[:, None] + shift[1] * columns))
+    moved = np.fft.irfft2(np.fft.rfft2(data.astype(np.float64)) * phase, s=data.shape)
+    return moved.astype(np.float32)
+
+
+def frame_origin(source: FrameSource, index: int) -> tuple[int, int]:
+    """Return the sensor (row, column) of the first pixel of a frame: (0, 0) unless the source says otherwise."""
+    origin = getattr(source, "origin", None)
+    if origin is None:
+        return 0, 0
+    row, column = origin(index)
+    return int(row), int(column)
+
+
+def find_cutout(
+    images: Iterable[NDArray[Any]],
+    centres: Iterable[tuple[float, float]],
+    *,
+    lost: float = 0.005,
+    background: float | None = None,
+) -> tuple[int, int]:
+    """Return the smallest odd ``(nt, ns)`` that loses at most the share ``lost`` of every image's energy.
+
+    Parameters
+    ----------
+    images
+        Frames ``(rows, columns)`` of single positions, or depth-plane sums; corrected.
+    centres
+        The paraxial image of the point in each of them, (row, column) in pixels.
+    lost
+        Largest share of the energy outside the cutout; half of it is spent in each direction.
+    background
+        What is subtracted from every pixel first; None: the median of each image's border, which a
+        sum over many pixels is sensitive to.
+
+    Raises
+    ------
+    InputError
+        If an image holds no light, or ``lost`` is not in (0, 1).
+    """
+    if not 0 < lost < 1:
+        raise InputError(expectation("energy lost", "a share between 0 and 1", lost, "0.005 is usual"))
+    height = width = 0
+    for image, (row, column) in zip(images, centres, strict=True):
+        data = np.asarray(image, np.float64)
+        level = _border_median(data) if background is None else background
+        data = data - level
+        noise = 1.4826 * np.median(np.abs(_border(data)))
+        data = np.where(data > 3 * noise, data, 0.0)  # noise far from the spots would count as energy
+        if not data.sum() > 0:
+            raise InputError(expectation("frame", "light from the point", "none", "check exposure and position"))
+        height = max(height, _half_width(data.sum(axis=1), row, lost / 2))
+        width = max(width, _half_width(data.sum(axis=0), column, lost / 2))
+    return 2 * height + 1, 2 * width + 1
+
+
+def _border(data: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.concatenate([data[0], data[-1], data[:, 0], data[:, -1]])
+
+
+def _border_median(data: NDArray[np.float64]) -> float:
+    return float(np.median(_border(data)))
+
+
+def _half_width(profile: NDArray[np.float64], middle: float, lost: float) -> int:
+    """Return the smallest half width about ``middle`` that leaves at most ``lost`` of the profile outside."""
+    distance = np.abs(np.arange(profile.size) - round(middle)).astype(int)
+    inside = np.cumsum(np.bincount(distance, weights=profile))
+    return int(np.argmax(inside >= (1 - lost) * inside[-1]))

@@ -1,0 +1,325 @@
+"""The 5-D PSF matrix H and its transposed view."""
+
+from __future__ import annotations
+
+import operator
+import threading
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from lfcal.axes import check_psf_shape
+from lfcal.errors import InputError, expectation
+from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, Planes, ScaledPlanes
+
+if TYPE_CHECKING:
+    from lfcal.camera import Camera
+    from lfcal.psf.aperture import Aperture
+
+__all__ = ["PSFMatrix"]
+
+
+class PSFMatrix:
+    """The PSF matrix ``H[z, y, x, t, s]`` over an array, a memory map or an H file.
+
+    Slicing follows numpy's basic rules (integers, slices, ellipsis) and reads only what it needs.
+    ``H.T`` is the transposed matrix as a view: each slice of it is computed from H when asked for, and
+    ``H.T.T`` is H. Values read must not be written to: they may be views of the original.
+
+    Parameters
+    ----------
+    data
+        Any ``(nz, ny, nx, nt, ns)`` array of numbers, memory map or HDF5 dataset.
+    depths
+        Object-space depth of each plane (µm); by default the plane numbers.
+    camera
+        The camera H belongs to.
+    anchor
+        Sensor position ``(row, column)`` of the image of source position (0, 0) (pixels).
+    scale, offset
+        For stored integers: value = stored * scale + offset, one number or one per plane.
+    recorded
+        How often each position ``(nz, ny, nx)`` was recorded (0: missing); by default once.
+    depth_sums
+        Depth-plane sums ``(nz, nt, ns)`` where they are known already.
+    saturated
+        Saturated pixels in each position's frame ``(nz, ny, nx)`` where known.
+    provenance
+        How H came about, as plain JSON types.
+
+    Raises
+    ------
+    InputError
+        If ``data`` is not 5-D, its cutout is not odd x odd, or an argument does not fit its shape.
+    """
+
+    def __init__(
+        self,
+        data: Any,
+        *,
+        depths: ArrayLike | None = None,
+        camera: Camera | None = None,
+        anchor: tuple[float, float] = (0.0, 0.0),
+        scale: ArrayLike = 1.0,
+        offset: ArrayLike = 0.0,
+        recorded: ArrayLike | None = None,
+        depth_sums: ArrayLike | None = None,
+        saturated: ArrayLike | None = None,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
+        planes = _as_planes(data)
+        shape = check_psf_shape(planes.shape)
+        per_plane = (shape[0],)
+        scales = np.broadcast_to(np.asarray(scale, np.float64), per_plane)
+        offsets = np.broadcast_to(np.asarray(offset, np.float64), per_plane)
+        if (scales != 1).any() or (offsets != 0).any():
+            planes = ScaledPlanes(planes, scales, offsets)
+        self._planes: Planes = planes
+        self._shape = shape
+        self._depths = _fitting("depths", np.arange(shape[0]) if depths is None else depths, per_plane, np.float64)
+        self._camera = camera
+        self._anchor = (float(anchor[0]), float(anchor[1]))
+        counts = np.ones(shape[:3], np.uint16) if recorded is None else recorded
+        self._recorded = _fitting("recorded", counts, shape[:3], np.uint16)
+        self._saturated = None if saturated is None else _fitting("saturated", saturated, shape[:3], np.uint32)
+        self._provenance = dict(provenance or {})
+        self._sums: dict[int, NDArray[np.float64]] = {}
+        if depth_sums is not None:
+            self._sums = dict(enumerate(_fitting("depth sums", depth_sums, (shape[0], *shape[3:]), np.float64)))
+        self._apertures: dict[int, Aperture] = {}
+        self._lock = threading.Lock()
+        self._other: PSFMatrix | None = None
+        self._is_transposed = False
+
+    # -- what it is ------------------------------------------------------------------------------------
+    @property
+    def shape(self) -> tuple[int, int, int, int, int]:
+        """``(nz, ny, nx, nt, ns)``."""
+        return self._shape
+
+    @property
+    def ndim(self) -> int:
+        """Five."""
+        return 5
+
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        return int(np.prod(self._shape, dtype=np.int64))
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the values read."""
+        return self._planes.dtype
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the whole matrix in memory."""
+        return self.size * self.dtype.itemsize
+
+    @property
+    def period(self) -> tuple[int, int]:
+        """Source positions ``(ny, nx)`` in one period (sensor pixels)."""
+        return self._shape[1], self._shape[2]
+
+    @property
+    def cutout(self) -> tuple[int, int]:
+        """Pixels ``(nt, ns)`` of a pattern."""
+        return self._shape[3], self._shape[4]
+
+    @property
+    def depths(self) -> NDArray[np.float64]:
+        """Object-space depth of each plane (µm), positive away from the camera."""
+        return self._depths
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera H belongs to, where known."""
+        return self._camera
+
+    @property
+    def anchor(self) -> tuple[float, float]:
+        """Sensor position (row, column) of the image of source position (0, 0) (pixels)."""
+        return self._anchor
+
+    @property
+    def recorded(self) -> NDArray[np.uint16]:
+        """How often each position ``(nz, ny, nx)`` was recorded; 0: missing."""
+        return self._recorded
+
+    @property
+    def saturated(self) -> NDArray[np.uint32] | None:
+        """Saturated pixels in each position's frame ``(nz, ny, nx)``, where known."""
+        return self._saturated
+
+    @property
+    def missing(self) -> NDArray[np.intp]:
+        """Positions ``(n, 3)`` as (z, y, x) that were never recorded."""
+        return np.argwhere(self._recorded == 0)
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """How H came about."""
+        return dict(self._provenance)
+
+    @property
+    def is_transposed(self) -> bool:
+        """Whether this is the view ``H.T``."""
+        return self._is_transposed
+
+    # -- values ----------------------------------------------------------------------------------------
+    @property
+    def T(self) -> PSFMatrix:
+        """The transposed matrix as a view; ``H.T.T`` is H."""
+        with self._lock:
+            if self._other is None:
+                other = PSFMatrix.__new__(PSFMatrix)
+                other.__dict__.update(self.__dict__)
+                other._planes = self._planes.transposed()
+                other._sums = {z: s[::-1, ::-1] for z, s in self._sums.items()}
+                other._apertures = {}
+                other._lock = threading.Lock()
+                other._is_transposed = not self._is_transposed
+                other._other = self
+                self._other = other
+            return self._other
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return plane ``z`` as ``(ny, nx, nt, ns)``."""
+        return self._planes.plane(_in_range(z, 0, self._shape[0]))
+
+    def depth_sum(self, z: int) -> NDArray[np.float64]:
+        """Return the sum of plane ``z`` over all positions, ``(nt, ns)``: the aperture seen from that depth.
+
+        Computed once and kept; the sum of the transposed matrix is the same turned by 180 degrees.
+        """
+        z = _in_range(z, 0, self._shape[0])
+        if z not in self._sums:
+            if self._other is not None and z in self._other._sums:
+                self._sums[z] = self._other._sums[z][::-1, ::-1]
+            else:
+                from lfcal.psf.transpose import depth_sum
+
+                self._sums[z] = depth_sum(self.plane(z))
+        return self._sums[z]
+
+    def aperture(self, z: int) -> Aperture:
+        """Return the iris fitted to the depth-plane sum of plane ``z`` (see `lfcal.psf.aperture`)."""
+        z = _in_range(z, 0, self._shape[0])
+        if z not in self._apertures:
+            from lfcal.psf.aperture import fit_aperture
+
+            self._apertures[z] = fit_aperture(self.depth_sum(z))
+        return self._apertures[z]
+
+    def __len__(self) -> int:
+        """Return the number of depth planes."""
+        return self._shape[0]
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return the selected values, by numpy's rules for integers, slices and ellipsis."""
+        index = _resolve(key, self._shape)
+        z, y, x = index[:3]
+        if isinstance(z, int):
+            return self._from_plane(z, y, x, index[3:])
+        planes = [self._from_plane(k, y, x, index[3:]) for k in range(*z.indices(self._shape[0]))]
+        if planes:
+            return np.stack(planes)
+        dummy = np.empty((0, *self._shape[1:]), self.dtype)
+        return dummy[(slice(None), *index[1:])]
+
+    def _from_plane(self, z: int, y: int | slice, x: int | slice, pixels: tuple[int | slice, ...]) -> Any:
+        if isinstance(y, int) and isinstance(x, int):
+            return self._planes.cutout(z, y, x)[pixels]
+        rows = [y] if isinstance(y, int) else list(range(*y.indices(self._shape[1])))
+        columns = [x] if isinstance(x, int) else list(range(*x.indices(self._shape[2])))
+        if len(rows) * len(columns) * 4 > self._shape[1] * self._shape[2]:
+            return self._planes.plane(z)[(y, x, *pixels)]
+        block = np.empty((len(rows), len(columns), *self._shape[3:]), self.dtype)
+        for a, row in enumerate(rows):
+            for b, column in enumerate(columns):
+                block[a, b] = self._planes.cutout(z, row, column)
+        pick = (0 if isinstance(y, int) else slice(None), 0 if isinstance(x, int) else slice(None))
+        return block[(*pick, *pixels)]
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the whole matrix in memory."""
+        if isinstance(self._planes, ArrayPlanes):
+            array = self._planes.array
+            return np.array(array, dtype, copy=True) if copy else np.asarray(array, dtype)
+        if copy is False:
+            raise ValueError("a PSF matrix from a file, scaled or transposed, cannot be an array without a copy")
+        out = np.empty(self._shape, self.dtype if dtype is None else dtype)
+        for z in range(self._shape[0]):
+            out[z] = self._planes.plane(z)
+        return out
+
+    def close(self) -> None:
+        """Close the file behind H, if there is one; values can no longer be read then."""
+        planes = self._planes.base if isinstance(self._planes, ScaledPlanes) else self._planes
+        if isinstance(planes, DatasetPlanes) and planes.dataset.id.valid:
+            planes.dataset.file.close()
+
+    def __enter__(self) -> PSFMatrix:
+        """Use H as a context: its file is closed at the end."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file behind H."""
+        self.close()
+
+    def __repr__(self) -> str:
+        """Return shape, type and camera in a line."""
+        name = "PSFMatrix.T" if self._is_transposed else "PSFMatrix"
+        camera = f", camera {self._camera.name!r}" if self._camera is not None else ""
+        return f"<{name} (z, y, x, t, s) = {self._shape}, {self.dtype}{camera}>"
+
+
+def _as_planes(data: Any) -> Planes:
+    if isinstance(data, PSFMatrix):
+        return data._planes
+    if hasattr(data, "id") and hasattr(data, "chunks") and hasattr(data, "file"):
+        return DatasetPlanes(data)
+    array = data if isinstance(data, np.ndarray) else np.asarray(data)
+    if array.dtype.kind not in "iufcb":
+        raise InputError(expectation("PSF matrix", "numbers", f"dtype {array.dtype}", "convert it to numbers"))
+    return ArrayPlanes(array)
+
+
+def _fitting(what: str, value: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    array = np.array(value, dtype)
+    if array.shape != shape:
+        raise InputError(expectation(what, f"shape {shape}", array.shape, "give one value per entry"))
+    array.setflags(write=False)
+    return array
+
+
+def _in_range(value: int, axis: int, n: int) -> int:
+    index = operator.index(value)
+    if not -n <= index < n:
+        raise IndexError(f"index {index} is out of range for axis {axis} ({'zyxts'[axis]}) with {n} entries")
+    return index % n
+
+
+def _resolve(key: Any, shape: tuple[int, ...]) -> tuple[int | slice, ...]:
+    """Return ``key`` as one integer or slice per axis."""
+    parts = list(key) if isinstance(key, tuple) else [key]
+    holes = [k for k, part in enumerate(parts) if part is Ellipsis]
+    if len(holes) > 1:
+        raise IndexError("an index can only have a single ellipsis ('...')")
+    if len(parts) - len(holes) > len(shape):
+        raise IndexError(f"too many indices: a PSF matrix has 5 axes (z, y, x, t, s), {len(parts)} were given")
+    at = holes[0] if holes else len(parts)
+    fill: Iterable[Any] = [slice(None)] * (len(shape) - (len(parts) - len(holes)))
+    full = [*parts[:at], *fill, *parts[at + len(holes) :]]
+    return tuple(_axis_index(part, axis, n) for axis, (part, n) in enumerate(zip(full, shape, strict=True)))
+
+
+def _axis_index(part: Any, axis: int, n: int) -> int | slice:
+    if isinstance(part, slice):
+        return part
+    if isinstance(part, bool | np.bool_) or not hasattr(part, "__index__"):
+        raise IndexError("a PSF matrix takes integers, slices and an ellipsis; read what you need, then use numpy")
+    return _in_range(cast(int, part), axis, n)

@@ -1,0 +1,167 @@
+"""Where the values of H come from: an array, a file, or the transpose of either, one depth plane at a time."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.axes import check_psf_shape
+from lfcal.errors import FileFormatError, expectation
+
+__all__ = ["ArrayPlanes", "DatasetPlanes", "Planes", "ScaledPlanes", "TransposedPlanes"]
+
+Index = tuple[int | slice, ...]
+
+
+class Planes(Protocol):
+    """The planes of one matrix ``(nz, ny, nx, nt, ns)``; what they return must not be written to."""
+
+    shape: tuple[int, int, int, int, int]
+    dtype: np.dtype[Any]
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return plane ``z`` as ``(ny, nx, nt, ns)``."""
+        ...
+
+    def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
+        """Return the single pattern ``(nt, ns)`` of one position."""
+        ...
+
+    def transposed(self) -> Planes:
+        """Return the planes of the transposed matrix, computed when asked for."""
+        ...
+
+
+class ArrayPlanes:
+    """Planes of an array or memory map."""
+
+    def __init__(self, array: NDArray[Any]) -> None:
+        self.array = array
+        self.shape = check_psf_shape(array.shape)
+        self.dtype = array.dtype
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return plane ``z`` as a view."""
+        view: NDArray[Any] = self.array[z]
+        return view
+
+    def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
+        """Return one pattern as a view."""
+        pattern: NDArray[Any] = self.array[z, y, x]
+        return pattern
+
+    def transposed(self) -> Planes:
+        """Return the planes of the transposed matrix."""
+        return TransposedPlanes(self)
+
+
+class DatasetPlanes:
+    """Planes of an HDF5 dataset; the last plane read is kept, so memory is bounded by one plane."""
+
+    def __init__(self, dataset: Any) -> None:
+        self.dataset = dataset
+        self.shape = check_psf_shape(tuple(dataset.shape))
+        self.dtype = dataset.dtype
+        self._lock = threading.RLock()
+        self._kept: tuple[int, NDArray[Any]] | None = None
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return plane ``z``, read through all filters and checksums."""
+        from lfcal.psf.chunk_codec import parallel_read
+
+        with self._lock:
+            if self._kept is None or self._kept[0] != z:
+                self._kept = None  # let go of the old plane before taking memory for the new one
+                with _damage(self.dataset, f"plane {z}"):
+                    self._kept = (z, parallel_read(self.dataset, z))
+            return self._kept[1]
+
+    def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
+        """Return one pattern: from the kept plane, else from its chunk alone."""
+        with self._lock:
+            if self._kept is not None and self._kept[0] == z:
+                pattern: NDArray[Any] = self._kept[1][y, x]
+                return pattern
+            with _damage(self.dataset, f"position ({z}, {y}, {x})"):
+                pattern = self.dataset[z, y, x]
+                return pattern
+
+    def transposed(self) -> Planes:
+        """Return the planes of the transposed matrix."""
+        return TransposedPlanes(self)
+
+
+class _damage:
+    """Turn HDF5's word on damaged data into a `FileFormatError`."""
+
+    def __init__(self, dataset: Any, part: str) -> None:
+        self.dataset, self.part = dataset, part
+
+    def __enter__(self) -> None:
+        if not self.dataset.id.valid:
+            raise FileFormatError("PSF matrix: its file is closed; open it again with open_psf")
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, OSError) and not isinstance(error, FileFormatError):
+            where = f"{self.dataset.file.filename}:{self.dataset.name}, {self.part}"
+            message = expectation(where, "intact data", f"{error}", "copy the file again from its source")
+            raise FileFormatError(message) from error
+
+
+class TransposedPlanes:
+    """The transpose of other planes: HT[z, y, x, t, s] = H[z, (y+t-ct) % ny, (x+s-cs) % nx, nt-1-t, ns-1-s]."""
+
+    def __init__(self, base: Planes) -> None:
+        self.base = base
+        self.shape = base.shape
+        self.dtype = base.dtype
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return the transposed plane as a new array."""
+        from lfcal.psf.transpose import transpose
+
+        turned: NDArray[Any] = transpose(self.base.plane(z)[None])[0]
+        return turned
+
+    def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
+        """Return one pattern of HT without building HT."""
+        from lfcal.psf.transpose import ht_slice
+
+        _, ny, nx, _, _ = self.shape
+        if ny == nx == 1:  # a single position: HT is H turned by half a turn, no plane is needed
+            return self.base.cutout(z, 0, 0)[::-1, ::-1]
+        return ht_slice(self.base.plane(z), y, x)
+
+    def transposed(self) -> Planes:
+        """Return the planes this is the transpose of."""
+        return self.base
+
+
+class ScaledPlanes:
+    """Planes stored as integers: value = stored * scale[z] + offset[z], as float32."""
+
+    def __init__(self, base: Planes, scale: NDArray[np.float64], offset: NDArray[np.float64]) -> None:
+        self.base, self.scale, self.offset = base, scale, offset
+        self.shape = base.shape
+        self.dtype = np.dtype(np.float32)
+
+    def _values(self, stored: NDArray[Any], z: int) -> NDArray[np.float32]:
+        values = stored.astype(np.float32)
+        values *= np.float32(self.scale[z])
+        values += np.float32(self.offset[z])
+        return values
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return plane ``z`` as float32."""
+        return self._values(self.base.plane(z), z)
+
+    def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
+        """Return one pattern as float32."""
+        return self._values(self.base.cutout(z, y, x), z)
+
+    def transposed(self) -> Planes:
+        """Return the planes of the transposed matrix: transposed as stored, scaled afterwards."""
+        return ScaledPlanes(self.base.transposed(), self.scale, self.offset)

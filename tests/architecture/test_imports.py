@@ -1,0 +1,101 @@
+"""The house plan: who may import whom, and what ``import lfcal`` must not load."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+COMMON = {"errors", "axes", "progress", "files", "units", "threads", "figures"}
+ALLOWED = {
+    "errors": set(),
+    "units": set(),
+    "axes": {"errors"},
+    "progress": set(),
+    "threads": set(),
+    "files": {"errors", "units"},
+    "figures": {"files"},
+    "camera": COMMON,
+    "frames": COMMON | {"camera"},
+    "psf": COMMON | {"camera", "frames"},
+    "simulate": COMMON | {"camera", "frames", "psf"},
+    "acquire": COMMON | {"camera", "frames", "psf"},
+    "reconstruct": COMMON | {"psf"},
+    "multiplex": COMMON | {"camera", "frames"},
+}
+TOP = {"cli", "bench"}
+PSF_FRAMES = {"lfcal.frames.source", "lfcal.frames"}
+
+
+def modules(package: str) -> list[Path]:
+    return sorted((ROOT / package).rglob("*.py"))
+
+
+def imported(path: Path) -> set[str]:
+    """Absolute names a file imports anywhere in it, function bodies included."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            found |= {f"{node.module}.{alias.name}" for alias in node.names} | {str(node.module)}
+    return found
+
+
+def part_of(path: Path) -> str:
+    return path.relative_to(ROOT / "lfcal").parts[0].removesuffix(".py")
+
+
+@pytest.mark.parametrize("path", modules("lfcal"), ids=lambda p: str(p.relative_to(ROOT)))
+def test_arrows(path: Path) -> None:
+    names = imported(path)
+    assert not {n for n in names if n.split(".")[0] == "gui"}, "the library never imports the window"
+    part = part_of(path)
+    if part in TOP or part == "__init__":
+        return
+    parts = {n.split(".")[1] for n in names if n.startswith("lfcal.") and n.count(".") >= 1}
+    parts -= {"__version__"}
+    assert parts <= ALLOWED[part] | {part}, f"{path.name} imports {sorted(parts - ALLOWED[part] - {part})}"
+
+
+def test_psf_knows_frames_by_their_protocol_only() -> None:
+    for path in modules("lfcal/psf"):
+        for name in imported(path):
+            if name.startswith("lfcal.frames"):
+                assert name.startswith("lfcal.frames.source"), f"{path.name} imports {name}"
+
+
+def test_the_arrow_test_can_fail(tmp_path: Path) -> None:
+    bad = tmp_path / "x.py"
+    bad.write_text("def f():\n    from lfcal.simulate import ladder\n")
+    assert "lfcal.simulate.ladder" in imported(bad)
+    assert not {"simulate"} <= ALLOWED["psf"]
+
+
+def test_pages_do_not_import_each_other() -> None:
+    pages = ROOT / "gui" / "pages"
+    for path in sorted(pages.glob("*.py")) if pages.exists() else []:
+        others = {n for n in imported(path) if n.startswith("gui.pages.")}
+        assert not {n for n in others if n.split(".")[2] not in ("_base", path.stem)}, path.name
+
+
+@pytest.mark.parametrize("module", ["lfcal", "lfcal.camera", "lfcal.psf", "lfcal.frames", "lfcal.cli._common"])
+def test_importing_the_library_loads_no_window_and_no_plotting(module: str) -> None:
+    code = (
+        f"import sys, {module}; print([m for m in ('PySide6', 'pyqtgraph', 'matplotlib', 'numba') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_module_says_what_it_is() -> None:
+    for package in ("lfcal", "gui", "tests"):
+        for path in modules(package):
+            text = path.read_text(encoding="utf-8")
+            if text.strip() and package != "tests":
+                assert ast.get_docstring(ast.parse(text)), f"{path} has no docstring"

@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfcal.camera import preset
+from lfcal.errors import FileFormatError, InputError
+from lfcal.psf import PSFMatrix, open_psf, save
+from lfcal.psf.store import PSFWriter
+
+SHAPE = (3, 4, 5, 7, 9)
+
+
+def brute_transpose(H: np.ndarray) -> np.ndarray:
+    _, ny, nx, nt, ns = H.shape
+    ct, cs = (nt - 1) // 2, (ns - 1) // 2
+    out = np.empty_like(H)
+    for z, y, x, t, s in np.ndindex(H.shape):
+        out[z, y, x, t, s] = H[z, (y + t - ct) % ny, (x + s - cs) % nx, nt - 1 - t, ns - 1 - s]
+    return out
+
+
+def random_matrix(shape: tuple[int, ...] = SHAPE, dtype: str = "float32") -> np.ndarray:
+    rng = np.random.default_rng(1)
+    return (rng.random(shape) * 100).astype(dtype)
+
+
+@pytest.fixture(scope="module")
+def kinds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[PSFMatrix, np.ndarray]]:
+    """Store the same values in every way."""
+    folder = tmp_path_factory.mktemp("kinds")
+    values = random_matrix()
+    np.save(folder / "H.npy", values)
+    save(PSFMatrix(values), folder / "H.h5")
+    made: dict[str, tuple[PSFMatrix, np.ndarray]] = {
+        "array": (PSFMatrix(values), values),
+        "npy": (open_psf(folder / "H.npy"), values),
+        "file": (open_psf(folder / "H.h5"), values),
+    }
+    integers = random_matrix(dtype="uint16")
+    scaled = PSFMatrix(integers, scale=[0.5, 2.0, 1.0], offset=[1.0, 0.0, -3.0])
+    truth = integers.astype(np.float32) * np.float32([0.5, 2, 1])[:, None, None, None, None]
+    made["scaled"] = (scaled, truth + np.float32([1, 0, -3])[:, None, None, None, None])
+    made |= {f"{name}.T": (H.T, brute_transpose(values)) for name, (H, values) in list(made.items())}
+    return made
+
+
+NAMES = ["array", "npy", "file", "scaled", "array.T", "npy.T", "file.T", "scaled.T"]
+
+
+def indices() -> st.SearchStrategy[Any]:
+    def axis(n: int) -> st.SearchStrategy[Any]:
+        return st.one_of(st.integers(-n, n - 1), st.slices(n))
+
+    full = st.tuples(*(axis(n) for n in SHAPE))
+    return st.tuples(full, st.integers(0, 5), st.booleans(), st.integers(0, 5)).map(_with_ellipsis)
+
+
+def _with_ellipsis(drawn: tuple[tuple[Any, ...], int, bool, int]) -> Any:
+    index, keep, ellipsis, split = drawn
+    if not ellipsis:
+        return index[:keep]
+    head, tail = index[: min(split, keep)], index[5 - (keep - min(split, keep)) :] if keep > split else ()
+    return (*head, Ellipsis, *tail)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@given(key=indices())
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_slicing_is_numpys(name: str, key: Any, kinds: dict[str, tuple[PSFMatrix, np.ndarray]]) -> None:
+    H, values = kinds[name]
+    np.testing.assert_array_equal(H[key], values[key])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_whole_matrix_and_involution(name: str, kinds: dict[str, tuple[PSFMatrix, np.ndarray]]) -> None:
+    H, values = kinds[name]
+    np.testing.assert_array_equal(np.asarray(H), values)
+    assert H.T.T is H
+    np.testing.assert_array_equal(np.asarray(H.T), brute_transpose(values))
+    for z in range(len(H)):
+        np.testing.assert_allclose(H.depth_sum(z), values[z].sum((0, 1), dtype=np.float64), rtol=1e-6)
+        np.testing.assert_allclose(H.T.depth_sum(z), H.depth_sum(z)[::-1, ::-1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("key", [5, (0, 0, 0, 0, 9), (0,) * 6, (..., ...), [0, 1], None, True, 1.5])
+def test_other_indices_are_refused(key: Any) -> None:
+    with pytest.raises(IndexError):
+        PSFMatrix(random_matrix())[key]
+
+
+def test_what_a_matrix_says_of_itself() -> None:
+    H = PSFMatrix(random_matrix(), camera=preset("bench"), depths=[-10, 0, 10], anchor=(3.5, 4))
+    assert (H.shape, H.ndim, len(H), H.period, H.cutout) == (SHAPE, 5, 3, (4, 5), (7, 9))
+    assert H.nbytes == 4 * np.prod(SHAPE) and H.size == np.prod(SHAPE)
+    assert H.anchor == (3.5, 4.0) and H.depths.tolist() == [-10, 0, 10]
+    assert "bench" in repr(H) and "PSFMatrix.T" in repr(H.T)
+    assert H.missing.shape == (0, 3)
+    assert H.T.is_transposed and not H.is_transposed
+
+
+@pytest.mark.parametrize(
+    ("data", "options", "word"),
+    [
+        (np.zeros((2, 2, 3, 3)), {}, "5 axes"),
+        (np.zeros((1, 2, 2, 4, 3)), {}, "odd"),
+        (np.zeros((1, 0, 2, 3, 3)), {}, "at least one"),
+        (np.full((1, 1, 1, 1, 1), "a"), {}, "numbers"),
+        (np.zeros((2, 1, 1, 3, 3)), {"depths": [1.0]}, "depths"),
+        (np.zeros((2, 1, 1, 3, 3)), {"recorded": np.ones((2, 2, 2))}, "recorded"),
+    ],
+)
+def test_bad_matrices_get_one_line(data: np.ndarray, options: dict[str, Any], word: str) -> None:
+    with pytest.raises(InputError, match=word) as error:
+        PSFMatrix(data, **options)
+    assert "\n" not in str(error.value)
+
+
+def test_a_closed_file_says_so(tmp_path: Path) -> None:
+    save(PSFMatrix(random_matrix()), tmp_path / "H.h5")
+    with open_psf(tmp_path / "H.h5") as H:
+        assert H[0, 0, 0].shape == (7, 9)
+    with pytest.raises(FileFormatError, match="closed"):
+        H[1, 0, 0]
+
+
+def test_reading_one_position_does_not_read_the_plane(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    save(PSFMatrix(random_matrix()), tmp_path / "H.h5")
+    from lfcal.psf import chunk_codec
+
+    with open_psf(tmp_path / "H.h5") as H:
+        monkeypatch.setattr(chunk_codec, "parallel_read", lambda *_: pytest.fail("a whole plane was read"))
+        np.testing.assert_array_equal(H[2, 3, 4], random_matrix()[2, 3, 4])
+
+
+def test_sums_come_from_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    save(PSFMatrix(random_matrix()), tmp_path / "H.h5")
+    with open_psf(tmp_path / "H.h5") as H:
+        monkeypatch.setattr(type(H), "plane", lambda *_: pytest.fail("the plane was read"))
+        np.testing.assert_allclose(H.depth_sum(1), random_matrix()[1].sum((0, 1), dtype=float), rtol=1e-7)
+
+
+def test_a_writer_that_misses_a_plane_leaves_no_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="missing"), PSFWriter(tmp_path / "H.h5", SHAPE) as writer:
+        writer.write_plane(0, random_matrix()[0])
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from lfcal.camera import preset
+from lfcal.errors import FileFormatError, InputError, LfcalError, StorageError, UnsafeFileError
+from lfcal.psf import PSFMatrix, PSFWriter, iter_save, open_psf, save
+
+SHAPE = (2, 3, 4, 5, 7)
+
+
+def values(dtype: str = "float32") -> np.ndarray:
+    rng = np.random.default_rng(2)
+    return (rng.normal(size=SHAPE) * 100 + 500).astype(dtype)
+
+
+@pytest.mark.parametrize("compression", ["gzip", "zstd", "none"])
+@pytest.mark.parametrize("dtype", ["float32", "float64", "uint16"])
+def test_round_trip(tmp_path: Path, dtype: str, compression: str) -> None:
+    H = PSFMatrix(values(dtype), depths=[-1.5, 2.5], camera=preset("bench"), anchor=(10.25, 20.5),
+                  recorded=np.arange(24).reshape(2, 3, 4), provenance={"who": "test"})  # fmt: skip
+    save(H, tmp_path / "H.h5", compression=compression)
+    with open_psf(tmp_path / "H.h5") as back:
+        np.testing.assert_array_equal(np.asarray(back), values(dtype))
+        assert back.dtype == np.dtype(dtype)
+        assert back.camera == preset("bench")
+        assert back.anchor == (10.25, 20.5)
+        np.testing.assert_array_equal(back.depths, [-1.5, 2.5])
+        np.testing.assert_array_equal(back.recorded, H.recorded)
+        assert back.provenance["who"] == "test"
+
+
+def test_the_layout_is_that_of_the_format(tmp_path: Path) -> None:
+    save(PSFMatrix(values()), tmp_path / "H.h5")
+    with h5py.File(tmp_path / "H.h5") as file:
+        data = file["H"]
+        assert data.chunks == (1, 1, 1, 5, 7)
+        assert (data.compression, data.compression_opts, data.shuffle, data.fletcher32) == ("gzip", 1, True, True)
+        assert file.attrs["format"] == "lfcal-psf" and file.attrs["axes"] == "z,y,x,t,s"
+        np.testing.assert_array_equal(data[...], values())  # read by HDF5 itself
+        np.testing.assert_allclose(file["depth_sum"][...], values().sum((1, 2), dtype=float))
+
+
+def test_uint16_halves_the_file_and_keeps_the_sign(tmp_path: Path) -> None:
+    signed = values() - 600  # most of it negative
+    save(PSFMatrix(signed), tmp_path / "H.h5", dtype="uint16")
+    with open_psf(tmp_path / "H.h5") as back:
+        step = np.ptp(signed, axis=(1, 2, 3, 4)) / 65535
+        error = np.abs(np.asarray(back) - signed).max((1, 2, 3, 4))
+        assert (error <= 0.51 * step + 1e-4).all()
+        assert np.asarray(back).min() < -100
+        np.testing.assert_allclose(np.asarray(back.T.T), np.asarray(back))
+        one = back.T[1, 2, 3]
+        assert one.dtype == np.float32
+
+
+def test_ht_files_transpose_back(tmp_path: Path) -> None:
+    save(PSFMatrix(values()).T, tmp_path / "HT.h5")
+    with open_psf(tmp_path / "HT.h5") as HT:
+        assert HT.is_transposed and not HT.T.is_transposed
+        np.testing.assert_array_equal(np.asarray(HT.T), values())
+
+
+def test_cancelling_leaves_nothing_and_keeps_the_old_file(tmp_path: Path) -> None:
+    target = tmp_path / "H.h5"
+    save(PSFMatrix(values()), target)
+    before = target.read_bytes()
+    work = iter_save(PSFMatrix(values() * 2), target)
+    next(work)
+    next(work)
+    work.close()
+    assert target.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_nan_is_refused(tmp_path: Path) -> None:
+    bad = values()
+    bad[1, 2, 3, 0, 0] = np.nan
+    with pytest.raises(InputError, match="plane 1: expected finite values"):
+        save(PSFMatrix(bad), tmp_path / "H.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_seen_before_anything_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from lfcal import files
+
+    monkeypatch.setattr(files.shutil, "disk_usage", lambda _: os.statvfs_result and type("U", (), {"free": 1000}))
+    with pytest.raises(StorageError, match="free some space"):
+        save(PSFMatrix(values()), tmp_path / "H.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
+def _plain(path: Path, **kwargs: object) -> h5py.File:
+    file = h5py.File(path, "w")
+    file.attrs["format"], file.attrs["version"] = "lfcal-psf", 1
+    file["depths"] = np.arange(2.0)
+    return file
+
+
+def _bad_files(folder: Path) -> dict[str, Path]:
+    """Write one file of every kind that must not be believed."""
+    made: dict[str, Path] = {}
+
+    def path(name: str) -> Path:
+        made[name] = folder / f"{name}.h5"
+        return made[name]
+
+    path("text").write_text("hello")
+    path("empty").write_bytes(b"")
+    save(PSFMatrix(values()), path("truncated"))
+    data = made["truncated"].read_bytes()
+    made["truncated"].write_bytes(data[: len(data) // 2])
+    with h5py.File(path("foreign"), "w") as file:
+        file["data"] = np.zeros(3)
+    with _plain(path("newer")) as file:
+        file.attrs["version"] = 99
+        file["H"] = values()
+    with _plain(path("no_data")):
+        pass
+    with _plain(path("external_link")) as file:
+        file["H"] = h5py.ExternalLink(str(folder / "elsewhere.h5"), "/H")
+    with _plain(path("soft_link")) as file:
+        file["other"] = values()
+        file["H"] = h5py.SoftLink("/other")
+    with _plain(path("external_storage")) as file:
+        file.create_dataset("H", SHAPE, "f4", external=[(str(folder / "raw.bin"), 0, h5py.h5f.UNLIMITED)])
+    with _plain(path("virtual")) as file:
+        layout = h5py.VirtualLayout(SHAPE, "f4")
+        file.create_virtual_dataset("H", layout)
+    with _plain(path("huge")) as file:
+        file.create_dataset("H", (10**5, 999, 999, 999, 999), "f4", chunks=(1, 1, 1, 999, 999))
+    with _plain(path("unwritten")) as file:
+        file.create_dataset("H", SHAPE, "f4", chunks=(1, 1, 1, 5, 7))
+    with _plain(path("strings")) as file:
+        file.create_dataset("H", data=np.full(SHAPE, b"x"))
+    with _plain(path("even_cutout")) as file:
+        file["H"] = np.zeros((2, 3, 4, 4, 4))
+    with _plain(path("four_axes")) as file:
+        file["H"] = np.zeros((2, 3, 5, 5))
+    with _plain(path("bad_camera")) as file:
+        file["H"] = values()
+        file.attrs["camera"] = "{not json"
+    return made
+
+
+def test_files_that_must_not_be_believed(tmp_path: Path) -> None:
+    for name, path in _bad_files(tmp_path).items():
+        with pytest.raises(LfcalError) as error:
+            open_psf(path)
+        assert "\n" not in str(error.value), name
+        assert isinstance(error.value, FileFormatError | InputError), name
+    unsafe = {"external_link", "soft_link", "external_storage", "virtual", "huge", "strings"}
+    for name in unsafe:
+        with pytest.raises(UnsafeFileError):
+            open_psf(tmp_path / f"{name}.h5")
+
+
+def test_a_flipped_bit_in_the_data_is_found(tmp_path: Path) -> None:
+    target = tmp_path / "H.h5"
+    save(PSFMatrix(values()), target)
+    with h5py.File(target) as file:
+        info = file["H"].id.get_chunk_info_by_coord((1, 2, 3, 0, 0))
+    raw = bytearray(target.read_bytes())
+    raw[info.byte_offset + info.size // 2] ^= 0x10
+    target.write_bytes(raw)
+    with open_psf(target) as H:
+        assert H[0, 0, 0].shape == (5, 7)
+        with pytest.raises(FileFormatError):
+            H[1, 2, 3]
+        with pytest.raises(FileFormatError):
+            H.plane(1)
+
+
+def test_missing_files_and_folders(tmp_path: Path) -> None:
+    with pytest.raises(StorageError, match="no such file"):
+        open_psf(tmp_path / "none.h5")
+    with pytest.raises(StorageError, match="folder"):
+        open_psf(tmp_path)
+    with pytest.raises(StorageError, match="folder"):
+        save(PSFMatrix(values()), tmp_path)
+
+
+def test_pickled_npy_is_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "H.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(FileFormatError, match="pickled"):
+        open_psf(tmp_path / "H.npy")
+
+
+def test_writing_into_a_file_as_folder(tmp_path: Path) -> None:
+    (tmp_path / "f").write_text("")
+    with pytest.raises(StorageError):
+        save(PSFMatrix(values()), tmp_path / "f" / "H.h5")
+
+
+def test_writer_checks_its_planes(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="shape"), PSFWriter(tmp_path / "a.h5", SHAPE) as writer:
+        writer.write_plane(0, np.zeros((1, 1, 5, 7), np.float32))
+    with pytest.raises(InputError, match="once"), PSFWriter(tmp_path / "b.h5", SHAPE) as writer:
+        writer.write_plane(0, values()[0])
+        writer.write_plane(0, values()[0])
+    for options in ({"dtype": "int3"}, {"compression": "rar"}, {"depths": [1, 2, 3]}):
+        with pytest.raises(InputError):
+            PSFWriter(tmp_path / "c.h5", SHAPE, **options)  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
