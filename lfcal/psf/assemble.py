@@ -164,7 +164,7 @@ def iter_assemble(
     padded, residual = _check_windows(job, frames)
     history = {
         "frames": len(source),
-        "cutout": {"interpolation": cutout.interpolation, "outside": cutout.outside},
+        "cutout": {"interpolation": cutout.interpolation, "outside": cutout.outside, "scale": list(cutout.scale)},
         "corrections": corrections.describe() if corrections is not None else {},
         **(provenance or {}),
     }
@@ -285,9 +285,9 @@ def _check_windows(job: _Job, frames: NDArray[np.int64]) -> tuple[tuple[Position
         largest = [max(largest[0], abs(window.row_residual)), max(largest[1], abs(window.column_residual))]
         row, column = frame_origin(job.source, index)
         top, left = window.row - row, window.column - column
-        if top < 0 or left < 0 or top + job.cutout.shape[0] > height or left + job.cutout.shape[1] > width:
+        nt, ns = job.cutout.reach
+        if top < 0 or left < 0 or top + nt > height or left + ns > width:
             if job.cutout.outside == "error":
-                nt, ns = job.cutout.shape
                 where = f"cutout of {job.source.label(index)}, (z, y, x) = {tuple(position)}"
                 got = f"rows {top}..{top + nt - 1}, columns {left}..{left + ns - 1}"
                 wanted = f"rows 0..{height - 1}, columns 0..{width - 1}"

@@ -47,12 +47,16 @@ class Cutout:
         One of `INTERPOLATIONS`.
     outside
         ``"error"``: a cutout that leaves the sensor is an error; ``"zero"``: it is padded with zeros.
+    scale
+        Cutout pixels per sensor pixel (rows, columns): not 1 where the frames are resampled to make the
+        period of the array whole. Positions then step by cutout pixels; ``nearest`` cannot resample.
     """
 
     shape: tuple[int, int]
     anchor: tuple[float, float] = (0.0, 0.0)
     interpolation: str = "nearest"
     outside: str = "error"
+    scale: tuple[float, float] = (1.0, 1.0)
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -67,41 +71,77 @@ class Cutout:
         ):
             if value not in choices:
                 raise InputError(expectation(what, " or ".join(choices), repr(value), "choose one of these"))
+        object.__setattr__(self, "scale", tuple(float(v) for v in self.scale))
+        if not all(0.5 <= v <= 2 for v in self.scale):
+            raise InputError(expectation("resampling factor", "between 0.5 and 2", self.scale, "check the period"))
+        if self.resamples and self.interpolation not in ("linear", "cubic"):
+            raise InputError(
+                expectation("interpolation of resampled frames", "linear or cubic", self.interpolation, "choose cubic")
+            )
+
+    @property
+    def resamples(self) -> bool:
+        """Whether frames are scaled, not only moved."""
+        return self.scale != (1.0, 1.0)
 
     def window(self, position: Position, drift: tuple[float, float] = (0.0, 0.0)) -> Window:
         """Return the window of ``position``; ``drift`` (rows, columns) is how far the image is off (px)."""
-        row = self.anchor[0] + position.y + drift[0]
-        column = self.anchor[1] + position.x + drift[1]
+        row = self.anchor[0] + position.y / self.scale[0] + drift[0]
+        column = self.anchor[1] + position.x / self.scale[1] + drift[1]
         whole_row, whole_column = math.ceil(row - 0.5), math.ceil(column - 0.5)
-        return Window(
-            whole_row - centre(self.shape[0]),
-            whole_column - centre(self.shape[1]),
-            row - whole_row,
-            column - whole_column,
-        )
+        nt, ns = self.reach
+        return Window(whole_row - centre(nt), whole_column - centre(ns), row - whole_row, column - whole_column)
+
+    @property
+    def reach(self) -> tuple[int, int]:
+        """Sensor pixels ``(rows, columns)``, both odd, that the cutout covers."""
+        if not self.resamples:
+            return self.shape
+        rows, columns = (2 * math.ceil(centre(n) / f) + 1 for n, f in zip(self.shape, self.scale, strict=True))
+        return rows, columns
 
     def region(self, window: Window) -> tuple[slice, slice]:
         """Return the rows and columns of the sensor that ``window`` and its interpolation look at."""
-        margin = 0 if window.row_residual == window.column_residual == 0 else _MARGIN[self.interpolation]
+        still = window.row_residual == window.column_residual == 0 and not self.resamples
+        margin = 0 if still else _MARGIN[self.interpolation]
+        nt, ns = self.reach
         return (
-            slice(window.row - margin, window.row + self.shape[0] + margin),
-            slice(window.column - margin, window.column + self.shape[1] + margin),
+            slice(window.row - margin, window.row + nt + margin),
+            slice(window.column - margin, window.column + ns + margin),
         )
 
     def resample(self, values: NDArray[Any], window: Window) -> NDArray[np.float32]:
         """Return the cutout from ``values`` of `region`, moved by the window's sub-pixel rest."""
         shift = (window.row_residual, window.column_residual)
         data = np.asarray(values, np.float32)
+        if self.resamples:
+            return self._scaled(data, shift)
         if self.interpolation == "nearest" or shift == (0.0, 0.0):
             return data
         if self.interpolation == "fourier":
             return _fourier_shift(data, shift)
         from scipy import ndimage
 
-        order: Literal[1, 3] = 1 if self.interpolation == "linear" else 3
-        moved: NDArray[np.float32] = ndimage.shift(data, (-shift[0], -shift[1]), order=order, mode="nearest")
+        moved: NDArray[np.float32] = ndimage.shift(data, (-shift[0], -shift[1]), order=self._order, mode="nearest")
         margin = _MARGIN[self.interpolation]
         return moved[margin : margin + self.shape[0], margin : margin + self.shape[1]]
+
+    @property
+    def _order(self) -> Literal[1, 3]:
+        return 1 if self.interpolation == "linear" else 3
+
+    def _scaled(self, data: NDArray[np.float32], shift: tuple[float, float]) -> NDArray[np.float32]:
+        """Return the cutout sampled every 1/scale sensor pixels about the point; energy is kept."""
+        from scipy import ndimage
+
+        rows, columns = (
+            centre(n) + rest + (np.arange(m) - centre(m)) / f
+            for n, rest, m, f in zip(data.shape, shift, self.shape, self.scale, strict=True)
+        )
+        at = np.meshgrid(rows, columns, indexing="ij")
+        values = ndimage.map_coordinates(data, at, order=self._order, mode="nearest")
+        scaled: NDArray[np.float32] = (values / (self.scale[0] * self.scale[1])).astype(np.float32)
+        return scaled
 
 
 def _fourier_shift(data: NDArray[np.float32], shift: tuple[float, float]) -> NDArray[np.float32]:

@@ -136,8 +136,10 @@ def open_mat(path: Path) -> PSFMatrix:
 
     A 4-D H is a single plane; MATLAB drops trailing axes of length one.
     """
-    with storage_errors(path):
-        head = path.open("rb").read(128) if path.exists() else b""
+    head = b""
+    if path.is_file():
+        with storage_errors(path), path.open("rb") as raw:
+            head = raw.read(128)
     if head.startswith(b"MATLAB 5.0"):
         raise FileFormatError(
             expectation(str(path), "a MATLAB v7.3 file", "one of version 5 to 7", "save it with save(..., '-v7.3')")

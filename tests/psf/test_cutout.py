@@ -52,6 +52,22 @@ def test_fourier_is_exact_for_band_limited_patterns() -> None:
     np.testing.assert_allclose(cutout.resample(base, window), np.fft.ifft2(moved).real, atol=1e-5)
 
 
+def test_resampling_makes_the_period_whole() -> None:
+    """A pattern of period 9.8 px becomes one of 10; the cutout steps by resampled pixels and keeps the energy."""
+    scale = (10 / 9.8, 10 / 10.3)
+    cutout = Cutout((31, 31), anchor=(45.0, 45.0), interpolation="cubic", scale=scale)
+    for y, x in [(0, 0), (5, 3)]:
+        window = cutout.window(Position(0, y, x))
+        frame = spot(45 + y / scale[0], 45 + x / scale[1], (90, 90)).astype(np.float32)
+        cut = cutout.resample(frame[cutout.region(window)], window)
+        r, c = np.mgrid[-15:16, -15:16]
+        truth = np.exp(-((r / scale[0]) ** 2 + (c / scale[1]) ** 2) / (2 * 2.5**2)) / (scale[0] * scale[1])
+        assert np.abs(cut - truth).max() < 2e-3
+        assert cut.sum() == pytest.approx(frame.sum(), rel=2e-3)
+    with pytest.raises(InputError, match="linear or cubic"):
+        Cutout((31, 31), scale=scale)
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
