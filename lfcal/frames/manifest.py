@@ -1,0 +1,253 @@
+"""The list of a session's frames: which file and page belongs to which position."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from lfcal.camera._checks import check_number
+from lfcal.errors import FileFormatError, InputError, StorageError, UnsafeFileError, expectation
+from lfcal.frames.cfa import check_cfa
+from lfcal.frames.positions import NamePattern, check_plan_shape, natural_key, scan_positions
+from lfcal.frames.source import Position
+
+__all__ = ["FrameEntry", "Manifest", "resolve_inside"]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameEntry:
+    """One frame of a session.
+
+    Attributes
+    ----------
+    file
+        Path below the session folder, ``/`` between folders.
+    position
+        Where the source stood.
+    page
+        Page of a multi-page file or index into a stack, from 0.
+    exposure_s
+        Exposure (s), None where not known.
+    dy, dx
+        How far the paraxial image lies from where the plan puts it (px).
+    """
+
+    file: str
+    position: Position
+    page: int = 0
+    exposure_s: float | None = None
+    dy: float = 0.0
+    dx: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        path = PurePosixPath(self.file)
+        if not self.file or "\0" in self.file or "\\" in self.file:
+            raise InputError(
+                expectation("file of a frame", "a path with / between folders", repr(self.file), "mend it")
+            )
+        if path.is_absolute() or ".." in path.parts or (len(self.file) > 1 and self.file[1] == ":"):
+            raise UnsafeFileError(
+                expectation(f"file of a frame {self.file!r}", "a path inside the session folder", "one that leads out",
+                            "copy the file into the folder")
+            )  # fmt: skip
+        object.__setattr__(self, "position", Position(*self.position))
+        for value, what in zip((*self.position, self.page), ("z", "y", "x", "page"), strict=True):
+            check_number(f"{what} of {self.file}", value, at_least=0, at_most=10**9, integer=True)
+        if self.exposure_s is not None:
+            check_number(f"exposure_s of {self.file}", self.exposure_s, above=0)
+        check_number(f"dy of {self.file} (px)", self.dy)
+        check_number(f"dx of {self.file} (px)", self.dx)
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """All frames of a session, with what every one of them must be.
+
+    Frames come in any order; positions may be missing or given twice, a file's page may not.
+
+    Attributes
+    ----------
+    entries
+        The frames.
+    plan_shape
+        Positions of the scan ``(nz, ny, nx)``, None where not known.
+    shape, dtype
+        Rows and columns, and sample type, that every frame must have; None and empty: those of the first frame.
+    bit_depth
+        Bits used of each sample; no value may exceed them. None: not checked.
+    cfa
+        Colour filter pattern by rows that the frames must have; empty: whatever they say.
+
+    Raises
+    ------
+    InputError
+        If a value is unusable, a position lies outside ``plan_shape``, or a page is listed twice.
+    """
+
+    entries: tuple[FrameEntry, ...]
+    plan_shape: tuple[int, int, int] | None = None
+    shape: tuple[int, int] | None = None
+    dtype: str = ""
+    bit_depth: int | None = None
+    cfa: str = ""
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        object.__setattr__(self, "entries", tuple(self.entries))
+        if not self.entries:
+            raise InputError(expectation("frames of the session", "at least one", "none", "check folder and manifest"))
+        check_cfa(self.cfa)
+        if self.bit_depth is not None:
+            check_number("bit depth", self.bit_depth, at_least=1, at_most=32, integer=True)
+        if self.shape is not None:
+            object.__setattr__(self, "shape", _pair(self.shape))
+        if self.dtype:
+            object.__setattr__(self, "dtype", _dtype(self.dtype))
+        if self.plan_shape is not None:
+            self._check_positions()
+        seen: set[tuple[str, int]] = set()
+        for entry in self.entries:
+            if (entry.file, entry.page) in seen:
+                raise InputError(
+                    expectation(f"{entry.file} page {entry.page}", "one position", "several",
+                                "list every file and page once")
+                )  # fmt: skip
+            seen.add((entry.file, entry.page))
+
+    def _check_positions(self) -> None:
+        shape = check_plan_shape(self.plan_shape or ())
+        object.__setattr__(self, "plan_shape", shape)
+        for entry in self.entries:
+            for value, n, axis in zip(entry.position, shape, "zyx", strict=True):
+                if value >= n:
+                    raise InputError(
+                        expectation(f"{axis} of {entry.file} page {entry.page}", f"0 … {n - 1}", value,
+                                    "correct it or the scan shape")
+                    )  # fmt: skip
+
+    def coverage(self) -> tuple[tuple[Position, ...], tuple[Position, ...]]:
+        """Return the positions without a frame and those with several; without a scan shape, of the box around all."""
+        box = self.plan_shape or tuple(1 + max(e.position[k] for e in self.entries) for k in range(3))
+        check_plan_shape(box)
+        count = np.zeros(box, np.int32)
+        np.add.at(count, tuple(np.array([e.position for e in self.entries]).T), 1)
+        missing, several = (tuple(Position(*p) for p in np.argwhere(mask).tolist()) for mask in (count == 0, count > 1))
+        return missing, several
+
+    @classmethod
+    def from_names(cls, names: Iterable[str], pattern: str | NamePattern, **expected: Any) -> Manifest:
+        """Return the manifest of the relative paths ``names`` that fit ``pattern``; others are not frames.
+
+        Raises
+        ------
+        InputError
+            If none fits.
+        """
+        form = NamePattern(pattern) if isinstance(pattern, str) else pattern
+        names = sorted(names, key=natural_key)
+        found = [(name, form.parse(name)) for name in names]
+        entries = tuple(FrameEntry(name, hit[0], hit[1]) for name, hit in found if hit is not None)
+        if not entries:
+            example = repr(names[0]) if names else "an empty folder"
+            raise InputError(
+                expectation("files", f"names like {form.template!r}", example, "give the pattern of these names")
+            )
+        return cls(entries, **expected)
+
+    @classmethod
+    def from_order(
+        cls, pages: Iterable[tuple[str, int]], plan_shape: tuple[int, int, int], order: str, **expected: Any
+    ) -> Manifest:
+        """Return the manifest of ``pages`` (file, page) recorded in scan order.
+
+        Raises
+        ------
+        InputError
+            If their number is not that of the positions: the order then says nothing about which are missing.
+        """
+        pages, positions = list(pages), scan_positions(plan_shape, order)
+        if len(pages) != len(positions):
+            nz, ny, nx = plan_shape
+            raise InputError(
+                expectation("frames", f"{len(positions)} for a scan of {nz} x {ny} x {nx}", len(pages),
+                            "write a manifest that says which are there")
+            )  # fmt: skip
+        entries = tuple(FrameEntry(file, p, page) for (file, page), p in zip(pages, positions, strict=True))
+        return cls(entries, plan_shape=plan_shape, **expected)
+
+
+def resolve_inside(root: str | os.PathLike[str], name: str) -> Path:
+    """Return the file ``name`` below ``root``, links followed, or raise unless it is there and inside.
+
+    Raises
+    ------
+    UnsafeFileError
+        If it lies outside ``root`` once links and ``..`` are resolved.
+    StorageError
+        If there is no such file.
+    """
+    base = Path(root).resolve()
+    path = (base / name).resolve()
+    if not path.is_relative_to(base):
+        raise UnsafeFileError(
+            expectation(f"file of a frame {name!r}", f"a path inside {base}", "one that leads out",
+                        "copy the file into the folder")
+        )  # fmt: skip
+    if not path.is_file():
+        raise StorageError(f"{base / name}: no such file; copy it there or take it out of the manifest")
+    return path
+
+
+def number(text: object, what: str, *, integer: bool = False) -> Any:
+    """Return the number that ``text`` spells, or raise `FileFormatError` naming ``what``."""
+    try:
+        value = int(str(text)) if integer else float(str(text))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        wanted = "a whole number" if integer else "a number"
+        raise FileFormatError(expectation(what, wanted, repr(text), "correct it"))
+    return value
+
+
+def entry_from(record: Mapping[str, Any], where: str) -> FrameEntry:
+    """Return the entry of a row or object with the columns of a manifest; ``where`` names it in messages."""
+    unknown = sorted(str(key) for key in record if key not in COLUMNS)
+    missing = [key for key in ("file", "z", "y", "x") if record.get(key) in (None, "")]
+    if unknown or missing:
+        got = f"unknown {unknown[0]!r}" if unknown else f"no {missing[0]!r}"
+        raise FileFormatError(expectation(where, f"columns {', '.join(COLUMNS)}", got, "rename or fill the column"))
+    given = {key: value for key, value in record.items() if value not in (None, "")}
+    place = Position(*(number(given[key], f"{where}, {key}", integer=True) for key in "zyx"))
+    values = {key: number(given[key], f"{where}, {key}") for key in ("exposure_s", "dy", "dx") if key in given}
+    page = number(given.get("page", 0), f"{where}, page", integer=True)
+    try:
+        return FrameEntry(str(given["file"]), place, page, **values)
+    except InputError as error:
+        raise type(error)(f"{where}: {error}") from error
+
+
+COLUMNS = ("file", "page", "z", "y", "x", "exposure_s", "dy", "dx")
+"""Columns of a manifest; only file, z, y and x are required."""
+
+
+def _pair(shape: Any) -> tuple[int, int]:
+    if not isinstance(shape, tuple | list) or len(shape) != 2:
+        raise InputError(expectation("frame shape", "(rows, columns)", shape, "correct it"))
+    for n in shape:
+        check_number("frame rows and columns", n, at_least=1, at_most=200_000, integer=True)
+    return int(shape[0]), int(shape[1])
+
+
+def _dtype(name: str) -> str:
+    allowed = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64")
+    if name not in allowed:
+        raise InputError(expectation("frame dtype", ", ".join(allowed), repr(name), "correct it"))
+    return name

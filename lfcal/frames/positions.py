@@ -1,0 +1,157 @@
+"""Where each frame belongs: from the scan order or from the file names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+import numpy as np
+
+from lfcal.camera._checks import check_choice, check_number
+from lfcal.errors import InputError, expectation
+from lfcal.frames.source import Position
+
+__all__ = ["NamePattern", "natural_key", "scan_positions"]
+
+MAX_POSITIONS = 100_000_000
+_FIELDS = ("z", "y", "x", "page")
+_FIELD = re.compile(r"\{([^{}]*)\}|\*")
+
+
+def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list[Position]:
+    """Return all positions of a scan of ``(nz, ny, nx)`` in the order they are recorded.
+
+    ``"raster"`` goes along x, then y, then z, always from the same side; ``"serpentine"`` turns round at the end
+    of each row and of each plane, so that every move is one step, as `lfcal.camera.ScanPlan` does.
+
+    Raises
+    ------
+    InputError
+        If the shape is not three positive whole numbers or the order is unknown.
+    """
+    check_choice("scan order", order, ("serpentine", "raster"))
+    nz, ny, nx = check_plan_shape(plan_shape)
+    index = np.indices((nz, ny, nx), dtype=np.intp)
+    if order == "serpentine":
+        index[1, 1::2] = ny - 1 - index[1, 1::2]
+        rows = index[2].reshape(nz * ny, nx)
+        rows[1::2] = nx - 1 - rows[1::2]
+    return [Position(*p) for p in index.reshape(3, -1).T.tolist()]
+
+
+def check_plan_shape(plan_shape: Sequence[int]) -> tuple[int, int, int]:
+    """Return ``(nz, ny, nx)`` or raise `InputError` unless it is three positive whole numbers of believable size."""
+    if len(tuple(plan_shape)) != 3:
+        raise InputError(
+            expectation("scan shape", "three numbers nz, ny, nx", tuple(plan_shape), "give planes, rows and columns")
+        )
+    for n, what in zip(plan_shape, ("planes nz", "rows ny", "columns nx"), strict=True):
+        check_number(f"scan {what}", n, at_least=1, at_most=MAX_POSITIONS, integer=True)
+    nz, ny, nx = (int(n) for n in plan_shape)
+    check_number("positions of the scan", nz * ny * nx, at_most=MAX_POSITIONS, integer=True)
+    return nz, ny, nx
+
+
+def natural_key(name: str) -> list[tuple[int, int, str]]:
+    """Return a sort key that puts ``img2`` before ``img10``."""
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"([0-9]+)", name) if part]
+
+
+@dataclass(frozen=True)
+class NamePattern:
+    """File names that hold the position, e.g. ``"z{z}_y{y}_x{x}.png"`` or ``"plane{z:02d}/y{y}_x{x}.tif"``.
+
+    Attributes
+    ----------
+    template
+        Path below the session folder. ``{z}``, ``{y}``, ``{x}`` are the position, ``{page}`` the page (all whole
+        numbers, leading zeros allowed; a width such as ``{z:03d}`` counts when names are made), ``*`` is any text
+        without a slash. ``z`` may be left out: it is then the first plane.
+    first
+        Number of the first position in the names, 0 or 1.
+
+    Raises
+    ------
+    InputError
+        If the template is absolute, leaves the folder, or lacks ``{y}`` or ``{x}``.
+    """
+
+    template: str
+    first: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the template."""
+        check_number("first number in file names", self.first, at_least=0, at_most=1, integer=True)
+        path = PurePosixPath(self.template)
+        if not self.template or path.is_absolute() or ".." in path.parts or "\\" in self.template:
+            raise InputError(
+                expectation("name pattern", "a relative path with / between folders", repr(self.template),
+                            'use for example "z{z}_y{y}_x{x}.png"')
+            )  # fmt: skip
+        names = [name for name, _ in self._fields()]
+        unknown = sorted({name for name in names if name not in _FIELDS})
+        if unknown or "y" not in names or "x" not in names:
+            got = f"field {unknown[0]!r}" if unknown else repr(self.template)
+            raise InputError(
+                expectation("name pattern", "{y} and {x}, and {z} and {page} where needed", got,
+                            'use for example "z{z}_y{y}_x{x}.png"')
+            )  # fmt: skip
+
+    def _fields(self) -> list[tuple[str, str]]:
+        found = (m.group(1) for m in _FIELD.finditer(self.template) if m.group(1) is not None)
+        return [(text.partition(":")[0], text.partition(":")[2]) for text in found]
+
+    def expression(self) -> re.Pattern[str]:
+        """Return the regular expression of the names."""
+        parts, seen, end = [], set(), 0
+        for match in _FIELD.finditer(self.template):
+            parts.append(re.escape(self.template[end : match.start()]))
+            end = match.end()
+            if match.group(1) is None:
+                parts.append("[^/]*")
+                continue
+            name = match.group(1).partition(":")[0]
+            parts.append(f"(?P={name})" if name in seen else f"(?P<{name}>[0-9]{{1,9}})")
+            seen.add(name)
+        parts.append(re.escape(self.template[end:]))
+        return re.compile("".join(parts))
+
+    def parse(self, name: str) -> tuple[Position, int] | None:
+        """Return position and page in the relative path ``name``, or None where it does not fit the pattern.
+
+        Raises
+        ------
+        InputError
+            If a number lies below the first one.
+        """
+        match = self.expression().fullmatch(name)
+        if match is None:
+            return None
+        found = {key: int(value) for key, value in match.groupdict().items()}
+        z, y, x = (found.get(key, self.first) - self.first for key in "zyx")
+        if min(z, y, x) < 0:
+            raise InputError(
+                expectation(f"position in {name}", f"numbers from {self.first}", "0", "set first=0 for names from 0")
+            )
+        return Position(z, y, x), found.get("page", 0)
+
+    def name(self, position: Position, page: int = 0) -> str:
+        """Return the path of the frame at ``position``; ``*`` in the template cannot be filled in.
+
+        Raises
+        ------
+        InputError
+            If the template holds ``*``.
+        """
+        if "*" in self.template:
+            raise InputError(expectation("name pattern to write", "no *", repr(self.template), "leave * out"))
+        values = {k: v + self.first for k, v in zip("zyx", position, strict=True)} | {"page": page}
+
+        def fill(match: re.Match[str]) -> str:
+            field, _, form = match.group(1).partition(":")
+            digits = form.rstrip("d").lstrip("0")
+            return str(values[field]).zfill(int(digits) if digits.isdigit() else 0)
+
+        return _FIELD.sub(fill, self.template)
