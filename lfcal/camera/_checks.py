@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from numbers import Integral, Real
+from typing import Any
 
 from lfcal.errors import InputError, expectation
 
-__all__ = ["check_choice", "check_number"]
+__all__ = ["check_choice", "check_number", "check_tuple", "check_type"]
 
 
 def check_number(
@@ -46,3 +48,20 @@ def check_choice(what: str, value: object, choices: tuple[str, ...]) -> None:
     """Raise `InputError` unless ``value`` is one of ``choices``."""
     if value not in choices:
         raise InputError(expectation(what, " or ".join(choices), repr(value), "choose one of these"))
+
+
+def check_tuple(what: str, values: object, count: int | None = None, **bounds: Any) -> tuple[Any, ...]:
+    """Return ``values`` as a tuple of ``count`` numbers (None: one or more), each within `check_number`'s bounds."""
+    wanted = "one or more numbers" if count is None else f"{count} numbers"
+    if not isinstance(values, Sequence) or isinstance(values, str) or (len(values) != count if count else not values):
+        raise InputError(expectation(what, wanted, repr(values)[:60], "correct it"))
+    for value in values:
+        check_number(what, value, **bounds)
+    return tuple(int(v) if bounds.get("integer") else float(v) for v in values)
+
+
+def check_type(what: str, value: object, kind: type | tuple[type, ...]) -> None:
+    """Raise `InputError` unless ``value`` is of ``kind``."""
+    if not isinstance(value, kind):
+        names = " or ".join(k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,)))
+        raise InputError(expectation(what, names, repr(value)[:60], "correct it"))

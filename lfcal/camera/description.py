@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.camera._checks import check_number
+from lfcal.camera._checks import check_number, check_type
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice
 from lfcal.camera.main_lens import MainLens, Microscope, Optics
@@ -55,6 +55,12 @@ class Camera:
 
     def __post_init__(self) -> None:
         """Check every value."""
+        check_type("camera name", self.name, str)
+        check_type("camera optics", self.optics, (MainLens, Microscope))
+        check_type("lenslet lattice", self.lattice, LensletLattice)
+        check_type("sensor", self.sensor, Sensor)
+        if self.distortion is not None:
+            check_type("distortion", self.distortion, BrownDistortion)
         check_number("wavelength (µm)", self.wavelength_um, above=0.05, below=20, remedy="give it in µm")
         check_number("bandwidth (µm)", self.bandwidth_um, at_least=0, below=self.wavelength_um)
 

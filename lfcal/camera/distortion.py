@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lfcal.camera._checks import check_number
-from lfcal.errors import InputError, expectation
+from lfcal.camera._checks import check_tuple
 
 __all__ = ["BrownDistortion"]
 
@@ -30,12 +29,6 @@ class BrownDistortion:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        for name, most in (("coefficients", 8), ("centre_px", 2)):
-            values = getattr(self, name)
-            if not isinstance(values, list | tuple) or not 1 <= len(values) <= most:
-                raise InputError(expectation(f"distortion {name}", f"1 to {most} numbers", repr(values), "correct it"))
-            for value in values:
-                check_number(f"distortion {name}", value)
-            object.__setattr__(self, name, tuple(float(v) for v in values))
-        if len(self.centre_px) != 2:
-            raise InputError(expectation("distortion centre_px", "(x, y)", self.centre_px, "correct it"))
+        values = check_tuple("distortion coefficients", self.coefficients)
+        object.__setattr__(self, "coefficients", values)
+        object.__setattr__(self, "centre_px", check_tuple("distortion centre (x, y) (px)", self.centre_px, 2))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.camera._checks import check_choice, check_number
+from lfcal.camera._checks import check_choice, check_number, check_tuple, check_type
 from lfcal.errors import InputError, expectation
 
 __all__ = ["LensType", "LensletLattice"]
@@ -33,9 +33,8 @@ class LensType:
         """Check every value."""
         check_number("lenslet focal length (µm)", self.focal_length_um, above=0)
         if self.depth_range is not None:
-            object.__setattr__(self, "depth_range", tuple(float(v) for v in self.depth_range))
-            near, far = self.depth_range
-            check_number("virtual depth, near", near)
+            near, far = check_tuple("virtual depths, near and far", self.depth_range, 2)
+            object.__setattr__(self, "depth_range", (near, far))
             check_number("virtual depth, far", far, above=near, remedy="the far end lies beyond the near end")
 
     @classmethod
@@ -106,12 +105,11 @@ class LensletLattice:
         check_number("lenslet pitch (µm)", self.pitch_um, above=0)
         check_number("lenslet-sensor gap (µm)", self.gap_um, above=0)
         check_number("lattice rotation (rad)", self.rotation_rad)
+        object.__setattr__(self, "offset_um", check_tuple("lattice offset (x, y) (µm)", self.offset_um, 2))
+        check_type("lens types", self.types, (tuple, list))
         object.__setattr__(self, "types", tuple(self.types))
-        object.__setattr__(self, "offset_um", tuple(float(v) for v in self.offset_um))
-        if len(self.offset_um) != 2:
-            raise InputError(expectation("lattice offset", "(x, y) in µm", self.offset_um, "correct it"))
-        for value in self.offset_um:
-            check_number("lattice offset (µm)", value)
+        for kind in self.types:
+            check_type("lens type", kind, LensType)
         if len(self.types) not in (1, 3) or (len(self.types) == 3 and self.kind == "square"):
             raise InputError(
                 expectation("lens types", "one, or three on a hexagonal array", len(self.types), "correct it")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.axes import Position, check_cutout
-from lfcal.camera._checks import check_choice, check_number
+from lfcal.camera._checks import check_choice, check_number, check_tuple, check_type
+from lfcal.camera._plan_checks import check_on_sensor, depths_of, set_depths, set_exposures
 from lfcal.camera.description import Camera, build
 from lfcal.camera.shadow import cutout_for
 from lfcal.camera.stage import StageAxes
@@ -75,12 +76,16 @@ class ScanPlan:
 
     def __post_init__(self) -> None:
         """Check every value, and that no cutout leaves the sensor."""
+        check_type("camera", self.camera, Camera)
+        check_type("stage axes", self.stage, StageAxes)
+        check_type("resample", self.resample, bool)
         for name in ("period", "cutout"):
-            object.__setattr__(self, name, _pair(name, getattr(self, name), integer=True))
+            value = check_tuple(f"{name} (rows, columns)", getattr(self, name), 2, integer=True, at_least=1)
+            object.__setattr__(self, name, value)
         check_cutout(*self.cutout)
-        object.__setattr__(self, "anchor", _pair("anchor", self.anchor, integer=False))
-        _set_depths(self)
-        _set_exposures(self)
+        object.__setattr__(self, "anchor", check_tuple("anchor (row, column)", self.anchor, 2))
+        set_depths(self)
+        set_exposures(self)
         check_choice("scan order", self.order, ("serpentine", "raster"))
         check_number("settle time (s)", self.settle_s, at_least=0)
         check_number("frames averaged", self.frames_averaged, at_least=1, at_most=100_000, integer=True)
@@ -89,7 +94,7 @@ class ScanPlan:
             tilt = f"{math.degrees(self.camera.lattice.tilt_rad):.2f}°"
             raise InputError(expectation("lattice rotation", "rows within 2° of a sensor axis", tilt,
                                          "turn the camera's lattice upright, or rotate the frames"))  # fmt: skip
-        _check_on_sensor(self)
+        check_on_sensor(self)
 
     # -- construction ----------------------------------------------------------------------------------
     @classmethod
@@ -124,7 +129,7 @@ class ScanPlan:
         InputError
             If no plan can be made of these.
         """
-        depths = _depths(camera, depths_um, virtual_depths)
+        depths = depths_of(camera, depths_um, virtual_depths)
         ny, nx = (max(1, round(length)) for length in camera.period_px)
         if cutout is None:
             cutout = cutout_for(camera, depths)
@@ -271,64 +276,3 @@ class ScanPlan:
         except (ValueError, RecursionError) as error:
             raise FileFormatError(expectation("scan plan", "JSON text", str(error), "check it")) from None
         return cls.from_dict(data)
-
-
-def _pair(name: str, value: Any, *, integer: bool) -> tuple[Any, Any]:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise InputError(expectation(name, "two numbers (rows, columns)", repr(value), "correct it"))
-    for number in value:
-        check_number(name, number, integer=integer, at_least=1 if integer else None)
-    return (int(value[0]), int(value[1])) if integer else (float(value[0]), float(value[1]))
-
-
-def _set_depths(plan: ScanPlan) -> None:
-    depths = plan.depths_um
-    if not isinstance(depths, list | tuple) or not depths:
-        raise InputError(expectation("depths (µm)", "one or more numbers", repr(depths), "give at least one plane"))
-    for z in depths:
-        check_number("depth (µm)", z)
-        plan.camera.step_um(float(z))
-    steps = np.diff(np.array(depths, float))
-    if steps.size and not (np.all(steps > 0) or np.all(steps < 0)):
-        raise InputError(expectation("depths (µm)", "rising or falling throughout", "another order or a repeated plane",
-                                     "sort them and remove repetitions"))  # fmt: skip
-    object.__setattr__(plan, "depths_um", tuple(float(z) for z in depths))
-
-
-def _set_exposures(plan: ScanPlan) -> None:
-    given, planes = plan.exposure_s, len(plan.depths_um)
-    exposures = tuple(given) if isinstance(given, list | tuple) else (given,) * planes
-    if len(exposures) != planes:
-        raise InputError(
-            expectation("exposures (s)", f"one, or one per plane ({planes})", len(exposures), "correct it")
-        )
-    for value in exposures:
-        check_number("exposure (s)", value, above=0)
-    object.__setattr__(plan, "exposure_s", tuple(float(v) for v in exposures))
-
-
-def _depths(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[float] | None) -> tuple[float, ...]:
-    if (depths is None) == (virtual is None):
-        raise InputError(expectation("depth planes", "depths in µm or virtual depths", "both or neither", "give one"))
-    values: Sequence[float] = tuple(depths if depths is not None else virtual or ())
-    for value in values:
-        check_number("depth", value)
-    return tuple(values) if depths is not None else tuple(camera.depth_of(v) for v in values)
-
-
-def _check_on_sensor(plan: ScanPlan) -> None:
-    """Raise unless the cutout of every position lies on the sensor; the anchor and step are plane-independent."""
-    factors = plan.resample_factors
-    for axis, name in enumerate(("row", "column")):
-        size = plan.camera.sensor.shape[axis]
-        half = (plan.cutout[axis] - 1) / 2 / factors[axis]
-        centres = np.floor(plan.anchor[axis] + 0.5) + np.arange(plan.period[axis]) / factors[axis]
-        outside = np.flatnonzero((centres - half < -0.5) | (centres + half > size - 0.5))
-        if outside.size:
-            k = int(outside[0])
-            place = Position(0, k, 0) if axis == 0 else Position(0, 0, k)
-            lo, hi = centres[k] - half, centres[k] + half
-            raise InputError(
-                expectation(f"cutout of position z={place.z}, y={place.y}, x={place.x}", f"{name}s 0 to {size - 1}",
-                            f"{lo:.0f} to {hi:.0f}", "move the anchor inwards or choose a smaller cutout")
-            )  # fmt: skip

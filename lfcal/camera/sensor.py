@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lfcal.camera._checks import check_number
+from lfcal.camera._checks import check_number, check_tuple, check_type
 from lfcal.errors import InputError, expectation
 
 __all__ = ["Sensor"]
@@ -56,11 +56,8 @@ class Sensor:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
-        if len(self.shape) != 2:
-            raise InputError(expectation("sensor shape", "(rows, columns)", self.shape, "correct it"))
-        for n in self.shape:
-            check_number("sensor pixels", n, at_least=1, at_most=200_000, integer=True)
+        shape = check_tuple("sensor shape (rows, columns)", self.shape, 2, at_least=1, at_most=200_000, integer=True)
+        object.__setattr__(self, "shape", shape)
         check_number("pixel pitch (µm)", self.pixel_um, above=0)
         check_number("bit depth", self.bit_depth, at_least=1, at_most=16, integer=True)
         check_number("full well (e-)", self.full_well_e, above=0)
@@ -70,6 +67,7 @@ class Sensor:
         check_number("PRNU", self.prnu, at_least=0, at_most=1)
         check_number("quantum efficiency", self.quantum_efficiency, above=0, at_most=1)
         check_number("fill factor", self.fill_factor, above=0, at_most=1)
+        check_type("colour filter pattern", self.cfa, str)
         side = {0: 0, 1: 1, 4: 2, 16: 4, 36: 6}.get(len(self.cfa))
         if side is None or any(letter not in CFA_LETTERS for letter in self.cfa):
             raise InputError(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera._checks import check_number
+from lfcal.camera._checks import check_tuple
 from lfcal.errors import InputError, expectation
 
 __all__ = ["StageAxes"]
@@ -44,11 +44,7 @@ class StageAxes:
         if {self.right[1], self.down[1], self.away[1]} != set(AXES):
             got = f"{self.right}, {self.down}, {self.away}"
             raise InputError(expectation("stage axes", "x, y and z once each", got, "correct them"))
-        if not isinstance(self.origin_um, list | tuple) or len(self.origin_um) != 3:
-            raise InputError(expectation("stage origin", "(x, y, z) in µm", repr(self.origin_um), "correct it"))
-        for value in self.origin_um:
-            check_number("stage origin (µm)", value)
-        object.__setattr__(self, "origin_um", tuple(float(v) for v in self.origin_um))
+        object.__setattr__(self, "origin_um", check_tuple("stage origin (x, y, z) (µm)", self.origin_um, 3))
 
     def matrix(self) -> NDArray[np.float64]:
         """Return the signed permutation ``(3, 3)``: stage (x, y, z) from object (right, down, away)."""

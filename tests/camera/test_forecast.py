@@ -1,0 +1,39 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lfcal.camera import Forecast, ScanPlan, preset
+from lfcal.errors import InputError
+
+
+def plan(**options: object) -> ScanPlan:
+    return ScanPlan(preset("r29"), (55, 95), (181, 181), (-50e3, -40e3), (2000.0, 3000.0), **options)  # type: ignore[arg-type]
+
+
+def test_counts_and_bytes_follow_from_the_shape() -> None:
+    cost = Forecast.of(plan(frames_averaged=3, exposure_s=(0.1, 0.2), settle_s=0.5))
+    n = 2 * 55 * 95
+    assert (cost.positions, cost.frames) == (n, 3 * n)
+    assert cost.exposure_hours == pytest.approx((0.1 + 0.2) * 3 * 5225 / 3600)
+    assert cost.settle_hours == pytest.approx(0.5 * n / 3600)
+    assert cost.frame_bytes == 3 * n * 4384 * 6576 * 2
+    assert cost.cutout_bytes == cost.h_uint16_bytes == n * 181 * 181 * 2
+    assert cost.h_float32_bytes == cost.ht_float32_bytes == np.zeros(1, np.float32).nbytes * n * 181 * 181
+    assert cost.assembly_bytes == 2 * 5225 * 181 * 181 * 4  # 1.37 GB: two planes of 685 MB
+    assert cost.hours == pytest.approx(cost.exposure_hours + cost.settle_hours + cost.move_hours)
+
+
+def test_moving_time_is_the_walked_way_over_the_speed() -> None:
+    scan = plan()
+    camera = scan.camera
+    lateral = sum((55 * 95 - 1) * camera.step_um(z) for z in scan.depths_um)
+    cost = Forecast.of(scan, stage_um_per_s=500.0)
+    assert cost.move_hours * 3600 * 500.0 == pytest.approx(lateral + 10e3, rel=1e-9)
+    back = Forecast.of(plan(order="raster"), stage_um_per_s=500.0)
+    assert 1.5 < back.move_hours / cost.move_hours < 2.0
+
+
+def test_a_stage_must_move() -> None:
+    with pytest.raises(InputError, match="stage speed"):
+        Forecast.of(plan(), stage_um_per_s=0.0)

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lfcal.camera import LensletLattice, LensType
+from lfcal.errors import InputError
+
+THREE = (LensType(1000.0), LensType(1100.0), LensType(1200.0))
+
+
+@pytest.mark.parametrize("step", [1, 2])
+@pytest.mark.parametrize("rotation", [0.0, 0.3, math.pi / 2, -2.0])
+def test_neighbours_differ_and_the_cell_repeats(step: int, rotation: float) -> None:
+    lattice = LensletLattice("hexagonal", 31.7, 150.0, THREE, rotation, (3.0, -4.0), type_step=step)
+    q, r = (v.ravel() for v in np.meshgrid(np.arange(-9, 10), np.arange(-9, 10)))
+    centres, types = lattice.centres_um(q, r), lattice.type_of(q, r)
+    distance = np.hypot(*(centres[:, None] - centres[None]).transpose(2, 0, 1))
+    near = (distance > 1e-6) & (distance < 1.01 * 31.7)
+    assert near.sum(1).max() == 6
+    assert not np.any(near & (types[:, None] == types[None]))
+    assert lattice.type_of(0, 0) == 0 and lattice.type_of(1, 0) == step
+
+
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+@pytest.mark.parametrize("turns", [0, 1, 2, -1])
+def test_the_period_maps_lenslets_onto_lenslets_of_their_type(kind: str, turns: int) -> None:
+    types = THREE if kind == "hexagonal" else THREE[:1]
+    lattice = LensletLattice(kind, 30.0, 150.0, types, turns * math.pi / 2, (5.0, 2.0), row_pitch_um=27.0)
+    centres, kinds = lattice.lenslets_within(400.0, 400.0)
+    dy, dx = lattice.period_um
+    inner = np.abs(centres).max(1) < 200
+    for shift in ((dx, 0.0), (0.0, dy)):
+        distance = np.hypot(*(centres[None] - (centres[inner] + shift)[:, None]).transpose(2, 0, 1))
+        assert distance.min(1).max() < 1e-9
+        assert np.array_equal(kinds[distance.argmin(1)], kinds[inner])
+    assert lattice.quarter_turns == turns and abs(lattice.tilt_rad) < 1e-12
+
+
+def test_no_smaller_rectangle_repeats_the_types() -> None:
+    lattice = LensletLattice("hexagonal", 30.0, 150.0, THREE)
+    centres, kinds = lattice.lenslets_within(300.0, 300.0)
+    zero = centres[kinds == 0]
+    dy, dx = lattice.period_um
+    on_row = zero[np.abs(zero[:, 1]) < 1e-6][:, 0]
+    on_column = zero[np.abs(zero[:, 0]) < 1e-6][:, 1]
+    assert np.diff(np.sort(on_row)).min() == pytest.approx(dx)
+    assert np.diff(np.sort(on_column)).min() == pytest.approx(dy)
+
+
+def test_rotation_turns_from_right_to_down() -> None:
+    basis = LensletLattice("square", 10.0, 50.0, THREE[:1], rotation_rad=0.1).basis_um()
+    assert basis[0] == pytest.approx([10 * math.cos(0.1), 10 * math.sin(0.1)])
+    assert basis[1] == pytest.approx([-10 * math.sin(0.1), 10 * math.cos(0.1)])
+
+
+def test_lenslets_within_a_box_are_all_there() -> None:
+    lattice = LensletLattice("hexagonal", 7.0, 50.0, THREE, 0.2, (1.0, 2.0))
+    q, r = (v.ravel() for v in np.meshgrid(np.arange(-60, 61), np.arange(-60, 61)))
+    every = lattice.centres_um(q, r)
+    inside = (np.abs(every[:, 0] - 20) <= 50) & (np.abs(every[:, 1] + 10) <= 30)
+    got, types = lattice.lenslets_within(50.0, 30.0, (20.0, -10.0))
+    assert np.array_equal(np.sort(got, axis=0), np.sort(every[inside], axis=0))
+    assert np.bincount(types).sum() == inside.sum()
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"kind": "cubic"},
+        {"pitch_um": 0.0},
+        {"pitch_um": math.nan},
+        {"pitch_um": "31"},
+        {"gap_um": -1.0},
+        {"types": THREE[:2]},
+        {"kind": "square", "types": THREE},
+        {"offset_um": (1.0,)},
+        {"offset_um": (1.0, math.inf)},
+        {"clear_um": 400.0},
+        {"row_pitch_um": 0.0},
+        {"type_step": 0},
+        {"type_step": 3},
+        {"rotation_rad": math.inf},
+    ],
+)
+def test_bad_values_are_refused_in_one_line(values: dict[str, object]) -> None:
+    with pytest.raises(InputError) as caught:
+        LensletLattice(**values)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value) and "expected" in str(caught.value)
+
+
+@pytest.mark.parametrize("v", [2.0, 5.0, -3.0, math.inf])
+def test_focus_depth_inverts_focused_at(v: float) -> None:
+    assert LensType.focused_at(v, 870.0).focus_depth(870.0) == pytest.approx(v)
+
+
+@pytest.mark.parametrize("v", [0.0, 0.5, 1.0])
+def test_no_lenslet_focuses_between_itself_and_the_sensor(v: float) -> None:
+    with pytest.raises(InputError, match="virtual depth in focus"):
+        LensType.focused_at(v, 870.0)

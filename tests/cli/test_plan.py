@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lfcal.camera import ScanPlan, preset
+from lfcal.cli import main
+from lfcal.cli.plan import load_camera, parse_depths, parse_pair
+from lfcal.errors import InputError
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run ``lfcal`` in this process; return exit code, output and errors."""
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["lfcal", *arguments])
+        with pytest.raises(SystemExit) as stop:
+            main()
+            raise SystemExit(0)
+        out, err = capsys.readouterr()
+        return int(stop.value.code or 0), out, err
+
+    return call
+
+
+def test_the_table_shows_the_cell_and_the_cost(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    code, out, err = run("plan", "r29", "--virtual-depths", "1.1:5.5:0.44", "--cutout", "181", "-o", str(path))
+    assert (code, err) == (0, "")
+    for shown in ("95.100 × 54.906 px", "95 × 55 = 5225", "+0.100, -0.094 px", "57475", "181 × 181 px", "7.5 GB"):
+        assert shown in out
+    plan = ScanPlan.from_json(path.read_text(encoding="utf-8"))
+    assert plan.shape == (11, 55, 95, 181, 181)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_json_holds_numbers_and_the_plan(run: Run) -> None:
+    code, out, _ = run("plan", "lfm_60x12", "--depths", "-10um:10um:5", "--resample", "--json")
+    data: dict[str, Any] = json.loads(out)
+    assert code == 0
+    assert data["depths_um"] == [-10, -5, 0, 5, 10]
+    assert data["resample_factors"] == pytest.approx([0.975, 0.975])
+    assert data["forecast"]["positions"] == 5 * 15 * 15
+    assert ScanPlan.from_dict(data["plan"]).resample
+
+
+def test_options_reach_the_plan(run: Run) -> None:
+    code, out, _ = run(
+        *("plan", "bench", "--depths", "-2mm,1mm", "--cutout", "31,33", "--anchor", "60.5,70", "--order", "raster"),
+        *("--stage", "-y,+x,-z", "--exposure", "0.3", "--settle", "0.2", "--average", "4", "--json"),
+    )
+    assert code == 0
+    plan = ScanPlan.from_dict(json.loads(out)["plan"])
+    assert plan.depths_um == (-2000.0, 1000.0) and plan.cutout == (31, 33) and plan.anchor == (60.5, 70.0)
+    assert (plan.stage.right, plan.stage.down, plan.stage.away) == ("-y", "+x", "-z")
+    assert plan.order == "raster" and plan.exposures == (0.3, 0.3)
+    assert plan.settle_s == 0.2 and plan.frames_averaged == 4
+
+
+def test_a_camera_from_a_file(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(preset("bench").to_json())
+    assert load_camera(str(path)) == preset("bench")
+    code, out, _ = run("plan", str(path), "--virtual-depths", "3")
+    assert code == 0 and "33 × 19 = 627" in out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("r29",),
+        ("r29", "--depths", "1", "--virtual-depths", "2"),
+        ("nowhere", "--depths", "1"),
+        ("r29", "--depths", "one"),
+        ("r29", "--depths", "1:2"),
+        ("r29", "--depths", "1:2:0"),
+        ("r29", "--depths", "2:1:1"),
+        ("r29", "--depths", "0:1e9:1"),
+        ("r29", "--depths", "1,nan"),
+        ("r29", "--virtual-depths", "2mm"),
+        ("r29", "--virtual-depths", "-80"),
+        ("r29", "--depths", "0", "--cutout", "180"),
+        ("r29", "--depths", "0", "--cutout", "31.5"),
+        ("r29", "--depths", "0", "--cutout", "a"),
+        ("r29", "--depths", "0", "--anchor", "1,2,3"),
+        ("r29", "--depths", "0", "--anchor", "0,0"),
+        ("r29", "--depths", "0", "--stage", "+x,+y"),
+        ("r29", "--depths", "0", "--stage", "+x,+x,+z"),
+        ("r29", "--depths", "0", "--order", "spiral"),
+        ("r29", "--depths", "0", "--exposure", "0"),
+        ("r29", "--depths", "0", "--speed", "-1"),
+        ("r29", "--depths", "0", "-o", "/proc/nowhere/plan.json"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(run: Run, arguments: tuple[str, ...]) -> None:
+    code, out, err = run("plan", *arguments)
+    assert code == 2 and out == ""
+    assert len(err.strip().splitlines()) == 1 and err.startswith("lfcal: ")
+
+
+def test_camera_files_that_are_none(run: Run, tmp_path: Path) -> None:
+    for name, data in (("a.json", b"{}"), ("b.json", b"\xff\xfe\x00"), ("c.xml", b"<x/>"), ("d.json", b"[" * 90_000)):
+        (tmp_path / name).write_bytes(data)
+        code, _, err = run("plan", str(tmp_path / name), "--depths", "0")
+        assert code == 2 and len(err.strip().splitlines()) == 1
+
+
+def test_planes_are_parsed() -> None:
+    assert parse_depths("1, 2,-3e1", lengths=True) == (1.0, 2.0, -30.0)
+    assert parse_depths("-1mm:1mm:500um", lengths=True) == (-1000.0, -500.0, 0.0, 500.0, 1000.0)
+    assert parse_depths("2:5.5:0.35", lengths=False) == pytest.approx([2 + 0.35 * k for k in range(11)])
+    assert parse_depths("0.1:0.7:0.1", lengths=False)[-1] == pytest.approx(0.7)
+    assert parse_depths("3:1:-1", lengths=False) == (3.0, 2.0, 1.0)
+    assert parse_pair("181", "cutout") == (181.0, 181.0) and parse_pair("5x7", "cutout") == (5.0, 7.0)
+    with pytest.raises(InputError):
+        parse_pair("", "cutout")
