@@ -1,11 +1,13 @@
 """Where frames come from and how they are cleaned.
 
 - ``source``: the protocol all frames share
-- ``stack``: frames of one array, memory map or dataset
+- ``opening``: recorded frames with their positions, from wherever they lie
+- ``folder``, ``stack``: frames in files, and in one array
+- ``images``: files told by their first bytes; ``png``, ``tiff``, ``pgm``, ``npy``, ``hdf5``, ``raw`` read them
+- ``manifest``, ``manifest_file``, ``positions``: which frame was taken where
 - ``regions``: parts of a frame, read without the rest where the source can
-- ``cfa``: colour filter patterns
-- ``steps``, ``defects``, ``background``: single corrections
-- ``corrections``: the ordered chain of them
+- ``cfa``, ``channels``: colour filter patterns, and mosaics by channel
+- ``steps``, ``defects``, ``background``: single corrections; ``corrections``: the ordered chain of them
 - ``corrected_source``: a source seen through a chain
 """
 
@@ -16,9 +18,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lfcal.frames.background import Background
+    from lfcal.frames.channels import BalancedSource, ChannelSource, balanced_source, channel_source
     from lfcal.frames.corrected_source import CorrectedSource, corrected
     from lfcal.frames.corrections import CorrectionChain
     from lfcal.frames.defects import Defects
+    from lfcal.frames.folder import FolderSource
+    from lfcal.frames.images import open_image, read_image
+    from lfcal.frames.manifest import FrameEntry, Manifest
+    from lfcal.frames.manifest_file import read_manifest, write_manifest
+    from lfcal.frames.opening import open_frames
+    from lfcal.frames.positions import NamePattern, scan_positions
     from lfcal.frames.regions import read_region
     from lfcal.frames.source import FrameSource, Position
     from lfcal.frames.stack import ArraySource, frame_drift, frame_exposure
@@ -27,37 +36,65 @@ if TYPE_CHECKING:
 _HOME = {
     "ArraySource": "stack",
     "Background": "background",
+    "BalancedSource": "channels",
+    "ChannelSource": "channels",
     "CorrectedSource": "corrected_source",
     "CorrectionChain": "corrections",
     "Dark": "steps",
     "Defects": "defects",
     "Exposure": "steps",
+    "FolderSource": "folder",
+    "FrameEntry": "manifest",
     "FrameSource": "source",
+    "Manifest": "manifest",
+    "NamePattern": "positions",
     "Position": "source",
     "White": "steps",
     "average_frames": "steps",
+    "balanced_source": "channels",
+    "channel_source": "channels",
     "corrected": "corrected_source",
     "frame_drift": "stack",
     "frame_exposure": "stack",
+    "open_frames": "opening",
+    "open_image": "images",
+    "read_image": "images",
+    "read_manifest": "manifest_file",
     "read_region": "regions",
+    "scan_positions": "positions",
+    "write_manifest": "manifest_file",
 }
 
 __all__ = [
     "ArraySource",
     "Background",
+    "BalancedSource",
+    "ChannelSource",
     "CorrectedSource",
     "CorrectionChain",
     "Dark",
     "Defects",
     "Exposure",
+    "FolderSource",
+    "FrameEntry",
     "FrameSource",
+    "Manifest",
+    "NamePattern",
     "Position",
     "White",
     "average_frames",
+    "balanced_source",
+    "channel_source",
     "corrected",
     "frame_drift",
     "frame_exposure",
+    "open_frames",
+    "open_image",
+    "read_image",
+    "read_manifest",
     "read_region",
+    "scan_positions",
+    "write_manifest",
 ]
 
 

@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from lfcal.errors import InputError, LfcalError, expectation
 from lfcal.frames.corrections import CorrectionChain
+from lfcal.frames.delegate import SourceView
 from lfcal.frames.regions import Region, check_region, grow_region, read_region, whole
-from lfcal.frames.source import FrameSource, Position
-from lfcal.frames.stack import frame_drift, frame_exposure
+from lfcal.frames.source import FrameSource
+from lfcal.frames.stack import frame_exposure
 
 __all__ = ["CorrectedSource", "corrected"]
 
 
-class CorrectedSource:
+class CorrectedSource(SourceView):
     """Corrected float32 frames of ``source``; a region costs no more than the region and its margin."""
 
     def __init__(self, source: FrameSource, chain: CorrectionChain) -> None:
@@ -29,13 +30,8 @@ class CorrectedSource:
             )  # fmt: skip
         if chain.saturation is None and source.metadata.get("saturation") is not None:
             chain = replace(chain, saturation=float(source.metadata["saturation"]))
-        self.source = source
+        super().__init__(source)
         self.chain = chain
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of every frame."""
-        return self.source.shape
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -46,26 +42,6 @@ class CorrectedSource:
     def metadata(self) -> Mapping[str, Any]:
         """The raw frames' metadata with the ``corrections`` described."""
         return {**self.source.metadata, "corrections": self.chain.describe()}
-
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return len(self.source)
-
-    def position(self, index: int) -> Position:
-        """Return the scan position of frame ``index``."""
-        return self.source.position(index)
-
-    def exposure_s(self, index: int) -> float | None:
-        """Return the exposure of frame ``index`` (s), or None."""
-        return frame_exposure(self.source, index)
-
-    def drift(self, index: int) -> tuple[float, float]:
-        """Return the drift ``(dy, dx)`` of frame ``index`` (px)."""
-        return frame_drift(self.source, index)
-
-    def label(self, index: int) -> str:
-        """Return the name of the raw frame."""
-        return self.source.label(index)
 
     def read(self, index: int) -> NDArray[np.float32]:
         """Return frame ``index`` corrected."""

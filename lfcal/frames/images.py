@@ -26,6 +26,8 @@ RAW_SUFFIXES = frozenset(
 )
 """Names of camera RAW files; they are told by name, as most look like TIFF inside."""
 
+HDF5_SUFFIXES = frozenset({".h5", ".hdf5", ".mat"})
+
 IMAGE_SUFFIXES = frozenset({".tif", ".tiff", ".png", ".pgm", ".npy"} | RAW_SUFFIXES)
 """Names of the files that are looked for in a folder."""
 
@@ -75,11 +77,11 @@ class ImageFile(ABC):
         return page
 
 
-def open_image(path: str | os.PathLike[str], *, colour: str | None = None) -> ImageFile:
+def open_image(path: str | os.PathLike[str], *, colour: str | None = None, dataset: str | None = None) -> ImageFile:
     """Open an image file of pages, each one frame.
 
-    16-bit and other grey TIFF (single and multi-page), PNG, PGM, ``.npy`` arrays, and camera RAW (the mosaic as it
-    is). The kind is told by the first bytes, not by the name, except for camera RAW.
+    16-bit and other grey TIFF (single and multi-page), PNG, PGM, ``.npy`` arrays, HDF5 stacks, and camera RAW (the
+    mosaic as it is). The kind is told by the first bytes, not by the name, except for camera RAW.
 
     Parameters
     ----------
@@ -88,6 +90,8 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None) -> Im
     colour
         ``"R"``, ``"G"`` or ``"B"``: the component taken of a lossless colour image. Without it a colour image is
         refused, as its samples have been through a camera's processing.
+    dataset
+        The stack of an HDF5 file; None takes ``frames`` or the only one.
 
     Raises
     ------
@@ -118,11 +122,17 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None) -> Im
         from lfcal.frames.npy import NpyImage
 
         return NpyImage(path)
+    if head.startswith(b"\x89HDF") or path.suffix.lower() in HDF5_SUFFIXES:
+        from lfcal.frames.hdf5 import Hdf5Image
+
+        return Hdf5Image(path, dataset)
     if head[:2] == b"P5":
         from lfcal.frames.pgm import PgmImage
 
         return PgmImage(path)
-    raise FileFormatError(expectation(str(path), "TIFF, PNG, PGM, NPY or camera RAW", _guess(head), _remedy(head)))
+    raise FileFormatError(
+        expectation(str(path), "TIFF, PNG, PGM, NPY, HDF5 or camera RAW", _guess(head), _remedy(head))
+    )
 
 
 def read_image(path: str | os.PathLike[str], page: int = 0, *, colour: str | None = None) -> NDArray[Any]:
@@ -146,7 +156,6 @@ def _head(path: Path) -> bytes:
 
 _KINDS = {
     b"\xff\xd8": "a JPEG picture",
-    b"\x89HDF": "an HDF5 file",
     b"BM": "a BMP picture",
     b"GIF8": "a GIF picture",
     b"PK": "a ZIP or .npz archive",
@@ -162,8 +171,6 @@ def _guess(head: bytes) -> str:
 def _remedy(head: bytes) -> str:
     if head.startswith(b"\xff\xd8"):
         return "JPEG loses what calibration needs; record RAW, 16-bit TIFF or PNG"
-    if head.startswith(b"\x89HDF"):
-        return "name the file itself, not a folder of such files"
     return "convert it without loss to 16-bit TIFF or PNG"
 
 

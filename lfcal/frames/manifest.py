@@ -193,8 +193,11 @@ def resolve_inside(root: str | os.PathLike[str], name: str) -> Path:
     StorageError
         If there is no such file.
     """
-    base = Path(root).resolve()
-    path = (base / name).resolve()
+    try:
+        base = Path(root).resolve()
+        path = (base / name).resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise StorageError(f"{name}: the path cannot be followed; check it and its links") from error
     if not path.is_relative_to(base):
         raise UnsafeFileError(
             expectation(f"file of a frame {name!r}", f"a path inside {base}", "one that leads out",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError, UnsafeFileError, expectation
 from lfcal.frames.images import ImageFile, decoding
+from lfcal.frames.regions import check_region
 
 __all__ = ["NpyImage"]
 
@@ -51,5 +52,6 @@ class NpyImage(ImageFile):
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
         """Return a copy of a part of one frame."""
+        rows, columns = check_region((rows, columns), self.shape)
         at = np.unravel_index(self.check_page(page), self._lead) if self._lead else ()
         return np.array(self._array[(*(int(k) for k in at), rows, columns)], self.dtype, order="C")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lfcal.errors import FileFormatError, expectation
 from lfcal.files import storage_errors
 from lfcal.frames.images import ImageFile, check_declared
+from lfcal.frames.regions import check_region
 
 __all__ = ["PgmImage"]
 
@@ -52,6 +53,7 @@ class PgmImage(ImageFile):
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
         """Return the part ``[rows, columns]`` of the frame."""
         self.check_page(page)
+        rows, columns = check_region((rows, columns), self.shape)
         with storage_errors(self.path), self.path.open("rb") as file:
             file.seek(self._offset + rows.start * self.shape[1] * self._stored.itemsize)
             count = (rows.stop - rows.start) * self.shape[1]

@@ -1,0 +1,250 @@
+"""Frames in files of a session folder, as its manifest lists them."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera._checks import check_choice
+from lfcal.errors import FileFormatError, InputError, expectation
+from lfcal.frames.images import ImageFile, open_image
+from lfcal.frames.manifest import Manifest, resolve_inside
+from lfcal.frames.regions import check_region
+from lfcal.frames.source import Position
+from lfcal.frames.stack import check_index
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["FolderSource", "check_frame"]
+
+MAX_OPEN = 128
+"""Files of many pages that are kept open at once."""
+
+
+def check_frame(
+    frame: NDArray[Any], name: str, *, nan: str = "reject", blank: str = "reject", bit_depth: int | None = None
+) -> NDArray[Any]:
+    """Return ``frame`` if its values can be those of a sensor; readers hand over much else without a word.
+
+    Parameters
+    ----------
+    frame
+        Values just read; changed in place where ``nan`` is ``"mask"``.
+    name
+        Named in messages.
+    nan
+        ``"reject"`` frames of floats with NaN or infinity, or ``"mask"`` them: infinity becomes NaN too, which
+        `Defects` repairs.
+    blank
+        ``"reject"`` frames that hold one value only, or ``"accept"`` them.
+    bit_depth
+        Bits that a sample may use; None: all of its type.
+
+    Raises
+    ------
+    FileFormatError
+        With the name and what is wrong.
+    """
+    if frame.dtype.kind == "f":
+        bad = ~np.isfinite(frame)
+        count = int(np.count_nonzero(bad))
+        if count and nan == "reject":
+            raise FileFormatError(
+                expectation(name, "finite values", f"{count} NaN or infinite", "take the frame again, or mask them")
+            )
+        if count:
+            frame[bad] = np.nan
+    first = frame[0, 0]
+    if blank == "reject" and (frame[::61, ::53] == first).all() and (frame == first).all() and frame.size > 1:
+        raise FileFormatError(
+            expectation(name, "an image", f"the value {first} in every pixel", "check shutter and lamp; take it again")
+        )
+    if bit_depth is not None and frame.max() >= 1 << bit_depth:
+        raise FileFormatError(
+            expectation(name, f"values below {1 << bit_depth} ({bit_depth} bits)", frame.max(),
+                        "correct the bit depth, or shift left-aligned samples")
+        )  # fmt: skip
+    return frame
+
+
+class FolderSource:
+    """The frames that a manifest lists in the files of a folder.
+
+    Files are opened as they are needed; those of many pages stay open until `close`. The first frame, or the
+    manifest where it says so, sets shape, dtype and colour filter; every other frame is held to them.
+
+    Parameters
+    ----------
+    root
+        Session folder; no file outside it is opened.
+    manifest
+        Which frame is where.
+    colour, dataset
+        As in `open_image`.
+    nan, blank
+        As in `check_frame`.
+
+    Raises
+    ------
+    LfcalError
+        If a file is missing or outside the folder, or the first frame is not what the manifest says.
+    """
+
+    def __init__(
+        self,
+        root: Path,
+        manifest: Manifest,
+        *,
+        colour: str | None = None,
+        dataset: str | None = None,
+        nan: str = "reject",
+        blank: str = "reject",
+    ) -> None:
+        check_choice("NaN in frames", nan, ("reject", "mask"))
+        check_choice("blank frames", blank, ("reject", "accept"))
+        self.root = Path(root)
+        self.manifest = manifest
+        self._options = {"colour": colour, "dataset": dataset}
+        self._nan, self._blank = nan, blank
+        uses = Counter(entry.file for entry in manifest.entries)
+        self._paths = {name: resolve_inside(self.root, name) for name in uses}
+        self._many = {name for name, count in uses.items() if count > 1}
+        self._open: dict[str, ImageFile] = {}
+        self._lock = threading.Lock()
+        self._finalizer = weakref.finalize(self, _close_all, self._open)
+        self._shape, self._dtype, self._metadata = self._look()
+
+    def _look(self) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
+        """Return shape, dtype and metadata as the first frame and the manifest have them."""
+        manifest, name = self.manifest, self.manifest.entries[0].file
+        with self._image(name) as image:
+            shape, dtype = manifest.shape or image.shape, np.dtype(manifest.dtype or image.dtype)
+            found = {key: value for key, value in image.metadata.items() if key not in ("positions", "exposure_s")}
+            if manifest.cfa and not found.get("cfa"):
+                found["cfa"] = manifest.cfa
+            self._check_kind(name, image, shape, dtype, manifest.cfa)
+        if manifest.bit_depth is not None:
+            found["bit_depth"] = manifest.bit_depth
+        if found.get("bit_depth"):
+            found.setdefault("saturation", float((1 << found["bit_depth"]) - 1))
+        if manifest.plan_shape is not None:
+            found["plan_shape"] = manifest.plan_shape
+        return shape, dtype, {**found, "origin": str(self.root)}
+
+    def _check_kind(self, name: str, image: ImageFile, shape: tuple[int, int], dtype: np.dtype[Any], cfa: str) -> None:
+        """Raise unless ``image`` has the shape, dtype and colour filter of all frames."""
+        for what, wanted, got in (("shape", shape, image.shape), ("samples", dtype, image.dtype)):
+            if wanted != got:
+                raise FileFormatError(
+                    expectation(f"{name}, {what}", wanted, got, "take all frames with one setting, or leave it out")
+                )
+        own = image.metadata.get("cfa", cfa)
+        if cfa and own != cfa:
+            raise FileFormatError(
+                expectation(f"{name}, colour filter", cfa, own or "none", "correct its Bayer tag or the manifest")
+            )
+
+    @contextmanager
+    def _image(self, name: str) -> Iterator[ImageFile]:
+        """Give the opened file, from those kept open where it has many frames."""
+        if name not in self._many or (len(self._open) >= MAX_OPEN and name not in self._open):
+            image = open_image(self._paths[name], **self._options)
+            try:
+                yield image
+            finally:
+                image.close()
+            return
+        with self._lock:
+            if not self._finalizer.alive:
+                raise InputError(f"{self.root}: these frames are closed; open them again")
+            if name not in self._open:
+                self._open[name] = open_image(self._paths[name], **self._options)
+            image = self._open[name]
+        yield image
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of every frame."""
+        return self._shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Sample type of every frame."""
+        return self._dtype
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """What the first file and the manifest say: ``cfa``, ``bit_depth``, ``saturation``, ``gains``, ``origin`` …."""
+        return self._metadata
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.manifest.entries)
+
+    def position(self, index: int) -> Position:
+        """Return the scan position of frame ``index``."""
+        return self.manifest.entries[check_index(index, len(self))].position
+
+    def exposure_s(self, index: int) -> float | None:
+        """Return the exposure of frame ``index`` (s), or None."""
+        return self.manifest.entries[check_index(index, len(self))].exposure_s
+
+    def drift(self, index: int) -> tuple[float, float]:
+        """Return the drift ``(dy, dx)`` of frame ``index`` (px)."""
+        entry = self.manifest.entries[check_index(index, len(self))]
+        return entry.dy, entry.dx
+
+    def label(self, index: int) -> str:
+        """Return the file's name, with the page where the file has several frames."""
+        entry = self.manifest.entries[check_index(index, len(self))]
+        return f"{entry.file} page {entry.page}" if entry.file in self._many else entry.file
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return frame ``index`` as a new array, checked by `check_frame`."""
+        entry = self.manifest.entries[check_index(index, len(self))]
+        with self._image(entry.file) as image:
+            self._check_kind(self.label(index), image, self._shape, self._dtype, self._metadata.get("cfa", ""))
+            frame = image.read(entry.page)
+        bits = self._metadata.get("bit_depth")
+        return check_frame(frame, self.label(index), nan=self._nan, blank=self._blank, bit_depth=bits)
+
+    def read_region(self, index: int, rows: slice, columns: slice) -> NDArray[Any]:
+        """Return the part ``[rows, columns]`` of frame ``index``; no more is read than the file's kind asks for."""
+        rows, columns = check_region((rows, columns), self._shape)
+        entry = self.manifest.entries[check_index(index, len(self))]
+        with self._image(entry.file) as image:
+            self._check_kind(self.label(index), image, self._shape, self._dtype, self._metadata.get("cfa", ""))
+            part = image.read_region(entry.page, rows, columns)
+        return check_frame(part, self.label(index), nan=self._nan, blank="accept",
+                           bit_depth=self._metadata.get("bit_depth"))  # fmt: skip
+
+    def close(self) -> None:
+        """Close the files that are kept open."""
+        with self._lock:
+            self._finalizer()
+
+    def __enter__(self) -> FolderSource:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the files."""
+        self.close()
+
+
+def _close_all(images: dict[str, ImageFile]) -> None:
+    for image in images.values():
+        image.close()
+    images.clear()
