@@ -1,0 +1,144 @@
+"""Aberrations of the main lens as wavefronts on its pupil."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from lfcal.simulate.effects.base import Estimate, SceneEffect
+from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.scene import Scene, Wavefront, seidel
+
+__all__ = ["Coma", "Spherical", "Zernike"]
+
+
+def _mean_shift(outlook: Outlook, rim_slope: float) -> float:
+    """Return the mean spot shift (pixels) for a wavefront whose slope at the rim is ``rim_slope`` waves per radius.
+
+    A slope of g waves per pupil radius bends a ray by 2 Nw g lambda at the array's distance a, which moves the
+    spot by 2 Nw g lambda / |v| on the sensor.
+    """
+    shift = 2 * outlook.f_number * rim_slope * outlook.wavelength_um / abs(outlook.virtual_depth)
+    return shift / outlook.pixel_um
+
+
+def _add(scene: Scene, terms: Wavefront) -> Scene:
+    return replace(scene, wavefront=scene.wavefront + terms)
+
+
+@dataclass(frozen=True, slots=True)
+class Spherical(SceneEffect):
+    """Third-order spherical aberration W040 rho^4.
+
+    Attributes
+    ----------
+    waves
+        W040 at the rim of the pupil (wavelengths).
+    """
+
+    waves: float = 0.25
+
+    name: ClassVar[str] = "spherical"
+    title: ClassVar[str] = "spherical aberration"
+    cost: ClassVar[str] = "FFT per plane"
+    deviation: ClassVar[bool] = True
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the area-mean spot shift, 0.4 of the rim's 8 Nw W lambda / v, and the light it moves."""
+        shift = 0.4 * _mean_shift(outlook, 4 * abs(self.waves))
+        return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 0.4 * 8 Nw W lambda/v")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the aberration on its pupil."""
+        del outlook
+        return _add(scene, seidel(spherical=self.waves))
+
+
+@dataclass(frozen=True, slots=True)
+class Coma(SceneEffect):
+    """Third-order coma W131 rho³ cos(theta - angle), linear in the field.
+
+    Attributes
+    ----------
+    waves
+        W131 at the rim of the pupil for the region that is simulated (wavelengths).
+    angle_rad
+        Direction of the field point from +x towards +y (rad).
+    """
+
+    waves: float = 0.25
+    angle_rad: float = 0.0
+
+    name: ClassVar[str] = "coma"
+    title: ClassVar[str] = "coma"
+    cost: ClassVar[str] = "FFT per plane"
+    deviation: ClassVar[bool] = True
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the rms spot shift: the gradient's rms over the pupil is 1.29 W per radius."""
+        shift = _mean_shift(outlook, 1.29 * abs(self.waves))
+        return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 2 Nw * 1.29 W lambda/v")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the aberration on its pupil."""
+        del outlook
+        return _add(scene, seidel(coma=self.waves, angle_rad=self.angle_rad))
+
+
+@dataclass(frozen=True, slots=True)
+class Zernike(SceneEffect):
+    """Any aberration as Zernike terms.
+
+    Attributes
+    ----------
+    terms
+        ``(n, m, waves)``: R_n^|m|(rho) cos(m theta), sin for m < 0; value ``waves`` at the rim.
+    """
+
+    terms: Wavefront = ()
+
+    name: ClassVar[str] = "zernike"
+    title: ClassVar[str] = "measured wavefront"
+    cost: ClassVar[str] = "FFT per plane"
+    deviation: ClassVar[bool] = True
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the rms wavefront and the spot shift from the rms of its gradient over the pupil."""
+        rms, slope = wavefront_rms(self.terms)
+        return Estimate(rms, "waves rms", outlook.moved(_mean_shift(outlook, slope)), "shift 2 Nw |grad W| lambda/v")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the wavefront on its pupil."""
+        del outlook
+        return _add(scene, self.terms)
+
+
+def wavefront_rms(terms: Wavefront) -> tuple[float, float]:
+    """Return the rms of a wavefront about its mean and of its gradient per radius (waves), by quadrature."""
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    rho = (nodes + 1) / 2
+    area = weights * rho  # sums to 1: the mean over the disc is twice the integral over rho d rho
+    theta = 2 * math.pi * np.arange(128) / 128
+    value, radial, turning = (np.zeros((24, 128)) for _ in range(3))
+    for n, m, waves in terms:
+        poly = _radial(n, abs(m))
+        r, slope = poly(rho)[:, None], poly.deriv()(rho)[:, None]
+        wave, turned = (np.cos, -np.sin(m * theta)) if m >= 0 else (np.sin, np.cos(m * theta))
+        value += waves * r * wave(abs(m) * theta)
+        radial += waves * slope * wave(abs(m) * theta)
+        turning += waves * r / rho[:, None] * abs(m) * turned
+    mean = float(area @ value.mean(1))
+    variance = float(area @ (value**2).mean(1)) - mean**2
+    return math.sqrt(max(0.0, variance)), math.sqrt(float(area @ (radial**2 + turning**2).mean(1)))
+
+
+def _radial(n: int, m: int) -> np.polynomial.Polynomial:
+    """Return the radial polynomial R_n^m (Born & Wolf 9.2.1, eq. 5)."""
+    coefficients = np.zeros(n + 1)
+    for k in range((n - m) // 2 + 1):
+        down = math.factorial(k) * math.factorial((n + m) // 2 - k) * math.factorial((n - m) // 2 - k)
+        coefficients[n - 2 * k] = (-1) ** k * math.factorial(n - k) / down
+    return np.polynomial.Polynomial(coefficients)

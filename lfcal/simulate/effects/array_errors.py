@@ -1,0 +1,123 @@
+"""Effects of the lenslet array's place: telecentricity, gap, rotation and pitch."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from lfcal.camera import Microscope
+from lfcal.simulate.effects.base import Estimate, SceneEffect
+from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.scene import Scene
+
+__all__ = ["ArrayRotation", "LensletGap", "PitchError", "Telecentricity"]
+
+
+@dataclass(frozen=True, slots=True)
+class Telecentricity(SceneEffect):
+    """The main lens at a finite distance: micro-images are farther apart than lenslets, by 1 + B/b.
+
+    Without it the pupil lies at infinity and the micro-images have the lenslets' own pitch.
+    """
+
+    name: ClassVar[str] = "telecentricity"
+    title: ClassVar[str] = "loss of telecentricity"
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the growth of the period, and the spots' rms shift over the lit lenslets of the region."""
+        optics = outlook.camera.optics
+        if isinstance(optics, Microscope):
+            return Estimate(0.0, "px", 0.0, "telecentric")
+        excess = outlook.gap_um / optics.image_distance_um
+        period = max(outlook.camera.period_px) * excess
+        return Estimate(period, "px", outlook.moved(excess * outlook.field_rms_px), "period * B/b; shift B/b * r_rms")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the pupil where it is."""
+        optics = outlook.camera.optics
+        return scene if isinstance(optics, Microscope) else replace(scene, pupil_um=optics.image_distance_um)
+
+
+@dataclass(frozen=True, slots=True)
+class LensletGap(SceneEffect):
+    """The sensor farther behind the lenslets than described; their focal lengths stay.
+
+    Attributes
+    ----------
+    error_um
+        True gap minus described gap (µm).
+    """
+
+    error_um: float = 5.0
+
+    name: ClassVar[str] = "lenslet_gap"
+    title: ClassVar[str] = "lenslet gap error"
+    deviation: ClassVar[bool] = True
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the rim's spot shift dB/(2 Nw); two thirds of it is the mean over the shadow."""
+        rim = abs(self.error_um) / (2 * outlook.f_number) / outlook.pixel_um
+        return Estimate(rim, "px", outlook.moved(2 / 3 * rim), "dB/(2 Nw) at the rim, 2/3 of it in the mean")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the true gap."""
+        del outlook
+        return replace(scene, lattice=replace(scene.lattice, gap_um=scene.lattice.gap_um + self.error_um))
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayRotation(SceneEffect):
+    """The lenslet array turned on the sensor beyond the described rotation, about the region's lenslet.
+
+    Attributes
+    ----------
+    angle_rad
+        Turn from +x towards +y (rad).
+    """
+
+    angle_rad: float = math.radians(0.05)
+
+    name: ClassVar[str] = "array_rotation"
+    title: ClassVar[str] = "array rotation error"
+    deviation: ClassVar[bool] = True
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the lenslets' rms displacement alpha * r over the region."""
+        shift = abs(self.angle_rad) * outlook.field_rms_px
+        return Estimate(shift, "px", outlook.moved(shift), "alpha * r_rms")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the array turned."""
+        del outlook
+        turned = replace(scene.lattice, rotation_rad=scene.lattice.rotation_rad + self.angle_rad)
+        return replace(scene, lattice=turned)
+
+
+@dataclass(frozen=True, slots=True)
+class PitchError(SceneEffect):
+    """A lenslet pitch that differs from the described one.
+
+    Attributes
+    ----------
+    relative
+        True pitch over described pitch, minus 1.
+    """
+
+    relative: float = 1e-4
+
+    name: ClassVar[str] = "pitch_error"
+    title: ClassVar[str] = "lenslet pitch error"
+    deviation: ClassVar[bool] = True
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the lenslets' rms displacement (dp/p) * r over the region."""
+        shift = abs(self.relative) * outlook.field_rms_px
+        return Estimate(shift, "px", outlook.moved(shift), "dp/p * r_rms")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the true pitch."""
+        del outlook
+        lattice, grow = scene.lattice, 1.0 + self.relative
+        rows = None if lattice.row_pitch_um is None else lattice.row_pitch_um * grow
+        return replace(scene, lattice=replace(lattice, pitch_um=lattice.pitch_um * grow, row_pitch_um=rows))

@@ -1,0 +1,108 @@
+"""Effects of the field: cos^4 fall-off and mechanical vignetting."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, MainLens
+from lfcal.simulate.effects.base import Estimate, FrameEffect, FrameView, SceneEffect
+from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.scene import Scene
+
+__all__ = ["CosFourth", "Vignetting"]
+
+
+@dataclass(frozen=True, slots=True)
+class CosFourth(FrameEffect):
+    """Natural fall-off of light with the fourth power of the field angle's cosine, 1 on the axis."""
+
+    name: ClassVar[str] = "cos4"
+    title: ClassVar[str] = "cos^4 fall-off"
+    cost: ClassVar[str] = "gain map"
+    rank: ClassVar[int] = 10
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return 1 - cos^4 at the rms distance of the lit pixels from the axis."""
+        optics = outlook.camera.optics
+        if not isinstance(optics, MainLens):
+            return Estimate(0.0, "relative", 0.0, "telecentric")
+        field = math.hypot(*outlook.field_um)
+        r = math.hypot(field, outlook.field_rms_px * outlook.pixel_um)
+        loss = 1.0 - math.cos(math.atan(r / optics.image_distance_um)) ** 4
+        return Estimate(loss, "relative", loss, "1 - cos^4(r_rms/b)")
+
+    def gain(self, camera: Camera, row: int, rows: int) -> NDArray[np.float32]:
+        """Return the gain ``(rows, columns)`` of sensor rows ``row`` to ``row + rows``: (1 + (r/b)²)^-2."""
+        optics, sensor = camera.optics, camera.sensor
+        if not isinstance(optics, MainLens):
+            return np.ones((1, 1), np.float32)
+        unit = sensor.pixel_um / optics.image_distance_um
+        y = (np.arange(row, row + rows) - sensor.centre_px[0]) * unit
+        x = (np.arange(sensor.shape[1]) - sensor.centre_px[1]) * unit
+        return ((1.0 + (y * y)[:, None] + x * x) ** -2.0).astype(np.float32)
+
+    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+        """Return the strip times the gain."""
+        strip *= self.gain(view.camera, view.row, len(strip))
+        return strip
+
+
+@dataclass(frozen=True, slots=True)
+class Vignetting(SceneEffect):
+    """A rim of the lens barrel that cuts the pupil seen from off the axis (cat's eye).
+
+    Attributes
+    ----------
+    distance_um
+        Distance from the pupil to the rim along the axis (µm).
+    radius
+        Radius of the rim over that of the pupil, both as seen from the sensor.
+    """
+
+    distance_um: float = 30e3
+    radius: float = 1.05
+
+    name: ClassVar[str] = "vignetting"
+    title: ClassVar[str] = "mechanical vignetting"
+    cost: ClassVar[str] = "FFT per plane"
+    deviation: ClassVar[bool] = True
+
+    def shift(self, outlook: Outlook) -> tuple[float, float]:
+        """Return the rim's shift ``(y, x)`` against the pupil, seen from the region (pupil radii)."""
+        optics = outlook.camera.optics
+        if not isinstance(optics, MainLens):
+            return 0.0, 0.0
+        unit = self.distance_um / optics.image_distance_um * 2.0 * optics.f_number / optics.focal_length_um
+        return outlook.field_um[0] * unit, outlook.field_um[1] * unit
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the light lost between two discs whose centres are s apart; 1.27 s/D for equal discs."""
+        shift = math.hypot(*self.shift(outlook))
+        kept = overlap(shift, self.radius)
+        error = min(2.0, (1.0 - kept) / max(kept, 1e-9))
+        return Estimate(shift, "pupil radii", error, "overlap of two discs; 1.27 s/D for equal ones")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the second stop; none where it cuts nothing."""
+        y, x = self.shift(outlook)
+        if overlap(math.hypot(y, x), self.radius) >= 1.0:
+            return scene
+        return replace(scene, iris=replace(scene.iris, stop=(x, y, self.radius)))
+
+
+def overlap(distance: float, radius: float) -> float:
+    """Return the share of a unit disc that a disc of ``radius`` whose centre is ``distance`` away covers."""
+    d, r = distance, radius
+    if d >= 1.0 + r:
+        return 0.0
+    if d <= abs(r - 1.0):
+        return min(1.0, r * r)
+    a = math.acos(min(1.0, max(-1.0, (d * d + 1 - r * r) / (2 * d))))
+    b = math.acos(min(1.0, max(-1.0, (d * d + r * r - 1) / (2 * d * r))))
+    kite = 0.5 * math.sqrt(max(0.0, (1 + r - d) * (d + 1 - r) * (d + r - 1) * (d + r + 1)))
+    return (a + r * r * b - kite) / math.pi

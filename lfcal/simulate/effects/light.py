@@ -1,0 +1,119 @@
+"""Effects of the light: the size of the source and the width of its spectrum."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from lfcal.simulate.effects.base import Estimate, LightEffect, LightSample, typical
+from lfcal.simulate.effects.outlook import Outlook
+
+__all__ = ["Bandwidth", "FiniteSource"]
+
+
+@dataclass(frozen=True, slots=True)
+class FiniteSource(LightEffect):
+    """A pinhole of finite size, evenly bright.
+
+    Attributes
+    ----------
+    diameter_um
+        Diameter of the source in object space (µm); None: a pinhole of 50 µm, a bead of 0.2 µm in a microscope.
+    """
+
+    diameter_um: float | None = None
+
+    name: ClassVar[str] = "finite_source"
+    title: ClassVar[str] = "finite source size"
+    deviation: ClassVar[bool] = True
+
+    def image_px(self, outlook: Outlook) -> float:
+        """Return the diameter of the source's image on the lenslets (pixels)."""
+        return typical(self.diameter_um, outlook.camera, 50.0, 0.2) / outlook.camera.step_um(outlook.z_um)
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the source's image through a lenslet, D |M| / |v|; its rms is a quarter of the diameter.
+
+        The shadow's edge is blurred too: an annulus of the image's mean chord, 2/pi of its rms, of the area.
+        """
+        image = self.image_px(outlook)
+        spot = image / max(abs(outlook.virtual_depth), 1e-9)
+        edge = outlook.shadow_moved(0.4 * image / 4)
+        return Estimate(spot, "px", min(2.0, outlook.blurred(spot / 4) + edge), "D |M|/v; 0.74 (s/w)² + edge, s = D/4")
+
+    def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
+        """Return points and weights that integrate polynomials of degree 5 over the disc (7 points).
+
+        Degree 7 (12 points) where the image of the source moves a spot by more than its width.
+        """
+        radius = self.image_px(outlook) / 2
+        points = disc_rule(5)
+        return tuple(
+            LightSample(s.rows + radius * y, s.columns + radius * x, s.wavelength_um, s.weight * w)
+            for s in samples
+            for y, x, w in points
+        )
+
+
+def disc_rule(degree: int) -> list[tuple[float, float, float]]:
+    """Return ``(y, x, weight)`` on the unit disc, exact for polynomials up to ``degree`` 3, 5 or 7.
+
+    Abramowitz & Stegun 25.4.61: 4, 7 and 12 points; weights sum to 1.
+    """
+
+    def ring(n: int, radius: float, weight: float, start: float = 0.0) -> list[tuple[float, float, float]]:
+        turn = start + 2 * math.pi * np.arange(n) / n
+        return [(radius * math.sin(t), radius * math.cos(t), weight) for t in turn]
+
+    if degree <= 3:
+        return ring(4, math.sqrt(1 / 2), 1 / 4)
+    if degree <= 5:
+        return [(0.0, 0.0, 1 / 4), *ring(6, math.sqrt(2 / 3), 1 / 8)]
+    inner, outer = (math.sqrt((27 - s * 3 * math.sqrt(29)) / 104) for s in (1, -1))
+    w_inner, w_outer = ((551 + s * 41 * math.sqrt(29)) / 6264 for s in (1, -1))
+    return [*ring(4, math.sqrt(3) / 2, 2 / 27), *_diagonal(inner, w_inner), *_diagonal(outer, w_outer)]
+
+
+def _diagonal(side: float, weight: float) -> list[tuple[float, float, float]]:
+    return [(sy * side, sx * side, weight) for sy in (-1, 1) for sx in (-1, 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class Bandwidth(LightEffect):
+    """Light of a flat spectrum around the design wavelength.
+
+    Attributes
+    ----------
+    width_um
+        Full width of the spectrum (µm); None takes the camera's.
+    """
+
+    width_um: float | None = None
+
+    name: ClassVar[str] = "bandwidth"
+    title: ClassVar[str] = "bandwidth"
+
+    def width(self, outlook: Outlook) -> float:
+        """Return the spectrum's full width (µm)."""
+        return outlook.camera.bandwidth_um if self.width_um is None else self.width_um
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the relative width and what it washes out of the fringes, 0.4 (dl/l)²."""
+        relative = self.width(outlook) / outlook.wavelength_um
+        return Estimate(relative, "relative", min(1.0, 0.4 * relative**2), "dl/l; 0.4 (dl/l)²")
+
+    def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
+        """Return Gauss-Legendre wavelengths over the spectrum: 3, more where many fringes wash out."""
+        width = self.width(outlook)
+        if width == 0:
+            return samples
+        count = min(9, 3 + math.ceil(outlook.fresnel_main * width / outlook.wavelength_um / 4))
+        nodes, weights = np.polynomial.legendre.leggauss(count)
+        return tuple(
+            LightSample(s.rows, s.columns, s.wavelength_um + 0.5 * width * float(u), s.weight * float(w) / 2)
+            for s in samples
+            for u, w in zip(nodes, weights, strict=True)
+        )

@@ -1,0 +1,172 @@
+"""Effects of the stage: the source is not where the plan says it is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, Microscope
+from lfcal.simulate.effects.base import Estimate, MotionEffect, typical
+from lfcal.simulate.effects.outlook import Outlook
+
+__all__ = ["Backlash", "DepthError", "Drift", "StageError"]
+
+MEAN = math.sqrt(2.0 / math.pi)
+"""Mean absolute value of a standard normal deviate."""
+
+
+def _pixels(outlook: Outlook, length_um: float) -> float:
+    return abs(length_um) / outlook.camera.step_um(outlook.z_um)
+
+
+@dataclass(frozen=True, slots=True)
+class StageError(MotionEffect):
+    """Random error of every stop, normally distributed.
+
+    Attributes
+    ----------
+    rms_um
+        Rms error of each lateral axis (µm in object space); None: 2 µm, 0.05 µm for a microscope.
+    """
+
+    rms_um: float | None = None
+
+    name: ClassVar[str] = "stage_error"
+    title: ClassVar[str] = "stage error"
+
+    def rms(self, camera: Camera) -> float:
+        """Return the rms error of each axis (µm)."""
+        return typical(self.rms_um, camera, 2.0, 0.05)
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the image's rms shift |M| e and the light its mean length moves."""
+        shift = _pixels(outlook, self.rms(outlook.camera))
+        length = math.sqrt(math.pi / 2) * shift  # mean length of a two-dimensional normal deviate
+        return Estimate(shift, "px", outlook.source_moved(length), "|M| e; spots by 1.25 |M| e/v, shadow by 1.25 |M| e")
+
+    def displace(
+        self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Return independent normal deviates for y and x."""
+        out = np.zeros_like(commanded_um)
+        out[:, 1:] = self.rms(camera) * rng.standard_normal((len(out), 2))
+        return out
+
+
+@dataclass(frozen=True, slots=True)
+class Backlash(MotionEffect):
+    """Play between drive and carriage: after a reversal the carriage stands still until the play is taken up.
+
+    Attributes
+    ----------
+    play_um
+        Lost motion at a reversal of each lateral axis (µm in object space); None: 10 µm, 0.2 µm for a
+        microscope.
+    """
+
+    play_um: float | None = None
+
+    name: ClassVar[str] = "backlash"
+    title: ClassVar[str] = "backlash"
+
+    def play(self, camera: Camera) -> float:
+        """Return the lost motion (µm)."""
+        return typical(self.play_um, camera, 10.0, 0.2)
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the image's shift |M| e; a serpentine scan lags by it in every other row."""
+        shift = _pixels(outlook, self.play(outlook.camera))
+        return Estimate(shift, "px", outlook.source_moved(shift), "|M| e; at most every position lags", True)
+
+    def displace(
+        self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Return carriage minus drive of a play that starts taken up towards increasing coordinates."""
+        del rng
+        out, play = np.zeros_like(commanded_um), self.play(camera)
+        for axis in (1, 2):
+            drive = commanded_um[:, axis]
+            carriage = drive[0]
+            for k, target in enumerate(drive):
+                carriage = min(max(carriage, target), target + play)
+                out[k, axis] = carriage - target
+        return out
+
+
+@dataclass(frozen=True, slots=True)
+class Drift(MotionEffect):
+    """A slow, even creep of the source over the session.
+
+    Attributes
+    ----------
+    rows_um, columns_um
+        Displacement at the end of the session (µm in object space); None: 5 µm, 0.2 µm for a microscope.
+    """
+
+    rows_um: float | None = None
+    columns_um: float | None = None
+
+    name: ClassVar[str] = "drift"
+    title: ClassVar[str] = "drift over the session"
+
+    def end(self, camera: Camera) -> tuple[float, float]:
+        """Return the displacement ``(y, x)`` at the end (µm)."""
+        return typical(self.rows_um, camera, 5.0, 0.2), typical(self.columns_um, camera, 5.0, 0.2)
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the image's shift at the end; half of it in the mean."""
+        shift = _pixels(outlook, math.hypot(*self.end(outlook.camera)))
+        return Estimate(shift, "px", outlook.source_moved(0.5 * shift), "|M| e at the end, half of it in the mean")
+
+    def displace(
+        self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Return a displacement that grows evenly from the first to the last stop."""
+        del rng
+        out = np.zeros_like(commanded_um)
+        share = np.arange(len(out)) / max(1, len(out) - 1)
+        out[:, 1:] = share[:, None] * np.array(self.end(camera))
+        return out
+
+
+@dataclass(frozen=True, slots=True)
+class DepthError(MotionEffect):
+    """Every plane farther away than planned by a random amount, the same for all positions of the plane.
+
+    Attributes
+    ----------
+    rms_um
+        Rms error of the depth of a plane (µm); None: 10 µm, 0.1 µm for a microscope.
+    """
+
+    rms_um: float | None = None
+
+    name: ClassVar[str] = "depth_error"
+    title: ClassVar[str] = "depth error"
+
+    def rms(self, camera: Camera) -> float:
+        """Return the rms error of a plane's depth (µm)."""
+        return typical(self.rms_um, camera, 10.0, 0.1)
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return dv = M² dz/B, and the mean spot shift dv B/(3 Nw v) that it makes."""
+        camera = outlook.camera
+        step = MEAN * self.rms(camera)
+        dv = abs(camera.virtual_depth(outlook.z_um + step) - camera.virtual_depth(outlook.z_um))
+        shift = dv * outlook.gap_um / (3 * outlook.f_number * abs(outlook.virtual_depth)) / outlook.pixel_um
+        if isinstance(camera.optics, Microscope):
+            shift = min(shift, outlook.shadow_px)
+        return Estimate(dv, "virtual depth", outlook.moved(shift), "M² dz/B; shift dv B/(3 Nw v)")
+
+    def displace(
+        self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Return one normal deviate per plane."""
+        out = np.zeros_like(commanded_um)
+        planes, which = np.unique(commanded_um[:, 0], return_inverse=True)
+        out[:, 0] = (self.rms(camera) * rng.standard_normal(len(planes)))[which]
+        return out

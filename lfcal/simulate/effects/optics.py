@@ -1,0 +1,149 @@
+"""Effects of the lenslets and of the main iris: lens types, diffraction, the iris's shape."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from lfcal.camera import Camera, MainLens, Microscope
+from lfcal.simulate.effects.base import Estimate, SceneEffect
+from lfcal.simulate.effects.outlook import Outlook, share_widened
+from lfcal.simulate.scene import Iris, Scene
+
+__all__ = ["ExactDefocus", "ExactRays", "IrisDiffraction", "IrisShape", "LensTypes", "LensletDiffraction"]
+
+
+@dataclass(frozen=True, slots=True)
+class LensTypes(SceneEffect):
+    """Lens types and their defocus: without it every lenslet is of the type that is sharpest at the depth."""
+
+    name: ClassVar[str] = "lens_types"
+    title: ClassVar[str] = "lens types and defocus"
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the largest spot diameter d |1/vf - 1/v|, and the mean change from the sharpest type's width."""
+        sharp = min(outlook.widths_px)
+        error = outlook.over_types(lambda w: share_widened(sharp, w))
+        return Estimate(2 * max(outlook.geometric_px), "px", error, "d |1/vf - 1/v|; mean width change over the types")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with every lens type's own focal length."""
+        return replace(scene, lattice=replace(scene.lattice, types=outlook.camera.lattice.types))
+
+
+@dataclass(frozen=True, slots=True)
+class LensletDiffraction(SceneEffect):
+    """Diffraction at the lenslets: without it rays are followed."""
+
+    name: ClassVar[str] = "lenslet_diffraction"
+    title: ClassVar[str] = "lenslet diffraction"
+    cost: ClassVar[str] = "transform per lenslet"
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the Airy radius 1.22 lambda B / d and the error from the spot's Fresnel number."""
+        airy = 1.22 * outlook.wavelength_um * outlook.gap_um / (2 * outlook.lit_px * outlook.pixel_um**2)
+        return Estimate(airy, "px", outlook.diffracted, "1.22 lambda B/d; 0.75/(1 + N_F)^(1/2) per type")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with lenslet diffraction on."""
+        del outlook
+        return replace(scene, lenslet_diffraction=True)
+
+
+@dataclass(frozen=True, slots=True)
+class IrisDiffraction(SceneEffect):
+    """Fresnel fringes of the main iris on the lenslets: without it the iris casts a sharp shadow."""
+
+    name: ClassVar[str] = "iris_diffraction"
+    title: ClassVar[str] = "main-iris diffraction"
+    cost: ClassVar[str] = "FFT per plane"
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the shadow's Fresnel number N_F = |a| / (4 Nw² lambda) and 0.75 / sqrt(N_F)."""
+        number = outlook.fresnel_main
+        return Estimate(number, "N_F", min(1.5, 0.75 / math.sqrt(number)), "|a|/(4 Nw² lambda); 0.75/N_F^(1/2)")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the iris's diffraction on."""
+        del outlook
+        return replace(scene, main_diffraction=True)
+
+
+@dataclass(frozen=True, slots=True)
+class IrisShape(SceneEffect):
+    """The iris's blades, straight or curved: without it the iris is a circle of the same area.
+
+    Attributes
+    ----------
+    blades, curvature, rotation_rad
+        As in `MainLens`; None takes the camera's.
+    """
+
+    blades: int | None = None
+    curvature: float | None = None
+    rotation_rad: float | None = None
+
+    name: ClassVar[str] = "iris_shape"
+    title: ClassVar[str] = "iris blades"
+
+    def iris(self, camera: Camera) -> Iris:
+        """Return the iris of ``camera`` with this effect's values in it."""
+        lens = camera.optics if isinstance(camera.optics, MainLens) else MainLens(blades=0)
+        given = (self.blades, self.curvature, self.rotation_rad)
+        known = (lens.blades, lens.blade_curvature, lens.blade_rotation_rad)
+        blades, curvature, rotation = (k if g is None else g for g, k in zip(given, known, strict=True))
+        return Iris(int(blades), float(curvature), float(rotation))
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the symmetric difference of the polygon and the circle of the same area.
+
+        A regular polygon of half angle h = pi/n differs from its circle by 0.257 h² of the area; diffraction
+        at its edges about doubles that. Curved blades differ in proportion to 1 - curvature.
+        """
+        iris = self.iris(outlook.camera)
+        if iris.circular:
+            return Estimate(0.0, "blades", 0.0, "circular iris")
+        error = 0.51 * (math.pi / iris.blades) ** 2 * (1.0 - iris.curvature)
+        return Estimate(float(iris.blades), "blades", error, "0.51 (pi/n)² (1 - curvature)")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the bladed iris; a second stop stays."""
+        return replace(scene, iris=replace(self.iris(outlook.camera), stop=scene.iris.stop))
+
+
+@dataclass(frozen=True, slots=True)
+class ExactDefocus(SceneEffect):
+    """The main lens's defocus beyond the paraxial term, a (1 - cos theta): W040 = a / (8 lambda (2 Nw)^4)."""
+
+    name: ClassVar[str] = "exact_defocus"
+    title: ClassVar[str] = "non-paraxial main defocus"
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the wavefront term and the mean spot shift 0.4 * 8 Nw W lambda / v."""
+        n = outlook.f_number
+        waves = abs(outlook.shift_um) / (8 * outlook.wavelength_um * (2 * n) ** 4)
+        shift = 0.4 * 8 * n * waves * outlook.wavelength_um / (abs(outlook.virtual_depth) * outlook.pixel_um)
+        return Estimate(waves, "waves", outlook.moved(shift), "a/(8 lambda (2 Nw)^4); shift 0.4 * 8 Nw W lambda/v")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the exact defocus."""
+        del outlook
+        return replace(scene, exact_defocus=True)
+
+
+@dataclass(frozen=True, slots=True)
+class ExactRays(SceneEffect):
+    """Rays between lenslet and sensor beyond the paraxial term: a rim ray lands B / (2 (2 Nw)³) farther out."""
+
+    name: ClassVar[str] = "exact_rays"
+    title: ClassVar[str] = "non-paraxial lenslet gap"
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the mean displacement 0.4 B / (2 (2 Nw)³)."""
+        shift = 0.4 * outlook.gap_um / (2 * (2 * outlook.f_number) ** 3) / outlook.pixel_um
+        return Estimate(shift, "px", outlook.moved(shift), "0.4 B/(2 (2 Nw)³)")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with exact rays; a microscope's relay is followed by waves anyway."""
+        return scene if isinstance(outlook.camera.optics, Microscope) else replace(scene, exact_rays=True)

@@ -1,0 +1,200 @@
+"""What can be said of one depth plane before anything is simulated: the numbers all estimates are built from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from lfcal.camera import Camera, MainLens
+
+__all__ = ["Outlook", "share_moved", "share_widened"]
+
+
+def share_moved(shift: float, width: float) -> float:
+    """Return the relative L1 change when a Gaussian spot of rms ``width`` moves by ``shift`` (same unit).
+
+    2 erf(shift / (2 sqrt(2) width)); 0.8 shift / width for small shifts.
+    """
+    return 2.0 * math.erf(abs(shift) / (2.0 * math.sqrt(2.0) * width))
+
+
+def share_widened(width_a: float, width_b: float) -> float:
+    """Return the relative L1 difference of two round Gaussian spots of rms widths ``width_a`` and ``width_b``.
+
+    2 (q^(q/(1-q)) - q^(1/(1-q))) with q = (a/b)²; 0.74 (b² - a²)/a² for a small widening.
+    """
+    small, large = sorted((width_a, width_b))
+    q = (small / large) ** 2
+    if 1.0 - q < 1e-6:
+        return 2.0 / math.e * (1.0 - q)
+    log = math.log(q) / (1.0 - q)
+    return 2.0 * (math.exp(q * log) - math.exp(log))
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """A camera, a depth and a region: what the estimates of all effects share.
+
+    Attributes
+    ----------
+    camera
+        The camera.
+    z_um
+        Object depth, z > 0 away from the camera (µm).
+    cutout
+        Pixels ``(rows, columns)`` of a response.
+    period
+        Positions ``(rows, columns)`` of the source.
+    field_um
+        Middle of the region from the optical axis on the sensor, ``(y, x)`` (µm).
+    peak_e
+        Electrons in the brightest pixel of the session.
+    exposure_s
+        Exposure time (s).
+    """
+
+    camera: Camera
+    z_um: float
+    cutout: tuple[int, int]
+    period: tuple[int, int]
+    field_um: tuple[float, float] = (0.0, 0.0)
+    peak_e: float = 16e3
+    exposure_s: float = 0.05
+
+    # -- optics ----------------------------------------------------------------------------------------
+    @property
+    def wavelength_um(self) -> float:
+        """Design wavelength (µm)."""
+        return self.camera.wavelength_um
+
+    @property
+    def pixel_um(self) -> float:
+        """Pixel pitch (µm)."""
+        return self.camera.sensor.pixel_um
+
+    @property
+    def gap_um(self) -> float:
+        """Lenslet to sensor, B (µm)."""
+        return self.camera.lattice.gap_um
+
+    @property
+    def clear_um(self) -> float:
+        """Clear diameter of a lenslet, d (µm)."""
+        return self.camera.lattice.clear_diameter_um
+
+    @property
+    def f_number(self) -> float:
+        """Working f-number at the lenslets, Nw."""
+        return self.camera.optics.working_f_number
+
+    @cached_property
+    def shift_um(self) -> float:
+        """Distance a of the main image behind the lenslets (µm), floored at a wavelength's size."""
+        a = self.camera.image_shift_um(self.z_um)
+        least = self.wavelength_um
+        return a if abs(a) >= least else math.copysign(least, a)
+
+    @property
+    def virtual_depth(self) -> float:
+        """Virtual depth v = a/B."""
+        return self.shift_um / self.gap_um
+
+    @property
+    def fresnel_main(self) -> float:
+        """Fresnel number of the main iris' shadow, |a| / (4 Nw² lambda)."""
+        return abs(self.shift_um) / (4.0 * self.f_number**2 * self.wavelength_um)
+
+    @cached_property
+    def defocus(self) -> tuple[float, ...]:
+        """Blur per unit of lenslet radius for each lens type: sigma = 1 - B/a - B/f."""
+        gap = self.gap_um
+        return tuple(1.0 - gap / self.shift_um - gap / t.focal_length_um for t in self.camera.lattice.types)
+
+    # -- what is seen, in pixels -----------------------------------------------------------------------
+    @property
+    def shadow_px(self) -> float:
+        """Radius of the main iris' shadow on the lenslets (pixels), at least its Airy disc."""
+        airy = 1.22 * self.wavelength_um * self.f_number
+        return math.hypot(abs(self.shift_um) / (2.0 * self.f_number), airy) / self.pixel_um
+
+    @property
+    def lit_px(self) -> float:
+        """Radius of the lit part of a lenslet (pixels)."""
+        return min(0.5 * self.clear_um / self.pixel_um, self.shadow_px)
+
+    @cached_property
+    def lenslets(self) -> float:
+        """Number of lenslets under the shadow, at least 1."""
+        pitch = self.camera.pitch_px
+        cell = pitch * self.camera.lattice.row_step_um / self.pixel_um
+        return max(1.0, math.pi * self.shadow_px**2 / cell)
+
+    @property
+    def geometric_px(self) -> tuple[float, ...]:
+        """Radius of the geometric spot for each lens type (pixels)."""
+        return tuple(abs(s) * self.lit_px for s in self.defocus)
+
+    @property
+    def airy_px(self) -> float:
+        """Rms width 0.42 lambda B / d of a lenslet's diffraction (pixels)."""
+        return 0.42 * self.wavelength_um * self.gap_um / (2.0 * self.lit_px * self.pixel_um) / self.pixel_um
+
+    @cached_property
+    def widths_px(self) -> tuple[float, ...]:
+        """Rms spot width per axis for each lens type, w² = (R/2)² + airy² + 1/12 (pixels)."""
+        return tuple(math.sqrt(r * r / 4.0 + self.airy_px**2 + 1.0 / 12.0) for r in self.geometric_px)
+
+    @property
+    def fresnel_lenslets(self) -> tuple[float, ...]:
+        """Fresnel number of each lens type's defocused spot, |sigma| r²/(lambda B)."""
+        unit = (self.lit_px * self.pixel_um) ** 2 / (self.wavelength_um * self.gap_um)
+        return tuple(abs(s) * unit for s in self.defocus)
+
+    @property
+    def diffracted(self) -> float:
+        """Relative L1 change when spots are computed by rays instead of waves, 0.75/sqrt(1 + N_F) per type."""
+        return sum(0.75 / math.sqrt(1.0 + n) for n in self.fresnel_lenslets) / len(self.defocus)
+
+    def over_types(self, function: Callable[[float], float]) -> float:
+        """Return the mean of ``function(width)`` over the lens types."""
+        return sum(function(w) for w in self.widths_px) / len(self.widths_px)
+
+    def moved(self, shift_px: float) -> float:
+        """Return the relative L1 change when every spot moves by ``shift_px``."""
+        return self.over_types(lambda w: share_moved(shift_px, w))
+
+    def blurred(self, rms_px: float) -> float:
+        """Return the relative L1 change when every spot is blurred by ``rms_px`` per axis."""
+        return self.over_types(lambda w: share_widened(w, math.hypot(w, rms_px)))
+
+    def shadow_moved(self, shift_px: float) -> float:
+        """Return the relative L1 change when the shadow moves by ``shift_px``: 1.27 shift / radius."""
+        return min(2.0, 4.0 / math.pi * abs(shift_px) / self.shadow_px)
+
+    def source_moved(self, shift_px: float) -> float:
+        """Return the relative L1 change when the paraxial image moves by ``shift_px``: spots by shift/|v|."""
+        return min(2.0, self.moved(shift_px / max(abs(self.virtual_depth), 1e-9)) + self.shadow_moved(shift_px))
+
+    @property
+    def field_rms_px(self) -> float:
+        """Rms distance of the lit lenslets from the middle of the region (pixels)."""
+        ny, nx = self.period
+        return math.sqrt(self.shadow_px**2 / 2.0 + (ny * ny + nx * nx) / 12.0)
+
+    # -- light -----------------------------------------------------------------------------------------
+    @property
+    def pixels(self) -> int:
+        """Pixels of a response."""
+        return self.cutout[0] * self.cutout[1]
+
+    @cached_property
+    def signal_e(self) -> float:
+        """Electrons of one source position in the whole frame: sharpest spot at the peak, equal light per lenslet."""
+        return self.peak_e * 2.0 * math.pi * min(self.widths_px) ** 2 * self.lenslets
+
+    @property
+    def has_lens(self) -> bool:
+        """Whether the optics are a photographic main lens."""
+        return isinstance(self.camera.optics, MainLens)

@@ -1,0 +1,291 @@
+"""Effects of the sensor: what it makes of the light that falls on it.
+
+They act in the order of their ``rank``, that of the light's way: stray light, colour filter, pixel response,
+dark current, shot noise, full well, read noise; then electrons become sample values, which are rounded.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera
+from lfcal.frames.cfa import pattern_side
+from lfcal.simulate.effects.base import Estimate, FrameEffect, FrameView
+from lfcal.simulate.effects.outlook import Outlook
+
+__all__ = [
+    "ColourFilter",
+    "DarkCurrent",
+    "FixedPattern",
+    "Quantisation",
+    "ReadNoise",
+    "Saturation",
+    "ShotNoise",
+    "StrayLight",
+]
+
+MEAN = math.sqrt(2.0 / math.pi)
+"""Mean absolute value of a standard normal deviate."""
+
+BANDS_UM = {
+    "B": ((0.0, 0.50),),
+    "G": ((0.49, 0.585),),
+    "R": ((0.575, 9.0),),
+    "W": ((0.0, 9.0),),
+    "C": ((0.0, 0.585),),
+    "M": ((0.0, 0.50), (0.575, 9.0)),
+    "Y": ((0.49, 9.0),),
+    "E": ((0.47, 0.56),),
+}
+"""Pass bands of the filter letters (µm)."""
+
+
+@dataclass(frozen=True, slots=True)
+class StrayLight(FrameEffect):
+    """A share of the frame's light scattered evenly over the sensor.
+
+    Attributes
+    ----------
+    share
+        Scattered share.
+    """
+
+    share: float = 0.01
+
+    name: ClassVar[str] = "stray_light"
+    title: ClassVar[str] = "stray light"
+    deviation: ClassVar[bool] = True
+    rank: ClassVar[int] = 20
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the share, and what is lost by the spots and gained by the cutout."""
+        rows, columns = outlook.camera.sensor.shape
+        veil = min(1.0, outlook.pixels / (rows * columns))
+        return Estimate(self.share, "relative", self.share * (1.0 + veil), "share (1 + cutout/sensor)")
+
+    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+        """Return the strip with the scattered share spread out."""
+        rows, columns = view.camera.sensor.shape
+        strip *= np.float32(1.0 - self.share)
+        strip += np.float32(self.share * view.total_e / (rows * columns))
+        return strip
+
+
+@dataclass(frozen=True, slots=True)
+class ColourFilter(FrameEffect):
+    """The sensor's colour filter array under light of the design wavelength.
+
+    Attributes
+    ----------
+    cfa
+        Filter letters by rows, e.g. ``"GRBG"``; None takes the camera's.
+    leak
+        Transmission outside a filter's band.
+    """
+
+    cfa: str | None = None
+    leak: float = 0.03
+
+    name: ClassVar[str] = "colour_filter"
+    title: ClassVar[str] = "colour filter array (Bayer)"
+    rank: ClassVar[int] = 30
+
+    def transmission(self, camera: Camera) -> NDArray[np.float32]:
+        """Return the transmission of one unit of the pattern ``(side, side)``; 1 x 1 for a monochrome sensor."""
+        cfa = camera.sensor.cfa if self.cfa is None else self.cfa
+        side, wave = pattern_side(cfa), camera.wavelength_um
+        passed = [1.0 if any(a <= wave < b for a, b in BANDS_UM[letter]) else self.leak for letter in cfa or "W"]
+        return np.array(passed, np.float32).reshape(side, side)
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the share of light kept, and what is lost of it relative to what is kept."""
+        kept = float(self.transmission(outlook.camera).mean())
+        return Estimate(kept, "kept", (1.0 - kept) / kept, "(1 - kept)/kept")
+
+    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+        """Return the strip under the filter; the pattern starts at sensor pixel (0, 0)."""
+        passed = self.transmission(view.camera)
+        side = len(passed)
+        for r in range(side):
+            for c in range(side):
+                strip[(r - view.row) % side :: side, c::side] *= passed[r, c]
+        return strip
+
+
+@dataclass(frozen=True, slots=True)
+class FixedPattern(FrameEffect):
+    """Pixel response non-uniformity and, where given, a fixed offset per pixel.
+
+    Attributes
+    ----------
+    prnu
+        Relative rms of the pixels' gains; None takes the camera's.
+    offset_e
+        Rms of the pixels' offsets (electrons).
+    """
+
+    prnu: float | None = None
+    offset_e: float = 0.0
+
+    name: ClassVar[str] = "fixed_pattern"
+    title: ClassVar[str] = "fixed pattern (PRNU)"
+    rank: ClassVar[int] = 40
+
+    def gain_rms(self, camera: Camera) -> float:
+        """Return the relative rms of the pixels' gains."""
+        return camera.sensor.prnu if self.prnu is None else self.prnu
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the gains' rms and the mean deviation 0.8 rms; offsets count on every pixel of the cutout."""
+        rms = self.gain_rms(outlook.camera)
+        offsets = self.offset_e * outlook.pixels / outlook.signal_e
+        return Estimate(rms, "relative", MEAN * math.hypot(rms, offsets), "0.8 prnu")
+
+    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+        """Return the strip with each pixel's own gain and offset."""
+        rms = self.gain_rms(view.camera)
+        if rms:
+            strip *= np.float32(1.0) + np.float32(rms) * view.pattern("gain")
+        if self.offset_e:
+            strip += np.float32(self.offset_e) * view.pattern("offset")
+        return strip
+
+
+@dataclass(frozen=True, slots=True)
+class DarkCurrent(FrameEffect):
+    """Thermal electrons, the same mean number in every pixel.
+
+    Attributes
+    ----------
+    e_per_s
+        Electrons per pixel and second; None takes the camera's.
+    """
+
+    e_per_s: float | None = None
+
+    name: ClassVar[str] = "dark_current"
+    title: ClassVar[str] = "dark current"
+    rank: ClassVar[int] = 50
+
+    def mean_e(self, camera: Camera, exposure_s: float) -> float:
+        """Return the mean number of electrons in one exposure."""
+        rate = camera.sensor.dark_current_e_s if self.e_per_s is None else self.e_per_s
+        return rate * exposure_s
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the electrons per pixel, and their sum over the cutout against the signal."""
+        mean = self.mean_e(outlook.camera, outlook.exposure_s)
+        return Estimate(mean, "e-", mean * outlook.pixels / outlook.signal_e, "D t * pixels/signal")
+
+    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+        """Return the strip with the mean added; its noise comes with the shot noise."""
+        strip += np.float32(self.mean_e(view.camera, view.exposure_s))
+        return strip
+
+
+@dataclass(frozen=True, slots=True)
+class ShotNoise(FrameEffect):
+    """Poisson noise of the electrons collected."""
+
+    name: ClassVar[str] = "shot_noise"
+    title: ClassVar[str] = "shot noise"
+    rank: ClassVar[int] = 60
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return 1/sqrt(peak), and 0.8 sum(sqrt(N))/sum(N) over Gaussian spots of equal light."""
+        sharp, root = min(outlook.widths_px), math.sqrt(outlook.peak_e)
+        error = outlook.over_types(lambda w: 2.0 * MEAN * (w / sharp) / root)
+        return Estimate(1.0 / root, "relative", min(1.0, error), "1/sqrt(peak); 1.6 (w/w_min)/sqrt(peak) per type")
+
+    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+        """Return Poisson deviates with the strip as their mean."""
+        return view.rng.poisson(np.maximum(strip, 0.0)).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Saturation(FrameEffect):
+    """A pixel holds no more than the full well."""
+
+    name: ClassVar[str] = "saturation"
+    title: ClassVar[str] = "saturation"
+    rank: ClassVar[int] = 65
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return peak over full well k, and the light above it in Gaussian spots: 1 - (1 + ln k)/k."""
+        full = outlook.camera.sensor.full_well_e
+        sharp = min(outlook.widths_px)
+
+        def lost(width: float) -> float:
+            k = outlook.peak_e / full * (sharp / width) ** 2
+            return 0.0 if k <= 1.0 else 1.0 - (1.0 + math.log(k)) / k
+
+        share = outlook.over_types(lost)
+        return Estimate(outlook.peak_e / full, "of full well", min(2.0, share / (1 - share)), "1 - (1 + ln k)/k")
+
+    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+        """Return the strip clipped at the full well."""
+        return np.minimum(strip, np.float32(view.camera.sensor.full_well_e), out=strip)
+
+
+@dataclass(frozen=True, slots=True)
+class ReadNoise(FrameEffect):
+    """Normal noise of the read-out.
+
+    Attributes
+    ----------
+    rms_e
+        Rms (electrons); None takes the camera's.
+    """
+
+    rms_e: float | None = None
+
+    name: ClassVar[str] = "read_noise"
+    title: ClassVar[str] = "read noise"
+    rank: ClassVar[int] = 70
+
+    def rms(self, camera: Camera) -> float:
+        """Return the rms (electrons)."""
+        return camera.sensor.read_noise_e if self.rms_e is None else self.rms_e
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the rms, and its mean size over the cutout's pixels against the signal."""
+        rms = self.rms(outlook.camera)
+        error = min(2.0, MEAN * rms * outlook.pixels / outlook.signal_e)
+        return Estimate(rms, "e-", error, "0.8 read * pixels/signal")
+
+    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+        """Return the strip with normal noise added."""
+        strip += np.float32(self.rms(view.camera)) * view.rng.standard_normal(strip.shape, np.float32)
+        return strip
+
+
+@dataclass(frozen=True, slots=True)
+class Quantisation(FrameEffect):
+    """Whole sample values from 0 to the highest one."""
+
+    name: ClassVar[str] = "quantisation"
+    title: ClassVar[str] = "quantisation"
+    rank: ClassVar[int] = 90
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the rms LSB/sqrt(12), and a quarter of an LSB over the pixels that hold more than half of one."""
+        lsb = outlook.camera.sensor.electrons_per_count
+        sharp = min(outlook.widths_px)
+
+        def area(width: float) -> float:
+            peak = outlook.peak_e * (sharp / width) ** 2
+            return 2 * math.pi * width**2 * math.log(max(2.0, 2.0 * peak / lsb))
+
+        lit = min(float(outlook.pixels), outlook.lenslets * outlook.over_types(area))
+        error = min(2.0, 0.25 * lsb * lit / outlook.signal_e)
+        return Estimate(lsb / math.sqrt(12), "e-", error, "LSB/sqrt(12); LSB/4 * lit pixels/signal")
+
+    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+        """Return the strip rounded and kept within the converter's range."""
+        np.rint(strip, out=strip)
+        return np.clip(strip, 0, view.camera.sensor.max_value, out=strip)

@@ -1,0 +1,187 @@
+"""The response of one depth plane with all its effects: engines for every sample of the light, then the filter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.simulate.effects.base import Effect, LightSample
+from lfcal.simulate.engine import Certificate, PlaneEngine, Sampling, engine_for
+from lfcal.simulate.scene import Scene
+from lfcal.simulate.staging import filter_kernel, light_samples, outlook_of, resolve_level, scene_for
+
+__all__ = ["PlaneResponse", "filtered"]
+
+
+class PlaneResponse:
+    """Responses of one depth plane of a plan under a tuple of effects.
+
+    Engines are made when they are needed: one per wavelength, and for `rows` one per displaced source point,
+    which is let go of before the next is made.
+
+    Parameters
+    ----------
+    plan, z
+        The plan and the number of the plane.
+    effects
+        Scene, light and psf effects; others are not its business.
+    level, sampling
+        As in `simulate_psf`.
+    cutout
+        Pixels ``(nt, ns)`` where they are not the plan's.
+    depth_error_um
+        How much farther away the plane is than planned (µm).
+    """
+
+    def __init__(
+        self,
+        plan: ScanPlan,
+        z: int,
+        effects: Sequence[Effect],
+        *,
+        level: str = "auto",
+        sampling: Sampling | None = None,
+        cutout: tuple[int, int] | None = None,
+        depth_error_um: float = 0.0,
+    ) -> None:
+        self.kernel = filter_kernel(effects, plan.camera)
+        halo = 0 if self.kernel is None else max(self.kernel.shape) // 2
+        scene = scene_for(plan, z, effects, depth_error_um=depth_error_um)
+        window = cutout or plan.cutout
+        scene = replace(scene, cutout=(window[0] + 2 * halo, window[1] + 2 * halo))
+        self.scene, self.level = resolve_level(scene, level)
+        self.cutout, self.halo, self.sampling = window, halo, sampling
+        samples = light_samples(effects, outlook_of(plan, z))
+        self.samples = merged(samples, scene.wavelength_um) if self.level == "geometric" else samples
+        self._engines: dict[float, PlaneEngine] = {}
+        self._spent: list[Certificate] = []
+
+    @property
+    def runs(self) -> int:
+        """Engine runs per response."""
+        return len(self.samples)
+
+    @property
+    def certificate(self) -> Certificate:
+        """Energy in and out of all responses so far, over all samples of the light."""
+        parts = [*self._spent, *(engine.certificate for engine in self._engines.values())]
+        return Certificate(
+            sum(p.responses for p in parts),
+            sum(p.energy_in for p in parts),
+            sum(p.energy_out for p in parts),
+            max((p.worst for p in parts), default=0.0),
+        )
+
+    def engine(self, wavelength_um: float | None = None) -> PlaneEngine:
+        """Return the engine of one wavelength for the undisplaced source."""
+        wave = self.scene.wavelength_um if wavelength_um is None else wavelength_um
+        if wave not in self._engines:
+            self._engines[wave] = engine_for(at_wavelength(self.scene, wave), self.level, self.sampling)
+        return self._engines[wave]
+
+    def rows(self, ys: ArrayLike, xs: ArrayLike, workers: int | None = None) -> NDArray[np.float32]:
+        """Return the responses ``(len(ys), len(xs), nt, ns)`` of positions ys x xs (whole numbers)."""
+        y, x = np.asarray(ys, np.intp), np.asarray(xs, np.intp)
+        out = np.zeros((len(y), len(x), *self.cutout), np.float32)
+        for _ in self.accumulate(out, y, x, block=max(1, len(y)), workers=workers):
+            pass
+        return out
+
+    def accumulate(
+        self,
+        out: NDArray[np.float32],
+        ys: NDArray[np.intp],
+        xs: NDArray[np.intp],
+        *,
+        block: int,
+        workers: int | None = None,
+    ) -> Iterator[int]:
+        """Add the responses of ys x xs to ``out``, ``block`` rows at a time; yield the rows done after each block.
+
+        Rows are counted once per sample of the light: `runs` times ``len(ys)`` in all.
+        """
+        done = 0
+        for sample in self.samples:
+            engine = self._engine_of(sample)
+            for start in range(0, len(ys), block):
+                stop = min(start + block, len(ys))
+                self._add(out[start:stop], engine, sample.weight, ys[start:stop], xs, workers)
+                done += stop - start
+                yield done
+            if engine not in self._engines.values():
+                self._spent.append(engine.certificate)
+
+    def _add(
+        self,
+        out: NDArray[np.float32],
+        engine: PlaneEngine,
+        weight: float,
+        ys: NDArray[np.intp],
+        xs: NDArray[np.intp],
+        workers: int | None,
+    ) -> None:
+        if self.runs == 1 and self.kernel is None and out.flags.c_contiguous:
+            engine.rows(ys, xs, out=out, workers=workers)
+        else:
+            out += np.float32(weight) * self._filter(engine.rows(ys, xs, workers=workers))
+
+    def _engine_of(self, sample: LightSample) -> PlaneEngine:
+        if not (sample.rows or sample.columns):
+            return self.engine(sample.wavelength_um)
+        shift = np.array([sample.rows, sample.columns]) * self.scene.pixel_um
+        planned = np.zeros((*self.scene.period, 2)) if self.scene.offsets_um is None else self.scene.offsets_um
+        scene = replace(at_wavelength(self.scene, sample.wavelength_um), offsets_um=planned + shift)
+        return engine_for(scene, self.level, self.sampling)
+
+    def point(self, y_px: float, x_px: float) -> list[tuple[int, int, NDArray[np.float32]]]:
+        """Return windows ``(row, column, values)`` of the light of a source whose chief ray is at (y, x).
+
+        Pixels count from position (0, 0); ``row, column`` is the window's middle pixel. Source points of a
+        finite source have a window each.
+        """
+        out = []
+        for sample in self.samples:
+            at = ((y_px + sample.rows) * self.scene.pixel_um, (x_px + sample.columns) * self.scene.pixel_um)
+            values = self.engine(sample.wavelength_um).point(*at)
+            row, column = self.scene.nearest_pixel(*at)
+            out.append((row, column, np.float32(sample.weight) * self._filter(values)))
+        return out
+
+    def _filter(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        if self.kernel is None:
+            return values
+        h = self.halo
+        return filtered(values, self.kernel)[..., h:-h, h:-h]
+
+
+def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:
+    """Return the scene in light of another wavelength; aberrations keep their path lengths."""
+    scale = scene.wavelength_um / wavelength_um
+    terms = tuple((n, m, waves * scale) for n, m, waves in scene.wavefront)
+    return replace(scene, wavelength_um=wavelength_um, wavefront=terms)
+
+
+def merged(samples: Sequence[LightSample], wavelength_um: float) -> tuple[LightSample, ...]:
+    """Return the samples with all wavelengths of a source point in one: rays do not know their colour."""
+    weights: dict[tuple[float, float], float] = {}
+    for s in samples:
+        weights[s.rows, s.columns] = weights.get((s.rows, s.columns), 0.0) + s.weight
+    return tuple(LightSample(y, x, wavelength_um, w) for (y, x), w in weights.items())
+
+
+def filtered(values: NDArray[np.float32], kernel: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return the last two axes convolved with a small ``kernel``; zeros beyond the border."""
+    out = np.zeros_like(values)
+    rows, columns = values.shape[-2:]
+    ht, hs = kernel.shape[0] // 2, kernel.shape[1] // 2
+    for dy in range(-ht, ht + 1):
+        for dx in range(-hs, hs + 1):
+            weight = np.float32(kernel[ht + dy, hs + dx])
+            to = (..., slice(max(0, dy), rows + min(0, dy)), slice(max(0, dx), columns + min(0, dx)))
+            of = (..., slice(max(0, -dy), rows + min(0, -dy)), slice(max(0, -dx), columns + min(0, -dx)))
+            out[to] += weight * values[of]
+    return out

@@ -1,0 +1,176 @@
+"""H by simulation: plane by plane, in memory or straight to a file."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, ScanPlan
+from lfcal.errors import InputError, expectation
+from lfcal.progress import Clock, Progress, Work, drain
+from lfcal.psf import PSFMatrix, open_psf
+from lfcal.psf.store import PSFWriter
+from lfcal.simulate.effects.base import Effect
+from lfcal.simulate.engine import Sampling
+from lfcal.simulate.planner import EffectPlan, plan_effects
+from lfcal.simulate.response import PlaneResponse
+from lfcal.threads import worker_count
+from lfcal.units import format_bytes
+
+__all__ = ["effects_of", "iter_simulate_psf", "simulate_psf"]
+
+MEMORY_LIMIT = 6 << 30
+"""Largest H that is built in memory (bytes); a file has no such limit."""
+
+BLOCK_BYTES = 64 << 20
+"""Rows of responses that are computed between two reports of progress are about this large."""
+
+EffectsLike = Iterable[Effect] | EffectPlan | str
+
+
+def effects_of(effects: EffectsLike, plan: ScanPlan, tolerance: float) -> tuple[Effect, ...]:
+    """Return a tuple of effects: as given, those a plan has on, or those that ``"auto"`` finds necessary."""
+    if isinstance(effects, EffectPlan):
+        return effects.effects
+    if isinstance(effects, str):
+        if effects != "auto":
+            raise InputError(expectation("effects", "effects, an EffectPlan or 'auto'", repr(effects), "correct it"))
+        return plan_effects(plan.camera, plan, tolerance).effects
+    chosen = tuple(effects)
+    for effect in chosen:
+        if not isinstance(effect, Effect):
+            raise InputError(expectation("effects", "effect objects", type(effect).__name__, "see lfcal.simulate"))
+    return chosen
+
+
+def describe(effects: Iterable[Effect]) -> list[dict[str, Any]]:
+    """Return the effects with their magnitudes as plain JSON types, for provenance."""
+    return [{"name": e.name, **dataclasses.asdict(e)} for e in effects]  # type: ignore[call-overload]
+
+
+def iter_simulate_psf(
+    camera: Camera,
+    plan: ScanPlan,
+    effects: EffectsLike = "auto",
+    level: str = "auto",
+    *,
+    tolerance: float = 0.03,
+    sampling: Sampling | None = None,
+    out: str | os.PathLike[str] | None = None,
+    dtype: str = "float32",
+    compression: str = "gzip",
+    workers: int | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> Work[PSFMatrix]:
+    """Simulate H as `simulate_psf`; yields progress in rows, and closing it leaves nothing half-written."""
+    check_same(camera, plan)
+    chosen = effects_of(effects, plan, tolerance)
+    details = {"simulated": {"effects": describe(chosen), "level": level, "tolerance": tolerance}, **(provenance or {})}
+    common: dict[str, Any] = {"depths": plan.depths_um, "camera": camera, "anchor": plan.anchor}
+    if out is None:
+        need = int(np.prod(plan.shape, dtype=np.int64)) * 4
+        if need > MEMORY_LIMIT:
+            limit = f"at most {format_bytes(MEMORY_LIMIT)}"
+            raise InputError(expectation("H in memory", limit, format_bytes(need), "name a file with out="))
+        whole = np.zeros(plan.shape, np.float32)
+        for z in range(plan.shape[0]):
+            yield from _plane(whole[z], plan, z, chosen, level, tolerance, sampling, workers)
+        return PSFMatrix(whole, **common, provenance=details)
+    with PSFWriter(
+        out, plan.shape, **common, dtype=dtype, compression=compression, provenance=details, workers=workers
+    ) as writer:
+        plane = np.empty(plan.shape[1:], np.float32)
+        for z in range(plan.shape[0]):
+            plane[:] = 0
+            yield from _plane(plane, plan, z, chosen, level, tolerance, sampling, workers)
+            writer.write_plane(z, plane)
+    return open_psf(Path(out))
+
+
+def simulate_psf(
+    camera: Camera,
+    plan: ScanPlan,
+    effects: EffectsLike = "auto",
+    level: str = "auto",
+    **options: Any,
+) -> PSFMatrix:
+    """Return H of ``camera`` for a scan plan, by simulation.
+
+    Values are shares of the light that passes the iris towards the lenslets: the sum over an infinite cutout is
+    what the lenslets let through. Effects on the motion and on the sensor frame do not enter H: they belong to
+    the frames (`SimulatedCamera`), from which assembly makes an H that equals this one up to its noise.
+
+    Parameters
+    ----------
+    camera
+        The camera; the plan's own.
+    plan
+        Period, cutout, depths and anchor: H has shape ``plan.shape``, axes (z, y, x, t, s).
+    effects
+        A tuple of effects, ``()`` for the ideal camera; an `EffectPlan`; or ``"auto"``: what `plan_effects`
+        finds necessary for ``tolerance``.
+    level
+        ``"geometric"``, ``"wave"``, ``"microscope"``, ``"reference"``, or ``"auto"``: rays unless an effect calls
+        for waves.
+    tolerance
+        Relative L1 error allowed for what is left out, and for the sampling.
+    sampling
+        How finely to compute; None: what the tolerance needs.
+    out
+        H file to write, streamed plane by plane; None keeps H in memory.
+    dtype, compression
+        As in `PSFWriter`.
+    workers
+        Threads over source rows; None takes all processors.
+
+    Returns
+    -------
+    PSFMatrix
+        In memory, or opened from ``out``.
+
+    Raises
+    ------
+    InputError
+        If plan, camera and effects do not fit, or H is too large for memory.
+    EnergyError
+        If more light came out of a response than went in: the sampling is too coarse.
+    StorageError
+        If the file cannot be written.
+    """
+    return drain(iter_simulate_psf(camera, plan, effects, level, **options))
+
+
+def check_same(camera: Camera, plan: ScanPlan) -> None:
+    """Raise `InputError` unless ``camera`` is the plan's."""
+    if camera != plan.camera:
+        raise InputError(
+            expectation("camera", f"the plan's ({plan.camera.name})", camera.name, "make the plan for this camera")
+        )
+
+
+def _plane(
+    out: NDArray[np.float32],
+    plan: ScanPlan,
+    z: int,
+    effects: tuple[Effect, ...],
+    level: str,
+    tolerance: float,
+    sampling: Sampling | None,
+    workers: int | None,
+) -> Iterable[Progress]:
+    """Compute one plane into ``out``, zeroed; yield progress."""
+    response = PlaneResponse(plan, z, effects, level=level, sampling=sampling)
+    ny, nx = plan.period
+    row_bytes = nx * plan.cutout[0] * plan.cutout[1] * 4
+    threads = worker_count(workers)
+    block = min(ny, max(threads, BLOCK_BYTES // max(1, row_bytes) // threads * threads))
+    clock = Clock(f"simulate plane {z + 1} of {plan.shape[0]}", ny * response.runs)
+    yield clock.at(0)
+    for done in response.accumulate(out, np.arange(ny), np.arange(nx), block=block, workers=workers):
+        yield clock.at(done)

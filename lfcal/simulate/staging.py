@@ -1,0 +1,148 @@
+"""From a camera, a plan and a tuple of effects to the scene an engine computes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, ScanPlan
+from lfcal.errors import InputError, expectation
+from lfcal.simulate.effects.base import Effect, LightEffect, LightSample, PsfEffect, SceneEffect
+from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.engine import LEVELS
+from lfcal.simulate.scene import Iris, Scene, scene_of
+
+__all__ = [
+    "filter_kernel",
+    "ideal_scene",
+    "light_samples",
+    "origin_of",
+    "outlook_of",
+    "resolve_level",
+    "scene_for",
+]
+
+ALL_LEVELS = ("auto", "microscope", *LEVELS)
+
+
+def outlook_of(plan: ScanPlan, z: int, *, peak: float = 0.8) -> Outlook:
+    """Return the a-priori picture of plane ``z``; ``peak`` is the brightest pixel's share of the full well."""
+    camera = plan.camera
+    middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
+    field = (middle - np.array(camera.sensor.centre_px)) * camera.sensor.pixel_um
+    return Outlook(
+        camera,
+        plan.depths_um[z],
+        plan.cutout,
+        plan.period,
+        (float(field[0]), float(field[1])),
+        peak * camera.sensor.full_well_e,
+        plan.exposures[z],
+    )
+
+
+def origin_of(plan: ScanPlan) -> tuple[int, int, float, float]:
+    """Return the pixel (row, column) of position (0, 0), and how far its chief ray is from that pixel's centre (px)."""
+    row, column = (math.ceil(v - 0.5) for v in plan.anchor)
+    return row, column, plan.anchor[0] - row, plan.anchor[1] - column
+
+
+def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0) -> Scene:
+    """Return the ideal camera's scene: rays, a round iris, telecentric, every lenslet of the sharpest type.
+
+    The cutout is ``halo`` pixels larger than the plan's on every side.
+    """
+    camera = outlook.camera
+    _, _, rest_y, rest_x = origin_of(plan)
+    about = plan.lattice_anchor
+    offsets = None
+    if rest_y or rest_x:
+        offsets = np.broadcast_to(np.array([rest_y, rest_x]) * camera.sensor.pixel_um, (*plan.period, 2)).copy()
+    sharpest = int(np.argmin(np.abs(outlook.defocus)))
+    scene = scene_of(
+        camera,
+        period=plan.period,
+        cutout=(plan.cutout[0] + 2 * halo, plan.cutout[1] + 2 * halo),
+        z_um=outlook.z_um,
+        anchor_px=(about[0] - rest_y, about[1] - rest_x),
+        iris=Iris(),
+        pupil_um=math.inf,
+        pixel_fill=1.0,
+        main_diffraction=False,
+        lenslet_diffraction=False,
+        offsets_um=offsets,
+    )
+    types = (camera.lattice.types[sharpest],) * len(camera.lattice.types)
+    return replace(scene, lattice=replace(scene.lattice, types=types))
+
+
+def scene_for(
+    plan: ScanPlan, z: int, effects: Iterable[Effect], *, halo: int = 0, depth_error_um: float = 0.0
+) -> Scene:
+    """Return the scene of plane ``z`` with every scene effect of ``effects`` in it.
+
+    Raises
+    ------
+    InputError
+        If the plan resamples frames: its pixels are not the sensor's.
+    """
+    if plan.resample_factors != (1.0, 1.0):
+        raise InputError(
+            expectation("scan plan", "one that keeps the sensor's pixels", "resample=True", "simulate frames instead,"
+                        " or make the plan with resample=False")
+        )  # fmt: skip
+    outlook = outlook_of(plan, z)
+    if depth_error_um:
+        outlook = replace(outlook, z_um=outlook.z_um + depth_error_um)
+    scene = ideal_scene(plan, outlook, halo=halo)
+    for effect in effects:
+        if isinstance(effect, SceneEffect):
+            scene = effect.on_scene(scene, outlook)
+    return scene
+
+
+def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
+    """Return the scene and the engine's level: ``auto`` follows rays unless an effect calls for waves.
+
+    A named wave level computes lenslet diffraction whatever the effects say; ``microscope`` is the Debye path.
+    """
+    if level not in ALL_LEVELS:
+        raise InputError(expectation("level", " or ".join(ALL_LEVELS), repr(level), "choose one of these"))
+    if level == "microscope":
+        level = "debye"
+    if level == "auto":
+        if not scene.lenslet_diffraction:
+            return scene, "geometric"
+        level = "debye" if scene.objective is not None and scene.main_diffraction else "wave"
+    if level != "geometric" and not scene.lenslet_diffraction:
+        scene = replace(scene, lenslet_diffraction=True)
+    if level == "debye" and not scene.main_diffraction:
+        scene = replace(scene, main_diffraction=True)
+    return scene, level
+
+
+def light_samples(effects: Iterable[Effect], outlook: Outlook) -> tuple[LightSample, ...]:
+    """Return the source points and wavelengths that ``effects`` spread the light over."""
+    samples: tuple[LightSample, ...] = (LightSample(0.0, 0.0, outlook.wavelength_um, 1.0),)
+    for effect in effects:
+        if isinstance(effect, LightEffect):
+            samples = effect.spread(samples, outlook)
+    return samples
+
+
+def filter_kernel(
+    effects: Sequence[Effect], camera: Camera
+) -> np.ndarray[tuple[int, int], np.dtype[np.float64]] | None:
+    """Return the product of all response filters ``(rows, columns)``, odd; None where there is none."""
+    from scipy.signal import convolve2d
+
+    kernel: NDArray[np.float64] | None = None
+    for effect in effects:
+        if isinstance(effect, PsfEffect):
+            one = effect.kernel(camera)
+            kernel = one if kernel is None else convolve2d(kernel, one)
+    return kernel
