@@ -1,0 +1,69 @@
+"""What a page may use of the window: the session, the jobs, messages, and going to another stage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import QObject, Signal
+
+from gui.jobs import Jobs
+from gui.models.session import Session, SessionState
+from lfcal.psf import PSFMatrix
+
+__all__ = ["Context"]
+
+
+class Context(QObject):
+    """Handed to every page; the only thing pages share.
+
+    Signals
+    -------
+    state_changed(old, new)
+        The session changed (`gui.models.session.SessionState` before and after).
+    go(stage, payload)
+        A page asks for another stage, with something to show there, e.g. ``("frames", (z, y, x))``.
+    message(text)
+        A line for the log and the status bar.
+    attention(stage, flag)
+        A stage found something that needs the user.
+    theme_changed()
+        Colours changed; plots redraw.
+    """
+
+    state_changed = Signal(object, object)
+    go = Signal(str, object)
+    message = Signal(str)
+    attention = Signal(str, bool)
+    theme_changed = Signal()
+
+    def __init__(self, session: Session, jobs: Jobs, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.session, self.jobs = session, jobs
+        self._matrices: dict[str, PSFMatrix] = {}
+        session.listen(self.state_changed.emit)
+
+    @property
+    def state(self) -> SessionState:
+        """The session's state."""
+        return self.session.state
+
+    def matrix(self, path: str) -> PSFMatrix | None:
+        """Return the opened PSF matrix of a file, None where there is none; raises what opening it raises."""
+        if not path or not Path(path).exists():
+            return None
+        if path not in self._matrices:
+            from lfcal.psf import open_psf
+
+            self._matrices[path] = open_psf(path)
+        return self._matrices[path]
+
+    def forget(self, path: str) -> None:
+        """Close a PSF matrix, so that its file may be replaced or is read anew."""
+        matrix = self._matrices.pop(path, None)
+        if matrix is not None:
+            matrix.close()
+
+    def close(self) -> None:
+        """Close all files."""
+        for path in list(self._matrices):
+            self.forget(path)

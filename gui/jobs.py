@@ -1,0 +1,254 @@
+"""The only threads of the window: long work as jobs, quick computations whose stale results are dropped.
+
+Threads never touch Qt. They put records into a queue; a timer in the window's thread takes them out and
+emits signals there.
+"""
+
+from __future__ import annotations
+
+import itertools
+import queue
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer, Signal
+
+from lfcal.errors import Cancelled, LfcalError
+from lfcal.progress import Progress, Work
+
+__all__ = ["Job", "JobState", "Jobs"]
+
+POLL_MS = 25
+
+
+class JobState(Enum):
+    """State of a job, with the word shown for it."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    DONE = "done"
+    CANCELLED = "stopped"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class Job:
+    """What the window knows of a piece of long work.
+
+    Attributes
+    ----------
+    number, title, stage
+        Identity; ``stage`` is the page it belongs to.
+    state, progress
+        How far it is.
+    result
+        What it returned, when done.
+    error, details
+        One line in words, and the trace to copy, when failed.
+    """
+
+    number: int
+    title: str
+    stage: str
+    state: JobState = JobState.WAITING
+    progress: Progress | None = None
+    result: Any = None
+    error: str = ""
+    details: str = ""
+    started: float = field(default_factory=time.monotonic)
+
+    @property
+    def active(self) -> bool:
+        """Whether the job waits or runs."""
+        return self.state in (JobState.WAITING, JobState.RUNNING)
+
+
+class Jobs(QObject):
+    """Run `lfcal.progress.Work` in threads; report in the window's thread."""
+
+    changed = Signal(object)
+    """A `Job`, whenever one of its fields changes."""
+
+    finished = Signal(object)
+    """A `Job` that is done, stopped or failed."""
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._queue: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
+        self._numbers = itertools.count(1)
+        self._jobs: dict[int, Job] = {}
+        self._stops: dict[int, threading.Event] = {}
+        self._threads: dict[int, threading.Thread] = {}
+        self._callbacks: dict[int, tuple[Callable[[Any], None] | None, Callable[[Job], None] | None]] = {}
+        self._pool = ThreadPoolExecutor(2, thread_name_prefix="lfcal-compute")
+        self._generation: dict[str, int] = {}
+        self._pending: dict[str, int] = {}
+        self._timer = QTimer(self)
+        self._timer.setInterval(POLL_MS)
+        self._timer.timeout.connect(self._take)
+        self._closed = False
+
+    # -- long work -------------------------------------------------------------------------------------
+    def start(
+        self,
+        title: str,
+        stage: str,
+        work: Callable[[], Work[Any]],
+        on_done: Callable[[Any], None] | None = None,
+        on_failed: Callable[[Job], None] | None = None,
+    ) -> int:
+        """Run ``work()`` in a thread of its own; return the job's number."""
+        number = next(self._numbers)
+        job = Job(number, title, stage)
+        self._jobs[number] = job
+        self._stops[number] = threading.Event()
+        self._callbacks[number] = (on_done, on_failed)
+        thread = threading.Thread(target=self._run, args=(number, work), name=f"lfcal-job-{number}", daemon=True)
+        self._threads[number] = thread
+        self._timer.start()
+        self.changed.emit(job)
+        thread.start()
+        return number
+
+    def _run(self, number: int, work: Callable[[], Work[Any]]) -> None:
+        stop = self._stops[number]
+        latest = 0.0
+        try:
+            running = work()
+            try:
+                while True:
+                    record = next(running)
+                    if stop.is_set():
+                        raise Cancelled("stopped")
+                    now = time.monotonic()
+                    if now - latest > 0.03 or record.done == record.total:
+                        latest = now
+                        self._queue.put(("progress", (number, record)))
+            except StopIteration as end:
+                self._queue.put(("done", (number, end.value)))
+            finally:
+                running.close()
+        except Cancelled:
+            self._queue.put(("cancelled", number))
+        except BaseException as error:
+            words = str(error) if isinstance(error, LfcalError) else f"{type(error).__name__}: {error}"
+            self._queue.put(("failed", (number, words, traceback.format_exc())))
+
+    def cancel(self, number: int) -> None:
+        """Ask a job to stop; it cleans up behind itself."""
+        if number in self._stops:
+            self._stops[number].set()
+
+    def jobs(self) -> list[Job]:
+        """Return all jobs of this session, newest first."""
+        return sorted(self._jobs.values(), key=lambda job: -job.number)
+
+    def running_stages(self) -> set[str]:
+        """Return the stages that have a job at work."""
+        return {job.stage for job in self._jobs.values() if job.active}
+
+    # -- quick computations ----------------------------------------------------------------------------
+    def compute(
+        self,
+        group: str,
+        function: Callable[[], Any],
+        on_result: Callable[[Any], None],
+        on_error: Callable[[str], None] | None = None,
+    ) -> None:
+        """Compute in the background; only the newest request of a ``group`` reports.
+
+        While one request of the group is being computed, at most one more waits: the newest.
+        """
+        if self._closed:
+            return
+        generation = self._generation.get(group, 0) + 1
+        self._generation[group] = generation
+        self._pool.submit(self._compute, group, generation, function, on_result, on_error)
+        self._pending[group] = self._pending.get(group, 0) + 1
+        self._timer.start()
+
+    def _compute(
+        self,
+        group: str,
+        generation: int,
+        function: Callable[[], Any],
+        on_result: Callable[[Any], None],
+        on_error: Callable[[str], None] | None,
+    ) -> None:
+        if self._generation.get(group) != generation or self._closed:
+            self._queue.put(("stale", group))
+            return
+        try:
+            self._queue.put(("result", (group, generation, on_result, function())))
+        except BaseException as error:
+            words = str(error) if isinstance(error, LfcalError) else f"{type(error).__name__}: {error}"
+            self._queue.put(("error", (group, generation, on_error, words)))
+
+    # -- the window's thread ---------------------------------------------------------------------------
+    def _take(self) -> None:
+        newest: dict[int, Progress] = {}
+        while True:
+            try:
+                kind, data = self._queue.get_nowait()
+            except queue.Empty:
+                break
+            if kind == "progress":
+                newest[data[0]] = data[1]
+            else:
+                self._handle(kind, data)
+        for number, record in newest.items():
+            if self._jobs[number].active:
+                self._change(number, state=JobState.RUNNING, progress=record)
+        if not any(job.active for job in self._jobs.values()) and not any(self._pending.values()):
+            self._timer.stop()
+
+    def _handle(self, kind: str, data: Any) -> None:
+        if kind in ("result", "error"):
+            group, generation, callback, value = data
+            self._pending[group] -= 1
+            if self._generation.get(group) == generation and callback is not None and not self._closed:
+                callback(value)
+        elif kind == "stale":
+            self._pending[data] -= 1
+        elif kind == "done":
+            self._end(data[0], state=JobState.DONE, result=data[1])
+        elif kind == "cancelled":
+            self._end(data, state=JobState.CANCELLED)
+        elif kind == "failed":
+            number, words, details = data
+            self._end(number, state=JobState.FAILED, error=words, details=details)
+
+    def _change(self, number: int, **changes: Any) -> Job:
+        job = replace(self._jobs[number], **changes)
+        self._jobs[number] = job
+        self.changed.emit(job)
+        return job
+
+    def _end(self, number: int, **changes: Any) -> None:
+        job = self._change(number, **changes)
+        self._threads.pop(number).join(timeout=5)
+        self._stops.pop(number)
+        on_done, on_failed = self._callbacks.pop(number)
+        if self._closed:
+            return
+        if job.state is JobState.DONE and on_done is not None:
+            on_done(job.result)
+        elif job.state is JobState.FAILED and on_failed is not None:
+            on_failed(job)
+        self.finished.emit(job)
+
+    def close(self) -> None:
+        """Stop everything and wait for the threads; nothing reports afterwards."""
+        self._closed = True
+        for stop in self._stops.values():
+            stop.set()
+        for thread in list(self._threads.values()):
+            thread.join(timeout=30)
+        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._timer.stop()

@@ -1,0 +1,115 @@
+"""How an array becomes a picture: levels, log, gamma, colour map, binning. Pure functions, no Qt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError, expectation
+from lfcal.threads import njit
+
+__all__ = ["COLOUR_MAPS", "Display", "bin_max", "colour_table", "levels_of", "to_uint8"]
+
+COLOUR_MAPS = ("viridis", "cividis", "magma", "gray")
+"""Perceptually even maps offered for intensities."""
+
+DIFFERENCE = "RdBu_r"
+"""Map for signed differences, symmetric about zero."""
+
+SCALES = ("linear", "log", "gamma")
+
+
+@dataclass(frozen=True)
+class Display:
+    """How values are shown.
+
+    Attributes
+    ----------
+    scale
+        ``"linear"``, ``"log"`` (four decades below the top) or ``"gamma"`` (square root).
+    colour_map
+        One of `COLOUR_MAPS`, or the map for differences.
+    levels
+        Lowest and highest value shown; None follows the data.
+    """
+
+    scale: str = "linear"
+    colour_map: str = "viridis"
+    levels: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        if self.scale not in SCALES:
+            raise InputError(expectation("scaling", " or ".join(SCALES), self.scale, "choose one of these"))
+        if self.colour_map not in (*COLOUR_MAPS, DIFFERENCE):
+            raise InputError(expectation("colour map", " or ".join(COLOUR_MAPS), self.colour_map, "choose one"))
+
+
+def levels_of(image: NDArray[np.generic], *, signed: bool = False) -> tuple[float, float]:
+    """Return the levels that show all of ``image``; symmetric about zero where ``signed``."""
+    finite = image[np.isfinite(image)] if image.dtype.kind == "f" else image
+    if finite.size == 0:
+        return (0.0, 1.0)
+    low, high = float(finite.min()), float(finite.max())
+    if signed:
+        top = max(abs(low), abs(high)) or 1.0
+        return (-top, top)
+    return (low, high if high > low else low + 1.0)
+
+
+def to_uint8(image: NDArray[np.generic], display: Display, levels: tuple[float, float]) -> NDArray[np.uint8]:
+    """Return ``image`` scaled to 0..255 by ``display``; not-a-number becomes 0."""
+    low, high = levels
+    span = high - low if high > low else 1.0
+    values = (np.asarray(image, np.float32) - np.float32(low)) * np.float32(1.0 / span)
+    np.nan_to_num(values, copy=False, nan=0.0, posinf=1.0, neginf=0.0)
+    np.clip(values, 0.0, 1.0, out=values)
+    if display.scale == "gamma":
+        np.sqrt(values, out=values)
+    elif display.scale == "log":  # four decades
+        np.log10(np.maximum(values, 1e-4, out=values), out=values)
+        values = values / 4 + 1
+    return (values * 255.0 + 0.5).astype(np.uint8)
+
+
+@lru_cache(maxsize=16)
+def colour_table(name: str) -> NDArray[np.uint8]:
+    """Return the ``(256, 4)`` RGBA table of a colour map."""
+    from matplotlib import colormaps
+
+    table: NDArray[np.uint8] = colormaps[name](np.arange(256), bytes=True)
+    return table
+
+
+@njit()
+def _bin_max(image: NDArray[np.uint16], step: int, out: NDArray[np.uint16]) -> None:
+    rows, columns = out.shape
+    for r in range(rows):
+        for c in range(columns):
+            out[r, c] = image[r * step, c * step]
+        for dr in range(step):
+            for c in range(columns):
+                best = out[r, c]
+                for dc in range(step):
+                    value = image[r * step + dr, c * step + dc]
+                    if value > best:
+                        best = value
+                out[r, c] = best
+
+
+def bin_max(image: NDArray[np.generic], step: int) -> NDArray[np.generic]:
+    """Return the maximum of every ``step`` x ``step`` block: point sources stay visible when zoomed out.
+
+    Rows and columns that do not fill a block are left out.
+    """
+    if step <= 1:
+        return image
+    rows, columns = image.shape[0] // step, image.shape[1] // step
+    if rows == 0 or columns == 0:
+        return image
+    out = np.empty((rows, columns), image.dtype)
+    _bin_max(np.ascontiguousarray(image), step, out)
+    return out

@@ -1,0 +1,240 @@
+"""A 2-D array as a picture: axes with units, colour bar, hover, copy and save."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QPointF, QRectF, Qt, Signal
+from PySide6.QtGui import QAction, QPen
+from PySide6.QtWidgets import QFileDialog, QGraphicsItem, QMenu, QVBoxLayout, QWidget
+
+from gui.models.display import Display, colour_table, levels_of, to_uint8
+from gui.theme import current_theme
+from gui.widgets.plots import style_axes, theme_plot
+
+__all__ = ["ImageView"]
+
+
+class ImageView(QWidget):
+    """Show an array; row 0 is at the top, pixel centres are at whole numbers.
+
+    Signals
+    -------
+    hovered(row, column, value)
+        The pixel under the pointer; row -1 when it left.
+    clicked(row, column)
+        A pixel was clicked.
+    """
+
+    hovered = Signal(int, int, float)
+    clicked = Signal(int, int)
+
+    def __init__(
+        self,
+        *,
+        xlabel: str = "column s",
+        ylabel: str = "row t",
+        unit: str = "px",
+        value_label: str = "intensity (counts)",
+        signed: bool = False,
+        parent: QWidget | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._signed = signed
+        self._display = Display(colour_map="RdBu_r" if signed else "viridis")
+        self._image: NDArray[Any] | None = None
+        self._origin = (0.0, 0.0)
+        self._step = 1.0
+        self._name = "image"
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        self.graphics = pg.GraphicsLayoutWidget()
+        layout.addWidget(self.graphics)
+        self.plot: pg.PlotItem = self.graphics.addPlot(row=0, col=0)
+        self.plot.setAspectLocked(True)
+        self.plot.invertY(True)
+        self.plot.setMenuEnabled(False)
+        self.plot.hideButtons()
+        style_axes(self.plot, f"{xlabel} ({unit})", f"{ylabel} ({unit})")
+        self.item = pg.ImageItem(axisOrder="row-major")
+        self.plot.addItem(self.item)
+        self.bar = pg.ColorBarItem(values=(0, 1), width=12, interactive=False, label=value_label)
+        self.graphics.addItem(self.bar, row=0, col=1)
+        self.cursor = pg.TargetItem(movable=False, size=12, pen=pg.mkPen("#ffffff", width=1.5), symbol="crosshair")
+        self.cursor.hide()
+        self.plot.addItem(self.cursor)
+        self.graphics.scene().sigMouseMoved.connect(self._moved)
+        self.graphics.scene().sigMouseClicked.connect(self._clicked)
+        self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.customContextMenuRequested.connect(self._menu)
+        self.apply_theme()
+
+    # -- content ---------------------------------------------------------------------------------------
+    def set_image(
+        self,
+        image: NDArray[Any] | None,
+        *,
+        name: str = "",
+        levels: tuple[float, float] | None = None,
+        origin: tuple[float, float] = (0.0, 0.0),
+        step: float = 1.0,
+        keep_view: bool = True,
+    ) -> None:
+        """Show ``image`` ``(rows, columns)``; None shows nothing.
+
+        Parameters
+        ----------
+        image
+            Any numbers; not-a-number is shown dark.
+        name
+            For saved files.
+        levels
+            Values at the ends of the colour bar; None follows the display's levels or the data.
+        origin, step
+            Coordinates (row, column) of the first pixel and length of a pixel, in axis units.
+        keep_view
+            Keep pan and zoom if the shape is the same.
+        """
+        before = None if self._image is None else self._image.shape
+        self._image, self._origin, self._step = image, origin, step
+        self._name = name or self._name
+        if image is None:
+            self.item.clear()
+            return
+        shown = levels or self._display.levels or levels_of(image, signed=self._signed)
+        data = to_uint8(image, self._display, shown)
+        self.item.setImage(data, levels=(0, 255), lut=colour_table(self._display.colour_map), autoLevels=False)
+        rows, columns = image.shape
+        rect = QRectF(origin[1] - step / 2, origin[0] - step / 2, columns * step, rows * step)
+        self.item.setRect(rect)
+        self._show_bar(shown)
+        if not keep_view or before != image.shape:
+            self.plot.setRange(rect, padding=0.01)
+
+    def _show_bar(self, levels: tuple[float, float]) -> None:
+        table = colour_table(self._display.colour_map)
+        at = np.linspace(0, 1, 256)
+        if self._display.scale == "gamma":
+            index = np.sqrt(at)
+        elif self._display.scale == "log":
+            index = np.log10(np.maximum(at, 1e-4)) / 4 + 1
+        else:
+            index = at
+        colours = table[(index * 255).astype(int)]
+        self.bar.setColorMap(pg.ColorMap(at, colours))
+        self.bar.setLevels(values=levels)
+
+    def set_display(self, display: Display) -> None:
+        """Change scaling, colour map and levels."""
+        self._display = display
+        if self._image is not None:
+            self.set_image(self._image, origin=self._origin, step=self._step)
+
+    @property
+    def display(self) -> Display:
+        """Scaling, colour map and levels in use."""
+        return self._display
+
+    @property
+    def image(self) -> NDArray[Any] | None:
+        """The array shown."""
+        return self._image
+
+    def set_value_label(self, text: str) -> None:
+        """Name the quantity of the colour bar, with its unit."""
+        self.bar.setLabel("left", text)
+
+    def set_cursor(self, row: float | None, column: float | None = None) -> None:
+        """Put the cross at (row, column); None hides it."""
+        if row is None or column is None:
+            self.cursor.hide()
+            return
+        self.cursor.setPos(column, row)
+        self.cursor.show()
+
+    def add_overlay(self, item: QGraphicsItem) -> None:
+        """Draw ``item`` over the image, in axis units (x = column, y = row)."""
+        self.plot.addItem(item)
+
+    def overlay_pen(self, colour: str = "#ffffff", width: float = 1.5) -> QPen:
+        """Return a pen that keeps its width at every zoom."""
+        pen = pg.mkPen(colour, width=width)
+        pen.setCosmetic(True)
+        return pen
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        theme_plot(self.graphics, self.plot)
+        theme = current_theme()
+        for axis in (self.bar.axis,):
+            axis.setPen(theme.line)
+            axis.setTextPen(theme.text)
+
+    # -- pointer ---------------------------------------------------------------------------------------
+    def pixel_at(self, scene_position: QPointF) -> tuple[int, int] | None:
+        """Return the pixel (row, column) under a scene position, None outside the image."""
+        if self._image is None or not self.plot.sceneBoundingRect().contains(scene_position):
+            return None
+        point = self.plot.vb.mapSceneToView(scene_position)
+        row = round((point.y() - self._origin[0]) / self._step)
+        column = round((point.x() - self._origin[1]) / self._step)
+        if 0 <= row < self._image.shape[0] and 0 <= column < self._image.shape[1]:
+            return row, column
+        return None
+
+    def _moved(self, position: QPointF) -> None:
+        pixel = self.pixel_at(position)
+        if pixel is None or self._image is None:
+            self.hovered.emit(-1, -1, float("nan"))
+        else:
+            self.hovered.emit(*pixel, float(self._image[pixel]))
+
+    def _clicked(self, event: Any) -> None:
+        pixel = self.pixel_at(event.scenePos())
+        if pixel is not None and event.button() == Qt.MouseButton.LeftButton:
+            self.clicked.emit(*pixel)
+
+    # -- copy and save ---------------------------------------------------------------------------------
+    def _menu(self, position: Any) -> None:
+        menu = QMenu(self)
+        for text, action in (
+            ("Show all", self.show_all),
+            ("Copy picture", self.copy_picture),
+            ("Save picture …", lambda: self.save_picture()),
+            ("Save data …", lambda: self.save_data()),
+        ):
+            entry = QAction(text, menu)
+            entry.triggered.connect(action)
+            menu.addAction(entry)
+        menu.exec(self.mapToGlobal(position))
+        menu.deleteLater()
+
+    def show_all(self) -> None:
+        """Zoom so that the whole image is seen."""
+        if self._image is not None:
+            self.plot.setRange(self.item.mapRectToParent(self.item.boundingRect()), padding=0.01)
+
+    def copy_picture(self) -> None:
+        """Put the picture, axes and all, on the clipboard."""
+        from PySide6.QtWidgets import QApplication
+
+        QApplication.clipboard().setPixmap(self.grab())
+
+    def save_picture(self, path: str = "") -> None:
+        """Write the picture, axes and all, as PNG."""
+        path = path or QFileDialog.getSaveFileName(self, "Save picture", f"{self._name}.png", "PNG (*.png)")[0]
+        if path:
+            self.grab().save(path, "PNG")
+
+    def save_data(self, path: str = "") -> None:
+        """Write the values as ``.npy``, or as text with ``.csv``."""
+        if self._image is None:
+            return
+        path = path or QFileDialog.getSaveFileName(self, "Save data", f"{self._name}.npy", "Data (*.npy *.csv)")[0]
+        if path.endswith(".csv"):
+            np.savetxt(path, self._image, delimiter=",", fmt="%.7g")
+        elif path:
+            np.save(path, self._image)

@@ -1,0 +1,136 @@
+"""Line plots in the house style: labelled axes with units, theme colours, copy and save."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import ArrayLike
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction, QFont
+from PySide6.QtWidgets import QApplication, QFileDialog, QMenu, QVBoxLayout, QWidget
+
+from gui.theme import current_theme
+
+__all__ = ["LINES", "LinePlot", "style_axes", "theme_plot"]
+
+LINES = ("#2a8fc4", "#d9772b", "#2aa37b", "#c76aa0", "#8b97a8", "#c9a227")
+"""Line colours that stay apart for colour-blind readers and on both themes."""
+
+
+def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
+    """Label both axes of ``plot``; SI prefixes are never made up."""
+    for side, text in (("bottom", xlabel), ("left", ylabel)):
+        axis = plot.getAxis(side)
+        axis.enableAutoSIPrefix(False)
+        axis.setLabel(text)
+
+
+def theme_plot(graphics: pg.GraphicsLayoutWidget, *plots: pg.PlotItem) -> None:
+    """Give a plot the colours of the theme in use."""
+    theme = current_theme()
+    graphics.setBackground(theme.plot)
+    font = QFont()
+    font.setPointSizeF(8.5)
+    for plot in plots:
+        for side in ("bottom", "left", "right", "top"):
+            axis = plot.getAxis(side)
+            axis.setPen(theme.line)
+            axis.setTextPen(theme.text)
+            axis.setTickFont(font)
+            axis.label.setDefaultTextColor(pg.mkColor(theme.muted))
+        legend = plot.legend
+        if legend is not None:
+            legend.setLabelTextColor(theme.text)
+
+
+class LinePlot(QWidget):
+    """Curves over a common x; clicking and saving are built in."""
+
+    def __init__(self, xlabel: str, ylabel: str, *, legend: bool = False, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        self.graphics = pg.GraphicsLayoutWidget()
+        layout.addWidget(self.graphics)
+        self.plot: pg.PlotItem = self.graphics.addPlot()
+        self.plot.setMenuEnabled(False)
+        self.plot.hideButtons()
+        self.plot.showGrid(x=True, y=True, alpha=0.15)
+        if legend:
+            self.plot.addLegend(offset=(-8, 8))
+        style_axes(self.plot, xlabel, ylabel)
+        self._labels = (xlabel, ylabel)
+        self._curves: dict[str, pg.PlotDataItem] = {}
+        self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.customContextMenuRequested.connect(self._menu)
+        self.apply_theme()
+
+    def set_curve(
+        self,
+        name: str,
+        x: ArrayLike,
+        y: ArrayLike,
+        *,
+        colour: str = "",
+        symbol: str | None = None,
+        dashed: bool = False,
+    ) -> None:
+        """Draw or replace a curve."""
+        values = np.asarray(x, float), np.asarray(y, float)
+        if name in self._curves:
+            self._curves[name].setData(*values)
+            return
+        tone = colour or LINES[len(self._curves) % len(LINES)]
+        style = Qt.PenStyle.DashLine if dashed else Qt.PenStyle.SolidLine
+        pen = pg.mkPen(tone, width=1.8, style=style)
+        self._curves[name] = self.plot.plot(
+            *values, pen=pen, name=name, symbol=symbol, symbolSize=6, symbolBrush=tone, symbolPen=None
+        )
+
+    def remove_curve(self, name: str) -> None:
+        """Take a curve away."""
+        curve = self._curves.pop(name, None)
+        if curve is not None:
+            self.plot.removeItem(curve)
+
+    def clear(self) -> None:
+        """Take all curves away."""
+        for name in list(self._curves):
+            self.remove_curve(name)
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        theme_plot(self.graphics, self.plot)
+
+    def _menu(self, position: Any) -> None:
+        menu = QMenu(self)
+        for text, action in (
+            ("Show all", lambda: self.plot.autoRange()),
+            ("Copy picture", lambda: QApplication.clipboard().setPixmap(self.grab())),
+            ("Save picture …", lambda: self.save_picture()),
+            ("Save data …", lambda: self.save_data()),
+        ):
+            entry = QAction(text, menu)
+            entry.triggered.connect(action)
+            menu.addAction(entry)
+        menu.exec(self.mapToGlobal(position))
+        menu.deleteLater()
+
+    def save_picture(self, path: str = "") -> None:
+        """Write the plot as PNG."""
+        path = path or QFileDialog.getSaveFileName(self, "Save picture", "plot.png", "PNG (*.png)")[0]
+        if path:
+            self.grab().save(path, "PNG")
+
+    def save_data(self, path: str = "") -> None:
+        """Write all curves as text: columns x and y of each."""
+        path = path or QFileDialog.getSaveFileName(self, "Save data", "plot.csv", "Text (*.csv)")[0]
+        if not path:
+            return
+        with open(path, "w", encoding="utf-8") as file:
+            for name, curve in self._curves.items():
+                file.write(f"# {name}: {self._labels[0]}, {self._labels[1]}\n")
+                for x, y in zip(*curve.getData(), strict=True):
+                    file.write(f"{x:.9g},{y:.9g}\n")
