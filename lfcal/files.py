@@ -15,6 +15,7 @@ from lfcal.units import format_bytes
 
 if TYPE_CHECKING:
     import h5py
+    import numpy as np
 
 __all__ = ["check_dataset", "open_h5", "replace_whole", "require_space", "storage_errors"]
 
@@ -135,12 +136,13 @@ def open_h5_file(path: str | os.PathLike[str]) -> h5py.File:
         ) from error
 
 
-def check_dataset(file: h5py.File, name: str, *, max_bytes: int = MAX_BYTES) -> Any:
+def check_dataset(file: h5py.File, name: str, *, max_bytes: int = MAX_BYTES, dtype: np.dtype[Any] | None = None) -> Any:
     """Return dataset ``name`` of ``file`` after checking that it may be read.
 
     Soft and external links, external storage, virtual datasets, unknown filters, dtypes other than
-    plain numbers, declared sizes beyond ``max_bytes`` or far beyond the file's size, and chunks that were
-    never written are refused with `UnsafeFileError` or `FileFormatError`.
+    plain numbers (or exactly the compound ``dtype``), declared sizes beyond ``max_bytes`` or far beyond
+    the file's size, and chunks that were never written are refused with `UnsafeFileError` or
+    `FileFormatError`.
     """
     import h5py
 
@@ -160,11 +162,11 @@ def check_dataset(file: h5py.File, name: str, *, max_bytes: int = MAX_BYTES) -> 
     data = group
     if not isinstance(data, h5py.Dataset):
         raise FileFormatError(expectation(where, "a dataset", type(data).__name__, "check the file"))
-    _check_storage(data, where, max_bytes)
+    _check_storage(data, where, max_bytes, dtype)
     return data
 
 
-def _check_storage(data: Any, where: str, max_bytes: int) -> None:
+def _check_storage(data: Any, where: str, max_bytes: int, dtype: np.dtype[Any] | None) -> None:
     import h5py
 
     plist = data.id.get_create_plist()
@@ -172,7 +174,7 @@ def _check_storage(data: Any, where: str, max_bytes: int) -> None:
         raise UnsafeFileError(expectation(where, "data stored in the file itself", "external storage", "copy it in"))
     if plist.get_layout() == h5py.h5d.VIRTUAL:
         raise UnsafeFileError(expectation(where, "stored data", "a virtual dataset", "copy the data in"))
-    if data.dtype.kind not in "iufb":
+    if data.dtype.kind not in "iufb" and (dtype is None or data.dtype != dtype):
         raise UnsafeFileError(expectation(where, "plain numbers", f"dtype {data.dtype}", "store it as numbers"))
     filters = {plist.get_filter(k)[0] for k in range(plist.get_nfilters())}
     if filters - KNOWN_FILTERS:
