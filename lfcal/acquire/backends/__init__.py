@@ -1,0 +1,1 @@
+"""Device backends; each is found by name through `lfcal.acquire.registry`."""

@@ -1,0 +1,90 @@
+"""What a person may ask of a running session: four words that mean four different things.
+
+- **pause**: finish the position under way, then hold still; ``resume`` goes on.
+- **stop**: finish the position under way, then end in order; the session can be resumed.
+- **abort**: stop the stage now and drop the frame under way; the session can be resumed.
+"""
+
+from __future__ import annotations
+
+import threading
+
+from lfcal.acquire.devices import TimeSource
+from lfcal.errors import Cancelled
+
+__all__ = ["Aborted", "Control"]
+
+SLICE_S = 0.05
+
+
+class Aborted(Cancelled):
+    """The user said abort."""
+
+
+class Control:
+    """Hand requests from any thread to the thread that records."""
+
+    def __init__(self) -> None:
+        self._paused = threading.Event()
+        self._stop = threading.Event()
+        self._abort = threading.Event()
+        self._wake = threading.Event()
+        self.held = ""
+        """Why the session holds still, or empty; set by the recording thread."""
+
+    def pause(self) -> None:
+        """Hold after the position under way."""
+        self._wake.clear()
+        self._paused.set()
+
+    def resume(self) -> None:
+        """Go on after a pause."""
+        self._paused.clear()
+        self._wake.set()
+
+    def stop(self) -> None:
+        """End after the position under way."""
+        self._stop.set()
+        self._wake.set()
+
+    def abort(self) -> None:
+        """Stop the stage and end now."""
+        self._abort.set()
+        self._stop.set()
+        self._wake.set()
+
+    @property
+    def pausing(self) -> bool:
+        """Whether a pause was asked for."""
+        return self._paused.is_set()
+
+    @property
+    def stopping(self) -> bool:
+        """Whether an end was asked for."""
+        return self._stop.is_set()
+
+    @property
+    def aborting(self) -> bool:
+        """Whether an end at once was asked for."""
+        return self._abort.is_set()
+
+    def check(self) -> None:
+        """Raise `Aborted` if abort was asked for; called wherever the recording thread waits."""
+        if self._abort.is_set():
+            raise Aborted("aborted: the stage was stopped; what was acknowledged is safe")
+
+    def wait(self, seconds: float) -> None:
+        """Wait in real time, or until a request comes."""
+        self._wake.wait(seconds)
+
+    def sleep(self, seconds: float, time: TimeSource) -> None:
+        """Let ``seconds`` of the rig's time pass, in slices so that an abort is heard."""
+        if seconds <= SLICE_S:
+            if seconds > 0:
+                time.sleep(seconds)
+            self.check()
+            return
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            time.sleep(min(left, SLICE_S))
+            self.check()

@@ -1,0 +1,148 @@
+"""Moves that arrive: limits, approach from one side, arrival, settling, read-back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.devices import Limits, Point, Stage, TimeSource
+from lfcal.acquire.errors import LimitError, NotInPosition, StageError
+from lfcal.camera._checks import check_number
+from lfcal.errors import expectation
+
+__all__ = ["Motion", "Mover", "check_limits"]
+
+AXES = "xyz"
+FIRST_POLL_S = 0.0005
+LAST_POLL_S = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """How the stage is driven.
+
+    Attributes
+    ----------
+    settle_s
+        Wait after arrival (s).
+    tolerance_um
+        Largest difference of read-back and target along x, y, z (µm).
+    overshoot_um
+        Every target is approached in the positive sense; moves in the negative sense go this far beyond
+        first, so that the play of the drive is always taken up the same way (µm). 0: not needed.
+    timeout_s
+        Longest wait for arrival (s).
+    """
+
+    settle_s: float = 0.05
+    tolerance_um: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    overshoot_um: tuple[float, float, float] = (20.0, 20.0, 20.0)
+    timeout_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("settle time (s)", self.settle_s, at_least=0)
+        check_number("arrival timeout (s)", self.timeout_s, above=0)
+        for tolerance, overshoot in zip(self.tolerance_um, self.overshoot_um, strict=True):
+            check_number("position tolerance (µm)", tolerance, above=0)
+            check_number("overshoot (µm)", overshoot, at_least=0)
+
+
+def check_limits(targets: NDArray[np.float64], limits: Limits, overshoot_um: tuple[float, float, float]) -> None:
+    """Raise `LimitError` if any of ``targets`` ``(N, 3)`` or its approach lies beyond the stage's travel (µm)."""
+    low, high = targets.min(axis=0) - np.array(overshoot_um), targets.max(axis=0)
+    for k, axis in enumerate(AXES):
+        lo, hi = limits[k]
+        if low[k] < lo or high[k] > hi:
+            raise LimitError(
+                expectation(f"stage axis {axis}", f"{lo:g} to {hi:g} µm (the limits)",
+                            f"{low[k]:.6g} to {high[k]:.6g} µm (the plan with {overshoot_um[k]:g} µm of approach)",
+                            "move the stage's origin or shrink the plan; nothing was moved")
+            )  # fmt: skip
+
+
+class Mover:
+    """Drive one stage along targets; remembers from which side it stands.
+
+    Parameters
+    ----------
+    stage, time
+        The rig's.
+    motion
+        Settings.
+    control
+        Abort is heard while waiting.
+    """
+
+    def __init__(self, stage: Stage, time: TimeSource, motion: Motion, control: Control) -> None:
+        self._stage, self._time, self._motion, self._control = stage, time, motion, control
+        self._limits = stage.limits
+        self._last: Point | None = None
+
+    def forget(self) -> None:
+        """Take the next approach from afar: after a fault nobody knows which way the play is taken up."""
+        self._last = None
+
+    def go(self, target: Point) -> Point:
+        """Move to ``target``, wait, settle, and return the read-back (µm).
+
+        Raises
+        ------
+        LimitError
+            Before anything moves.
+        StageError, NotInPosition, DeviceLost
+            If the stage did not get there.
+        """
+        before = self._before(target)
+        for k, (lo, hi) in enumerate(self._limits):
+            if not lo <= before[k] <= hi or not lo <= target[k] <= hi:
+                raise LimitError(
+                    expectation(
+                        f"stage axis {AXES[k]}", f"{lo:g} to {hi:g} µm", f"{target[k]:g} µm", "correct the plan"
+                    )
+                )
+        self._last = None
+        if before != target:
+            self._travel(before)
+        self._travel(target)
+        self._control.sleep(self._motion.settle_s, self._time)
+        here = self.check(target)
+        self._last = target
+        return here
+
+    def check(self, target: Point) -> Point:
+        """Return the read-back, or raise `NotInPosition` if it is out of tolerance (µm)."""
+        here = self._stage.position()
+        for k, tolerance in enumerate(self._motion.tolerance_um):
+            if not abs(here[k] - target[k]) <= tolerance:
+                raise NotInPosition(
+                    expectation(f"stage axis {AXES[k]}", f"{target[k]:.6g} ± {tolerance:g} µm", f"{here[k]:.6g} µm",
+                                "check the stage, or widen the tolerance")
+                )  # fmt: skip
+        return here
+
+    def _before(self, target: Point) -> Point:
+        """Return where to go first so that every axis arrives in the positive sense."""
+        last, over = self._last, self._motion.overshoot_um
+        if last is None:
+            return target[0] - over[0], target[1] - over[1], target[2] - over[2]
+        x, y, z = (t - o if t < p else t for t, p, o in zip(target, last, over, strict=True))
+        return x, y, z
+
+    def _travel(self, target: Point) -> None:
+        self._control.check()
+        self._stage.move(target)
+        time, deadline, pause = self._time, self._time.monotonic() + self._motion.timeout_s, FIRST_POLL_S
+        while self._stage.moving():
+            if time.monotonic() > deadline:
+                self._stage.stop()
+                raise StageError(
+                    expectation("stage", f"arrival within {self._motion.timeout_s:g} s", "still moving",
+                                "check for an obstacle, or allow more time")
+                )  # fmt: skip
+            time.sleep(pause)
+            self._control.check()
+            pause = min(pause * 1.5, LAST_POLL_S)

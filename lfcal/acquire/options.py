@@ -1,0 +1,123 @@
+"""What a session does beyond the scan plan, and how careful it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from lfcal.acquire.motion import Motion
+from lfcal.camera import ScanPlan
+from lfcal.camera._checks import check_choice, check_number
+from lfcal.camera.description import build
+from lfcal.errors import InputError, expectation
+
+__all__ = ["ORDERS", "Options"]
+
+ORDERS = ("plan", "coarse")
+_RESHAPING = ("bracket", "margin_px", "darks", "dark_every", "reference_every", "controls")
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How a session records.
+
+    Attributes
+    ----------
+    order
+        ``"plan"``: as the plan says; ``"coarse"``: a coarse grid over all planes first, then ever finer.
+    bracket
+        Exposures of each position as factors of its plane's; several are merged to a high dynamic range.
+    margin_px
+        Pixels kept around the cutout, for sub-pixel anchors and drift.
+    darks, dark_every
+        Frames averaged into each dark frame (0: none), taken at the start and every so many positions
+        (0: at the start only).
+    reference_every
+        A frame of the same place every so many positions, at the start and at the end, shows the lamp's
+        drift (0: none).
+    controls
+        Control frames per plane and direction, from one period away to the edge of the field, for the
+        check of periodicity (0: none).
+    retries
+        How often a position is tried again after a fault that may pass.
+    tolerance_um, overshoot_um
+        As in `Motion`; None takes a quarter of the smallest step sideways and one step in depth.
+    move_timeout_s, grab_timeout_s, light_settle_s
+        Longest waits for arrival and (beyond the exposure) for a frame, and the wait after the light
+        is switched (s).
+    keep_free_bytes
+        The session holds while the disk has less than this free.
+    origin_tolerance_px
+        On resume the last position is taken again; a larger shift of the image says that the stage's
+        origin is lost (pixels). None leaves the check out.
+    """
+
+    order: str = "plan"
+    bracket: tuple[float, ...] = (1.0,)
+    margin_px: int = 0
+    darks: int = 0
+    dark_every: int = 0
+    reference_every: int = 0
+    controls: int = 0
+    retries: int = 2
+    tolerance_um: tuple[float, ...] | None = None
+    overshoot_um: tuple[float, ...] = (20.0, 20.0, 20.0)
+    move_timeout_s: float = 60.0
+    grab_timeout_s: float = 5.0
+    light_settle_s: float = 0.5
+    keep_free_bytes: int = 1 << 30
+    origin_tolerance_px: float | None = 0.5
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_choice("order", self.order, ORDERS)
+        if not self.bracket or 1.0 not in self.bracket or len(set(self.bracket)) != len(self.bracket):
+            raise InputError(expectation("exposure bracket", "different factors, 1 among them", self.bracket,
+                                         "for example 1, 0.25, 0.0625"))  # fmt: skip
+        for factor in self.bracket:
+            check_number("exposure factor", factor, above=0, at_most=1e4)
+        for name in ("margin_px", "darks", "dark_every", "reference_every", "controls", "retries", "keep_free_bytes"):
+            check_number(name.replace("_", " "), getattr(self, name), at_least=0, integer=True)
+        for name in ("move_timeout_s", "grab_timeout_s"):
+            check_number(name.replace("_", " "), getattr(self, name), above=0)
+        check_number("light settle s", self.light_settle_s, at_least=0)
+        for name in ("tolerance_um", "overshoot_um"):
+            values = getattr(self, name)
+            if values is not None and len(values) != 3:
+                raise InputError(expectation(name, "three numbers (x, y, z) in µm", values, "correct it"))
+        if self.origin_tolerance_px is not None:
+            check_number("origin tolerance (px)", self.origin_tolerance_px, above=0)
+
+    @property
+    def plain(self) -> bool:
+        """Whether one exposure makes one frame (unless the plan averages)."""
+        return len(self.bracket) == 1
+
+    def motion(self, plan: ScanPlan) -> Motion:
+        """Return how the stage is driven through ``plan``."""
+        tolerance = self.tolerance_um
+        if tolerance is None:
+            step = min(min(plan.step_um(z)) for z in range(len(plan.depths_um)))
+            sideways, away = 0.25 * step, step
+            axis = plan.stage.away[1]
+            tolerance = tuple(away if name == axis else sideways for name in "xyz")
+        return Motion(plan.settle_s, _triple(tolerance), _triple(self.overshoot_um), self.move_timeout_s)
+
+    def differences(self, other: Options) -> list[str]:
+        """Return the names of the options that shape the recording and differ."""
+        return [name for name in _RESHAPING if getattr(self, name) != getattr(other, name)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the options as plain JSON types."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Options:
+        """Return the options described by ``data``; unknown entries raise `InputError`."""
+        return build(cls, data, "options")
+
+
+def _triple(values: tuple[float, ...]) -> tuple[float, float, float]:
+    x, y, z = values
+    return float(x), float(y), float(z)

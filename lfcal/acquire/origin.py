@@ -1,0 +1,60 @@
+"""Is the stage's origin still where it was? The last position taken is taken again and compared."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.devices import Rig
+from lfcal.acquire.exposing import Exposer
+from lfcal.acquire.motion import Mover
+from lfcal.acquire.options import Options
+from lfcal.acquire.schedule import Schedule
+from lfcal.acquire.setup.spots import image_shift
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError, expectation
+
+__all__ = ["check_origin"]
+
+LIKENESS = 0.8
+
+
+def check_origin(
+    rig: Rig, plan: ScanPlan, options: Options, schedule: Schedule, latest: tuple[int, NDArray[Any], NDArray[Any]],
+    control: Control,
+) -> None:  # fmt: skip
+    """Raise `InputError` unless the latest recorded position looks as it did.
+
+    Parameters
+    ----------
+    rig, plan, options, schedule, control
+        As in `Runner`.
+    latest
+        Slot, frame and record of the latest acknowledged position.
+    """
+    slot, before, note = latest
+    tolerance = options.origin_tolerance_px
+    if tolerance is None:
+        return
+    x, y, depth = (float(v) for v in note["target_um"])
+    exposer = Exposer(rig, control, options.bracket, plan.camera.sensor.black_level, options.grab_timeout_s)
+    exposer.read_region(schedule.roi)
+    Mover(rig.stage, rig.time, options.motion(plan), control).go((x, y, depth))
+    exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,)
+    z = int(note["index"]) // (plan.period[0] * plan.period[1])
+    data = exposer.expose(exposures[z], plan.frames_averaged, rig.time.monotonic()).data
+    top, left = int(note["row"]) - exposer.roi.row, int(note["column"]) - exposer.roi.column
+    after = data[top : top + before.shape[0], left : left + before.shape[1]]
+    what = f"image of the last recorded position (slot {slot})"
+    remedy = "restore the stage's origin and the optics, or start a new session"
+    try:
+        down, right, likeness = image_shift(before, after)
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
+    if max(abs(down), abs(right)) > tolerance:
+        got = f"moved by ({down:.2f}, {right:.2f}) px"
+        raise InputError(expectation(what, f"where it was to {tolerance:g} px (row, column)", got, remedy))
+    if likeness < LIKENESS:
+        raise InputError(expectation(what, f"a likeness above {LIKENESS}", f"{likeness:.2f}", remedy))

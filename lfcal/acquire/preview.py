@@ -1,0 +1,73 @@
+"""Frames for a window: a bounded queue that drops the oldest, the only place where frames may be dropped."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from lfcal.acquire.devices import Roi
+from lfcal.frames.source import Position
+
+__all__ = ["LiveFrame", "Preview"]
+
+
+@dataclass(frozen=True, slots=True)
+class LiveFrame:
+    """A frame as it came from the camera, for showing.
+
+    Attributes
+    ----------
+    data
+        The region of interest, ``(rows, columns)``; nobody writes to it.
+    roi
+        Where it lies on the sensor.
+    cutout
+        What of it is kept, on the sensor; None in the live view.
+    position
+        Position of the plan, or None.
+    saturated
+        Saturated pixels in ``data``, all counted.
+    what
+        For people: ``"position"``, ``"dark"``, ``"live"`` …
+    """
+
+    data: NDArray[Any]
+    roi: Roi
+    cutout: Roi | None
+    position: Position | None
+    saturated: int
+    what: str
+
+
+class Preview:
+    """A queue from the recording thread to one reader, never longer than ``size``; neither side ever waits."""
+
+    def __init__(self, size: int = 2) -> None:
+        self._items: deque[LiveFrame] = deque(maxlen=max(1, size))
+        self._lock = threading.Lock()
+        self.dropped = 0
+
+    def put(self, frame: LiveFrame) -> None:
+        """Add a frame; the oldest gives way."""
+        with self._lock:
+            self.dropped += len(self._items) == self._items.maxlen
+            self._items.append(frame)
+
+    def get(self) -> LiveFrame | None:
+        """Return the oldest waiting frame, or None."""
+        with self._lock:
+            return self._items.popleft() if self._items else None
+
+    def latest(self) -> LiveFrame | None:
+        """Return the newest frame and let the others go, or None."""
+        with self._lock:
+            if not self._items:
+                return None
+            frame = self._items[-1]
+            self.dropped += len(self._items) - 1
+            self._items.clear()
+            return frame

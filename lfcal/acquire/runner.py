@@ -1,0 +1,252 @@
+"""The strict loop: move, arrive, settle, read back, expose, read back, write, acknowledge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.control import Aborted, Control
+from lfcal.acquire.devices import Point, Rig, Roi
+from lfcal.acquire.errors import AcquisitionStopped, CameraError, DeviceError, StageError, WrongFrame
+from lfcal.acquire.exposing import Exposer, Exposure
+from lfcal.acquire.motion import Mover, check_limits
+from lfcal.acquire.options import Options
+from lfcal.acquire.preview import LiveFrame, Preview
+from lfcal.acquire.records import Kind, Note
+from lfcal.acquire.schedule import Schedule, Step
+from lfcal.camera import ScanPlan
+from lfcal.errors import LfcalError, StorageError
+from lfcal.frames.source import Position
+from lfcal.progress import Clock, Progress, Work
+
+__all__ = ["Observer", "Outcome", "Runner", "Sink"]
+
+HOLD_S = 0.2
+
+Observer = Callable[[Step, Note, NDArray[Any]], None]
+"""Called with step, note and frame after each acknowledgement, in the recording thread."""
+
+
+class Sink(Protocol):
+    """Where frames go; returns only when they are safe."""
+
+    def write(self, step: Step, frame: NDArray[Any], note: Note) -> None:
+        """Write a frame with its note and return when both are on the disk."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended: ``"complete"``, ``"stopped"`` or ``"aborted"``; positions acknowledged, of how many."""
+
+    how: str
+    acknowledged: int
+    total: int
+    seconds: float
+
+
+class Runner:
+    """Record the steps of a schedule that are still to do.
+
+    Parameters
+    ----------
+    rig, plan, options, schedule
+        What to do with which devices.
+    sink
+        Where frames go.
+    todo
+        ``(len(schedule),)`` steps without an acknowledged frame.
+    control
+        Pause, resume, stop and abort, from any thread.
+    preview, observers
+        Who may see the frames.
+    low_space
+        Returns why the session should hold, or an empty string.
+    elapsed_s
+        Seconds recorded by earlier runs of the session.
+
+    Raises
+    ------
+    LimitError
+        At once, before anything moves.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        plan: ScanPlan,
+        options: Options,
+        schedule: Schedule,
+        sink: Sink,
+        todo: NDArray[np.bool_],
+        *,
+        control: Control | None = None,
+        preview: Preview | None = None,
+        observers: tuple[Observer, ...] = (),
+        low_space: Callable[[], str] = lambda: "",
+        elapsed_s: float = 0.0,
+    ) -> None:
+        self._rig, self._plan, self._options, self._schedule = rig, plan, options, schedule
+        self._sink, self._todo = sink, todo
+        self.control = control or Control()
+        self._preview, self._observers, self._low_space = preview, observers, low_space
+        self._exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,)
+        motion = options.motion(plan)
+        moved = schedule.kinds != Kind.DARK
+        check_limits(schedule.targets[moved], rig.stage.limits, motion.overshoot_um)
+        self._mover = Mover(rig.stage, rig.time, motion, self.control)
+        sensor = plan.camera.sensor
+        self._exposer = Exposer(rig, self.control, options.bracket, sensor.black_level, options.grab_timeout_s)
+        self._max = rig.camera.max_value
+        self._elapsed = elapsed_s
+        self._since = rig.time.monotonic()
+        self._total = schedule.count(Kind.POSITION)
+        self._done = self._total - int(todo[schedule.kinds == Kind.POSITION].sum())
+
+    def run(self) -> Work[Outcome]:
+        """Record; yields after each acknowledged frame and while held.
+
+        Raises
+        ------
+        AcquisitionStopped
+            After a fault that retries did not mend: the stage is stopped, what was acknowledged is safe.
+        """
+        clock = Clock("record", self._total)
+        self._since = self._rig.time.monotonic()
+        step: Step | None = None
+        yield clock.at(self._done)
+        try:
+            for step in self._schedule.steps(self._todo):
+                yield from self._hold(clock)
+                if self.control.stopping:
+                    break
+                self._record(step)
+                yield clock.at(self._done)
+        except Aborted:
+            pass
+        except (LfcalError, OSError) as error:
+            self._halt()
+            raise AcquisitionStopped(self._report(step, error), self._done, error) from error
+        except BaseException:
+            self._halt()
+            raise
+        if self.control.aborting:
+            self._halt()
+        seconds = self._rig.time.monotonic() - self._since
+        how = "aborted" if self.control.aborting else "stopped" if self.control.stopping else "complete"
+        return Outcome(how, self._done, self._total, seconds)
+
+    # -- one step --------------------------------------------------------------------------------------
+    def _record(self, step: Step) -> None:
+        attempt = 1
+        while True:
+            try:
+                frame, note = self._take(step, attempt)
+                break
+            except WrongFrame:
+                raise
+            except (CameraError, StageError):
+                if attempt > self._options.retries:
+                    raise
+            self._mover.forget()
+            attempt += 1
+        self._sink.write(step, frame, note)
+        self._done += step.kind is Kind.POSITION
+        for observer in self._observers:
+            observer(step, note, frame)
+
+    def _take(self, step: Step, attempt: int) -> tuple[NDArray[Any], Note]:
+        time = self._rig.time
+        self._exposer.read_region(self._schedule.roi_of(step.kind))
+        here: Point = step.target
+        if step.kind is Kind.DARK:
+            exposure = self._expose_dark(step)
+            here = self._rig.stage.position()
+        else:
+            self._mover.go(step.target)
+            exposure = self._exposer.expose(self._exposures[step.z], self._plan.frames_averaged, time.monotonic())
+            here = self._mover.check(step.target)  # a stage that crept away during the exposure shows here
+        frame, mask, row, column = self._crop(step, exposure)
+        note = Note(
+            step.flat, step.kind, row, column, step.target, here, exposure.exposure_s, time.wall(),
+            self._elapsed + time.monotonic() - self._since, float(frame.sum(dtype=_sum_type(frame))),
+            float(frame.max()), int(np.count_nonzero(frame >= self._max if mask is None else mask)),
+            exposure.saturated, attempt, step.period_y, step.period_x,
+        )  # fmt: skip
+        if self._preview is not None:
+            self._show(step, exposure, Roi(row, column, *frame.shape))
+        return frame, note
+
+    def _expose_dark(self, step: Step) -> Exposure:
+        light = self._rig.light
+        if light is None:
+            raise DeviceError("dark frames: the rig has no light that can be switched; leave darks out")
+        light.switch(False)
+        try:
+            self.control.sleep(self._options.light_settle_s, self._rig.time)
+            now = self._rig.time.monotonic()
+            return self._exposer.expose(self._exposures[step.z], max(2, self._options.darks), now)
+        finally:
+            light.switch(True)
+            self.control.sleep(self._options.light_settle_s, self._rig.time)
+
+    def _crop(self, step: Step, exposure: Exposure) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
+        """Return the part that is kept, contiguous, with its saturation mask and first sensor row and column."""
+        roi = self._exposer.roi
+        wanted = self._schedule.roi if step.kind is Kind.DARK else Roi(step.row, step.column, *self._schedule.window)
+        top, left = wanted.row - roi.row, wanted.column - roi.column
+        rows, columns = slice(top, top + wanted.rows), slice(left, left + wanted.columns)
+        mask = None if exposure.mask is None else exposure.mask[rows, columns]
+        return np.ascontiguousarray(exposure.data[rows, columns]), mask, wanted.row, wanted.column
+
+    def _show(self, step: Step, exposure: Exposure, cutout: Roi) -> None:
+        assert self._preview is not None
+        _, ny, nx = self._plan.shape[:3]
+        position = Position(step.z, step.flat // nx % ny, step.flat % nx)
+        self._preview.put(
+            LiveFrame(exposure.data, self._exposer.roi, cutout, position, exposure.saturated, step.kind.name.lower())
+        )
+
+    # -- around the steps ------------------------------------------------------------------------------
+    def _hold(self, clock: Clock) -> Work[None]:
+        """Wait while paused or while the disk is too full; yields so that a caller sees why."""
+        began = self._rig.time.monotonic()
+        while not self.control.stopping:
+            why = "paused" if self.control.pausing else self._low_space()
+            if why != self.control.held:
+                self.control.held = why
+                yield Progress(self._done, self._total, clock.stage, clock.at(0).seconds, why)
+            if not why:
+                break
+            self.control.wait(HOLD_S)
+            yield Progress(self._done, self._total, clock.stage, clock.at(0).seconds, why)
+        self.control.held = ""
+        self._since += self._rig.time.monotonic() - began
+
+    def _halt(self) -> None:
+        """Stop the stage whatever it says."""
+        with suppress(LfcalError, OSError):
+            self._rig.stage.stop()
+        if self._rig.light is not None:
+            with suppress(LfcalError, OSError):
+                self._rig.light.switch(True)
+
+    def _report(self, step: Step | None, error: BaseException) -> str:
+        where = "before the first frame"
+        if step is not None:
+            _, ny, nx = self._plan.shape[:3]
+            where = f"{step.kind.name.lower()} (z, y, x) = ({step.z}, {step.flat // nx % ny}, {step.flat % nx})"
+        kind = "disk" if isinstance(error, StorageError | OSError) else "device"
+        return (
+            f"stopped at {where} by the {kind}: {error}; {self._done} of {self._total} positions are safe, "
+            "put it right and resume"
+        )
+
+
+def _sum_type(frame: NDArray[Any]) -> type:
+    return np.float64 if frame.dtype.kind == "f" else np.uint64

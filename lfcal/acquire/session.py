@@ -1,0 +1,235 @@
+"""A session: begun, resumed, redone in part; its folder is what is left of it."""
+
+from __future__ import annotations
+
+import datetime
+import uuid
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.devices import Rig
+from lfcal.acquire.durable import FolderLock
+from lfcal.acquire.errors import AcquisitionStopped
+from lfcal.acquire.guard import DiskGuard
+from lfcal.acquire.journal import read_layout
+from lfcal.acquire.options import Options
+from lfcal.acquire.origin import check_origin
+from lfcal.acquire.preview import Preview
+from lfcal.acquire.records import Kind
+from lfcal.acquire.runner import Observer, Outcome, Runner
+from lfcal.acquire.schedule import Schedule
+from lfcal.acquire.session_file import Devices, Run, SessionFile
+from lfcal.acquire.store import Store, file_name
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError, LfcalError, StorageError, expectation
+from lfcal.files import storage_errors
+from lfcal.frames.source import Position
+from lfcal.progress import Work, drain
+
+__all__ = ["check_devices", "frame_dtype", "iter_record", "record"]
+
+
+def iter_record(
+    folder: Path,
+    plan: ScanPlan,
+    rig: Rig,
+    options: Options | None = None,
+    *,
+    resume: bool = False,
+    redo: Sequence[Position] | None = None,
+    control: Control | None = None,
+    preview: Preview | None = None,
+    observers: tuple[Observer, ...] = (),
+) -> Work[Outcome]:
+    """Record ``plan`` into the session ``folder``; yields progress, returns how it ended.
+
+    Parameters
+    ----------
+    folder
+        A new or empty folder; with ``resume`` or ``redo`` that of an earlier session.
+    plan, rig, options
+        What, with which devices, how.
+    resume
+        Go on where an earlier run was interrupted, after checking that plan, options, devices and the
+        stage's origin are the same.
+    redo
+        Record these positions of a finished session again, into a file of their own; the later frame counts.
+    control, preview, observers
+        See `Runner`.
+
+    Raises
+    ------
+    InputError, StorageError
+        Before anything moves, and with nothing left behind.
+    AcquisitionStopped
+        When the session had to end early; it can be resumed.
+    """
+    options = options or Options()
+    control = control or Control()
+    devices = check_devices(plan, rig)
+    _check_folder(folder, new=not resume and redo is None)
+    if resume or redo is not None:
+        SessionFile.read(folder).check_same(plan, options, devices)  # before the lock, for the clearer message
+    with storage_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    lock = FolderLock(folder)
+    try:
+        file, first = _prepare(folder, plan, options, devices, rig, resume, redo)
+        outcome = Outcome("complete", 0, 0, 0.0)
+        for run in range(first, len(file.recordings)):
+            file, outcome = yield from _record_one(
+                folder, file, run, rig, options, control, preview, observers, check=resume
+            )
+            if outcome.how != "complete":
+                break
+        return outcome
+    finally:
+        lock.release()
+
+
+def record(
+    folder: Path,
+    plan: ScanPlan,
+    rig: Rig,
+    options: Options | None = None,
+    *,
+    resume: bool = False,
+    redo: Sequence[Position] | None = None,
+    control: Control | None = None,
+    observers: tuple[Observer, ...] = (),
+) -> Outcome:
+    """Record ``plan`` into the session ``folder``; see `iter_record`."""
+    return drain(
+        iter_record(folder, plan, rig, options, resume=resume, redo=redo, control=control, observers=observers)
+    )
+
+
+def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
+    """Return what the devices say of themselves; raise `InputError` if the camera is not the plan's."""
+    devices = Devices.of(rig)
+    if tuple(devices.sensor_shape) != tuple(plan.camera.sensor.shape):
+        raise InputError(
+            expectation(f"sensor of {devices.camera}", f"{plan.camera.sensor.shape} pixels as in the plan",
+                        tuple(devices.sensor_shape), "correct the plan's camera, or choose the right one")
+        )  # fmt: skip
+    return devices
+
+
+def frame_dtype(plan: ScanPlan, options: Options, devices: Devices) -> np.dtype[Any]:
+    """Return the sample type of recorded frames: the camera's, or float32 where several exposures make one."""
+    if not options.plain or plan.frames_averaged > 1:
+        return np.dtype(np.float32)
+    return np.dtype(np.uint8 if devices.bit_depth <= 8 else np.uint16)
+
+
+def _check_folder(folder: Path, *, new: bool) -> None:
+    if new and (folder / "session.json").exists():
+        raise InputError(
+            expectation(str(folder), "a new folder", "a session", "choose another folder, or resume this session")
+        )
+
+
+def _prepare(
+    folder: Path, plan: ScanPlan, options: Options, devices: Devices, rig: Rig, resume: bool,
+    redo: Sequence[Position] | None,
+) -> tuple[SessionFile, int]:  # fmt: skip
+    """Return the session, begun if it is new, and the first recording that is to be worked on."""
+    if not resume and redo is None:
+        file = SessionFile(uuid.uuid4().hex, plan, options, devices)
+        _create(folder, file, 0, rig, options)
+        return file, 0
+    file = SessionFile.read(folder)
+    file.check_same(plan, options, devices)
+    if redo is not None:
+        positions = tuple(tuple(map(int, p)) for p in redo)
+        name = file_name(Kind.POSITION, len(file.recordings))
+        file = replace(file, recordings=(*file.recordings, name), redo=(*file.redo, positions))
+        _create(folder, file, len(file.recordings) - 1, rig, options)
+        return file, len(file.recordings) - 1
+    return file, 0
+
+
+def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Options) -> None:
+    """Lay out recording ``run`` and enter it in ``session.json``, or leave nothing."""
+    schedule = _schedule(file, run)
+    nothing = np.zeros(len(schedule), np.bool_)
+    Runner(rig, file.plan, options, schedule, _Nowhere(), nothing)  # limits are checked before anything is made
+    attributes = {"session": file.identity, "roi": list(_roi_list(schedule)), "run": run}
+    Store.create(folder, run, schedule, frame_dtype(file.plan, file.options, file.devices), attributes).close()
+    try:
+        file.write(folder)
+    except BaseException:
+        for kind in Kind:
+            (folder / file_name(kind, run)).unlink(missing_ok=True)
+        raise
+
+
+def _record_one(
+    folder: Path, file: SessionFile, run: int, rig: Rig, options: Options, control: Control,
+    preview: Preview | None, observers: tuple[Observer, ...], *, check: bool,
+) -> Work[tuple[SessionFile, Outcome]]:  # fmt: skip
+    """Record what recording ``run`` lacks, and note the stretch in ``session.json``."""
+    schedule = _schedule(file, run)
+    if not read_layout(folder / file.recordings[run]).in_place:
+        count = schedule.count(Kind.POSITION)
+        return file, Outcome("complete", count, count, 0.0)
+    store = Store.open(folder, run, schedule, frame_dtype(file.plan, file.options, file.devices), file.identity)
+    try:
+        todo = store.todo()
+        guard: Callable[[], str] = DiskGuard(folder, options.keep_free_bytes)
+        runner = Runner(
+            rig, file.plan, options, schedule, store, todo, control=control, preview=preview, observers=observers,
+            low_space=guard, elapsed_s=store.elapsed_s,
+        )  # fmt: skip
+        latest = store.latest()
+        if check and latest is not None and todo.any() and options.origin_tolerance_px is not None:
+            check_origin(rig, file.plan, options, schedule, latest, control)
+        file = replace(file, runs=(*file.runs, Run(_now())))
+        file.write(folder)
+        try:
+            outcome = yield from runner.run()
+        except AcquisitionStopped as stop:
+            file = _note(folder, file, "failed", stop.acknowledged, 0.0, str(stop))
+            raise
+        return _note(folder, file, outcome.how, outcome.acknowledged, outcome.seconds, ""), outcome
+    finally:
+        store.close()
+
+
+def _note(folder: Path, file: SessionFile, how: str, done: int, seconds: float, message: str) -> SessionFile:
+    """Return the session with its last run closed; a failure to write that down is not worth losing more."""
+    last = replace(file.runs[-1], ended=_now(), how=how, acknowledged=done, seconds=seconds, message=message)
+    file = replace(file, runs=(*file.runs[:-1], last))
+    try:
+        file.write(folder)
+    except (LfcalError, OSError):
+        if how != "failed":
+            raise
+    return file
+
+
+def _schedule(file: SessionFile, run: int) -> Schedule:
+    redo = [Position(*p) for p in file.redo[run]] or None
+    return Schedule.of(file.plan, file.options, redo)
+
+
+def _roi_list(schedule: Schedule) -> tuple[int, int, int, int]:
+    roi = schedule.roi
+    return roi.row, roi.column, roi.rows, roi.columns
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
+class _Nowhere:
+    """A sink that takes nothing."""
+
+    def write(self, *_: Any) -> None:
+        """Refuse."""
+        raise StorageError("no recording is open; begin a session first")

@@ -1,0 +1,157 @@
+"""``session.json``: what a session is, written whole at its start and after every run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from lfcal.acquire.devices import Rig, Roi
+from lfcal.acquire.options import Options
+from lfcal.camera import ScanPlan
+from lfcal.camera.description import build
+from lfcal.errors import FileFormatError, InputError, StorageError, expectation
+from lfcal.files import replace_whole, storage_errors
+
+__all__ = ["Devices", "Run", "SessionFile"]
+
+FORMAT = "lfcal-session"
+VERSION = 1
+NAME = "session.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Devices:
+    """The devices of a session, as they name themselves, and what the camera reads."""
+
+    camera: str
+    stage: str
+    sensor_shape: tuple[int, int]
+    bit_depth: int
+    max_value: int
+
+    @classmethod
+    def of(cls, rig: Rig) -> Devices:
+        """Return what the devices of ``rig`` say."""
+        camera = rig.camera
+        return cls(camera.name, rig.stage.name, camera.sensor_shape, camera.bit_depth, camera.max_value)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One stretch of recording: when (ISO 8601), how it ended, positions safe then, seconds, a message."""
+
+    started: str
+    ended: str = ""
+    how: str = "interrupted"
+    acknowledged: int = 0
+    seconds: float = 0.0
+    message: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionFile:
+    """The content of ``session.json``.
+
+    Attributes
+    ----------
+    identity
+        A random name; every recording of the session carries it.
+    plan, options, devices
+        What is recorded, how, and with what.
+    recordings
+        Files with positions, oldest first; a later one counts where both have a position.
+    redo
+        Positions (z, y, x) of each recording, empty for all.
+    runs
+        Every stretch of recording.
+    """
+
+    identity: str
+    plan: ScanPlan
+    options: Options
+    devices: Devices
+    recordings: tuple[str, ...] = ("recording.h5",)
+    redo: tuple[tuple[tuple[int, ...], ...], ...] = ((),)
+    runs: tuple[Run, ...] = ()
+
+    def write(self, folder: Path) -> None:
+        """Write ``session.json`` into ``folder``, whole or not at all."""
+        data = {
+            "format": FORMAT,
+            "version": VERSION,
+            "identity": self.identity,
+            "plan": self.plan.to_dict(),
+            "options": self.options.to_dict(),
+            "devices": asdict(self.devices),
+            "recordings": self.recordings,
+            "redo": self.redo,
+            "runs": [asdict(run) for run in self.runs],
+        }
+        if not folder.is_dir():
+            raise StorageError(f"{folder}: the session folder is gone; restore it, or start a new session")
+        with replace_whole(folder / NAME) as part:
+            part.write_text(json.dumps(data, indent=2, allow_nan=False), encoding="utf-8")
+
+    @classmethod
+    def read(cls, folder: Path) -> SessionFile:
+        """Return the session in ``folder``; raises `FileFormatError` if there is none or it is damaged."""
+        path = folder / NAME
+        if not path.exists():
+            raise StorageError(expectation(str(folder), "a session folder", f"no {NAME} in it", "check the path"))
+        try:
+            with storage_errors(path):
+                data: Any = json.loads(path.read_text(encoding="utf-8"))
+        except (ValueError, RecursionError) as error:
+            raise FileFormatError(expectation(str(path), "JSON text", str(error), "restore it")) from None
+        if not isinstance(data, Mapping) or data.get("format") != FORMAT or data.get("version") != VERSION:
+            raise FileFormatError(
+                expectation(str(path), f'"format": "{FORMAT}", version {VERSION}', "something else", "check the file")
+            )
+        body = {key: value for key, value in data.items() if key not in ("format", "version")}
+        try:
+            body["plan"] = ScanPlan.from_dict(body["plan"])
+            body["options"] = Options.from_dict(body["options"])
+            session = build(cls, body, "session")
+        except KeyError as error:
+            raise FileFormatError(expectation(str(path), f"entry {error}", "none", "restore the file")) from None
+        return replace(
+            session,
+            redo=tuple(tuple(tuple(int(v) for v in p) for p in positions) for positions in session.redo),
+        )
+
+    def check_same(self, plan: ScanPlan, options: Options, devices: Devices) -> None:
+        """Raise `InputError` unless a resumed run records the same thing with the same devices."""
+        found = _difference(self.plan.to_dict(), json.loads(plan.to_json()), "plan")
+        if found is None:
+            names = self.options.differences(options)
+            if names:
+                name = names[0]
+                found = f"option {name}", getattr(self.options, name), getattr(options, name)
+        if found is None:
+            found = _difference(json.loads(json.dumps(asdict(self.devices))), asdict(devices), "devices")
+        if found is not None:
+            what, expected, got = found
+            raise InputError(
+                expectation(f"resumed session: {what}", f"{expected} as recorded", got,
+                            "record with the same plan and devices, or start a new session folder")
+            )  # fmt: skip
+
+
+def _difference(old: Any, new: Any, what: str) -> tuple[str, Any, Any] | None:
+    """Return the first place where two JSON values differ, as (name, old, new)."""
+    old, new = (json.loads(json.dumps(value)) for value in (old, new))
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in [*old, *(k for k in new if k not in old)]:
+            found = _difference(old.get(key), new.get(key), f"{what}.{key}")
+            if found:
+                return found
+        return None
+    return None if old == new else (what, old, new)
+
+
+def region_attributes(roi: Roi) -> dict[str, Any]:
+    """Return ``roi`` as attributes of a recording."""
+    return {"roi": [roi.row, roi.column, roi.rows, roi.columns]}

@@ -1,0 +1,35 @@
+"""Live set-up: what a person needs to see before the session begins; no window in here.
+
+- ``levels``: histogram of every pixel, exact saturation
+- ``spots``: where the spot is, how sharp, how far it moved
+- ``stage_fit``: stage-to-image scale, rotation and sign from a few moves
+- ``optical_axis``: where moving in depth does not move the image
+- ``exposure``: exposure time for each plane
+- ``live``: the live view
+"""
+
+from lfcal.acquire.setup.exposure import iter_exposures, suggest_exposure
+from lfcal.acquire.setup.levels import Levels, levels
+from lfcal.acquire.setup.live import LiveState, iter_live
+from lfcal.acquire.setup.optical_axis import OpticalAxis, find_optical_axis, iter_optical_axis
+from lfcal.acquire.setup.spots import Spot, find_spot, image_shift
+from lfcal.acquire.setup.stage_fit import StageFit, check_stage, fit_stage, iter_stage_fit
+
+__all__ = [
+    "Levels",
+    "LiveState",
+    "OpticalAxis",
+    "Spot",
+    "StageFit",
+    "check_stage",
+    "find_optical_axis",
+    "find_spot",
+    "fit_stage",
+    "image_shift",
+    "iter_exposures",
+    "iter_live",
+    "iter_optical_axis",
+    "iter_stage_fit",
+    "levels",
+    "suggest_exposure",
+]

@@ -1,0 +1,93 @@
+"""An exposure time for each plane: bright, and nothing saturated."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.devices import Rig
+from lfcal.acquire.exposing import Exposer
+from lfcal.acquire.motion import Mover, check_limits
+from lfcal.acquire.options import Options
+from lfcal.acquire.schedule import Schedule
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError, expectation
+from lfcal.progress import Clock, Work
+
+__all__ = ["iter_exposures", "suggest_exposure"]
+
+TRIES = 12
+
+
+def suggest_exposure(
+    peak: float, exposure_s: float, *, black_level: float, max_value: float, target: float = 0.7
+) -> float | None:
+    """Return the exposure at which ``peak`` counts become ``target`` of the range above black (s).
+
+    None when the frame is saturated, which hides how bright it is, or shows no light.
+    """
+    if peak >= max_value or peak <= black_level:
+        return None
+    return exposure_s * target * (max_value - black_level) / (peak - black_level)
+
+
+def iter_exposures(
+    rig: Rig, plan: ScanPlan, *, target: float = 0.7, longest_s: float = 10.0, options: Options | None = None,
+    control: Control | None = None,
+) -> Work[tuple[float, ...]]:  # fmt: skip
+    """Find an exposure for every plane at four positions of its cell; nothing is recorded.
+
+    The brightest of the positions (corner, middle, and half-way along either side) peaks at ``target`` of the
+    range above black.
+
+    Raises
+    ------
+    InputError
+        If a plane stays dark at ``longest_s``, or saturated at any exposure.
+    """
+    options, control = options or Options(), control or Control()
+    schedule = Schedule.of(plan, Options(margin_px=options.margin_px))
+    nz, ny, nx = plan.shape[:3]
+    places = np.array([[0, 0], [ny // 2, nx // 2], [0, nx // 2], [ny // 2, 0]])
+    positions = np.column_stack([np.repeat(np.arange(nz), len(places)), np.tile(places, (nz, 1))])
+    targets = plan.stage_um(positions)
+    motion = options.motion(plan)
+    check_limits(targets, rig.stage.limits, motion.overshoot_um)
+    mover = Mover(rig.stage, rig.time, motion, control)
+    sensor = plan.camera.sensor
+    exposer = Exposer(rig, control, (1.0,), sensor.black_level, options.grab_timeout_s)
+    exposer.read_region(schedule.roi)
+    exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,)
+    clock = Clock("exposures", nz)
+    found = []
+    for z in range(nz):
+        yield clock.at(z)
+        seconds = exposures[z]
+        for x, y, depth in targets[z * len(places) : (z + 1) * len(places)].tolist():
+            mover.go((x, y, depth))
+            suggestion = _settle(rig, exposer, seconds, sensor.black_level, target, longest_s)
+            if suggestion is None:
+                raise InputError(
+                    expectation(f"plane z={z} ({plan.depths_um[z]:g} µm)", "light within the camera's range",
+                                "too dark or too bright at every exposure", "change the lamp or the iris")
+                )  # fmt: skip
+            seconds = min(seconds, suggestion) if (x, y, depth) != tuple(targets[z * len(places)]) else suggestion
+        found.append(seconds)
+    yield clock.at(nz)
+    return tuple(found)
+
+
+def _settle(rig: Rig, exposer: Exposer, seconds: float, black: float, target: float, longest_s: float) -> float | None:
+    """Return the exposure for the place the stage stands at, or None."""
+    for _ in range(TRIES):
+        frame = exposer.expose(seconds, 1, rig.time.monotonic()).data
+        peak = float(frame.max())
+        better = suggest_exposure(peak, seconds, black_level=black, max_value=rig.camera.max_value, target=target)
+        if better is None:
+            better = seconds / 4 if peak >= rig.camera.max_value else seconds * 8
+        elif 0.5 < better / seconds < 2:
+            return min(better, longest_s)
+        if not 1e-6 < better <= longest_s * 8:
+            return None
+        seconds = min(better, longest_s)
+    return None

@@ -1,0 +1,102 @@
+"""The live view: frames as they come, each with its exact numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.devices import Rig, Roi
+from lfcal.acquire.errors import FrameTimeout, IncompleteFrame
+from lfcal.acquire.preview import LiveFrame, Preview
+from lfcal.acquire.setup.levels import Levels, levels
+from lfcal.acquire.setup.spots import Spot, find_spot
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError
+
+__all__ = ["LiveState", "iter_live", "predicted_image"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveState:
+    """What a live frame says.
+
+    Attributes
+    ----------
+    levels
+        Histogram of every pixel.
+    spot
+        The light of the source, on the sensor; None if none stands out.
+    stage_um
+        Where the stage is (µm).
+    expected_px
+        Where the plan expects the image (row, column), None without a plan.
+    trouble
+        Why the last grab gave no frame, or empty.
+    """
+
+    levels: Levels | None
+    spot: Spot | None
+    stage_um: tuple[float, float, float]
+    expected_px: tuple[float, float] | None
+    trouble: str = ""
+
+    @property
+    def offset_px(self) -> tuple[float, float] | None:
+        """Seen minus expected image (rows, columns), in pixels."""
+        if self.spot is None or self.expected_px is None:
+            return None
+        return self.spot.row - self.expected_px[0], self.spot.column - self.expected_px[1]
+
+
+def predicted_image(plan: ScanPlan, stage_um: tuple[float, float, float]) -> tuple[float, float]:
+    """Return where the plan expects the image (row, column) with the stage at ``stage_um``.
+
+    The lattice and cutout drawn over a live frame follow this point.
+    """
+    right, down, away = plan.stage.to_object(np.array(stage_um)).tolist()
+    step = plan.camera.step_um(away)
+    row, column = plan.camera.sensor.centre_px
+    return row + down / step, column + right / step
+
+
+def iter_live(
+    rig: Rig, preview: Preview, control: Control, exposure_s: float, *, plan: ScanPlan | None = None,
+    timeout_s: float = 5.0,
+) -> Generator[LiveState, float | None, None]:  # fmt: skip
+    """Grab whole frames until stopped, put each into ``preview`` and yield its numbers.
+
+    Send a number to change the exposure (s). A frame that does not come, or not whole, is reported in
+    `LiveState.trouble` and the view goes on.
+
+    Raises
+    ------
+    DeviceLost
+    """
+    camera = rig.camera
+    roi = camera.set_roi(Roi(0, 0, *camera.sensor_shape)).actual
+    seconds = camera.set_exposure(exposure_s).actual
+    while not control.stopping:
+        stage = rig.stage.position()
+        expected = None if plan is None else predicted_image(plan, stage)
+        try:
+            frame = camera.grab(timeout_s + seconds)
+            if frame.status != "complete":
+                raise IncompleteFrame(f"camera buffer: {frame.status}; check cable and bandwidth")
+        except (FrameTimeout, IncompleteFrame) as error:
+            wanted = yield LiveState(None, None, stage, expected, str(error))
+        else:
+            counts = levels(frame.data, camera.max_value)
+            preview.put(LiveFrame(frame.data, roi, None, None, counts.saturated, "live"))
+            try:
+                seen = find_spot(frame.data)
+                spot = Spot(
+                    seen.row + roi.row, seen.column + roi.column, seen.energy, seen.peak, seen.sharpness, seen.snr
+                )
+            except InputError:
+                spot = None
+            wanted = yield LiveState(counts, spot, stage, expected)
+        if wanted is not None:
+            seconds = camera.set_exposure(wanted).actual

@@ -1,0 +1,126 @@
+"""Where the optical axis is: the place at which moving in depth does not move the image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.devices import Rig, Roi
+from lfcal.acquire.exposing import Exposer
+from lfcal.acquire.motion import Mover, check_limits
+from lfcal.acquire.options import Options
+from lfcal.acquire.setup.spots import find_spot
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError, expectation
+from lfcal.progress import Clock, Work
+
+__all__ = ["OpticalAxis", "find_optical_axis", "iter_optical_axis"]
+
+
+@dataclass(frozen=True, slots=True)
+class OpticalAxis:
+    """Where the axis meets object space and the sensor.
+
+    Attributes
+    ----------
+    object_um
+        Sideways place (right, down) at which the image stands still while the depth changes (µm).
+    image_px
+        Where that image is on the sensor (row, column).
+    residual_px
+        RMS distance of the centroids from the model (pixels).
+    """
+
+    object_um: tuple[float, float]
+    image_px: tuple[float, float]
+    residual_px: float
+
+
+def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
+    """Return the axis from images seen at several depths and sideways places.
+
+    In each plane k the image is an affine function ``M_k p + t_k`` of the sideways place p; the axis is the p
+    at which all planes agree, by least squares.
+
+    Parameters
+    ----------
+    object_um
+        ``(K, J, 2)`` sideways places (right, down) of J >= 3 images in K >= 2 planes (µm).
+    image_px
+        ``(K, J, 2)`` centroids (row, column) (pixels).
+
+    Raises
+    ------
+    InputError
+        If the magnification does not change over the depths: a telecentric system has no such place, and
+        what moves the image then is a tilted stage axis.
+    """
+    places, seen = np.asarray(object_um, float), np.asarray(image_px, float)
+    if places.shape != seen.shape or places.ndim != 3 or places.shape[0] < 2 or places.shape[1] < 3:
+        raise InputError(
+            expectation("optical axis", "3 or more places in 2 or more planes", places.shape, "measure more of them")
+        )
+    maps, shifts, rest = [], [], []
+    for place, image in zip(places, seen, strict=True):
+        design = np.column_stack([place, np.ones(len(place))])
+        solution, *_ = np.linalg.lstsq(design, image, rcond=None)
+        maps.append(solution[:2].T)
+        shifts.append(solution[2])
+        rest.append(design @ solution - image)
+    scale, offset = np.array(maps), np.array(shifts)
+    change = (scale - scale.mean(axis=0)).reshape(-1, 2)
+    noise = float(np.sqrt(np.mean(np.square(rest))))
+    span = float(np.ptp(places.reshape(-1, 2), axis=0).max())
+    # the change of scale must move the edge of the measured field by more than the centroids' noise
+    if np.linalg.svd(change, compute_uv=False)[-1] * span < max(3 * noise, 1e-6):
+        raise InputError(
+            expectation("magnification", "one that changes with depth", "the same in all planes",
+                        "a telecentric system has no such axis; use planes farther apart, or centre by the field")
+        )  # fmt: skip
+    axis, *_ = np.linalg.lstsq(change, -(offset - offset.mean(axis=0)).ravel(), rcond=None)
+    images = scale @ axis + offset
+    middle = images.mean(axis=0)
+    residual = float(np.sqrt(((images - middle) ** 2).sum(axis=1).mean()))
+    return OpticalAxis((float(axis[0]), float(axis[1])), (float(middle[0]), float(middle[1])), residual)
+
+
+def iter_optical_axis(
+    rig: Rig, plan: ScanPlan, *, planes: Sequence[int] | None = None, options: Options | None = None,
+    control: Control | None = None,
+) -> Work[OpticalAxis]:  # fmt: skip
+    """Look at five places in each of ``planes`` (default: first and last) and find the axis; nothing is recorded."""
+    options, control = options or Options(), control or Control()
+    chosen = list(planes) if planes is not None else sorted({0, len(plan.depths_um) - 1})
+    objects = _places(plan, chosen)
+    targets = plan.stage.to_stage(objects.reshape(-1, 3))
+    motion = options.motion(plan)
+    check_limits(targets, rig.stage.limits, motion.overshoot_um)
+    mover = Mover(rig.stage, rig.time, motion, control)
+    exposer = Exposer(rig, control, (1.0,), plan.camera.sensor.black_level, options.grab_timeout_s)
+    exposer.read_region(Roi(0, 0, *plan.camera.sensor.shape))
+    exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,)
+    clock = Clock("optical axis", len(targets))
+    seen = []
+    for k, (x, y, depth) in enumerate(targets.tolist()):
+        yield clock.at(k)
+        mover.go((x, y, depth))
+        exposure = exposures[chosen[k // objects.shape[1]]]
+        spot = find_spot(exposer.expose(exposure, 1, rig.time.monotonic()).data)
+        seen.append((spot.row + exposer.roi.row, spot.column + exposer.roi.column))
+    yield clock.at(len(targets))
+    return find_optical_axis(objects[..., :2], np.array(seen).reshape(len(chosen), -1, 2))
+
+
+def _places(plan: ScanPlan, planes: list[int]) -> np.ndarray[tuple[int, int, int], np.dtype[np.float64]]:
+    """Return object points ``(K, 5, 3)`` (right, down, away): the middle and a quarter of the field around it."""
+    rows, columns = plan.camera.sensor.shape
+    offsets = np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * np.array([columns, rows]) / 4
+    result = np.zeros((len(planes), 5, 3))
+    for k, z in enumerate(planes):
+        result[k, :, :2] = offsets * plan.camera.step_um(plan.depths_um[z])
+        result[k, :, 2] = plan.depths_um[z]
+    return result

@@ -1,0 +1,103 @@
+"""Where the image of the source is, how sharp, and how far it moved between two frames."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError, expectation
+
+__all__ = ["Spot", "find_spot", "image_shift"]
+
+SAMPLE = 1 << 18
+DETECT_SIGMA = 5.0
+KEEP = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """The light of the source in a frame.
+
+    Attributes
+    ----------
+    row, column
+        Centroid of the light above the background, in pixels of the frame.
+    energy
+        Sum of the light above the background (counts).
+    peak
+        Highest sample above the background (counts).
+    sharpness
+        Squared differences of neighbouring pixels over squared values, in [0, 4]: larger is sharper,
+        whatever the brightness.
+    snr
+        Peak over the noise of the background.
+    """
+
+    row: float
+    column: float
+    energy: float
+    peak: float
+    sharpness: float
+    snr: float
+
+
+def find_spot(frame: NDArray[Any]) -> Spot:
+    """Return the light of the source in ``frame`` ``(rows, columns)``.
+
+    Background and noise are the median and the scaled median deviation; light is what exceeds five times
+    the noise and a twentieth of the peak and does not stand alone, which leaves hot pixels out.
+
+    Raises
+    ------
+    InputError
+        If no light stands out.
+    """
+    step = max(1, math.isqrt(frame.size // SAMPLE))
+    sample = frame[::step, ::step].astype(np.float64)
+    level = float(np.median(sample))
+    noise = max(1.4826 * float(np.median(np.abs(sample - level))), 0.3)
+    bright = frame > level + DETECT_SIGMA * noise
+    together = np.zeros_like(bright)
+    for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:-1], np.s_[1:])):
+        together[a] |= bright[b]
+        together[:, a] |= bright[:, b]
+    bright &= together
+    rows, columns = np.nonzero(bright)
+    if len(rows) < 4:
+        raise InputError(
+            expectation("source", f"light above {level + DETECT_SIGMA * noise:.4g} counts", "none that stands out",
+                        "check lamp, exposure and position")
+        )  # fmt: skip
+    top, left = int(rows.min()), int(columns.min())
+    box = np.s_[top : rows.max() + 1, left : columns.max() + 1]
+    light = np.where(bright[box], frame[box] - level, 0.0)
+    peak = float(light.max())
+    light[light < KEEP * peak] = 0.0
+    energy = float(light.sum())
+    change = float((np.diff(light, axis=0) ** 2).sum() + (np.diff(light, axis=1) ** 2).sum())
+    return Spot(
+        top + float(light.sum(axis=1) @ np.arange(light.shape[0])) / energy,
+        left + float(light.sum(axis=0) @ np.arange(light.shape[1])) / energy,
+        energy, peak, min(4.0, change / float((light**2).sum())), peak / noise,
+    )  # fmt: skip
+
+
+def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float, float]:
+    """Return how far the light moved between two frames of one region, ``(rows, columns)`` in pixels, and its likeness.
+
+    Likeness is the normalised correlation of the frames, 1 for equal ones whatever their brightness.
+
+    Raises
+    ------
+    InputError
+        If one of them shows no light.
+    """
+    first, second = find_spot(before), find_spot(after)
+    a = before - np.median(before).astype(np.float64)
+    b = after - np.median(after).astype(np.float64)
+    likeness = float((a * b).sum() / math.sqrt(float((a**2).sum()) * float((b**2).sum())))
+    return second.row - first.row, second.column - first.column, likeness

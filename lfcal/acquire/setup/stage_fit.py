@@ -1,0 +1,201 @@
+"""Stage-to-image scale, rotation and sign from a few moves.
+
+A scan with a wrong sign yields an H that is useless and looks fine: nothing costs more, so it is measured.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.devices import Rig, Roi
+from lfcal.acquire.exposing import Exposer
+from lfcal.acquire.motion import Mover, check_limits
+from lfcal.acquire.options import Options
+from lfcal.acquire.setup.spots import find_spot
+from lfcal.camera import ScanPlan, StageAxes
+from lfcal.errors import InputError, expectation
+from lfcal.progress import Clock, Work
+
+__all__ = ["StageFit", "check_stage", "fit_stage", "iter_stage_fit"]
+
+SENSES = ("right", "down")
+
+
+@dataclass(frozen=True, slots=True)
+class StageFit:
+    """How the stage moves the image, measured against what the plan says.
+
+    Attributes
+    ----------
+    matrix
+        Image movement (right, down) per planned movement (right, down), ``((a, b), (c, d))``; ideally the
+        unit matrix.
+    axes
+        Stage axes and origin that agree with what was seen.
+    residual_px
+        RMS distance of the centroids from the fit (pixels).
+    """
+
+    matrix: tuple[tuple[float, float], tuple[float, float]]
+    axes: StageAxes
+    residual_px: float
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """Movement over plan along the axes that should move the image right and down."""
+        (a, b), (c, d) = self.matrix
+        return math.hypot(a, c), math.hypot(b, d)
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether one axis runs the wrong way, or the two are swapped."""
+        (a, b), (c, d) = self.matrix
+        return a * d - b * c < 0
+
+    @property
+    def rotation_rad(self) -> float:
+        """Rotation of the image's movement against the plan, right towards down positive (rad)."""
+        (a, b), (c, d) = self.matrix
+        sign = -1.0 if self.mirrored else 1.0
+        return math.atan2(c - sign * b, a + sign * d)
+
+
+def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) -> StageFit:
+    """Return the fit of seen image positions to stage positions in one depth plane.
+
+    Parameters
+    ----------
+    plan
+        What was expected.
+    z
+        Index of the depth plane.
+    stage_um
+        ``(N, 3)`` positions read back (µm), three or more, not on one line.
+    image_px
+        ``(N, 2)`` centroids (row, column) on the sensor (pixels).
+
+    Raises
+    ------
+    InputError
+        If the moves do not span the plane, or the image did not move.
+    """
+    objects = plan.stage.to_object(np.asarray(stage_um, float))[:, :2]
+    seen = np.asarray(image_px, float)[:, ::-1]
+    moves = objects / plan.camera.step_um(plan.depths_um[z])
+    design = np.column_stack([moves, np.ones(len(moves))])
+    spread = np.linalg.svd(moves - moves.mean(axis=0), compute_uv=False) if len(moves) > 2 else np.zeros(2)
+    if len(moves) < 3 or spread[-1] < 1e-3 * spread[0] or spread[0] == 0:
+        raise InputError(
+            expectation("moves of the stage", "three or more positions, not on one line", len(moves), "move both axes")
+        )
+    solution, *_ = np.linalg.lstsq(design, seen, rcond=None)
+    matrix = solution[:2].T
+    residual = float(np.sqrt(((design @ solution - seen) ** 2).sum(axis=1).mean()))
+    if np.linalg.norm(matrix) < 0.05:
+        raise InputError(
+            expectation("image", "one that moves with the stage", "one that stands still",
+                        "check which stage carries the source, and the focus")
+        )  # fmt: skip
+    (a, b), (c, d) = matrix.tolist()
+    return StageFit(((a, b), (c, d)), _axes(plan, z, matrix, solution[2]), residual)
+
+
+def _axes(plan: ScanPlan, z: int, matrix: NDArray[np.float64], at_origin: NDArray[np.float64]) -> StageAxes:
+    """Return stage axes that fit ``matrix``, with the origin where the image is at the sensor's centre."""
+    old = plan.stage
+    planned = (old.right, old.down)
+    swapped = abs(matrix[0, 1]) + abs(matrix[1, 0]) > abs(matrix[0, 0]) + abs(matrix[1, 1])
+    names = []
+    for image in range(2):
+        axis = planned[1 - image if swapped else image]
+        names.append(axis if matrix[image, 1 - image if swapped else image] >= 0 else _turned(axis))
+    centre = np.array(plan.camera.sensor.centre_px[::-1])
+    shift = np.linalg.solve(matrix, centre - at_origin) * plan.camera.step_um(plan.depths_um[z])
+    moved = old.to_stage(np.array([shift[0], shift[1], 0.0]))
+    x, y, depth = moved.tolist()
+    return StageAxes(names[0], names[1], old.away, (x, y, depth))
+
+
+def _turned(axis: str) -> str:
+    return ("-" if axis[0] == "+" else "+") + axis[1]
+
+
+def check_stage(
+    fit: StageFit, plan: ScanPlan, *, scale: float = 0.1, rotation_rad: float = 0.035, residual_px: float = 2.0
+) -> None:
+    """Raise `InputError` if the stage does not move the image as the plan says.
+
+    Parameters
+    ----------
+    fit, plan
+        What was seen, and what it is held against.
+    scale, rotation_rad, residual_px
+        Largest relative error of the scale, rotation (rad), and RMS residual (pixels).
+    """
+    old, new = plan.stage, fit.axes
+    if (old.right, old.down) != (new.right, new.down):
+        raise InputError(
+            expectation("stage axes (right, down)", f"{old.right}, {old.down} as in the plan",
+                        f"{new.right}, {new.down} by what the image does", "set these in the plan: the scan would "
+                        "run the wrong way")
+        )  # fmt: skip
+    for value, sense in zip(fit.scale, SENSES, strict=True):
+        if abs(value - 1) > scale:
+            raise InputError(
+                expectation(f"image movement to the {sense}" if sense == "right" else "image movement down",
+                            f"{1 - scale:g} to {1 + scale:g} px per planned pixel", f"{value:.3f} px",
+                            "check magnification and working distance of the plan")
+            )  # fmt: skip
+    if abs(fit.rotation_rad) > rotation_rad:
+        raise InputError(
+            expectation("angle between stage and sensor", f"below {math.degrees(rotation_rad):.1f}°",
+                        f"{math.degrees(fit.rotation_rad):.2f}°", "turn the camera")
+        )  # fmt: skip
+    if fit.residual_px > residual_px:
+        raise InputError(
+            expectation("image movement", f"straight to {residual_px:g} px rms", f"{fit.residual_px:.2f} px",
+                        "check that only one spot is seen, and the stage")
+        )  # fmt: skip
+
+
+def iter_stage_fit(
+    rig: Rig, plan: ScanPlan, *, z: int = 0, options: Options | None = None, control: Control | None = None
+) -> Work[StageFit]:
+    """Move to the corners and the middle of a square about the cell, and fit how the image moves.
+
+    The square spans two periods or a tenth of the sensor, whatever is larger; over whole periods the
+    lenslets' pattern cancels. Nothing is recorded.
+    """
+    options, control = options or Options(), control or Control()
+    targets, _ = _targets(plan, z)
+    motion = options.motion(plan)
+    check_limits(targets, rig.stage.limits, motion.overshoot_um)
+    mover = Mover(rig.stage, rig.time, motion, control)
+    exposer = Exposer(rig, control, (1.0,), plan.camera.sensor.black_level, options.grab_timeout_s)
+    exposer.read_region(Roi(0, 0, *plan.camera.sensor.shape))
+    exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,)
+    clock = Clock("stage and image", len(targets))
+    stage: list[tuple[float, float, float]] = []
+    seen: list[tuple[float, float]] = []
+    for k, (x, y, depth) in enumerate(targets.tolist()):
+        yield clock.at(k)
+        stage.append(mover.go((x, y, depth)))
+        spot = find_spot(exposer.expose(exposures[z], 1, rig.time.monotonic()).data)
+        seen.append((spot.row + exposer.roi.row, spot.column + exposer.roi.column))
+    yield clock.at(len(targets))
+    return fit_stage(plan, z, stage, seen)
+
+
+def _targets(plan: ScanPlan, z: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return stage targets ``(5, 3)`` and the planned image positions ``(5, 2)``."""
+    rows, columns = plan.camera.sensor.shape
+    reach = [max(1, round(n / 10 / period)) for n, period in zip((rows, columns), plan.period, strict=True)]
+    middle = np.array([z, plan.period[0] // 2, plan.period[1] // 2])
+    steps = np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * np.array(reach) * np.array(plan.period)
+    positions = middle + np.pad(steps, ((0, 0), (1, 0)))
+    return plan.stage_um(positions), plan.image_px(positions)
