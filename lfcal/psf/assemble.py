@@ -140,7 +140,8 @@ def iter_assemble(
     depths, camera, provenance
         Stored with H.
     drift
-        ``(len(source), 2)`` how far the image of each frame is off its place (rows, columns; px).
+        ``(len(source), 2)`` how far the image of each frame is off its place (rows, columns; px); None asks
+        the source, whose manifest may say it.
     strict
         Missing and duplicate positions are errors instead of being recorded in the file.
     dtype, compression, workers
@@ -297,7 +298,10 @@ def _check_windows(job: _Job, frames: NDArray[np.int64]) -> tuple[tuple[Position
 
 
 def _drift(job: _Job, index: int) -> tuple[float, float]:
-    return (0.0, 0.0) if job.drift is None else (float(job.drift[index, 0]), float(job.drift[index, 1]))
+    if job.drift is not None:
+        return float(job.drift[index, 0]), float(job.drift[index, 1])
+    known = getattr(job.source, "drift", None)
+    return (0.0, 0.0) if known is None else known(index)
 
 
 def _fill_row(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.axes import centre, check_cutout
+from lfcal.camera import ScanPlan
 from lfcal.errors import InputError, expectation
 from lfcal.frames.source import FrameSource, Position
 
@@ -78,6 +79,12 @@ class Cutout:
             raise InputError(
                 expectation("interpolation of resampled frames", "linear or cubic", self.interpolation, "choose cubic")
             )
+
+    @classmethod
+    def for_plan(cls, plan: ScanPlan, *, interpolation: str = "", outside: str = "error") -> Cutout:
+        """Return the cutout of a scan plan; resampled frames are interpolated cubically by default."""
+        default = "cubic" if plan.resample else "nearest"
+        return cls(plan.cutout, plan.anchor, interpolation or default, outside, plan.resample_factors)
 
     @property
     def resamples(self) -> bool:

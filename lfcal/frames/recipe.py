@@ -1,0 +1,109 @@
+"""From paths and choices to a correction chain: what the command line and the window both ask for."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError, StorageError, expectation
+from lfcal.frames.background import Background
+from lfcal.frames.corrections import CorrectionChain, Step
+from lfcal.frames.images import IMAGE_SUFFIXES, open_image
+from lfcal.frames.source import FrameSource
+from lfcal.frames.steps import Dark, Exposure, White, average_frames
+
+__all__ = ["CorrectionRecipe", "build_chain", "read_average"]
+
+
+@dataclass(frozen=True)
+class CorrectionRecipe:
+    """Which corrections are made, with which calibration frames.
+
+    Attributes
+    ----------
+    dark, white
+        A frame, or a folder of frames that are averaged; empty: not corrected.
+    white_floor
+        Lowest relative brightness divided by.
+    defects
+        Find defect pixels over the frames and repair them.
+    background
+        ``"none"``, ``"border"``, ``"plane"``, or a number of counts.
+    reference_s
+        Scale all frames to this exposure (s); None: leave them.
+    saturation
+        Sample value of saturation; None: the sensor's highest value by bit depth.
+    """
+
+    dark: str | os.PathLike[str] = ""
+    white: str | os.PathLike[str] = ""
+    white_floor: float = 0.05
+    defects: bool = False
+    background: str = "none"
+    reference_s: float | None = None
+    saturation: float | None = None
+
+
+def read_average(path: str | os.PathLike[str], *, colour: str | None = None) -> NDArray[np.float32]:
+    """Return the mean of all pages of an image file, or of all images in a folder, ``(rows, columns)`` float32."""
+    place = Path(path)
+    if place.is_dir():
+        files = sorted(p for p in place.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
+        if not files:
+            raise InputError(expectation(f"calibration frames in {place}", "at least one image", "none", "check it"))
+    elif place.exists():
+        files = [place]
+    else:
+        raise StorageError(f"{place}: no such file or folder; check the path")
+    return average_frames(page for file in files for page in _pages(file, colour))
+
+
+def _pages(path: Path, colour: str | None) -> list[NDArray[Any]]:
+    image = open_image(path, colour=colour)
+    try:
+        return [image.read(page) for page in range(image.pages)]
+    finally:
+        image.close()
+
+
+def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChain:
+    """Return the correction chain of ``recipe`` for the frames of ``source``."""
+    steps: list[Step] = []
+    cfa = str(source.metadata.get("cfa") or "")
+    dark = read_average(recipe.dark) if recipe.dark else None
+    saturation = recipe.saturation if recipe.saturation is not None else _saturation(source)
+    if dark is not None:
+        steps.append(Dark(dark))
+    if recipe.white:
+        white = read_average(recipe.white)
+        steps.append(White(white, 0.0 if dark is None else dark, floor=recipe.white_floor, cfa=cfa))
+    if recipe.defects:
+        from lfcal.frames.defect_search import find_defects
+
+        steps.append(find_defects(source))
+    if recipe.background != "none":
+        steps.append(_background(recipe.background))
+    if recipe.reference_s is not None:
+        steps.append(Exposure(recipe.reference_s))
+    return CorrectionChain(tuple(steps), saturation=saturation)
+
+
+def _saturation(source: FrameSource) -> float | None:
+    bits = source.metadata.get("bit_depth")
+    return float((1 << int(bits)) - 1) if bits else None
+
+
+def _background(text: str) -> Background:
+    if text in ("border", "plane"):
+        return Background(text)
+    try:
+        return Background("constant", float(text))
+    except ValueError:
+        raise InputError(
+            expectation("background", "none, border, plane or a number of counts", repr(text), "correct it")
+        ) from None
