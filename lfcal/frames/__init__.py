@@ -8,6 +8,7 @@
 - ``regions``: parts of a frame, read without the rest where the source can
 - ``cfa``, ``channels``: colour filter patterns, and mosaics by channel
 - ``steps``, ``defects``, ``background``: single corrections; ``corrections``: the ordered chain of them
+- ``defect_search``: defect pixels found over the frames
 - ``corrected_source``: a source seen through a chain
 """
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from lfcal.frames.channels import BalancedSource, ChannelSource, balanced_source, channel_source
     from lfcal.frames.corrected_source import CorrectedSource, corrected
     from lfcal.frames.corrections import CorrectionChain
+    from lfcal.frames.defect_search import find_defects, iter_find_defects
     from lfcal.frames.defects import Defects
     from lfcal.frames.folder import FolderSource
     from lfcal.frames.images import open_image, read_image
@@ -54,6 +56,8 @@ _HOME = {
     "balanced_source": "channels",
     "channel_source": "channels",
     "corrected": "corrected_source",
+    "find_defects": "defect_search",
+    "iter_find_defects": "defect_search",
     "frame_drift": "stack",
     "frame_exposure": "stack",
     "open_frames": "opening",
@@ -86,8 +90,10 @@ __all__ = [
     "balanced_source",
     "channel_source",
     "corrected",
+    "find_defects",
     "frame_drift",
     "frame_exposure",
+    "iter_find_defects",
     "open_frames",
     "open_image",
     "read_image",

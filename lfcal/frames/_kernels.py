@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfcal.threads import njit
 
-__all__ = ["correct_rows", "repair_pixels", "residual_from_neighbours"]
+__all__ = ["correct_rows", "neighbour_of_rank", "repair_pixels"]
 
 
 @njit()
@@ -88,7 +88,7 @@ def repair_pixels(
 
 
 @njit()
-def residual_from_neighbours(
+def neighbour_of_rank(
     image: NDArray[np.float32],
     offsets: NDArray[np.int32],
     rank: int,
@@ -96,27 +96,35 @@ def residual_from_neighbours(
     stop: int,
     out: NDArray[np.float32],
 ) -> None:
-    """Write, for rows ``start … stop``, the neighbour of rank ``rank`` (0 lowest) among ``offsets``.
+    """Write, for rows ``start … stop``, the value of rank ``rank`` (0 lowest) among each pixel's neighbours.
 
     ``offsets`` has shape ``(phases_y, phases_x, n, 2)``: the same-colour neighbours of each colour filter phase.
-    Neighbours beyond the border are mirrored inwards.
+    At the border, where some are missing, a rank below the middle takes the lowest of the others and one above it
+    the highest: the strictest comparison that is left.
     """
     rows, columns = image.shape
     py, px, n, _ = offsets.shape
     found = np.empty(n, np.float32)
     for r in range(start, stop):
         for c in range(columns):
+            m = 0
             for j in range(n):
                 nr = r + offsets[r % py, c % px, j, 0]
                 nc = c + offsets[r % py, c % px, j, 1]
-                if nr < 0 or nr >= rows:
-                    nr = 2 * r - nr
-                if nc < 0 or nc >= columns:
-                    nc = 2 * c - nc
+                if nr < 0 or nr >= rows or nc < 0 or nc >= columns:
+                    continue
                 value = image[nr, nc]
-                k = j
+                k = m
                 while k > 0 and found[k - 1] > value:
                     found[k] = found[k - 1]
                     k -= 1
                 found[k] = value
-            out[r, c] = found[rank]
+                m += 1
+            if m == n:
+                out[r, c] = found[rank]
+            elif m == 0:
+                out[r, c] = image[r, c]
+            elif rank == n // 2:
+                out[r, c] = found[m // 2]
+            else:
+                out[r, c] = found[0] if rank < n // 2 else found[m - 1]

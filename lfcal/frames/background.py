@@ -14,6 +14,9 @@ from lfcal.frames.regions import Region
 
 __all__ = ["Background", "border_strips"]
 
+MAX_SAMPLES = 20_000
+"""Border pixels that a plane is fitted to at most, evenly taken."""
+
 Plane = tuple[float, float, float]
 """Background at pixel (0, 0) and its change per row and per column (sample values)."""
 
@@ -104,7 +107,8 @@ class Background:
             return 0.0, 0.0, 0.0
         if self.kind == "border":
             return float(np.median(value)), 0.0, 0.0
-        return fit_plane(np.concatenate(rows), np.concatenate(columns), value)
+        some = slice(None, None, 1 + value.size // MAX_SAMPLES)
+        return fit_plane(np.concatenate(rows)[some], np.concatenate(columns)[some], value[some])
 
     def describe(self) -> dict[str, Any]:
         """Return a JSON description."""

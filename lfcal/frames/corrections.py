@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError, expectation
 from lfcal.frames import _kernels
 from lfcal.frames.background import Background, Plane
-from lfcal.frames.defects import Defects
+from lfcal.frames.defects import Defects, repair_nan
 from lfcal.frames.regions import Region, check_region, grow_region, region_shape, whole
 from lfcal.frames.steps import Dark, Exposure, White
 from lfcal.threads import for_each_chunk
@@ -280,8 +280,10 @@ class CorrectionChain:
             )
 
         for_each_chunk(rows, part.shape[0], workers)
-        if defects is not None and len(defects):
-            _kernels.repair_pixels(result, r0, c0, offset, np.asarray(defects.pixels), defects.neighbours)
+        if defects is not None:
+            _kernels.repair_pixels(result, r0, c0, offset, defects.pixels, defects.neighbours)
+            if part.dtype.kind == "f":
+                repair_nan(result, (r0, c0), offset, defects.cfa)
         return result
 
 

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError, expectation
+from lfcal.frames import _kernels
 from lfcal.frames.cfa import check_cfa, pattern_side, same_colour_offsets
 from lfcal.frames.steps import fingerprint
 
-__all__ = ["Defects"]
+__all__ = ["Defects", "nearest_good", "repair_nan"]
 
 MAX_SHARE = 0.05
 """More defects than this share of the sensor are not believed."""
@@ -23,6 +24,8 @@ class Defects:
     """Repair pixels that do not measure light: each becomes the mean of its nearest good same-colour neighbours.
 
     They are given in sensor coordinates, where they stay while the spots move. A repair is linear in the frame.
+    Pixels that are NaN in a frame of floats (masked by its reader) are repaired as well, where a neighbour within
+    one period of the pattern is good; no pixels need be given for that.
 
     Attributes
     ----------
@@ -34,8 +37,9 @@ class Defects:
         Colour filter pattern by rows, empty for monochrome.
     kinds
         ``"hot"``, ``"dead"`` or ``"stuck"`` for each pixel, or empty where that is not known.
-    neighbours
-        Neighbours used for each pixel, shape ``(n, m, 2)``, padded with -1; made from the above.
+    neighbours, margin
+        Neighbours used for each pixel, shape ``(n, m, 2)``, padded with -1, and how far a repair may look (px);
+        made from the above.
 
     Raises
     ------
@@ -72,11 +76,23 @@ class Defects:
         chosen = np.ascontiguousarray(pixels[first], np.int32)
         object.__setattr__(self, "pixels", chosen)
         object.__setattr__(self, "kinds", tuple(self.kinds[k] for k in first) if self.kinds else ())
-        neighbours = _neighbours(chosen, self.shape, self.cfa)
+        neighbours = self._find_neighbours(chosen)
         object.__setattr__(self, "neighbours", neighbours)
-        used = neighbours[..., 0] >= 0
-        reach = np.abs(neighbours - chosen[:, None, :])[used]
-        object.__setattr__(self, "margin", int(reach.max(initial=0)))
+        reach = np.abs(neighbours - chosen[:, None, :])[neighbours[..., 0] >= 0]
+        object.__setattr__(self, "margin", int(reach.max(initial=0)) + pattern_side(self.cfa))
+
+    def _find_neighbours(self, pixels: NDArray[np.int32]) -> NDArray[np.int32]:
+        bad = np.zeros(self.shape, bool)
+        bad[pixels[:, 0], pixels[:, 1]] = True
+        found = nearest_good(pixels, bad, self.cfa)
+        alone = np.flatnonzero((found[..., 0] < 0).all(axis=1))
+        if alone.size:
+            r, c = (int(v) for v in pixels[alone[0]])
+            raise InputError(
+                expectation(f"defect pixel ({r}, {c})", "a good neighbour of its colour",
+                            "only defect ones within two periods", "such a cluster cannot be repaired; mask it")
+            )  # fmt: skip
+        return found
 
     def __len__(self) -> int:
         """Return the number of defect pixels."""
@@ -100,30 +116,56 @@ class Defects:
         }
 
 
-def _neighbours(pixels: NDArray[np.int32], shape: tuple[int, int], cfa: str) -> NDArray[np.int32]:
-    """Return for each pixel its nearest ring of same-colour neighbours that holds a good one."""
+def nearest_good(
+    pixels: NDArray[np.int32], bad: NDArray[np.bool_], cfa: str, *, origin: tuple[int, int] = (0, 0), reach: int = 2
+) -> NDArray[np.int32]:
+    """Return for each pixel its nearest ring of same-colour neighbours that holds a good one.
+
+    Parameters
+    ----------
+    pixels
+        Rows and columns in ``bad``, shape ``(n, 2)``.
+    bad
+        Map of the pixels that may not be used.
+    cfa
+        Colour filter pattern by rows.
+    origin
+        Sensor coordinates of the first pixel of ``bad``.
+    reach
+        Periods of the pattern that a neighbour may be away.
+
+    Returns
+    -------
+    Rows and columns of the neighbours in ``bad``, shape ``(n, m, 2)``, -1 where there is none.
+    """
     side = pattern_side(cfa)
-    table = same_colour_offsets(cfa)
-    bad = np.zeros(shape, bool)
-    bad[pixels[:, 0], pixels[:, 1]] = True
+    table = same_colour_offsets(cfa, reach)
     most = max(len(ring) for line in table for rings in line for ring in rings)
     found = np.full((len(pixels), most, 2), -1, np.int32)
-    for pr in range(side):
-        for pc in range(side):
-            todo = np.flatnonzero((pixels[:, 0] % side == pr) & (pixels[:, 1] % side == pc))
-            for ring in table[pr][pc]:
-                if not todo.size:
-                    break
-                near = pixels[todo, None, :] + ring[None]
-                good: NDArray[np.bool_] = np.all((near >= 0) & (near < np.array(shape)), axis=2)
-                inside = np.where(good[..., None], near, 0)
-                good &= ~bad[inside[..., 0], inside[..., 1]]
-                found[todo, : len(ring)] = np.where(good[..., None], near, -1)
-                todo = todo[~good.any(axis=1)]
-            if todo.size:
-                r, c = (int(v) for v in pixels[todo[0]])
-                raise InputError(
-                    expectation(f"defect pixel ({r}, {c})", "a good neighbour of its colour",
-                                "only defect ones within two periods", "such a cluster cannot be repaired; mask it")
-                )  # fmt: skip
+    phase = (pixels + np.array(origin)) % side
+    for pr, pc in np.ndindex(side, side):
+        todo = np.flatnonzero((phase[:, 0] == pr) & (phase[:, 1] == pc))
+        for ring in table[pr][pc]:
+            if not todo.size:
+                break
+            near = pixels[todo, None, :] + ring[None]
+            good: NDArray[np.bool_] = np.all((near >= 0) & (near < np.array(bad.shape)), axis=2)
+            inside = np.where(good[..., None], near, 0)
+            good &= ~bad[inside[..., 0], inside[..., 1]]
+            found[todo, : len(ring)] = np.where(good[..., None], near, -1)
+            todo = todo[~good.any(axis=1)]
     return found
+
+
+def repair_nan(values: NDArray[np.float32], origin: tuple[int, int], slopes: NDArray[np.float64], cfa: str) -> None:
+    """Set NaN in a corrected region to the mean of its nearest same-colour neighbours, one period away at most.
+
+    ``slopes`` is the background subtracted already, ``(level, per row, per column)``. What has no good neighbour
+    so near stays NaN.
+    """
+    bad = np.isnan(values)
+    if not bad.any():
+        return
+    pixels = np.ascontiguousarray(np.argwhere(bad), np.int32)
+    neighbours = nearest_good(pixels, bad, cfa, origin=origin, reach=1)
+    _kernels.repair_pixels(values, 0, 0, slopes, pixels, neighbours)
