@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -58,6 +59,7 @@ class PlaneResponse:
         samples = light_samples(effects, outlook_of(plan, z))
         self.samples = merged(samples, scene.wavelength_um) if self.level == "geometric" else samples
         self._engines: dict[float, PlaneEngine] = {}
+        self._lock = threading.Lock()
         self._spent: list[Certificate] = []
 
     @property
@@ -79,9 +81,10 @@ class PlaneResponse:
     def engine(self, wavelength_um: float | None = None) -> PlaneEngine:
         """Return the engine of one wavelength for the undisplaced source."""
         wave = self.scene.wavelength_um if wavelength_um is None else wavelength_um
-        if wave not in self._engines:
-            self._engines[wave] = engine_for(at_wavelength(self.scene, wave), self.level, self.sampling)
-        return self._engines[wave]
+        with self._lock:
+            if wave not in self._engines:
+                self._engines[wave] = engine_for(at_wavelength(self.scene, wave), self.level, self.sampling)
+            return self._engines[wave]
 
     def rows(self, ys: ArrayLike, xs: ArrayLike, workers: int | None = None) -> NDArray[np.float32]:
         """Return the responses ``(len(ys), len(xs), nt, ns)`` of positions ys x xs (whole numbers)."""

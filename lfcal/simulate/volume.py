@@ -1,0 +1,219 @@
+"""Light fields of extended objects: points, a vesicle, a plume, seen through the same H."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.axes import centre
+from lfcal.camera import ScanPlan
+from lfcal.camera._checks import check_number
+from lfcal.errors import InputError, expectation
+from lfcal.progress import Clock, Work, drain
+from lfcal.psf import PSFMatrix
+from lfcal.simulate._scatter import scatter
+from lfcal.simulate.engine import Sampling
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.simulate import EffectsLike, effects_of
+from lfcal.threads import worker_count
+
+__all__ = ["iter_light_field", "light_field", "plume", "points", "vesicle"]
+
+
+class Responses(Protocol):
+    """Where responses come from, a few positions at a time."""
+
+    @property
+    def shape(self) -> tuple[int, int, int, int, int]:
+        """``(nz, ny, nx, nt, ns)``."""
+        ...
+
+    def some(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
+        """Return the responses ``(len(xs), nt, ns)`` of positions (z, y, xs)."""
+        ...
+
+
+class _Stored:
+    """Responses of an H that is there already."""
+
+    def __init__(self, matrix: PSFMatrix) -> None:
+        self.matrix = matrix
+        self.shape = matrix.shape
+
+    shape: tuple[int, int, int, int, int]
+
+    def some(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
+        return np.ascontiguousarray(self.matrix.plane(z)[y, xs], np.float32)
+
+
+class _Simulated:
+    """Responses computed when asked for; one plane's tables are kept."""
+
+    def __init__(self, plan: ScanPlan, effects: EffectsLike, level: str, tolerance: float, sampling: Sampling | None):
+        self.plan, self.level, self.sampling = plan, level, sampling
+        self.effects = effects_of(effects, plan, tolerance)
+        self.shape = plan.shape
+        self._kept: tuple[int, PlaneResponse] | None = None
+
+    def some(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
+        if self._kept is None or self._kept[0] != z:
+            self._kept = (z, PlaneResponse(self.plan, z, self.effects, level=self.level, sampling=self.sampling))
+        row: NDArray[np.float32] = self._kept[1].rows([y], xs)[0]
+        return row
+
+
+def iter_light_field(
+    volume: NDArray[np.float32],
+    through: PSFMatrix | ScanPlan,
+    *,
+    effects: EffectsLike = "auto",
+    level: str = "auto",
+    tolerance: float = 0.03,
+    sampling: Sampling | None = None,
+    workers: int | None = None,
+) -> Work[NDArray[np.float32]]:
+    """Compute `light_field`; yields progress in source rows of the period."""
+    source: Responses = (
+        _Stored(through) if isinstance(through, PSFMatrix) else _Simulated(through, effects, level, tolerance, sampling)
+    )
+    nz, ny, nx, nt, ns = source.shape
+    if volume.ndim != 3 or volume.shape[0] != nz or not np.isfinite(volume).all():
+        message = expectation("volume", f"finite values of shape ({nz}, rows, columns)", volume.shape, "one per plane")
+        raise InputError(message)
+    rows, columns = volume.shape[1:]
+    half_t, half_s = centre(nt), centre(ns)
+    image = np.zeros((rows + nt - 1, columns + ns - 1))
+    clock = Clock("project the volume", nz * ny)
+    for z in range(nz):
+        for y in range(min(ny, rows)):
+            lit = volume[z, y::ny]
+            xs = np.unique(np.flatnonzero(lit.any(axis=0)) % nx)
+            if xs.size:
+                responses = source.some(z, y, xs)
+                slot = np.full(nx, -1, np.intp)
+                slot[xs] = np.arange(xs.size)
+                scatter(image, lit, responses, slot, y, ny, worker_count(workers))
+            yield clock.at(z * ny + y + 1)
+    return image[half_t : half_t + rows, half_s : half_s + columns].astype(np.float32)
+
+
+def light_field(
+    volume: NDArray[np.float32],
+    through: PSFMatrix | ScanPlan,
+    *,
+    effects: EffectsLike = "auto",
+    level: str = "auto",
+    tolerance: float = 0.03,
+    sampling: Sampling | None = None,
+    workers: int | None = None,
+) -> NDArray[np.float32]:
+    """Return the light field image of a glowing volume, ``f[p] = sum_v g[v] H[v mod n][p - v + c]``.
+
+    Parameters
+    ----------
+    volume
+        ``(nz, rows, columns)``: one plane per depth, one voxel per sensor pixel; voxel (0, 0) is source
+        position (0, 0). Borders are dark.
+    through
+        A PSF matrix, or a scan plan whose camera is simulated; then only the positions that glow are computed.
+    effects, level, tolerance, sampling, workers
+        As in `simulate_psf`, for a scan plan.
+
+    Returns
+    -------
+    Image ``(rows, columns)``, float32, before the sensor; `lfcal.simulate.expose` makes a frame of it.
+
+    Raises
+    ------
+    InputError
+        If the volume does not have one finite plane per depth.
+    """
+    return drain(
+        iter_light_field(
+            volume, through, effects=effects, level=level, tolerance=tolerance, sampling=sampling, workers=workers
+        )
+    )
+
+
+# -- objects ---------------------------------------------------------------------------------------------
+
+
+def points(shape: tuple[int, int, int], count: int, rng: np.random.Generator, margin: int = 0) -> NDArray[np.float32]:
+    """Return a dark volume ``(nz, rows, columns)`` with ``count`` bright voxels of value 1, apart from its border."""
+    nz, rows, columns = _checked_shape(shape)
+    check_number("margin (voxels)", margin, at_least=0, below=min(rows, columns) / 2, integer=True)
+    inner = (nz, rows - 2 * margin, columns - 2 * margin)
+    check_number("points", count, at_least=1, at_most=int(np.prod(inner)), integer=True)
+    volume = np.zeros(shape, np.float32)
+    z, y, x = np.unravel_index(rng.choice(int(np.prod(inner)), count, replace=False), inner)
+    volume[z, y + margin, x + margin] = 1.0
+    return volume
+
+
+def vesicle(
+    shape: tuple[int, int, int], radius: float, wall: float = 1.5, plane_step: float | None = None
+) -> NDArray[np.float32]:
+    """Return a hollow sphere in the middle of the volume: a Gaussian wall of rms ``wall``, peak 1.
+
+    Parameters
+    ----------
+    shape
+        ``(nz, rows, columns)``.
+    radius, wall
+        In voxels of a plane.
+    plane_step
+        Distance of neighbouring planes in voxels of a plane; None: the sphere just fills the planes.
+    """
+    nz, rows, columns = _checked_shape(shape)
+    check_number("radius (voxels)", radius, above=0)
+    check_number("wall (voxels)", wall, above=0)
+    step = 2.0 * (radius + wall) / max(1, nz - 1) if plane_step is None else plane_step
+    z, y, x = _from_middle((nz, rows, columns))
+    distance = np.sqrt((z * step) ** 2 + y**2 + x**2)
+    return np.exp(-0.5 * ((distance - radius) / wall) ** 2).astype(np.float32)
+
+
+def plume(
+    shape: tuple[int, int, int], rng: np.random.Generator, width: float = 0.08, spread: float = 0.25
+) -> NDArray[np.float32]:
+    """Return a plasma-like plume rising from the bottom edge: a widening, flickering column, peak 1.
+
+    Parameters
+    ----------
+    shape
+        ``(nz, rows, columns)``.
+    rng
+        Makes its filaments.
+    width, spread
+        Rms width at the foot, and its growth per length, in units of the number of rows.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    nz, rows, columns = _checked_shape(shape)
+    check_number("width of the plume", width, above=0)
+    check_number("spread of the plume", spread, at_least=0)
+    z, y, x = _from_middle((nz, rows, columns))
+    height = (rows - 1) / 2 - y  # above the bottom edge
+    rms = width * rows + spread * height
+    across = x**2 + (z * rows / max(1, nz)) ** 2
+    smooth = np.exp(-0.5 * across / rms**2) * (width * rows / rms) ** 2
+    grain = gaussian_filter(rng.standard_normal((nz, rows, columns)), (0.7, rows / 24, rows / 48), mode="wrap")
+    volume = smooth * np.exp(0.6 * grain / max(float(grain.std()), 1e-12))
+    result: NDArray[np.float32] = (volume / volume.max()).astype(np.float32)
+    return result
+
+
+def _from_middle(shape: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    z, y, x = (np.arange(n, dtype=np.float64) - (n - 1) / 2 for n in shape)
+    return z[:, None, None], y[None, :, None], x[None, None, :]
+
+
+def _checked_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
+    if len(shape) != 3:
+        raise InputError(expectation("volume", "(planes, rows, columns)", shape, "give three numbers"))
+    for n in shape:
+        check_number("size of the volume (voxels)", n, at_least=1, integer=True)
+    return shape

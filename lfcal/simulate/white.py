@@ -1,0 +1,72 @@
+"""What an evenly lit scene looks like: the micro-image pattern of white frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.simulate.effects.base import Effect
+from lfcal.simulate.effects.light import Bandwidth, FiniteSource
+from lfcal.simulate.response import PlaneResponse
+
+__all__ = ["fold", "white_light", "white_tile"]
+
+
+def fold(pattern: NDArray[np.float32], period: tuple[int, int], shift: tuple[int, int]) -> NDArray[np.float64]:
+    """Return ``pattern`` summed modulo ``period``; its pixel (0, 0) lands on ``shift`` modulo the period."""
+    ny, nx = period
+    rows, columns = -(-pattern.shape[0] // ny), -(-pattern.shape[1] // nx)
+    padded = np.zeros((rows * ny, columns * nx))
+    padded[: pattern.shape[0], : pattern.shape[1]] = pattern
+    tile = padded.reshape(rows, ny, columns, nx).sum(axis=(0, 2))
+    return np.roll(tile, shift, axis=(0, 1))
+
+
+def white_tile(plan: ScanPlan, z: int, effects: Sequence[Effect]) -> NDArray[np.float64]:
+    """Return one period ``(ny, nx)`` of the image of an evenly glowing plane, by rays; about 1 where nothing blocks.
+
+    Pixel (0, 0) is that of source position (0, 0). The radiance of an even scene is the same in every plane, so
+    the depth does not matter. Rays are followed: diffraction hardly changes what is smooth already.
+    """
+    ny, nx = plan.period
+    simple = [e for e in effects if not isinstance(e, Bandwidth | FiniteSource)]
+    response = PlaneResponse(plan, z, simple, level="geometric")
+    ct, cs = ((n - 1) // 2 for n in response.cutout)
+    tile = np.zeros((ny, nx))
+    for y in range(ny):
+        for x, pattern in enumerate(response.rows([y], range(nx))[0]):
+            tile += fold(pattern, (ny, nx), (y - ct, x - cs))
+    return tile
+
+
+def white_light(plan: ScanPlan, tile: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return the pattern over the whole sensor ``(rows, columns)``: the tile at the lattice's own, unrounded period.
+
+    Bilinear between the tile's pixels; the rows of the array may be tilted against the sensor's.
+    """
+    camera = plan.camera
+    period = np.array(camera.period_px) * np.array(plan.cells)
+    c, s = np.cos(camera.lattice.tilt_rad), np.sin(camera.lattice.tilt_rad)
+    x = np.arange(camera.sensor.shape[1]) - plan.anchor[1]
+    out = np.empty(camera.sensor.shape, np.float32)
+    for row in range(len(out)):
+        y = row - plan.anchor[0]
+        out[row] = _sample(tile, (c * y - s * x) / period[0], (c * x + s * y) / period[1])
+    return out
+
+
+def _sample(tile: NDArray[np.float64], u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the periodic ``tile`` at rows u and columns v, in periods."""
+    ny, nx = tile.shape
+    row, column = (u % 1.0) * ny, (v % 1.0) * nx
+    i, j = row.astype(np.intp), column.astype(np.intp)
+    fy, fx = row - i, column - j
+    i, j = i % ny, j % nx
+    below, right = (i + 1) % ny, (j + 1) % nx
+    upper = tile[i, j] * (1 - fx) + tile[i, right] * fx
+    lower = tile[below, j] * (1 - fx) + tile[below, right] * fx
+    result: NDArray[np.float64] = upper * (1 - fy) + lower * fy
+    return result
