@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -36,7 +37,7 @@ class Sampling:
     margin_px
         Pixels of window around the geometric spot.
     energy_floor
-        Lenslets that pass less than this share of the light are left out.
+        Lenslets that pass less than this share of what the best-lit one passes are left out.
     coherent
         Whether the fields of different lenslets are summed before the square; None decides by the plane.
     double
@@ -46,7 +47,7 @@ class Sampling:
     samples_per_px: float | None = None
     nodes_per_px: int = 4
     margin_px: int = 5
-    energy_floor: float = 1e-5
+    energy_floor: float = 1e-3
     coherent: bool | None = None
     double: bool = False
 
@@ -141,6 +142,30 @@ class PlaneEngine(Protocol):
     def predicted_seconds(self, n_positions: int) -> float:
         """Return the CPU-seconds that ``n_positions`` will take, from a short measurement on this machine."""
         ...
+
+
+class Pilot:
+    """Predict an engine's time from a short run of its own, made once when first asked.
+
+    Positions spread over the period are computed twice in the caller's thread, the second time with the clock on.
+    """
+
+    def __init__(self, engine: PlaneEngine, columns: int = 24) -> None:
+        self._engine = engine
+        self._columns = columns
+        self._each: float | None = None
+
+    def seconds(self, n_positions: int) -> float:
+        """Return the CPU-seconds of ``n_positions``."""
+        if self._each is None:
+            ny, nx = self._engine.scene.period
+            xs = np.unique(np.linspace(0, nx - 1, min(nx, self._columns)).astype(int))
+            ys = np.unique([ny // 7, (3 * ny) // 5])
+            self._engine.rows(ys[:1], xs[:1], workers=1)
+            start = time.thread_time()
+            self._engine.rows(ys, xs, workers=1)
+            self._each = (time.thread_time() - start) / (len(xs) * len(ys))
+        return self._each * n_positions
 
 
 def engine_for(scene: Scene, level: str = "wave", sampling: Sampling | None = None) -> PlaneEngine:

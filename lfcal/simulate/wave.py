@@ -1,0 +1,163 @@
+"""W2: the light of each lenslet by a zoomed Fourier transform, from the main lens's tabulated field.
+
+With c the lenslet's centre, X0 the source's image and L = lambda B', a lenslet's field on the sensor is
+
+    V(s) = exp(i pi |s-c|^2 / L) / L * integral E(x + c - X0) m(x) exp(i pi sigma x^2 / L)
+           exp(-2 pi i x.(s - c + (B'/a')(c - X0)) / L) dx,     sigma = 1 - B'/a' - B'/f
+
+(E-mode; near the native plane E is the field U itself, sigma = 1 - B'/f and the term in B'/a' is absent). All
+steep phases have cancelled, so single precision holds. Between lenslets intensities are added, or fields
+(``coherent``) where their spots overlap.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.errors import expectation
+from lfcal.simulate import _kernels as kernels
+from lfcal.simulate.engine import Certificate, EnergyError, Ledger, Pilot, Sampling
+from lfcal.simulate.field import choose_mode
+from lfcal.simulate.scene import Scene
+from lfcal.simulate.tables import Array, LensTable, build_tables
+from lfcal.threads import for_each_chunk
+
+__all__ = ["WavePlane"]
+
+TOLERANCE = 0.02
+"""Share by which a response's energy may exceed its input before it is called too coarsely sampled."""
+
+COHERENT_BATCH = 8
+"""Positions whose node grids are held at once."""
+
+Grids = tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.int64]]
+
+
+class WavePlane:
+    """Engine of level ``"wave"`` for one depth plane.
+
+    Parameters
+    ----------
+    scene, sampling
+        What is computed, and how finely.
+    mode
+        ``"E"`` or ``"U"`` to override the choice by Fresnel number (see `lfcal.simulate.field`).
+    """
+
+    level = "wave"
+
+    def __init__(self, scene: Scene, sampling: Sampling | None = None, mode: str | None = None) -> None:
+        self.scene = scene
+        self.sampling = sampling or Sampling()
+        self.mode = mode or choose_mode(scene)
+        wanted = self.sampling.coherent
+        self.coherent = self.mode == "U" if wanted is None else wanted
+        self.tables = build_tables(scene, self.sampling, self.mode)
+        self._dtype = np.dtype(np.float64 if self.sampling.double else np.float32)
+        self._ledger = Ledger()
+        self._pilot = Pilot(self)
+
+    @property
+    def certificate(self) -> Certificate:
+        """Energy in and out of all responses so far."""
+        return self._ledger.certificate
+
+    def rows(
+        self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
+    ) -> NDArray[np.float32]:
+        """Return the cutouts of positions ys x xs; see `PlaneEngine.rows`."""
+        scene = self.scene
+        rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
+        result = np.empty((rows.size, columns.size, *scene.cutout), np.float32) if out is None else out
+
+        def some(start: int, stop: int) -> None:
+            for r in range(start, stop):
+                source = np.array([scene.source_um(int(rows[r]), int(x)) for x in columns])
+                pixel = np.stack([np.full(columns.size, rows[r]), columns], axis=1)
+                self._respond(source, pixel, result[r])
+
+        for_each_chunk(some, rows.size, workers)
+        return result
+
+    def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
+        """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
+        result = np.empty((1, *self.scene.cutout), np.float32)
+        pixel = np.array([self.scene.nearest_pixel(y_um, x_um)], np.int64)
+        self._respond(np.array([[y_um, x_um]]), pixel, result)
+        return result[0]
+
+    def predicted_seconds(self, n_positions: int) -> float:
+        """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
+        return self._pilot.seconds(n_positions)
+
+    # -- one row of positions ------------------------------------------------------------------------------
+    def _respond(self, source_yx: NDArray[np.float64], pixel: NDArray[np.int64], out: NDArray[np.float32]) -> None:
+        """Fill ``out`` (n, nt, ns) for sources (n, 2) as (y, x) on the sensor; pixels are the cutouts' centres."""
+        source = np.ascontiguousarray(source_yx[:, ::-1]) / self.scene.scale
+        image: Array = np.zeros(out.shape, np.float64) if self.sampling.double else out
+        image[...] = 0
+        batch = min(len(source), COHERENT_BATCH) if self.coherent else len(source)
+        grids = self._grids(batch if self.coherent else 0)
+        for start in range(0, len(source), batch):
+            part = slice(start, start + batch)
+            self._add_lenses(source[part], pixel[part], image[part], grids)
+        if image is not out:
+            out[...] = image
+
+    def _add_lenses(self, source: NDArray[np.float64], pixel: NDArray[np.int64], image: Array, grids: Grids) -> None:
+        lo, hi = source.min(0), source.max(0)
+        middle, span = (lo + hi) / 2, (hi - lo) / 2 + self.tables.reach_um
+        centres, types = self.scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
+        for centre, kind in zip(centres, types, strict=True):
+            self._add_lens(centre, self.tables.kinds[kind], source, pixel, image, grids)
+        if self.coherent:
+            kernels.square_fields(*grids, self.tables.rule.weights.astype(self._dtype), self.tables.rule.per_px, image)
+
+    def _grids(self, count: int) -> Grids:
+        """Return empty node grids and boxes for ``count`` positions."""
+        nt, ns = (self.tables.rule.count(n) for n in self.scene.cutout)
+        boxes = np.tile(np.array([1 << 30, -(1 << 30)] * 2, np.int64), (count, 1))
+        return np.zeros((count, nt, ns), self._dtype), np.zeros((count, nt, ns), self._dtype), boxes
+
+    def _add_lens(
+        self,
+        centre: NDArray[np.float64],
+        lens: LensTable,
+        source: NDArray[np.float64],
+        pixel: NDArray[np.int64],
+        out: Array,
+        grids: Grids,
+    ) -> None:
+        scene, tables = self.scene, self.tables
+        px, per = scene.reduced_pixel_um, tables.rule.per_px
+        slant = 1 / scene.reduced_image_um if scene.exact_rays and self.mode == "E" else 0.0
+        places, numbers = np.empty((len(source), 5), np.int64), np.empty((len(source), 6))
+        found = kernels.select(
+            lens.energy, tables.floor, lens.dx_um, lens.half, centre, source, pixel,
+            np.array([px, tables.ratio, lens.pull, slant]), np.array(scene.cutout), lens.width, places, numbers,
+        )  # fmt: skip
+        if not found:
+            return
+        # positions that share the lenslet's place between two samples share its mask
+        order = np.argsort(np.round(numbers[:found, 0] / lens.dx_um, 6), kind="stable")
+        places, numbers = places[order], numbers[order]
+        energies = np.empty((found, 2))
+        share = (tables.spread_um2 / (lens.dx_um * px)) ** 2
+        kernels.respond(
+            *lens.field, lens.dx_um, *lens.disc, lens.cell, lens.cell_step, lens.bend, lens.cosine, lens.sine,
+            lens.bins, np.array([1 / tables.spread_um2, share, 1 - tables.ratio, per]), lens.nodes_um,
+            places, numbers, centre - source[places[:, 0]], out, *grids, energies,
+        )  # fmt: skip
+        self._certify(energies, lens)
+
+    def _certify(self, energies: NDArray[np.float64], lens: LensTable) -> None:
+        """Raise `EnergyError` where a window received more than its lenslet passed."""
+        energy_in, energy_out = energies.T
+        worst = float((energy_out / np.maximum(energy_in, 1e-30)).max())
+        if worst > 1 + TOLERANCE:
+            used = self.scene.reduced_pixel_um / lens.dx_um
+            remedy = f"raise samples_per_px above {used:g} or nodes_per_px above {self.tables.rule.per_px}"
+            wanted = f"at most what it passed (+{TOLERANCE:.0%})"
+            raise EnergyError(expectation("energy behind a lenslet", wanted, f"{worst:.3g} times that", remedy))
+        self._ledger.add(len(energies), float(energy_in.sum()), float(energy_out.sum()), worst)
