@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -132,6 +133,16 @@ class ImageView(QWidget):
         self._display = display
         if self._image is not None:
             self.set_image(self._image, origin=self._origin, step=self._step)
+
+    @property
+    def signed(self) -> bool:
+        """Whether levels are symmetric about zero."""
+        return self._signed
+
+    def set_signed(self, signed: bool, display: Display) -> None:
+        """Show differences (symmetric levels, diverging map) or intensities with ``display``."""
+        self._signed = signed
+        self._display = replace(display, scale="linear", colour_map="RdBu_r") if signed else display
 
     @property
     def display(self) -> Display:
