@@ -1,0 +1,76 @@
+"""What every way to project has in common."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
+
+__all__ = ["Cost", "Engine"]
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Forecast of one method.
+
+    Attributes
+    ----------
+    method
+        Its name.
+    prepare_s, forward_s, adjoint_s
+        Seconds to set all planes up, for one forward and for one adjoint projection of the whole volume.
+    operand_bytes
+        What the prepared planes take together.
+    scratch_bytes
+        Working memory of one projection, one plane of H included.
+    resident
+        Whether all prepared planes are kept; else they are prepared anew in every projection, and the
+        seconds say so.
+    """
+
+    method: str
+    prepare_s: float
+    forward_s: float
+    adjoint_s: float
+    operand_bytes: int
+    scratch_bytes: int
+    resident: bool = True
+
+    @property
+    def pair_s(self) -> float:
+        """Seconds of one forward and one adjoint projection."""
+        return self.forward_s + self.adjoint_s
+
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes in use during a projection."""
+        return self.scratch_bytes + (self.operand_bytes if self.resident else 0)
+
+
+class Engine(Protocol):
+    """One way to project: H plane in, prepared operand out, and the pair that uses operands.
+
+    Images are ``(Y, X)``, volume planes ``(Y, X)``; ``forward`` and ``adjoint`` are exact transposes of each other.
+    """
+
+    name: str
+    rounding: float
+    """Error of a projected value relative to the largest one; values below are not to be trusted."""
+
+    def prepare(self, plane: NDArray[Any]) -> Any:
+        """Return the operand of one plane of H, ``(ny, nx, nt, ns)``."""
+        ...
+
+    def operand_bytes(self, operand: Any) -> int:
+        """Return the memory an operand keeps."""
+        ...
+
+    def forward(self, planes: Iterable[tuple[Any, NDArray[Any]]]) -> NDArray[Any]:
+        """Return the image of pairs (operand, volume plane)."""
+        ...
+
+    def adjoint(self, image: NDArray[Any], operands: Iterable[Any]) -> Iterator[NDArray[Any]]:
+        """Yield the back projection of ``image`` for each operand."""
+        ...

@@ -1,0 +1,92 @@
+"""Volumes whose truth is known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from lfcal.errors import InputError, expectation
+
+__all__ = ["PHANTOMS", "phantom", "plume", "points", "vesicle"]
+
+Shape = tuple[int, int, int]
+
+
+def points(shape: Shape, positions: Iterable[tuple[int, int, int]], brightness: float = 1.0) -> NDArray[np.float64]:
+    """Return single bright voxels at ``positions`` (z, y, x)."""
+    volume = np.zeros(shape)
+    for position in positions:
+        if not all(0 <= p < n for p, n in zip(position, shape, strict=True)):
+            raise InputError(expectation("point", f"inside {shape}", position, "move it"))
+        volume[position] += brightness
+    return volume
+
+
+def vesicle(
+    shape: Shape,
+    centre: tuple[float, float, float] | None = None,
+    radius: float | None = None,
+    *,
+    thickness: float = 1.5,
+    z_step: float = 1.0,
+    brightness: float = 1.0,
+) -> NDArray[np.float64]:
+    """Return a spherical shell, as of a labelled membrane.
+
+    Parameters
+    ----------
+    shape
+        ``(nz, Y, X)``.
+    centre
+        (z, y, x), in planes and voxels; by default the middle.
+    radius, thickness
+        Of the shell's middle, and its Gaussian sigma (voxels in y and x).
+    z_step
+        Distance of planes over that of voxels in a plane.
+    brightness
+        On the shell.
+    """
+    middle = tuple((n - 1) / 2 for n in shape) if centre is None else centre
+    size = min(shape[1:]) / 4 if radius is None else radius
+    z, y, x = np.ogrid[: shape[0], : shape[1], : shape[2]]
+    r = np.sqrt(((z - middle[0]) * z_step) ** 2 + (y - middle[1]) ** 2 + (x - middle[2]) ** 2)
+    shell: NDArray[np.float64] = brightness * np.exp(-((r - size) ** 2) / (2 * thickness**2))
+    return shell
+
+
+def plume(shape: Shape, *, width: float | None = None, brightness: float = 1.0, seed: int = 0) -> NDArray[np.float64]:
+    """Return a smooth jet that widens along x, with seeded turbulence, brightest in the middle plane."""
+    nz, height, length = shape
+    start = height / 16 if width is None else width
+    rng = np.random.default_rng(seed)
+    x = np.arange(length)
+    spread = start * (1 + 2 * x / length)
+    phases = rng.uniform(0, 2 * np.pi, 4)
+    sway = sum(np.sin(2 * np.pi * (k + 1) * x / length + phases[k]) / (k + 1) for k in range(4)) * start / 3
+    y = np.arange(height)[:, None] - (height - 1) / 2 - sway * (x / length)
+    z = (np.arange(nz) - (nz - 1) / 2) / max(1.0, nz / 4)
+    sheet = np.exp(-(y**2) / (2 * spread**2)) * (start / spread) * 0.5 * (1 + erf((length - x) / (length / 6) - 2))
+    volume: NDArray[np.float64] = brightness * np.exp(-(z**2) / 2)[:, None, None] * sheet
+    return volume
+
+
+def phantom(name: str, shape: Shape, seed: int = 0) -> NDArray[np.float64]:
+    """Return the phantom ``points``, ``vesicle`` or ``plume`` at a size that suits ``shape``."""
+    if name == "points":
+        rng = np.random.default_rng(seed)
+        margin = [min(n // 4, 12) if axis else 0 for axis, n in enumerate(shape)]
+        low, high = np.array(margin), np.array(shape) - np.array(margin)
+        where = rng.integers(low, np.maximum(high, low + 1), (max(4, 2 * shape[0]), 3))
+        return points(shape, [(int(z), int(y), int(x)) for z, y, x in where])
+    if name == "vesicle":
+        return vesicle(shape, z_step=max(1.0, min(shape[1:]) / (2 * shape[0])))
+    if name == "plume":
+        return plume(shape, seed=seed)
+    raise InputError(expectation("phantom", " or ".join(PHANTOMS), repr(name), "choose one of these"))
+
+
+PHANTOMS = ("points", "vesicle", "plume")
+"""Names `phantom` knows."""

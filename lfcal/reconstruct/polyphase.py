@@ -1,0 +1,245 @@
+"""Polyphase projection: H as a block-Toeplitz matrix over the lattice of whole periods.
+
+Split image and volume by phase, ``p = n P + i`` and ``v = n V + j``. Then ::
+
+    f_i[P] = sum_j sum_D K_ij[D] g_j[P - D],      K_ij[D] = H[j][n D + i - j + c]
+
+is, at each frequency of the coarse lattice, one product with the small matrix ``K_ij`` of all phases. The lattice is
+cut into overlap-save tiles, so that the spectra of H stay small and every product has a column per tile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.reconstruct.grid import Grid
+from lfcal.reconstruct.tiles import TilePlan
+from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
+
+__all__ = ["Polyphase"]
+
+
+class Polyphase:
+    """Project with one small matrix product per frequency of the lattice of whole periods.
+
+    Parameters
+    ----------
+    grid
+        Image, period and cutout.
+    plan
+        Tiles.
+    dtype
+        float32 (complex64 spectra) or float64 (complex128).
+    workers
+        Threads.
+    phases
+        ``(ny, nx)`` mask of the image phases to compute and to use; None: all.
+    band
+        Rows of tiles worked on at once; fewer take less memory.
+    """
+
+    name = "polyphase"
+
+    def __init__(
+        self,
+        grid: Grid,
+        plan: TilePlan,
+        dtype: np.dtype[Any],
+        workers: int | None = None,
+        phases: NDArray[np.bool_] | None = None,
+        band: int | None = None,
+    ) -> None:
+        self.grid = grid
+        self.plan = plan
+        self.dtype = dtype
+        self.complex = np.result_type(dtype, np.complex64)
+        self.workers = worker_count(workers)
+        self.selected = np.arange(grid.phases) if phases is None else np.flatnonzero(phases.ravel())
+        self.all_phases = np.arange(grid.phases)
+        self.band = plan.counts[0] if band is None else max(1, min(band, plan.counts[0]))
+        self.rounding = 20 * float(np.finfo(dtype).eps)
+        self.matrices = plan.matrices(self.complex)
+
+    # -- operand ---------------------------------------------------------------------------------------
+    def prepare(self, plane: NDArray[Any]) -> NDArray[Any]:
+        """Return the spectra of H, ``(fx, fy, source phase, image phase)``."""
+        n, m = self.grid.phases, len(self.selected)
+        fx, fy = self.plan.x.frequencies, self.plan.y.frequencies
+        out = np.empty((fx, fy, n, m), self.complex)
+
+        def work(start: int, stop: int) -> None:
+            taps = self._taps(plane, start, stop)  # (kx, ky, sources, pixels)
+            kx, ky = taps.shape[:2]
+            along_x = self.matrices["kernel_x"] @ taps.reshape(kx, -1).astype(self.complex)
+            both = np.matmul(self.matrices["kernel_y"], along_x.reshape(fx, ky, -1))
+            out[:, :, start:stop] = both.reshape(fx, fy, stop - start, m)
+
+        with one_blas_thread():
+            for_each_chunk(work, n, self.workers)
+        return out
+
+    def operand_bytes(self, operand: NDArray[Any]) -> int:
+        """Return the bytes of the spectra."""
+        return operand.nbytes
+
+    def _taps(self, plane: NDArray[Any], start: int, stop: int) -> NDArray[Any]:
+        """Return ``K[Dx, Dy, j, i]`` for source phases ``start <= j < stop`` and the selected image phases."""
+        (ny, nx), (ry, rx), (cy, cx) = self.grid.period, self.grid.reach, self.grid.centre
+        nt, ns = self.grid.cutout
+        ky, kx = 2 * ry + 1, 2 * rx + 1
+        taps = np.empty((kx, ky, stop - start, len(self.selected)), self.dtype)
+        for j in range(start, stop):
+            y, x = divmod(j, nx)
+            top, left = y - cy + ry * ny, x - cx + rx * nx
+            t, s = _inside(top, nt, ky * ny), _inside(left, ns, kx * nx)
+            frame = np.zeros((ky * ny, kx * nx), self.dtype)
+            frame[top + t.start : top + t.stop, left + s.start : left + s.stop] = plane[y, x, t, s]
+            cells = frame.reshape(ky, ny, kx, nx).transpose(2, 0, 1, 3).reshape(kx, ky, -1)
+            taps[:, :, j - start] = cells[:, :, self.selected]
+        return taps
+
+    # -- the pair --------------------------------------------------------------------------------------
+    def forward(self, planes: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> NDArray[Any]:
+        """Return the image of pairs (operand, volume plane)."""
+        bands = self._bands()
+        totals: list[NDArray[Any] | None] = [None] * len(bands)
+        with one_blas_thread():
+            for operand, plane in planes:
+                packed = self._pack(plane)
+                for k, band in enumerate(bands):
+                    spectrum = self._analyse(packed, self.all_phases, band, conjugate=False)
+                    totals[k] = self._multiply(spectrum, operand, totals[k])
+            cells = self._cells(self.selected)
+            for total, band in zip(totals, bands, strict=True):
+                if total is not None:
+                    self._synthesise(total, band, cells, self.selected, conjugate=False)
+        return self._image(cells)
+
+    def adjoint(self, image: NDArray[Any], operands: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
+        """Yield the back projection of ``image`` for each operand."""
+        bands = self._bands()
+        packed = self._pack(image)
+        spectra: list[NDArray[Any]] = []
+        for operand in operands:
+            cells = self._cells(self.all_phases)
+            with one_blas_thread():
+                if not spectra:
+                    spectra = [self._analyse(packed, self.selected, band, conjugate=True) for band in bands]
+                for spectrum, band in zip(spectra, bands, strict=True):
+                    product = self._multiply(spectrum, operand.swapaxes(2, 3), None)
+                    self._synthesise(product, band, cells, self.all_phases, conjugate=True)
+            yield self._image(cells)
+
+    # -- steps -----------------------------------------------------------------------------------------
+    def _bands(self) -> list[tuple[int, int]]:
+        count = self.plan.counts[0]
+        return [(k, min(k + self.band, count)) for k in range(0, count, self.band)]
+
+    def _pack(self, plane: NDArray[Any]) -> NDArray[Any]:
+        """Return ``plane`` as lattice cells with the tiles' margins, ``(Px, Py, ny, nx)`` as a view."""
+        (ny, nx), (cy, cx), y, x = self.grid.period, self.grid.cells, self.plan.y, self.plan.x
+        before = (y.lead * ny, x.lead * nx)
+        after = ((y.padded - y.lead - cy) * ny, (x.padded - x.lead - cx) * nx)
+        packed = self.grid.pack(plane, self.dtype, before=before, after=after)
+        return packed.reshape(y.padded, ny, x.padded, nx).transpose(2, 0, 1, 3)
+
+    def _analyse(
+        self, packed: NDArray[Any], phases: NDArray[np.intp], band: tuple[int, int], *, conjugate: bool
+    ) -> NDArray[Any]:
+        """Return the tiles' spectra ``(fx, fy, tiles, phases)`` of a band of tile rows."""
+        x, y = self.plan.x, self.plan.y
+        first, rows = band[0] * y.valid, (band[1] - band[0] - 1) * y.valid + y.taken
+        along_x, along_y = self._matrix("analysis_x", conjugate), self._matrix("analysis_y", conjugate)
+        slabs = np.empty((x.count, x.frequencies, rows, len(phases)), self.complex)
+
+        def transform_x(start: int, stop: int) -> None:
+            part = packed[:, first + start : first + stop].reshape(x.padded, stop - start, -1)
+            columns = (part if len(phases) == part.shape[2] else part[..., phases]).astype(self.complex)
+            for k in range(x.count):
+                window = columns[k * x.valid : k * x.valid + x.taken].reshape(x.taken, -1)
+                slabs[k, :, start:stop] = (along_x @ window).reshape(x.frequencies, stop - start, -1)
+
+        for_each_chunk(transform_x, rows, self.workers, parts_per_worker=2)
+        count = band[1] - band[0]
+        out = np.empty((x.frequencies, y.frequencies, count, x.count, len(phases)), self.complex)
+
+        def transform_y(start: int, stop: int) -> None:
+            for f in range(start, stop):
+                for k in range(count):
+                    window = slabs[:, f, k * y.valid : k * y.valid + y.taken]
+                    out[f, :, k] = np.matmul(along_y, window).swapaxes(0, 1)
+
+        for_each_chunk(transform_y, x.frequencies, self.workers)
+        return out.reshape(x.frequencies, y.frequencies, count * x.count, len(phases))
+
+    def _multiply(self, spectrum: NDArray[Any], operand: NDArray[Any], total: NDArray[Any] | None) -> NDArray[Any]:
+        """Return ``total`` plus the products of all frequencies, ``(fx, fy, tiles, phases)``."""
+        out = np.empty((*spectrum.shape[:3], operand.shape[3]), self.complex) if total is None else total
+
+        def work(start: int, stop: int) -> None:
+            for f in range(start, stop):
+                if total is None:
+                    np.matmul(spectrum[f], operand[f], out=out[f])
+                else:
+                    out[f] += np.matmul(spectrum[f], operand[f])
+
+        for_each_chunk(work, len(spectrum), self.workers)
+        return out
+
+    def _cells(self, phases: NDArray[np.intp]) -> NDArray[Any]:
+        x, y = self.plan.x, self.plan.y
+        make = np.empty if len(phases) == self.grid.phases else np.zeros
+        return make((x.count * x.valid, y.count * y.valid, self.grid.phases), self.dtype)
+
+    def _synthesise(
+        self,
+        spectrum: NDArray[Any],
+        band: tuple[int, int],
+        cells: NDArray[Any],
+        phases: NDArray[np.intp],
+        *,
+        conjugate: bool,
+    ) -> None:
+        """Write the valid cells of a band's tiles into ``cells`` ``(Lx, Ly, phases)``."""
+        x, y = self.plan.x, self.plan.y
+        count = band[1] - band[0]
+        along_x, along_y = self._matrix("synthesis_x", conjugate), self._matrix("synthesis_y", conjugate)
+        tiles = spectrum.reshape(x.frequencies, y.frequencies, count, x.count, len(phases))
+        slabs = np.empty((x.count, x.frequencies, count * y.valid, len(phases)), self.complex)
+
+        def transform_y(start: int, stop: int) -> None:
+            for f in range(start, stop):
+                for k in range(count):
+                    window = np.ascontiguousarray(tiles[f, :, k].swapaxes(0, 1))
+                    slabs[:, f, k * y.valid : (k + 1) * y.valid] = np.matmul(along_y, window)
+
+        def transform_x(start: int, stop: int) -> None:
+            rows = slice(band[0] * y.valid + start, band[0] * y.valid + stop)
+            for k in range(x.count):
+                part = along_x @ slabs[k, :, start:stop].reshape(x.frequencies, -1)
+                block = part.real.reshape(x.valid, stop - start, -1)
+                if len(phases) == self.grid.phases:
+                    cells[k * x.valid : (k + 1) * x.valid, rows] = block
+                else:
+                    cells[k * x.valid : (k + 1) * x.valid, rows, phases] = block
+
+        for_each_chunk(transform_y, x.frequencies, self.workers)
+        for_each_chunk(transform_x, count * y.valid, self.workers, parts_per_worker=2)
+
+    def _image(self, cells: NDArray[Any]) -> NDArray[Any]:
+        """Return the image of cells ``(Lx, Ly, phases)``."""
+        (ny, nx), (cy, cx) = self.grid.period, self.grid.cells
+        whole = cells[:cx, :cy].reshape(cx, cy, ny, nx).transpose(1, 2, 0, 3).reshape(cy * ny, cx * nx)
+        return np.ascontiguousarray(self.grid.unpack(whole))
+
+    def _matrix(self, name: str, conjugate: bool) -> NDArray[Any]:
+        return self.matrices[name].conj() if conjugate else self.matrices[name]
+
+
+def _inside(start: int, length: int, limit: int) -> slice:
+    """Return the part of ``range(length)`` that, moved by ``start``, falls into ``range(limit)``."""
+    return slice(max(0, -start), max(max(0, -start), min(length, limit - start)))

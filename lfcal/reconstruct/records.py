@@ -1,0 +1,94 @@
+"""What a running solver tells, what it can be resumed from, and what it returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.progress import Progress
+
+__all__ = ["Reconstruction", "SolverProgress", "SolverState"]
+
+
+@dataclass(frozen=True, slots=True)
+class SolverState:
+    """Where a solver stands between two iterations: enough to go on as if it had not stopped.
+
+    Attributes
+    ----------
+    volume
+        Estimate ``(nz, Y, X)``; not to be written to.
+    iteration
+        Iterations done.
+    seconds
+        Time they took.
+    arrays, numbers
+        What the method remembers beside the volume.
+    """
+
+    volume: NDArray[Any]
+    iteration: int = 0
+    seconds: float = 0.0
+    arrays: tuple[NDArray[Any], ...] = ()
+    numbers: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class SolverProgress(Progress):
+    """One finished iteration.
+
+    Attributes
+    ----------
+    iteration
+        Iterations done, those before a resume counted.
+    residual
+        Weighted rms of image minus model over that of the image, for the estimate the iteration began with.
+    likelihood
+        Poisson log-likelihood of that estimate less its largest possible value (0: a perfect fit).
+    change
+        Norm of the change of the volume over the norm of the volume.
+    state
+        The state after the iteration; None in the history a solver returns.
+    """
+
+    iteration: int = 0
+    residual: float = float("nan")
+    likelihood: float = float("nan")
+    change: float = float("nan")
+    state: SolverState | None = field(default=None, repr=False, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Reconstruction:
+    """What a solver returns.
+
+    Attributes
+    ----------
+    volume
+        ``(nz, Y, X)``.
+    history
+        A record per iteration.
+    state
+        To go on from (`resume`).
+    notes
+        What was done to the input that one should know: masked, negative or unseen values.
+    """
+
+    volume: NDArray[Any]
+    history: tuple[SolverProgress, ...]
+    state: SolverState
+    notes: tuple[str, ...] = ()
+
+
+def relative_change(new: NDArray[Any], old: NDArray[Any]) -> float:
+    """Return the norm of ``new - old`` over that of ``new`` (0 where both vanish)."""
+    size = float(np.linalg.norm(new))
+    return float(np.linalg.norm(new - old)) / size if size > 0 else float(np.linalg.norm(old) > 0)
+
+
+def without_state(record: SolverProgress) -> SolverProgress:
+    """Return ``record`` for the history."""
+    return replace(record, state=None)

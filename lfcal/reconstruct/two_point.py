@@ -1,0 +1,110 @@
+"""How close two points may come in each plane and still be seen apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.progress import Clock, Work, drain
+from lfcal.reconstruct.em import richardson_lucy
+from lfcal.reconstruct.projector import Projector
+
+__all__ = ["TwoPoint", "dip", "iter_two_point", "two_point"]
+
+RAYLEIGH_DIP = 0.735
+"""Value between two Airy patterns at the Rayleigh distance, over their peaks."""
+
+
+@dataclass(frozen=True, slots=True)
+class TwoPoint:
+    """Resolution in one plane.
+
+    Attributes
+    ----------
+    plane
+        Index of the plane.
+    depth_um
+        Its depth, where H tells (else the index).
+    distance
+        Least distance tried at which the points are apart (voxels); infinity: none.
+    dips
+        Value between the points over the smaller peak, for each distance tried.
+    """
+
+    plane: int
+    depth_um: float
+    distance: float
+    dips: tuple[float, ...]
+
+
+def dip(profile: NDArray[np.floating], first: int, second: int) -> float:
+    """Return the least value between two peaks over the smaller of them (1: one blob; 0: fully apart).
+
+    The peaks are the largest values within a quarter of the distance of ``first`` and ``second``.
+    """
+    reach = max(1, abs(second - first) // 4)
+    a, b = sorted((first, second))
+    tops = []
+    for at in (a, b):
+        low, high = max(0, at - reach), min(len(profile), at + reach + 1)
+        tops.append(low + int(np.argmax(profile[low:high])))
+    smaller = min(float(profile[t]) for t in tops)
+    if smaller <= 0 or tops[1] - tops[0] < 2:
+        return 1.0
+    return min(1.0, float(profile[tops[0] : tops[1] + 1].min()) / smaller)
+
+
+def iter_two_point(
+    P: Projector,
+    distances: Sequence[int] = (2, 3, 4, 6, 8, 12, 16, 24),
+    *,
+    iterations: int = 30,
+    photons: float = 1e5,
+    seed: int | None = 0,
+    limit: float = RAYLEIGH_DIP,
+) -> Work[tuple[TwoPoint, ...]]:
+    """Find the resolution in each plane by reconstructing pairs of points along x.
+
+    Parameters
+    ----------
+    P
+        Projector pair.
+    distances
+        Distances tried (voxels), ascending.
+    iterations
+        Of Richardson-Lucy.
+    photons
+        Light of each pair; Poisson noise is drawn with ``seed`` (None: no noise).
+    limit
+        Points are apart where the dip falls below this.
+    """
+    nz, height, width = P.volume_shape
+    clock = Clock("two-point resolution", nz * len(distances))
+    results = []
+    for z in range(nz):
+        dips: list[float] = []
+        for k, distance in enumerate(distances):
+            row, left = height // 2, width // 2 - distance // 2
+            truth = np.zeros(P.volume_shape, P.dtype)
+            truth[z, row, [left, left + distance]] = 1.0
+            image = P.forward(truth)
+            image *= photons / max(float(image.sum()), float(np.finfo(P.dtype).tiny))
+            if seed is not None:
+                image = np.random.default_rng(seed + k).poisson(np.maximum(image, 0)).astype(P.dtype)
+            volume = richardson_lucy(P, image, iterations).volume
+            dips.append(dip(volume[z, row].astype(np.float64), left, left + distance))
+            yield clock.at(z * len(distances) + k + 1)
+        apart = [d for d, value in zip(distances, dips, strict=True) if value < limit]
+        # The least distance from which on every larger one is resolved too.
+        best = next((d for k, d in enumerate(distances) if all(v < limit for v in dips[k:])), float("inf"))
+        results.append(TwoPoint(z, float(P.depths[z]), float(best) if apart else float("inf"), tuple(dips)))
+    return tuple(results)
+
+
+def two_point(P: Projector, **options: Any) -> tuple[TwoPoint, ...]:
+    """Return the resolution of each plane: `iter_two_point`, drained."""
+    return drain(iter_two_point(P, **options))
