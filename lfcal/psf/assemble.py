@@ -31,6 +31,11 @@ class Corrections(Protocol):
     """What assembly needs of a correction chain (`lfcal.frames.CorrectionChain`)."""
 
     @property
+    def shape(self) -> tuple[int, int] | None:
+        """Rows and columns of the sensor the chain fits; None: any."""
+        ...
+
+    @property
     def margin(self) -> int:
         """Pixels around a region that its correction looks at."""
         ...
@@ -158,6 +163,12 @@ def iter_assemble(
     offsets = None if drift is None else np.asarray(drift, np.float64)
     if offsets is not None and offsets.shape != (len(source), 2):
         raise InputError(expectation("drift", f"shape ({len(source)}, 2)", offsets.shape, "one row per frame"))
+    if corrections is not None and corrections.shape is not None and not hasattr(source, "origin"):
+        if tuple(corrections.shape) != tuple(source.shape):
+            raise InputError(
+                expectation("dark or white frame", f"shape {tuple(source.shape)} of the frames",
+                            tuple(corrections.shape), "take all frames with one sensor setting")
+            )  # fmt: skip
     job = _Job(source, cutout, corrections, offsets)
     counts = np.zeros(shape, np.uint16)
     for position in (source.position(k) for k in range(len(source))):
