@@ -1,22 +1,149 @@
-"""Compiled kernels over one depth plane ``(ny, nx, nt, ns)`` of H; they release the GIL.
+"""Compiled kernels that transpose whole depth planes of H, on one thread each, without the GIL.
 
-Values are moved as they are, so every dtype is handled through the unsigned integers of its size.
+Values are moved as they are, as unsigned integers of their size. What numba has no words for - sixteen lanes
+sheared in registers, prefetching, stores past the caches - is given as LLVM code, for any processor.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from lfcal.threads import njit
 
-__all__ = ["depth_sum_block", "ht_slice", "transpose_rows"]
+__all__ = ["LANES", "batch_rows", "source_rows", "transpose_batches", "transpose_rows"]
+
+Shape = tuple[int, int, int, int, int]
+Words = NDArray[Any]
+
+LANES = 16
+"""Neighbouring values that are moved at once."""
+
+_I1, _I8, _I32, _I64 = (ir.IntType(bits) for bits in (1, 8, 32, 64))
+
+
+def _data(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    return context.make_array(kind)(context, builder, value).data
+
+
+def _constants(kind: Any, values: list[int]) -> Any:
+    return ir.Constant(ir.VectorType(kind, len(values)), [ir.Constant(kind, v) for v in values])
+
+
+def _shear(height: int) -> Any:
+    """Make ``shear(source, base, rows, first, out, at, step)`` for blocks of ``height`` rows.
+
+    out[at + i * step + l] = source[base + rows[first + i + l] + 15 - l] for i < height and l < 16: lane l comes from
+    l rows further down, and the lanes are reversed. Four rounds of selections by the bits of l do it in registers.
+    """
+
+    def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        _, base, _, first, _, at, step = arguments
+        pointers = [_data(context, builder, signature.args[k], arguments[k]) for k in (0, 2, 4)]
+        kind = context.get_data_type(signature.args[0].dtype)
+        size = context.get_abi_sizeof(kind)
+        vector = ir.VectorType(kind, LANES)
+
+        def load(i: int) -> Any:
+            row = builder.load(builder.gep(pointers[1], [builder.add(first, ir.Constant(_I64, i))]))
+            place = builder.gep(pointers[0], [builder.add(row, base)])
+            value = builder.load(builder.bitcast(place, vector.as_pointer()))
+            value.align = size
+            return value
+
+        values = [load(i) for i in range(height + LANES - 1)]
+        for shift in (8, 4, 2, 1):
+            mask = _constants(_I1, [int(bool((LANES - 1 - lane) & shift)) for lane in range(LANES)])
+            values = [builder.select(mask, values[i + shift], values[i]) for i in range(len(values) - shift)]
+        order = _constants(_I32, list(range(LANES - 1, -1, -1)))
+        for i, value in enumerate(values):
+            turned = builder.shuffle_vector(value, ir.Constant(vector, ir.Undefined), order)
+            place = builder.gep(pointers[2], [builder.add(at, builder.mul(step, ir.Constant(_I64, i)))])
+            stored = builder.store(turned, builder.bitcast(place, vector.as_pointer()))
+            stored.align = size
+        return context.get_dummy_value()
+
+    def typed(_: Any, source: Any, base: Any, rows: Any, first: Any, out: Any, at: Any, step: Any) -> Any:
+        return types.void(source, types.int64, rows, types.int64, out, types.int64, types.int64), implement
+
+    return intrinsic(typed)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _prefetch(_: Any, array: Any, at: Any) -> Any:
+    """Ask for the cache line of ``array[at]`` ahead of its use; any position is allowed."""
+
+    def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = builder.gep(_data(context, builder, signature.args[0], arguments[0]), [arguments[1]])
+        kind = ir.FunctionType(ir.VoidType(), [_I8.as_pointer(), _I32, _I32, _I32])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch")
+        read, second_level, data = (ir.Constant(_I32, k) for k in (0, 2, 1))
+        builder.call(function, [builder.bitcast(place, _I8.as_pointer()), read, second_level, data])
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64), implement
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _stream(_: Any, source: Any, start: Any, out: Any, at: Any, count: Any) -> Any:
+    """Copy ``16 * count`` values past the caches; ``out[at]`` must be aligned to 16 values."""
+
+    def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = context.get_data_type(signature.args[0].dtype)
+        size = context.get_abi_sizeof(kind)
+        vector = ir.VectorType(kind, LANES).as_pointer()
+        starts = (_data(context, builder, signature.args[k], arguments[k]) for k in (0, 2))
+        here, there = (
+            builder.bitcast(builder.gep(start, [arguments[k]]), vector) for start, k in zip(starts, (1, 3), strict=True)
+        )
+        hint = builder.module.add_metadata([ir.Constant(_I32, 1)])
+        with cgutils.for_range(builder, arguments[4]) as loop:
+            value = builder.load(builder.gep(here, [loop.index]))
+            value.align = size
+            stored = builder.store(value, builder.gep(there, [loop.index]))
+            stored.align = size * LANES
+            stored.set_metadata("nontemporal", hint)
+        return context.get_dummy_value()
+
+    return types.void(source, types.int64, out, types.int64, types.int64), implement
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _fence(_: Any) -> Any:
+    """Make what `_stream` wrote visible to other threads."""
+
+    def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.fence("seq_cst")
+        return context.get_dummy_value()
+
+    return types.void(), implement
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _address(_: Any, array: Any) -> Any:
+    """Return the address of ``array[0]`` in elements modulo 16 (its place within an aligned vector)."""
+
+    def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = builder.ptrtoint(_data(context, builder, signature.args[0], arguments[0]), _I64)
+        size = context.get_abi_sizeof(context.get_data_type(signature.args[0].dtype))
+        return builder.urem(builder.udiv(place, ir.Constant(_I64, size)), ir.Constant(_I64, LANES))
+
+    return types.int64(array), implement
+
+
+_shear_4, _shear_8, _shear_12, _shear_16 = (_shear(height) for height in (4, 8, 12, 16))
+_SCRATCH_BYTES = 1 << 19  # stays in the second-level cache
+_BATCH_ROWS = 4
 
 
 @njit()
-def transpose_rows(plane: NDArray[Any], out: NDArray[Any], start: int, stop: int) -> None:
-    """Write rows ``start`` to ``stop`` of HT: out[y, x, t, s] = H[y+t-ct, x+s-cs, nt-1-t, ns-1-s], wrapped."""
+def transpose_rows(plane: Words, out: Words, start: int, stop: int) -> None:
+    """Write rows ``start`` to ``stop`` of one transposed plane, value by value: any shape, any item size."""
     ny, nx, nt, ns = plane.shape
     ct, cs = (nt - 1) // 2, (ns - 1) // 2
     for y in range(start, stop):
@@ -31,24 +158,86 @@ def transpose_rows(plane: NDArray[Any], out: NDArray[Any], start: int, stop: int
                         column = 0
 
 
-@njit()
-def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any]) -> None:
-    """Write the slice HT[y, x] ``(nt, ns)`` of the transposed plane."""
-    ny, nx, nt, ns = plane.shape
-    ct, cs = (nt - 1) // 2, (ns - 1) // 2
-    for t in range(nt):
-        row = (y + t - ct) % ny
-        column = (x - cs) % nx
-        for s in range(ns):
-            out[t, s] = plane[row, column, nt - 1 - t, ns - 1 - s]
-            column += 1
-            if column == nx:
-                column = 0
+def batch_rows(shape: Shape, itemsize: int) -> int:
+    """Return how many cutout rows t `transpose_batches` handles at once."""
+    row = -(-shape[2] // 4) * 4 * shape[4] * itemsize
+    return max(1, min(_BATCH_ROWS, shape[3], _SCRATCH_BYTES // row))
+
+
+def source_rows(shape: Shape) -> NDArray[np.int64]:
+    """Return where the columns x of a source row start, repeated periodically as far as a block reaches."""
+    _, _, nx, nt, ns = shape
+    return np.arange(nx + 2 * LANES, dtype=np.int64) % nx * (nt * ns)
 
 
 @njit()
-def depth_sum_block(patterns: NDArray[Any], out: NDArray[Any], start: int, stop: int) -> None:
-    """Add pixels ``start`` to ``stop`` of all patterns ``(n, nt * ns)`` to ``out``, in its precision."""
-    for k in range(patterns.shape[0]):
-        for p in range(start, stop):
-            out[p] += patterns[k, p]
+def transpose_batches(source: Words, out: Words, shape: Shape, rows: Words, batch: int, start: int, stop: int) -> None:
+    """Write batches ``start`` to ``stop`` of ``nz * ceil(nt / batch)`` of the transposed matrix.
+
+    ``source`` and ``out`` are flat. For one y and t the map takes the tile of all (x, s) to a tile: each column s
+    shifts cyclically along x by s - cs. A tile goes through registers into scratch memory, 16 x 16 values at a time,
+    while the next one is fetched; a batch of cutout rows then leaves as one run per x, in whole cache lines
+    that bypass the caches. Needs ns >= 16.
+    """
+    ny, nx, nt, ns = shape[1:]
+    ct = (nt - 1) // 2
+    pattern = nt * ns
+    row = nx * pattern
+    step = batch * ns + LANES + (pattern - batch * ns) % LANES  # aligned with the rows of out
+    scratch = np.empty(step * (nx + 3) + 3 * LANES, source.dtype)
+    batches = -(-nt // batch)
+    for k in range(start, stop):
+        z = k // batches
+        t0 = (k - z * batches) * batch
+        t1 = min(nt, t0 + batch)
+        for y in range(ny):
+            to = (z * ny + y) * row + t0 * ns
+            at = (_address(out) + to - _address(scratch)) % LANES
+            for t in range(t0, t1):
+                here = (z * ny + (y + t - ct) % ny) * row + (nt - 1 - t) * ns
+                if t + 1 < t1:
+                    ahead = (z * ny + (y + t + 1 - ct) % ny) * row + (nt - 2 - t) * ns
+                else:
+                    ahead = (z * ny + (y + 1 + t0 - ct) % ny) * row + (nt - 1 - t0) * ns
+                _turn_tile(source, here, ahead, rows, nx, ns, scratch, at + (t - t0) * ns, step)
+            _write_runs(scratch, at, step, out, to, pattern, nx, (t1 - t0) * ns)
+    _fence()
+
+
+@njit()
+def _turn_tile(
+    source: Words, here: int, ahead: int, rows: Words, nx: int, ns: int, out: Words, at: int, step: int
+) -> None:
+    """Turn the tile at ``here`` into ``out``; fetch the one at ``ahead``. Rows beyond nx are scratch."""
+    cs = (ns - 1) // 2
+    for x in range(0, nx, LANES):
+        height = min(LANES, nx - x)
+        for block in range(0, ns, LANES):
+            c = min(block, ns - LANES)  # the last block overlaps the one before it
+            for i in range(x, x + height):
+                _prefetch(source, ahead + rows[i] + c)
+            first = (x + cs - c - LANES + 1) % nx
+            to = at + x * step + ns - LANES - c
+            if height > 12:
+                _shear_16(source, here + c, rows, first, out, to, step)
+            elif height > 8:
+                _shear_12(source, here + c, rows, first, out, to, step)
+            elif height > 4:
+                _shear_8(source, here + c, rows, first, out, to, step)
+            else:
+                _shear_4(source, here + c, rows, first, out, to, step)
+
+
+@njit()
+def _write_runs(scratch: Words, at: int, step: int, out: Words, to: int, pattern: int, nx: int, length: int) -> None:
+    """Copy ``length`` values for each x from scratch to ``out``: whole vectors past the caches, then the ends."""
+    for x in range(nx):
+        a = at + x * step
+        b = to + x * pattern
+        head = min(length, -(_address(out) + b) % LANES)
+        count = (length - head) // LANES
+        _stream(scratch, a + head, out, b + head, count)
+        for i in range(head):
+            out[b + i] = scratch[a + i]
+        for i in range(head + count * LANES, length):
+            out[b + i] = scratch[a + i]

@@ -12,6 +12,7 @@ zero. Padding H by (nx-1)/2 and (ny-1)/2 zeros per side beforehand (``"paper-pad
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -59,31 +60,64 @@ def transpose(
     _check_dtype(source.dtype)
     _check_method(method, shape)
     result = np.empty(shape, source.dtype) if out is None else _checked_out(out, source, shape)
+    if method == "exact" and isinstance(source, np.ndarray) and _plain(source) and _plain(result):
+        _permute(source, result, workers)
+        return result
     for z in range(shape[0]):
-        plane = np.ascontiguousarray(source[z])
-        target = result[z] if result[z].flags.c_contiguous else np.empty(shape[1:], source.dtype)
-        if method == "paper-padded":
-            _transpose_padded(plane, target, workers)
-        else:
-            _transpose_plane(plane, target, workers)
-            if method == "paper":
-                _clear_border(target)
-        if target.base is not result and not np.shares_memory(target, result):
-            result[z] = target
+        plane, target = _as_plain(source[z]), result[z]
+        turned = target if _plain(target) else np.empty(plane.shape, plane.dtype)
+        _transpose_plane(plane, turned, method, workers)
+        if turned is not target:
+            target[...] = turned
     return result
 
 
-def _transpose_plane(plane: NDArray[Any], out: NDArray[Any], workers: int | None) -> None:
+def _plain(array: NDArray[Any]) -> bool:
+    """Whether the kernels can walk the array as a row of words."""
+    return array.flags.c_contiguous and array.ctypes.data % min(array.itemsize, 8) == 0
+
+
+def _as_plain(values: Any) -> NDArray[Any]:
+    array = np.ascontiguousarray(values)
+    return array if _plain(array) else array.copy()
+
+
+def _transpose_plane(plane: NDArray[Any], out: NDArray[Any], method: str, workers: int | None) -> None:
+    if method == "paper-padded":
+        ny, nx, nt, ns = plane.shape
+        cy, cx = centre(ny), centre(nx)
+        padded = np.pad(plane, ((0, 0), (0, 0), (cy, cy), (cx, cx)))
+        turned = np.empty_like(padded)
+        _transpose_plane(padded, turned, "paper", workers)
+        out[...] = turned[:, :, cy : cy + nt, cx : cx + ns]
+        return
+    _permute(plane[None], out[None], workers)
+    if method == "paper":
+        _clear_border(out)
+
+
+def _permute(source: NDArray[Any], out: NDArray[Any], workers: int | None) -> None:
+    """Transpose contiguous ``(nz, ny, nx, nt, ns)`` exactly."""
     from lfcal.psf import _kernels
 
-    source, target = _as_words(plane), _as_words(out)
-    for_each_chunk(lambda a, b: _kernels.transpose_rows(source, target, a, b), plane.shape[0], workers)
+    nz, ny, _, nt, ns = shape = source.shape
+    words, target = _as_words(source), _as_words(out, write=True)
+    if ns < _kernels.LANES or source.itemsize > 8:
+        for plane, turned in zip(words, target, strict=True):
+            for_each_chunk(partial(_kernels.transpose_rows, plane, turned), ny, workers)
+        return
+    batch = _kernels.batch_rows(shape, source.itemsize)
+    rows = _kernels.source_rows(shape)
+    flat = (words.reshape(-1), target.reshape(-1))
+    for_each_chunk(partial(_kernels.transpose_batches, *flat, shape, rows, batch), nz * -(-nt // batch), workers)
 
 
-def _as_words(array: NDArray[Any]) -> NDArray[Any]:
+def _as_words(array: NDArray[Any], *, write: bool = False) -> NDArray[Any]:
     """Return the values as plain words of their size: they are moved, not computed with."""
     size = array.dtype.itemsize
-    return array.view(np.complex128 if size == 16 else f"u{size}")
+    words = np.asarray(array).view(np.complex128 if size == 16 else f"u{size}")
+    words.flags.writeable = write  # what is read is always read-only, so that each kernel is compiled once
+    return words
 
 
 def _clear_border(plane: NDArray[Any]) -> None:
@@ -97,16 +131,6 @@ def _clear_border(plane: NDArray[Any]) -> None:
         first = centre(nx) - x
         plane[:, x, :, : max(0, first)] = 0
         plane[:, x, :, max(0, ns + first) :] = 0
-
-
-def _transpose_padded(plane: NDArray[Any], out: NDArray[Any], workers: int | None) -> None:
-    ny, nx, nt, ns = plane.shape
-    cy, cx = centre(ny), centre(nx)
-    padded = np.pad(plane, ((0, 0), (0, 0), (cy, cy), (cx, cx)))
-    turned = np.empty_like(padded)
-    _transpose_plane(padded, turned, workers)
-    _clear_border(turned)
-    out[...] = turned[:, :, cy : cy + nt, cx : cx + ns]
 
 
 def _check_dtype(dtype: np.dtype[Any]) -> None:
@@ -137,20 +161,29 @@ def _checked_out(out: NDArray[Any], source: Any, shape: tuple[int, ...]) -> NDAr
         )
     if not out.flags.writeable:
         raise InputError(expectation("out", "a writeable array", "a read-only one", "copy it or open it for writing"))
-    if isinstance(source, np.ndarray) and _overlap(source, out):
+    if _overlap(source, out):
         raise InputError(
             expectation("out", "memory of its own", "memory shared with H", "transpose into another array")
         )
     return out
 
 
-def _overlap(a: NDArray[Any], b: NDArray[Any]) -> bool:
-    if isinstance(a, np.memmap) and isinstance(b, np.memmap) and a.filename is not None and a.filename == b.filename:
-        return True
+def _overlap(source: Any, out: NDArray[Any]) -> bool:
+    if not isinstance(source, np.ndarray):  # planes are read as they are needed; ask about the first
+        first = source[0]
+        return isinstance(first, np.ndarray) and _root(first) is _root(out)
+    if isinstance(source, np.memmap) and isinstance(out, np.memmap) and source.filename == out.filename:
+        return source.filename is not None
     try:
-        return np.shares_memory(a, b, max_work=100_000)  # type: ignore[arg-type]  # the stubs know 0 and -1 alone
+        return np.shares_memory(source, out, max_work=100_000)  # type: ignore[arg-type]  # the stubs know 0 and -1
     except np.exceptions.TooHardError:
         return True
+
+
+def _root(array: NDArray[Any]) -> Any:
+    while isinstance(array.base, np.ndarray):
+        array = array.base
+    return array
 
 
 def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any] | None = None) -> NDArray[Any]:
@@ -163,7 +196,7 @@ def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any] | None = Non
     y, x
         Position within the period; negative counts from the end.
     out
-        C-contiguous array ``(nt, ns)`` of H's dtype to fill.
+        Array ``(nt, ns)`` of H's dtype to fill.
 
     Raises
     ------
@@ -172,7 +205,7 @@ def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any] | None = Non
     IndexError
         If there is no such position.
     """
-    from lfcal.psf import _kernels
+    from lfcal.psf import _plane_kernels
 
     _, ny, nx, nt, ns = check_psf_shape((1, *plane.shape))
     _check_dtype(plane.dtype)
@@ -180,13 +213,14 @@ def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any] | None = Non
         raise IndexError(f"position ({y}, {x}) is outside the period ({ny}, {nx})")
     if out is None:
         out = np.empty((nt, ns), plane.dtype)
-    elif out.shape != (nt, ns) or out.dtype != plane.dtype or not (out.flags.c_contiguous and out.flags.writeable):
+    elif out.shape != (nt, ns) or out.dtype != plane.dtype or not out.flags.writeable:
         raise InputError(
-            expectation("out", f"a contiguous array {(nt, ns)} {plane.dtype}", f"{out.shape} {out.dtype}",
+            expectation("out", f"a writeable array {(nt, ns)} {plane.dtype}", f"{out.shape} {out.dtype}",
                         "make it with numpy.empty")
         )  # fmt: skip
-    if plane.flags.c_contiguous:
-        _kernels.ht_slice(_as_words(plane), y % ny, x % nx, _as_words(out))
+    if _plain(plane) and _plain(out):
+        flat = _as_words(plane).reshape(-1), _as_words(out, write=True).reshape(-1)
+        _plane_kernels.gather_slice(flat[0], (ny, nx, nt, ns), y % ny, x % nx, flat[1])
     else:
         t, s = np.arange(nt)[:, None], np.arange(ns)
         out[...] = plane[(y + t - centre(nt)) % ny, (x + s - centre(ns)) % nx, nt - 1 - t, ns - 1 - s]
@@ -208,16 +242,23 @@ def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
     """
     _, ny, nx, nt, ns = check_psf_shape((1, *plane.shape))
     _check_dtype(plane.dtype)
-    kind = np.complex128 if plane.dtype.kind == "c" else np.float64
-    if not (plane.flags.c_contiguous and plane.dtype.isnative and plane.dtype.itemsize <= 16):
+    plane = np.asarray(plane)
+    kind: Any = np.complex128 if plane.dtype.kind == "c" else np.float64
+    if not (_plain(plane) and plane.dtype.isnative) or plane.dtype in (np.float16, np.longdouble):
         strided: NDArray[Any] = plane.sum(axis=(0, 1), dtype=kind)
         return strided
-    from lfcal.psf import _kernels
+    from lfcal.psf import _plane_kernels
 
     patterns = plane.reshape(ny * nx, nt * ns)
-    total = np.zeros(nt * ns, kind)
-    for_each_chunk(lambda a, b: _kernels.depth_sum_block(patterns, total, a, b), nt * ns, workers)
-    return total.reshape(nt, ns)
+    if kind is np.complex128:
+        patterns = patterns.view(plane.real.dtype)
+    elif plane.dtype == np.bool_:
+        patterns = patterns.view(np.uint8)
+    patterns.flags.writeable = False
+    total = np.zeros(patterns.shape[1])
+    for_each_chunk(partial(_plane_kernels.add_patterns, patterns, total), total.size, workers)
+    sums: NDArray[Any] = total.view(kind).reshape(nt, ns)
+    return sums
 
 
 def border_energy(H: Any) -> float:
