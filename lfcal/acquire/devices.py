@@ -7,6 +7,7 @@ A call that fails raises one of `lfcal.acquire.errors`; nothing else may escape 
 from __future__ import annotations
 
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
@@ -209,19 +210,22 @@ class SystemTime:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A camera, a stage, and a light where it can be switched; closes both as a context manager."""
+    """A camera, a stage, and a light where it can be switched; closes them as a context manager.
+
+    ``others`` are devices that had to be opened along with these and are closed with them.
+    """
 
     camera: Camera
     stage: Stage
     light: Light | None = None
     time: TimeSource = field(default_factory=SystemTime)
+    others: tuple[Camera | Stage, ...] = ()
 
     def close(self) -> None:
-        """Release both devices, the second even if the first fails."""
-        try:
-            self.stage.close()
-        finally:
-            self.camera.close()
+        """Release all devices, each even if another fails."""
+        with ExitStack() as stack:
+            for device in (self.camera, *self.others, self.stage):
+                stack.callback(device.close)
 
     def __enter__(self) -> Rig:
         """Return the rig."""

@@ -21,7 +21,7 @@ from lfcal.acquire.records import RECORD, Note, frame_crc, intact, pack
 from lfcal.errors import FileFormatError, StorageError, expectation
 from lfcal.files import check_dataset, open_h5, storage_errors
 
-__all__ = ["FORMAT", "VERSION", "Journal", "Layout", "read_layout"]
+__all__ = ["FORMAT", "VERSION", "Journal", "Layout", "read_at", "read_layout"]
 
 FORMAT = "lfcal-recording"
 VERSION = 1
@@ -159,7 +159,8 @@ class Journal:
 
     def records(self) -> NDArray[Any]:
         """Return all records ``[N]`` as they are on disk; see `RECORD`."""
-        return read_records(self._descriptor, self.layout, self.path)
+        data = read_at(self._descriptor, self.layout.count * RECORD.itemsize, self.layout.records_at, self.path)
+        return np.frombuffer(data, RECORD).copy()
 
     def scan(self, *, recheck: int = 256) -> NDArray[np.bool_]:
         """Return for each slot whether it holds an acknowledged frame.
@@ -172,13 +173,13 @@ class Journal:
         latest = np.flatnonzero(good)
         latest = latest[np.argsort(records["sequence"][latest])][-recheck:] if recheck else latest[:0]
         for slot in latest:
-            data = _read_at(self._descriptor, self.layout.frame_bytes, self._frame_at(int(slot)), self.path)
+            data = read_at(self._descriptor, self.layout.frame_bytes, self._frame_at(int(slot)), self.path)
             good[slot] = frame_crc(data) == records["frame_crc"][slot]
         return good
 
     def read(self, slot: int) -> NDArray[Any]:
         """Return frame ``slot`` as a new array, unchecked."""
-        data = _read_at(self._descriptor, self.layout.frame_bytes, self._frame_at(slot), self.path)
+        data = read_at(self._descriptor, self.layout.frame_bytes, self._frame_at(slot), self.path)
         return np.frombuffer(data, self.layout.dtype).reshape(self.layout.shape).copy()
 
     def close(self) -> None:
@@ -191,13 +192,8 @@ class Journal:
         return self.layout.frames_at + slot * self.layout.frame_bytes
 
 
-def read_records(descriptor: int, layout: Layout, path: Path) -> NDArray[Any]:
-    """Return the records of an unpacked recording from an open file."""
-    data = _read_at(descriptor, layout.count * RECORD.itemsize, layout.records_at, path)
-    return np.frombuffer(data, RECORD).copy()
-
-
-def _read_at(descriptor: int, size: int, offset: int, path: Path) -> bytes:
+def read_at(descriptor: int, size: int, offset: int, path: Path) -> bytes:
+    """Return ``size`` bytes of an open file at ``offset``; ``path`` is for messages."""
     with storage_errors(path):
         if hasattr(os, "pread"):
             data = os.pread(descriptor, size, offset)

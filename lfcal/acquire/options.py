@@ -29,7 +29,8 @@ class Options:
     bracket
         Exposures of each position as factors of its plane's; several are merged to a high dynamic range.
     margin_px
-        Pixels kept around the cutout, for sub-pixel anchors and drift.
+        Pixels kept around the cutout, for interpolation at sub-pixel anchors and for drift. None keeps none,
+        or 12 where the plan's anchor lies between pixels or frames are resampled.
     darks, dark_every
         Frames averaged into each dark frame (0: none), taken at the start and every so many positions
         (0: at the start only).
@@ -55,7 +56,7 @@ class Options:
 
     order: str = "plan"
     bracket: tuple[float, ...] = (1.0,)
-    margin_px: int = 0
+    margin_px: int | None = None
     darks: int = 0
     dark_every: int = 0
     reference_every: int = 0
@@ -77,7 +78,9 @@ class Options:
                                          "for example 1, 0.25, 0.0625"))  # fmt: skip
         for factor in self.bracket:
             check_number("exposure factor", factor, above=0, at_most=1e4)
-        for name in ("margin_px", "darks", "dark_every", "reference_every", "controls", "retries", "keep_free_bytes"):
+        if self.margin_px is not None:
+            check_number("margin (px)", self.margin_px, at_least=0, integer=True)
+        for name in ("darks", "dark_every", "reference_every", "controls", "retries", "keep_free_bytes"):
             check_number(name.replace("_", " "), getattr(self, name), at_least=0, integer=True)
         for name in ("move_timeout_s", "grab_timeout_s"):
             check_number(name.replace("_", " "), getattr(self, name), above=0)

@@ -42,7 +42,7 @@ def check_origin(
     exposer = Exposer(rig, control, options.bracket, plan.camera.sensor.black_level, options.grab_timeout_s)
     exposer.read_region(schedule.roi)
     Mover(rig.stage, rig.time, options.motion(plan), control).go((x, y, depth))
-    exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,)
+    exposures = plan.exposures
     z = int(note["index"]) // (plan.period[0] * plan.period[1])
     data = exposer.expose(exposures[z], plan.frames_averaged, rig.time.monotonic()).data
     top, left = int(note["row"]) - exposer.roi.row, int(note["column"]) - exposer.roi.column

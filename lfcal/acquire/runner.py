@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,25 +19,18 @@ from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.records import Kind, Note
 from lfcal.acquire.schedule import Schedule, Step
+from lfcal.acquire.writer import Acknowledged, Sink, Writer
 from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError, StorageError
 from lfcal.frames.source import Position
 from lfcal.progress import Clock, Progress, Work
 
-__all__ = ["Observer", "Outcome", "Runner", "Sink"]
+__all__ = ["Observer", "Outcome", "Runner"]
 
 HOLD_S = 0.2
 
 Observer = Callable[[Step, Note, NDArray[Any]], None]
 """Called with step, note and frame after each acknowledgement, in the recording thread."""
-
-
-class Sink(Protocol):
-    """Where frames go; returns only when they are safe."""
-
-    def write(self, step: Step, frame: NDArray[Any], note: Note) -> None:
-        """Write a frame with its note and return when both are on the disk."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +88,7 @@ class Runner:
         self._sink, self._todo = sink, todo
         self.control = control or Control()
         self._preview, self._observers, self._low_space = preview, observers, low_space
-        self._exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,)
+        self._exposures = plan.exposures
         motion = options.motion(plan)
         moved = schedule.kinds != Kind.DARK
         check_limits(schedule.targets[moved], rig.stage.limits, motion.overshoot_um)
@@ -109,7 +102,7 @@ class Runner:
         self._done = self._total - int(todo[schedule.kinds == Kind.POSITION].sum())
 
     def run(self) -> Work[Outcome]:
-        """Record; yields after each acknowledged frame and while held.
+        """Record; yields after acknowledged frames and while held.
 
         Raises
         ------
@@ -118,36 +111,48 @@ class Runner:
         """
         clock = Clock("record", self._total)
         self._since = self._rig.time.monotonic()
+        writer = Writer(self._sink)
         step: Step | None = None
         yield clock.at(self._done)
         try:
-            for step in self._schedule.steps(self._todo):
-                yield from self._hold(clock)
-                if self.control.stopping:
-                    break
-                self._record(step)
-                yield clock.at(self._done)
-        except Aborted:
-            pass
+            try:
+                for step in self._schedule.steps(self._todo):
+                    yield from self._hold(clock, writer)
+                    if self.control.stopping:
+                        break
+                    self._acknowledge(writer.submit(step, *self._record(step)))
+                    yield clock.at(self._done)
+            except Aborted:
+                self._halt()
+            self._acknowledge(writer.flush())
         except (LfcalError, OSError) as error:
             self._halt()
+            with suppress(LfcalError, OSError):
+                self._acknowledge(writer.flush())
             raise AcquisitionStopped(self._report(step, error), self._done, error) from error
         except BaseException:
             self._halt()
             raise
-        if self.control.aborting:
-            self._halt()
+        finally:
+            writer.close()
+        yield clock.at(self._done)
         seconds = self._rig.time.monotonic() - self._since
         how = "aborted" if self.control.aborting else "stopped" if self.control.stopping else "complete"
         return Outcome(how, self._done, self._total, seconds)
 
+    def _acknowledge(self, done: list[Acknowledged]) -> None:
+        for step, note, frame in done:
+            self._done += step.kind is Kind.POSITION
+            for observer in self._observers:
+                observer(step, note, frame)
+
     # -- one step --------------------------------------------------------------------------------------
-    def _record(self, step: Step) -> None:
+    def _record(self, step: Step) -> tuple[NDArray[Any], Note]:
+        """Return frame and note of ``step``, after as many attempts as are allowed."""
         attempt = 1
         while True:
             try:
-                frame, note = self._take(step, attempt)
-                break
+                return self._take(step, attempt)
             except WrongFrame:
                 raise
             except (CameraError, StageError):
@@ -155,10 +160,6 @@ class Runner:
                     raise
             self._mover.forget()
             attempt += 1
-        self._sink.write(step, frame, note)
-        self._done += step.kind is Kind.POSITION
-        for observer in self._observers:
-            observer(step, note, frame)
 
     def _take(self, step: Step, attempt: int) -> tuple[NDArray[Any], Note]:
         time = self._rig.time
@@ -213,8 +214,9 @@ class Runner:
         )
 
     # -- around the steps ------------------------------------------------------------------------------
-    def _hold(self, clock: Clock) -> Work[None]:
+    def _hold(self, clock: Clock, writer: Writer) -> Work[None]:
         """Wait while paused or while the disk is too full; yields so that a caller sees why."""
+        self._acknowledge(writer.collect())
         began = self._rig.time.monotonic()
         while not self.control.stopping:
             why = "paused" if self.control.pausing else self._low_space()
@@ -223,6 +225,7 @@ class Runner:
                 yield Progress(self._done, self._total, clock.stage, clock.at(0).seconds, why)
             if not why:
                 break
+            self._acknowledge(writer.flush())
             self.control.wait(HOLD_S)
             yield Progress(self._done, self._total, clock.stage, clock.at(0).seconds, why)
         self.control.held = ""

@@ -17,8 +17,12 @@ from lfcal.axes import centre
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError, expectation
 from lfcal.frames.source import Position
+from lfcal.psf.cutout import Cutout
 
 __all__ = ["Schedule", "Step", "window_shape"]
+
+SPLINE_MEMORY = 12
+"""Pixels after which a cubic spline has forgotten its neighbours to 1e-6."""
 
 
 class Step(NamedTuple):
@@ -145,7 +149,7 @@ def _darks(plan: ScanPlan, options: Options, count: int) -> list[_Block]:
     if not options.darks:
         return []
     times = np.arange(0, count, options.dark_every or count)
-    exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,)
+    exposures = plan.exposures
     planes = np.array([exposures.index(t) for t in sorted(set(exposures))])  # one dark frame per exposure
     positions = np.zeros((len(times) * len(planes), 3), np.int64)
     positions[:, 0] = np.tile(planes, len(times))
@@ -209,12 +213,13 @@ def _merged(plan: ScanPlan, options: Options, blocks: list[_Block]) -> Schedule:
 
 
 def window_shape(plan: ScanPlan, options: Options) -> tuple[int, int]:
-    """Return the rows and columns kept of each frame, odd: the cutout, what resampling needs, and the margin."""
-    sizes = [
-        n if factor == 1.0 else 2 * int(np.ceil((n - 1) / 2 / factor) + 1) + 1
-        for n, factor in zip(plan.cutout, plan.resample_factors, strict=True)
-    ]
-    return sizes[0] + 2 * options.margin_px, sizes[1] + 2 * options.margin_px
+    """Return the rows and columns kept of each frame, odd: what the cutout covers, and the margin."""
+    rows, columns = Cutout.for_plan(plan).reach
+    margin = options.margin_px
+    if margin is None:
+        whole = all(float(v).is_integer() for v in plan.anchor) and not plan.resample
+        margin = 0 if whole else SPLINE_MEMORY
+    return rows + 2 * margin, columns + 2 * margin
 
 
 def _union(origins: NDArray[np.int64], shape: tuple[int, int]) -> Roi:

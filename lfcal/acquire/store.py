@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.devices import Roi
 from lfcal.acquire.journal import Journal
 from lfcal.acquire.records import RECORD, Kind, Note
 from lfcal.acquire.schedule import Schedule, Step
@@ -135,15 +134,11 @@ def _files(schedule: Schedule, dtype: np.dtype[Any]) -> dict[Kind, tuple[int, tu
     for kind, count, shape, sample in (
         (Kind.POSITION, schedule.count(Kind.POSITION), schedule.window, dtype),
         (Kind.REFERENCE, schedule.count(*CHECKS), schedule.window, dtype),
-        (Kind.DARK, schedule.count(Kind.DARK), _roi_shape(schedule.roi), np.dtype(np.float32)),
+        (Kind.DARK, schedule.count(Kind.DARK), schedule.roi.shape, np.dtype(np.float32)),
     ):
         if count:
             plans[kind] = (count, shape, sample)
     return plans
-
-
-def _roi_shape(roi: Roi) -> tuple[int, int]:
-    return roi.shape
 
 
 def _shared(opened: dict[Kind, Journal]) -> dict[Kind, Journal]:

@@ -38,8 +38,7 @@ class PatternRenderer:
         self._centre = plan.camera.sensor.centre_px
         self._limit = max(1.0, (min(plan.cutout) - 1) / 2)
         sigmas = [self._sigma(z) for z in plan.depths_um]
-        exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,) * len(sigmas)
-        brightest = max(t / s**2 for t, s in zip(exposures, sigmas, strict=True))
+        brightest = max(t / s**2 for t, s in zip(plan.exposures, sigmas, strict=True))
         sensor = plan.camera.sensor
         self._rate = peak * (sensor.max_value - sensor.black_level) / brightest
 
@@ -70,16 +69,17 @@ class PatternRenderer:
 class FramesRenderer:
     """Frames of a `FrameSource` (a simulated camera, a recorded session) as what the optics make.
 
-    The frame of the plan's position nearest to the source is taken, scaled by the exposure; its own noise and
-    black level stay in it. A source more than half a step from every position is an error: the frames do not
-    tell what is seen there.
+    The frame of the plan's position nearest to the source is taken, whole periods away moved by them, and
+    scaled by the exposure. The camera adds black level and noise: of a source that has ``light(index)``, the
+    electrons before the sensor disturbs them (`lfcal.simulate.SimulatedCamera`), those are taken; else the
+    frames should be free of noise.
 
     Parameters
     ----------
     plan
         The plan the frames belong to.
     frames
-        One full sensor frame per position.
+        One full sensor frame per position, in sample values with the sensor's black level.
     """
 
     def __init__(self, plan: ScanPlan, frames: FrameSource) -> None:
@@ -91,19 +91,26 @@ class FramesRenderer:
         self._index = {tuple(frames.position(k)): k for k in range(len(frames))}
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
-        """Return the frame's part that lies in ``roi``."""
+        """Return the frame of the nearest position, whatever ``roi`` is."""
         plan = self._plan
         z = int(np.argmin(np.abs(np.array(plan.depths_um) - source_um[2])))
         step = plan.camera.step_um(plan.depths_um[z])
         centre, factors = plan.camera.sensor.centre_px, plan.resample_factors
-        y, x = (round((centre[k] + source_um[1 - k] / step - plan.anchor[k]) * factors[k]) for k in range(2))
+        steps = [round((centre[k] + source_um[1 - k] / step - plan.anchor[k]) * factors[k]) for k in range(2)]
+        (ky, y), (kx, x) = (divmod(n, period) for n, period in zip(steps, plan.period, strict=True))
         index = self._index.get((z, y, x))
         if index is None:
             raise InputError(
-                expectation("simulated source", "a position of the plan", f"(z, y, x) = {(z, y, x)}",
-                            "use the built-in pattern for control frames and set-up")
-            )  # fmt: skip
-        exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,) * len(plan.depths_um)
-        frame = self._frames.read(index)[roi.row : roi.row + roi.rows, roi.column : roi.column + roi.columns]
-        black = plan.camera.sensor.black_level
-        return Patch(roi.row, roi.column, (frame - np.float32(black)).clip(0) * np.float32(exposure_s / exposures[z]))
+                expectation("simulated frames", f"one of position (z, y, x) = {(z, y, x)}", "none", "simulate it too")
+            )
+        light = self._light(index)
+        shift = round(ky * plan.period[0] / factors[0]), round(kx * plan.period[1] / factors[1])
+        return Patch(shift[0], shift[1], light * np.float32(exposure_s / plan.exposures[z]))
+
+    def _light(self, index: int) -> NDArray[Any]:
+        """Return counts above black of frame ``index``."""
+        sensor = self._plan.camera.sensor
+        light = getattr(self._frames, "light", None)
+        if light is not None:
+            return np.asarray(light(index) * np.float32(1 / sensor.electrons_per_count))
+        return (self._frames.read(index) - np.float32(sensor.black_level)).clip(0)

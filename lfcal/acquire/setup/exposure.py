@@ -57,7 +57,7 @@ def iter_exposures(
     sensor = plan.camera.sensor
     exposer = Exposer(rig, control, (1.0,), sensor.black_level, options.grab_timeout_s)
     exposer.read_region(schedule.roi)
-    exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,)
+    exposures = plan.exposures
     clock = Clock("exposures", nz)
     found = []
     for z in range(nz):

@@ -102,7 +102,7 @@ def iter_optical_axis(
     mover = Mover(rig.stage, rig.time, motion, control)
     exposer = Exposer(rig, control, (1.0,), plan.camera.sensor.black_level, options.grab_timeout_s)
     exposer.read_region(Roi(0, 0, *plan.camera.sensor.shape))
-    exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,)
+    exposures = plan.exposures
     clock = Clock("optical axis", len(targets))
     seen = []
     for k, (x, y, depth) in enumerate(targets.tolist()):

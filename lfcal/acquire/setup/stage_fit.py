@@ -178,7 +178,7 @@ def iter_stage_fit(
     mover = Mover(rig.stage, rig.time, motion, control)
     exposer = Exposer(rig, control, (1.0,), plan.camera.sensor.black_level, options.grab_timeout_s)
     exposer.read_region(Roi(0, 0, *plan.camera.sensor.shape))
-    exposures = plan.exposure_s if isinstance(plan.exposure_s, tuple) else (plan.exposure_s,)
+    exposures = plan.exposures
     clock = Clock("stage and image", len(targets))
     stage: list[tuple[float, float, float]] = []
     seen: list[tuple[float, float]] = []

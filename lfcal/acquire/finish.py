@@ -1,0 +1,141 @@
+"""What comes after the last frame: H without copying by hand, and the recording packed small."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lfcal.acquire.durable import FolderLock
+from lfcal.acquire.recording import RecordingSource
+from lfcal.acquire.recording_file import RecordingFile
+from lfcal.acquire.records import Kind
+from lfcal.acquire.session_file import SessionFile
+from lfcal.acquire.store import file_name
+from lfcal.errors import FileFormatError, expectation
+from lfcal.files import replace_whole, require_space
+from lfcal.progress import Clock, Work
+from lfcal.psf.assemble import AssemblyReport, Corrections, iter_assemble
+from lfcal.psf.chunk_codec import encode_chunk
+from lfcal.psf.cutout import Cutout
+from lfcal.threads import worker_count
+
+__all__ = ["iter_assemble_session", "iter_finish", "iter_repack"]
+
+BLOCK = 64
+
+
+def iter_assemble_session(
+    folder: Path,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    planes: Sequence[int] | None = None,
+    corrections: Corrections | None = None,
+    interpolation: str = "",
+    dtype: str = "float32",
+    compression: str = "gzip",
+    strict: bool = False,
+    workers: int | None = None,
+) -> Work[AssemblyReport]:
+    """Assemble H from a session, also from planes that are complete while others are being recorded.
+
+    Dark frames of the session are subtracted where there are any.
+
+    Parameters
+    ----------
+    folder
+        The session's.
+    out
+        H file; None keeps H in memory.
+    planes
+        Depth planes to take; None takes all, with what is missing marked as missing.
+    corrections, interpolation, dtype, compression, strict, workers
+        As in `lfcal.psf.iter_assemble` and `Cutout`.
+    """
+    dark = (folder / file_name(Kind.DARK, 0)).exists()
+    with RecordingSource(folder, planes=planes, dark=dark) as source:
+        plan = source.plan
+        depths = np.array(plan.depths_um)[list(planes) if planes is not None else slice(None)]
+        report = yield from iter_assemble(
+            source, (len(depths), *plan.period), Cutout.for_plan(plan, interpolation=interpolation), out,
+            corrections=corrections, depths=depths, camera=plan.camera, strict=strict, dtype=dtype,
+            compression=compression, workers=workers,
+            provenance={
+                "session": source.session.identity, "plan": json.loads(plan.to_json()), "dark": dark,
+                "devices": {"camera": source.session.devices.camera, "stage": source.session.devices.stage},
+            },
+        )  # fmt: skip
+    return report
+
+
+def iter_finish(folder: Path, *, workers: int | None = None) -> Work[int]:
+    """Repack every finished recording of a session; return the bytes gained.
+
+    A recording that lacks frames is left as it is, ready to be resumed.
+    """
+    session = SessionFile.read(folder)
+    lock = FolderLock(folder)
+    gained = 0
+    try:
+        for run in range(len(session.recordings)):
+            for kind in (Kind.POSITION, Kind.REFERENCE, Kind.DARK):
+                path = folder / file_name(kind, run)
+                if path.exists():
+                    gained += yield from iter_repack(path, workers=workers)
+    finally:
+        lock.release()
+    return gained
+
+
+def iter_repack(path: Path, *, workers: int | None = None) -> Work[int]:
+    """Rewrite a recording as chunked, compressed HDF5 beside it and put that in its place; return bytes gained.
+
+    Every frame is checked against its CRC-32 on the way. Recordings that are packed already, or lack
+    frames, are left alone. The chunks are one frame each, gzip 1 with shuffle and fletcher32.
+
+    Raises
+    ------
+    FileFormatError
+        If a frame is damaged: it is named, and the recording stays as it is.
+    """
+    before = path.stat().st_size
+    with RecordingFile(path) as source:
+        if not source.layout.in_place or not source.taken.all():
+            return 0
+        require_space(path.parent, before, what="the packed recording")
+        with replace_whole(path) as part:
+            yield from _write_packed(source, part, worker_count(workers))
+            with RecordingFile(part) as packed:
+                if packed.taken.sum() != source.taken.sum():
+                    raise FileFormatError(
+                        expectation(str(path), "all records after packing", "fewer", "keep the file and report this")
+                    )
+    return before - path.stat().st_size
+
+
+def _write_packed(source: RecordingFile, part: Path, workers: int) -> Work[None]:
+    import h5py
+
+    layout = source.layout
+    clock = Clock(f"pack {source.path.name}", layout.count)
+    with h5py.File(part, "w") as file, ThreadPoolExecutor(workers) as pool:
+        file.attrs.update(layout.attributes)
+        file.create_dataset("records", data=source.records)
+        frames = file.create_dataset(
+            "frames", (layout.count, *layout.shape), layout.dtype, chunks=(1, *layout.shape), compression="gzip",
+            compression_opts=1, shuffle=True, fletcher32=True,
+        )  # fmt: skip
+
+        def packed(slot: int) -> tuple[int, Any]:
+            return slot, encode_chunk(source.read(slot))
+
+        for start in range(0, layout.count, BLOCK):  # a block at a time, so that memory stays flat
+            yield clock.at(start)
+            for slot, data in pool.map(packed, range(start, min(start + BLOCK, layout.count))):
+                frames.id.write_direct_chunk((slot, 0, 0), data)
+    yield clock.at(layout.count)
