@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import FileFormatError, InputError, expectation
 
-__all__ = ["channel_names", "channel_phase", "check_cfa", "pattern_side", "phases", "same_colour_offsets"]
+__all__ = [
+    "channel_names",
+    "channel_phase",
+    "check_cfa",
+    "check_greens",
+    "pattern_side",
+    "phases",
+    "same_colour_offsets",
+]
 
 _SIDES = {0: 1, 1: 1, 4: 2, 16: 4, 36: 6}
 _LETTERS = "RGBWCMYE"
@@ -82,3 +92,33 @@ def same_colour_offsets(cfa: str, reach: int = 2) -> list[list[list[NDArray[np.i
             line.append([np.array(rings[d], np.int32) for d in sorted(rings)])
         table.append(line)
     return table
+
+
+def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
+    """Raise unless the two greens of a Bayer mosaic agree better than its red and blue do.
+
+    RAW readers believe a wrong Bayer tag. Where it exchanges greens for red and blue, the pixels taken for green
+    differ in the brightest 1 % of the cells while the others agree; 2.5 times and 5 % of the light are asked for.
+    Exchanged red and blue cannot be told, nor can grey scenes.
+
+    Raises
+    ------
+    FileFormatError
+        If the tag is wrong in this way.
+    """
+    if sorted(cfa) != ["B", "G", "G", "R"]:
+        return
+    rows, columns = (n // 2 * 2 for n in frame.shape)
+    cells = [frame[r:rows:2, c:columns:2].astype(np.float32) for r in (0, 1) for c in (0, 1)]
+    light = cells[0] + cells[1] + cells[2] + cells[3]
+    if not light.size or not np.isfinite(light).all():
+        return
+    bright = light >= np.percentile(light, 99)
+    main, across = (float(np.abs(a - b)[bright].mean()) for a, b in ((cells[0], cells[3]), (cells[1], cells[2])))
+    greens, others = (main, across) if cfa[0] == "G" else (across, main)
+    if greens > 2.5 * others and greens > 0.0125 * float(light[bright].mean()):
+        ratio = greens / max(others, 1e-9)
+        raise FileFormatError(
+            expectation(f"{name}, greens of {cfa}", "equal light on both", f"{ratio:.1f} times that of the rest",
+                        "its Bayer tag is wrong; correct it")
+        )  # fmt: skip

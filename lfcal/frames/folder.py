@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera._checks import check_choice
 from lfcal.errors import FileFormatError, InputError, expectation
+from lfcal.frames.cfa import check_greens
 from lfcal.frames.images import ImageFile, open_image
 from lfcal.frames.manifest import Manifest, resolve_inside
 from lfcal.frames.regions import check_region
@@ -133,6 +134,8 @@ class FolderSource:
             if manifest.cfa and not found.get("cfa"):
                 found["cfa"] = manifest.cfa
             self._check_kind(name, image, shape, dtype, manifest.cfa)
+            if found.get("cfa"):
+                check_greens(image.read(manifest.entries[0].page), found["cfa"], name)
         if manifest.bit_depth is not None:
             found["bit_depth"] = manifest.bit_depth
         if found.get("bit_depth"):

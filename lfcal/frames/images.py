@@ -185,7 +185,8 @@ def decoding(path: Path, kind: str) -> Iterator[None]:
         if isinstance(error, OSError) and error.errno is not None:
             with storage_errors(path):
                 raise
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        said = error.args[0].decode(errors="replace") if error.args and isinstance(error.args[0], bytes) else str(error)
+        reason = " ".join(said.split())[:120] or type(error).__name__
         raise FileFormatError(
             expectation(str(path), f"an intact {kind} file", f"damaged data ({reason})", "record or copy it again")
         ) from error

@@ -43,9 +43,9 @@ def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list
 
 def check_plan_shape(plan_shape: Sequence[int]) -> tuple[int, int, int]:
     """Return ``(nz, ny, nx)`` or raise `InputError` unless it is three positive whole numbers of believable size."""
-    if len(tuple(plan_shape)) != 3:
+    if not isinstance(plan_shape, Sequence) or len(plan_shape) != 3:
         raise InputError(
-            expectation("scan shape", "three numbers nz, ny, nx", tuple(plan_shape), "give planes, rows and columns")
+            expectation("scan shape", "three numbers nz, ny, nx", plan_shape, "give planes, rows and columns")
         )
     for n, what in zip(plan_shape, ("planes nz", "rows ny", "columns nx"), strict=True):
         check_number(f"scan {what}", n, at_least=1, at_most=MAX_POSITIONS, integer=True)

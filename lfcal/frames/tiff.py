@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import struct
-import threading
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -83,12 +82,14 @@ class TiffImage(ImageFile):
         self.path = path
         self.pages = count_pages(path)
         self._size = path.stat().st_size
-        self._lock = threading.Lock()
         with decoding(path, "TIFF"):
             self._tiff = tifffile.TiffFile(path)
         try:
             with decoding(path, "TIFF"):
                 self._tiff.filehandle.set_lock(True)
+                self._lock = (
+                    self._tiff.filehandle.lock
+                )  # pages are looked up under the lock their samples are read under
                 self._first = self._tiff.pages[0]
                 self._describe(colour)
         except BaseException:
@@ -167,7 +168,7 @@ class TiffImage(ImageFile):
         skip = number * int(np.prod(self.shape)) * self.dtype.itemsize if self._virtual else 0
         for start, length in zip(page.dataoffsets, page.databytecounts, strict=True):
             if start <= 0 or length <= 0 or skip + start + length > self._size:
-                raise _damaged(self.path, f"the file ends within page {number}")
+                raise _damaged(self.path, f"the samples of page {number} are not all there")
         return page, (skip + int(page.dataoffsets[0]) if self._plain(page) else None)
 
     def _read_rows(self, where: int, rows: slice) -> NDArray[Any]:

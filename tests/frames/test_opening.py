@@ -1,0 +1,315 @@
+"""A session opens from a folder, a manifest or a file of many frames, with every position right."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+import tifffile
+
+from lfcal.errors import FileFormatError, InputError, LfcalError, StorageError, UnsafeFileError
+from lfcal.frames import (
+    FolderSource,
+    FrameEntry,
+    FrameSource,
+    Manifest,
+    Position,
+    frame_drift,
+    frame_exposure,
+    open_frames,
+    scan_positions,
+    write_manifest,
+)
+from tests.frames.scenes import session, write_dng, write_pngs
+
+FRAMES = session()
+PLAN = FRAMES.shape[:3]
+NAMES = "z{z}_y{y}_x{x}.png"
+
+
+def assert_session(source: FolderSource, frames: np.ndarray = FRAMES) -> None:
+    assert isinstance(source, FrameSource)
+    assert (len(source), source.shape, source.dtype) == (24, (20, 30), np.dtype(np.uint16))
+    for k in range(len(source)):
+        np.testing.assert_array_equal(source.read(k), frames[source.position(k)])
+        np.testing.assert_array_equal(
+            source.read_region(k, slice(3, 9), slice(4, 30)), frames[source.position(k)][3:9, 4:]
+        )
+    assert sorted(source.position(k) for k in range(24)) == sorted(scan_positions(PLAN))
+
+
+def test_folder_by_names(tmp_path: Path) -> None:
+    write_pngs(tmp_path, FRAMES)
+    (tmp_path / "dark.png").write_bytes((tmp_path / "z0_y0_x0.png").read_bytes())
+    source = open_frames(tmp_path, pattern=NAMES, plan_shape=PLAN)
+    assert_session(source)
+    assert source.label(0) == "z0_y0_x0.png"
+    assert source.metadata["plan_shape"] == PLAN
+    assert source.manifest.coverage() == ((), ())
+
+
+def test_folder_by_names_in_subfolders(tmp_path: Path) -> None:
+    for z in range(2):
+        (tmp_path / f"z{z}").mkdir()
+        for y, x in np.ndindex(3, 4):
+            cv2.imwrite(str(tmp_path / f"z{z}" / f"{y}_{x}.png"), FRAMES[z, y, x])
+    assert_session(open_frames(tmp_path, pattern="z{z}/{y}_{x}.png"))
+
+
+def test_missing_and_repeated_positions_are_told(tmp_path: Path) -> None:
+    write_pngs(tmp_path, FRAMES)
+    (tmp_path / "z1_y2_x3.png").rename(tmp_path / "z1_y02_x2.png")
+    source = open_frames(tmp_path, pattern=NAMES, plan_shape=PLAN)
+    assert source.manifest.coverage() == ((Position(1, 2, 3),), (Position(1, 2, 2),))
+
+
+@pytest.mark.parametrize("order", ["serpentine", "raster"])
+def test_folder_by_scan_order(tmp_path: Path, order: str) -> None:
+    for k, position in enumerate(scan_positions(PLAN, order)):
+        cv2.imwrite(str(tmp_path / f"img{k + 95}.png"), FRAMES[position])
+    assert_session(open_frames(tmp_path, order=order, plan_shape=PLAN))
+    other = "raster" if order == "serpentine" else "serpentine"
+    with pytest.raises(AssertionError):
+        assert_session(open_frames(tmp_path, order=other, plan_shape=PLAN))
+
+
+def test_folder_of_one_file_per_plane(tmp_path: Path) -> None:
+    for z in range(2):
+        tifffile.imwrite(tmp_path / f"plane{z}.tif", FRAMES[z].reshape(12, 20, 30), photometric="minisblack")
+    assert_session(open_frames(tmp_path, order="raster", plan_shape=PLAN))
+
+
+@pytest.mark.parametrize("suffix", ["csv", "json"])
+def test_folder_by_its_manifest(tmp_path: Path, suffix: str) -> None:
+    names = write_pngs(tmp_path, FRAMES)
+    entries = [
+        FrameEntry(name, Position(*p), 0, 0.01 * (k + 1), 0.5, -k / 8)
+        for k, (name, p) in enumerate(zip(names, np.ndindex(*PLAN), strict=True))
+    ]
+    write_manifest(tmp_path / f"manifest.{suffix}", Manifest(tuple(reversed(entries))))
+    for path in (tmp_path, tmp_path / f"manifest.{suffix}"):
+        source = open_frames(path)
+        assert_session(source)
+        assert frame_exposure(source, 0) == pytest.approx(0.24)
+        assert frame_drift(source, 0) == (0.5, -23 / 8)
+    assert len(open_frames(tmp_path, manifest=Manifest(tuple(entries[:3])))) == 3
+
+
+def _stack(path: Path) -> np.ndarray:
+    return np.stack([FRAMES[p] for p in scan_positions(PLAN, "serpentine")])
+
+
+STACKS: dict[str, Callable[[Path], object]] = {
+    "a.tif": lambda p: tifffile.imwrite(p, _stack(p), photometric="minisblack"),
+    "b.tif": lambda p: tifffile.imwrite(p, _stack(p), photometric="minisblack", compression="zlib"),
+    "a.npy": lambda p: np.save(p, _stack(p)),
+}
+
+
+@pytest.mark.parametrize("name", STACKS)
+def test_file_by_scan_order(tmp_path: Path, name: str) -> None:
+    STACKS[name](tmp_path / name)
+    with open_frames(tmp_path / name, order="serpentine", plan_shape=PLAN) as source:
+        assert_session(source)
+        assert source.label(3) == f"{name} page 3"
+    with pytest.raises(InputError, match="expected 30 for a scan of 2 x 3 x 5, got 24"):
+        open_frames(tmp_path / name, order="serpentine", plan_shape=(2, 3, 5))
+
+
+def test_five_axes_and_tables_need_no_order(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", FRAMES)
+    assert_session(open_frames(tmp_path / "a.npy"))
+    positions = np.array(scan_positions(PLAN, "serpentine"))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["frames"] = _stack(tmp_path)
+        file["positions"] = positions
+        file["exposure_s"] = np.full(24, 0.5)
+        file["five"] = FRAMES
+    with open_frames(tmp_path / "a.h5") as source:
+        assert_session(source)
+        assert frame_exposure(source, 23) == 0.5
+    with open_frames(tmp_path / "a.h5", dataset="five") as source:
+        assert_session(source)
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file["positions"][2, 1] = -1
+    with pytest.raises(FileFormatError, match="positions: expected whole numbers from 0"):
+        open_frames(tmp_path / "a.h5")
+
+
+def test_files_are_released(tmp_path: Path) -> None:
+    STACKS["b.tif"](tmp_path / "b.tif")
+    source = open_frames(tmp_path / "b.tif", order="raster", plan_shape=PLAN)
+    source.read(0)
+    del source
+    gc.collect()  # an unclosed file would be a warning, and so an error
+    source = open_frames(tmp_path / "b.tif", order="raster", plan_shape=PLAN)
+    source.close()
+    source.close()
+    with pytest.raises(InputError, match="these frames are closed"):
+        source.read(0)
+
+
+def test_raw_frames_bring_their_mosaic(tmp_path: Path) -> None:
+    frames = session((2, 40, 60), top=1000)
+    for x in range(2):
+        write_dng(tmp_path / f"y0_x{x}.dng", frames[x])
+    source = open_frames(tmp_path, pattern="y{y}_x{x}.dng")
+    assert source.metadata["cfa"] == "GRBG" and source.metadata["saturation"] == 1023
+    np.testing.assert_array_equal(source.read(1), frames[1])
+    write_dng(tmp_path / "y0_x1.dng", frames[1], (0, 1, 1, 2))
+    source = open_frames(tmp_path, pattern="y{y}_x{x}.dng")
+    with pytest.raises(FileFormatError, match=r"y0_x1\.dng, colour filter: expected GRBG, got RGGB; correct its"):
+        source.read(1)
+    expected = Manifest(source.manifest.entries, cfa="BGGR")
+    with pytest.raises(FileFormatError, match=r"y0_x0\.dng, colour filter: expected BGGR, got GRBG"):
+        open_frames(tmp_path, manifest=expected)
+
+
+def test_bayer_tag_that_exchanges_greens_for_red_and_blue(tmp_path: Path) -> None:
+    scene = np.random.default_rng(2).integers(200, 250, (40, 60)).astype(np.uint16)
+    scene[0::2, 1::2] *= 3  # red, of GRBG
+    write_dng(tmp_path / "y0_x0.dng", scene)
+    assert open_frames(tmp_path, pattern="y{y}_x{x}.dng").metadata["cfa"] == "GRBG"
+    write_dng(tmp_path / "y0_x0.dng", scene, (0, 1, 1, 2))
+    with pytest.raises(FileFormatError, match=r"y0_x0\.dng, greens of RGGB: .* its Bayer tag is wrong"):
+        open_frames(tmp_path, pattern="y{y}_x{x}.dng")
+
+
+# -- what is wrong with single frames shows when they are read ---------------------------------------------
+
+Damage = Callable[[Path], object]
+
+
+def _write(path: Path, frame: np.ndarray) -> None:
+    tifffile.imwrite(path, frame, photometric="minisblack")
+
+
+BAD_FRAMES: dict[str, tuple[Damage, str]] = {
+    "another shape": (lambda p: _write(p, FRAMES[0, 0, 0][:-1]), "a1.tif, shape: expected (20, 30), got (19, 30)"),
+    "rows and columns swapped": (lambda p: _write(p, FRAMES[0, 0, 0].T), "shape: expected (20, 30), got (30, 20)"),
+    "8 bits": (lambda p: _write(p, FRAMES[0, 0, 0].astype(np.uint8)), "a1.tif, samples: expected uint16, got uint8"),
+    "floats": (lambda p: _write(p, FRAMES[0, 0, 0].astype(np.float32)), "samples: expected uint16, got float32"),
+    "all zero": (lambda p: _write(p, np.zeros((20, 30), np.uint16)), "a1.tif: expected an image, got the value 0"),
+    "all saturated": (lambda p: _write(p, np.full((20, 30), 4095, np.uint16)), "the value 4095 in every pixel"),
+    "more bits": (lambda p: _write(p, FRAMES[0, 0, 0] * 16), "a1.tif: expected values below 4096 (12 bits), got"),
+    "removed": (lambda p: p.unlink(), "a1.tif: No such file or directory"),
+    "cut short": (lambda p: p.write_bytes(p.read_bytes()[:-9]), "a1.tif: expected an intact TIFF file"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_FRAMES)
+def test_bad_frame_is_named_and_others_can_be_read(tmp_path: Path, kind: str) -> None:
+    entries = []
+    for k in range(3):
+        _write(tmp_path / f"a{k}.tif", FRAMES[0, 0, k])
+        entries.append(FrameEntry(f"a{k}.tif", Position(0, 0, k)))
+    source = open_frames(tmp_path, manifest=Manifest(tuple(entries), bit_depth=12))
+    assert source.metadata["saturation"] == 4095
+    damage, words = BAD_FRAMES[kind]
+    damage(tmp_path / "a1.tif")
+    with pytest.raises(LfcalError) as caught:
+        source.read(1)
+    assert words in str(caught.value) and "\n" not in str(caught.value)
+    np.testing.assert_array_equal(source.read(2), FRAMES[0, 0, 2])
+
+
+def test_truncated_stack_has_fewer_pages_than_its_manifest(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", FRAMES[0, 0], photometric="minisblack")
+    entries = tuple(FrameEntry("a.tif", Position(0, 0, k), k) for k in range(6))
+    source = open_frames(tmp_path, manifest=Manifest(entries))
+    with pytest.raises(FileFormatError, match="expected page 5, got 4 pages"):
+        source.read(5)
+    source.close()
+
+
+def test_nan_is_refused_or_masked(tmp_path: Path) -> None:
+    frame = FRAMES[0, 0, 0].astype(np.float32)
+    frame[3, 4], frame[5, 6] = np.nan, -np.inf
+    tifffile.imwrite(tmp_path / "y0_x0.tif", frame)
+    source = open_frames(tmp_path, pattern="y{y}_x{x}.tif")
+    with pytest.raises(FileFormatError, match=r"y0_x0\.tif: expected finite values, got 2 NaN or infinite"):
+        source.read(0)
+    with pytest.raises(FileFormatError, match="got 1 NaN"):
+        source.read_region(0, slice(0, 4), slice(0, 10))
+    read = open_frames(tmp_path, pattern="y{y}_x{x}.tif", nan="mask").read(0)
+    assert np.argwhere(np.isnan(read)).tolist() == [[3, 4], [5, 6]]
+    assert np.array_equal(read[~np.isnan(read)], frame[np.isfinite(frame)])
+
+
+def test_blank_frames_can_be_accepted(tmp_path: Path) -> None:
+    _write(tmp_path / "y0_x0.tif", np.zeros((20, 30), np.uint16))
+    assert open_frames(tmp_path, pattern="y{y}_x{x}.tif", blank="accept").read(0).max() == 0
+
+
+# -- what cannot be opened ------------------------------------------------------------------------------------
+
+CANNOT: dict[str, tuple[dict[str, Any], str]] = {
+    "nothing said": ({}, "expected a manifest, a name pattern, or a scan order"),
+    "order without shape": ({"order": "raster"}, "expected a manifest, a name pattern, or a scan order"),
+    "two ways": (
+        {"order": "raster", "pattern": NAMES, "plan_shape": PLAN},
+        "one source of them, got pattern and order",
+    ),
+    "unknown order": ({"order": "spiral", "plan_shape": PLAN}, "scan order: expected serpentine or raster"),
+    "names of another kind": (
+        {"pattern": "a{y}_{x}.png"},
+        "files: expected names like 'a{y}_{x}.png', got 'z0_y0_x0.png'",
+    ),
+    "position outside": (
+        {"pattern": NAMES, "plan_shape": (1, 3, 4)},
+        "z of z1_y0_x0.png page 0: expected 0 … 0, got 1",
+    ),
+    "wrong count": (
+        {"order": "raster", "plan_shape": (2, 3, 5)},
+        "frames: expected 30 for a scan of 2 x 3 x 5, got 24",
+    ),
+    "unknown NaN policy": ({"pattern": NAMES, "nan": "ignore"}, "NaN in frames: expected reject or mask"),
+    "unknown colour": ({"pattern": NAMES, "colour": "r"}, "colour: expected R, G or B"),
+}
+
+
+@pytest.mark.parametrize("kind", CANNOT)
+def test_cannot_open(tmp_path: Path, kind: str) -> None:
+    write_pngs(tmp_path, FRAMES)
+    options, words = CANNOT[kind]
+    with pytest.raises(InputError) as caught:
+        open_frames(tmp_path, **options)
+    assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_manifest_and_scan_shape_must_agree(tmp_path: Path) -> None:
+    names = write_pngs(tmp_path, FRAMES)
+    manifest = Manifest((FrameEntry(names[0], Position(0, 0, 0)),), plan_shape=PLAN)
+    with pytest.raises(InputError, match=r"scan shape: expected \(2, 3, 4\) as the manifest says"):
+        open_frames(tmp_path, manifest=manifest, plan_shape=(3, 3, 4))
+    write_manifest(tmp_path / "manifest.json", manifest)
+    (tmp_path / "manifest.csv").write_text("file,z,y,x\n")
+    with pytest.raises(InputError, match=r"expected one, got manifest\.json and manifest\.csv"):
+        open_frames(tmp_path)
+
+
+def test_files_outside_the_session_are_refused(tmp_path: Path) -> None:
+    root = tmp_path / "session"
+    root.mkdir()
+    names = write_pngs(tmp_path, FRAMES)
+    (root / names[0]).symlink_to(tmp_path / names[0])
+    with pytest.raises(UnsafeFileError, match="a path inside"):
+        open_frames(root, pattern=NAMES)
+    (root / "manifest.csv").write_text(f"file,z,y,x\n../{names[0]},0,0,0\n")
+    with pytest.raises(UnsafeFileError, match="leads out"):
+        open_frames(root)
+
+
+def test_missing_file_is_found_when_opening(tmp_path: Path) -> None:
+    names = write_pngs(tmp_path, FRAMES)
+    (tmp_path / "manifest.csv").write_text(f"file,z,y,x\n{names[0]},0,0,0\nabsent.png,0,0,1\n")
+    with pytest.raises(StorageError, match=r"absent\.png: no such file"):
+        open_frames(tmp_path)
+    with pytest.raises(StorageError, match="no such file or folder"):
+        open_frames(tmp_path / "elsewhere")

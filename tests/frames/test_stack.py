@@ -1,0 +1,97 @@
+"""Frames of one array, and parts of frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lfcal.errors import InputError
+from lfcal.frames import ArraySource, FrameSource, Position, frame_drift, frame_exposure, read_region
+from lfcal.frames.regions import check_region, grow_region, whole
+from tests.frames.scenes import session
+
+
+class Bare:
+    """The protocol and nothing more, as another package may give it."""
+
+    shape = (20, 30)
+    dtype = np.dtype(np.uint16)
+    metadata = {"exposure_s": 0.25}  # noqa: RUF012
+
+    def __len__(self) -> int:
+        return 1
+
+    def position(self, index: int) -> Position:
+        return Position(0, 0, 0)
+
+    def read(self, index: int) -> np.ndarray:
+        return session()[0, 0, 0]
+
+    def label(self, index: int) -> str:
+        return "bare"
+
+
+def test_five_axes_are_positions() -> None:
+    frames = session()
+    source = ArraySource(frames)
+    assert isinstance(source, FrameSource)
+    assert len(source) == 24 and source.shape == (20, 30) and source.dtype == np.uint16
+    for k in range(24):
+        np.testing.assert_array_equal(source.read(k), frames[source.position(k)])
+    source.read(3)[:] = 0
+    assert frames.min() > 0, "a frame that was read is a copy"
+
+
+def test_region_is_the_crop_of_the_frame() -> None:
+    for source in (ArraySource(session()), Bare()):
+        part = read_region(source, 0, slice(2, 9), slice(None, 4))
+        np.testing.assert_array_equal(part, source.read(0)[2:9, :4])
+        assert part.flags.c_contiguous
+
+
+def test_exposure_and_drift() -> None:
+    source = ArraySource(
+        session((2, 20, 30)), [(0, 0, 0), (0, 0, 1)], exposures_s=[0.1, 0.2], drifts=[(0, 0), (0.5, -1)]
+    )
+    assert frame_exposure(source, 1) == 0.2
+    assert frame_drift(source, 1) == (0.5, -1.0)
+    assert frame_exposure(Bare(), 0) == 0.25
+    assert frame_drift(Bare(), 0) == (0.0, 0.0)
+    assert frame_exposure(ArraySource(session()), 0) is None
+
+
+def test_big_endian_samples_become_native() -> None:
+    source = ArraySource(session().astype(">u2"))
+    assert source.dtype.isnative and source.read(0).dtype.isnative
+    np.testing.assert_array_equal(source.read(5), session().reshape(-1, 20, 30)[5])
+
+
+@pytest.mark.parametrize(
+    ("frames", "more", "words"),
+    [
+        (np.zeros((3, 4)), {}, "axes"),
+        (np.zeros((3, 0, 4)), {}, "axes"),
+        (np.zeros((2, 3, 4), complex), {}, "complex128"),
+        (np.zeros((2, 3, 4)), {}, "expected 2 positions, got none"),
+        (np.zeros((2, 3, 4)), {"positions": [(0, 0, 0)]}, "expected 2, one per frame, got 1"),
+        (np.zeros((1, 3, 4)), {"positions": [(0, 0, 0)], "exposures_s": [1, 2]}, "exposures of frames"),
+    ],
+)
+def test_unusable_arrays(frames: np.ndarray, more: dict, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        ArraySource(frames, **more)
+
+
+def test_index_and_region_out_of_range() -> None:
+    source = ArraySource(session())
+    for index in (-1, 24):
+        with pytest.raises(InputError, match="frame index: expected 0 … 23"):
+            source.read(index)
+    for rows in (slice(-1, 5), slice(5, 5), slice(0, 21), slice(0, 10, 2)):
+        with pytest.raises(InputError, match="region rows: expected start < stop within 0 … 20"):
+            source.read_region(0, rows, slice(0, 5))
+
+
+def test_grown_region_stops_at_the_border() -> None:
+    assert grow_region((slice(1, 5), slice(20, 29)), 2, (20, 30)) == (slice(0, 7), slice(18, 30))
+    assert check_region((slice(None), slice(None)), (20, 30)) == whole((20, 30))
