@@ -165,6 +165,12 @@ class PSFMatrix:
         return dict(self._provenance)
 
     @property
+    def path(self) -> str:
+        """The file behind H; empty for an array in memory."""
+        planes = self._planes.base if isinstance(self._planes, ScaledPlanes) else self._planes
+        return str(planes.dataset.file.filename) if isinstance(planes, DatasetPlanes) else ""
+
+    @property
     def is_transposed(self) -> bool:
         """Whether this is the view ``H.T``."""
         return self._is_transposed

@@ -1,0 +1,185 @@
+"""A frame of any size, panned and zoomed smoothly: only what is visible is drawn, reduced in a worker."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QPointF, QRectF, QTimer, Signal
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from gui.jobs import Jobs
+from gui.models.display import Display, colour_table
+from gui.models.frame_view import Tile, lattice_points, render_tile, visible_tile
+from gui.widgets.optics_view import TYPE_COLOURS
+from gui.widgets.plots import style_axes, theme_plot
+from lfcal.camera import Camera
+
+__all__ = ["FrameView"]
+
+
+class FrameView(QWidget):
+    """Show a frame with the lattice and the cutout drawn over it.
+
+    Signals
+    -------
+    hovered(row, column, value)
+        The pixel under the pointer; row -1 when it left.
+    drawn()
+        A new picture is on the screen.
+    """
+
+    hovered = Signal(int, int, float)
+    drawn = Signal()
+
+    def __init__(self, jobs: Jobs, group: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._jobs, self._group = jobs, group
+        self._frame: NDArray[Any] | None = None
+        self._display, self._levels = Display(), (0.0, 1.0)
+        self._camera: Camera | None = None
+        self._tile: Tile | None = None
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        self.graphics = pg.GraphicsLayoutWidget()
+        layout.addWidget(self.graphics)
+        self.plot: pg.PlotItem = self.graphics.addPlot()
+        self.plot.setAspectLocked(True)
+        self.plot.invertY(True)
+        self.plot.setMenuEnabled(False)
+        self.plot.hideButtons()
+        style_axes(self.plot, "sensor column (px)", "sensor row (px)")
+        self.item = pg.ImageItem(axisOrder="row-major")
+        self.plot.addItem(self.item)
+        self.lattice = [
+            pg.ScatterPlotItem(size=5, pen=None, brush=pg.mkBrush(colour), symbol="o") for colour in TYPE_COLOURS
+        ]
+        for points in self.lattice:
+            self.plot.addItem(points)
+        self.cutout = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=2))
+        self.point = pg.ScatterPlotItem(size=12, symbol="+", pen=pg.mkPen("#ff5a5f", width=2), brush=None)
+        self.plot.addItem(self.cutout)
+        self.plot.addItem(self.point)
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(12)
+        self._timer.timeout.connect(self._render)
+        self.plot.vb.sigRangeChanged.connect(lambda *_: self._timer.start())
+        self.graphics.scene().sigMouseMoved.connect(self._moved)
+        self.apply_theme()
+
+    # -- content ---------------------------------------------------------------------------------------
+    def set_frame(self, frame: NDArray[Any] | None, levels: tuple[float, float]) -> None:
+        """Show ``frame`` ``(rows, columns)``; pan and zoom stay if its shape does."""
+        before = None if self._frame is None else self._frame.shape
+        self._frame, self._levels = frame, levels
+        if frame is None:
+            self.item.clear()
+            return
+        if before != frame.shape:
+            self.show_all()
+        self._render()
+
+    def set_display(self, display: Display) -> None:
+        """Change scaling and colour map."""
+        self._display = display
+        self._render()
+
+    def set_levels(self, levels: tuple[float, float]) -> None:
+        """Change the values at the ends of the colour map."""
+        self._levels = levels
+        self._render()
+
+    def set_lattice(self, camera: Camera | None) -> None:
+        """Draw the micro-image centres of ``camera``; None draws none."""
+        self._camera = camera
+        self._draw_lattice()
+
+    def set_cutout(self, row: int, column: int, shape: tuple[int, int], point: tuple[float, float]) -> None:
+        """Draw the cutout whose first pixel is (row, column), and the paraxial image of the point."""
+        top, left = row - 0.5, column - 0.5
+        bottom, right = top + shape[0], left + shape[1]
+        self.cutout.setData([left, right, right, left, left], [top, top, bottom, bottom, top])
+        self.point.setData([point[1]], [point[0]])
+
+    def clear_cutout(self) -> None:
+        """Draw no cutout."""
+        self.cutout.setData([], [])
+        self.point.setData([], [])
+
+    def show_all(self) -> None:
+        """Zoom so that the whole frame is seen."""
+        if self._frame is not None:
+            rows, columns = self._frame.shape
+            self.plot.setRange(QRectF(-0.5, -0.5, columns, rows), padding=0.01)
+
+    def show_region(self, row: float, column: float, height: float, width: float) -> None:
+        """Zoom to a region of the sensor."""
+        self.plot.setRange(QRectF(column, row, width, height), padding=0.05)
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        theme_plot(self.graphics, self.plot)
+
+    # -- drawing ---------------------------------------------------------------------------------------
+    def view_range(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return the visible (rows, columns)."""
+        (left, right), (top, bottom) = self.plot.vb.viewRange()
+        return (top, bottom), (left, right)
+
+    def _render(self) -> None:
+        frame = self._frame
+        if frame is None:
+            return
+        rows, columns = self.view_range()
+        size = self.plot.vb.size()
+        ratio = self.devicePixelRatioF()
+        screen = (round(size.height() * ratio), round(size.width() * ratio))
+        tile = visible_tile((frame.shape[0], frame.shape[1]), rows, columns, screen)
+        display, levels = self._display, self._levels
+        self._jobs.compute(
+            self._group,
+            lambda: (tile, render_tile(frame, tile, display, levels)),
+            self._show,
+        )
+        self._draw_lattice()
+
+    def _show(self, result: tuple[Tile, NDArray[np.uint8]]) -> None:
+        tile, picture = result
+        self.item.setImage(picture, levels=(0, 255), lut=colour_table(self._display.colour_map), autoLevels=False)
+        self.item.setRect(
+            QRectF(
+                tile.columns[0] - 0.5, tile.rows[0] - 0.5, picture.shape[1] * tile.step, picture.shape[0] * tile.step
+            )
+        )
+        self.drawn.emit()
+
+    def _draw_lattice(self) -> None:
+        if self._camera is None or self._frame is None:
+            for points in self.lattice:
+                points.setData([], [])
+            return
+        rows, columns = self.view_range()
+        centres, types = lattice_points(self._camera, rows, columns)
+        for kind, points in enumerate(self.lattice):
+            chosen = centres[types == kind]
+            points.setData(chosen[:, 1], chosen[:, 0])
+
+    def _moved(self, position: QPointF) -> None:
+        if self._frame is None or not self.plot.sceneBoundingRect().contains(position):
+            self.hovered.emit(-1, -1, float("nan"))
+            return
+        point = self.plot.vb.mapSceneToView(position)
+        row, column = round(point.y()), round(point.x())
+        if 0 <= row < self._frame.shape[0] and 0 <= column < self._frame.shape[1]:
+            self.hovered.emit(row, column, float(self._frame[row, column]))
+        else:
+            self.hovered.emit(-1, -1, float("nan"))
+
+    @property
+    def display(self) -> Display:
+        """Scaling and colour map in use."""
+        return replace(self._display)
