@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import itertools
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
 __all__ = ["chunks", "for_each_chunk", "njit", "one_blas_thread", "worker_count"]
 
@@ -75,6 +76,17 @@ class _BlasGate:
         self.lock = threading.Lock()
         self.users = 0
         self.undo = ExitStack()
+        self.libraries: Any = None
+        self.scipy_too = False
+
+    def close(self) -> None:
+        """Hold the BLAS libraries that are loaded (scipy brings its own); finding them takes a millisecond."""
+        scipy_too = "scipy.linalg" in sys.modules
+        if self.libraries is None or scipy_too != self.scipy_too:
+            from threadpoolctl import ThreadpoolController
+
+            self.libraries, self.scipy_too = ThreadpoolController(), scipy_too
+        self.undo.enter_context(self.libraries.limit(limits=1, user_api="blas"))
 
 
 _GATE = _BlasGate()
@@ -87,11 +99,9 @@ def one_blas_thread() -> Iterator[None]:
     Small products inside a thread pool are up to ten times slower when each starts threads of its own. The limit
     holds for the process; it is lifted when the last of several concurrent blocks ends.
     """
-    from threadpoolctl import ThreadpoolController
-
     with _GATE.lock:
         if _GATE.users == 0:
-            _GATE.undo.enter_context(ThreadpoolController().limit(limits=1, user_api="blas"))
+            _GATE.close()
         _GATE.users += 1
     try:
         yield
