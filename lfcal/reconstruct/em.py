@@ -249,12 +249,14 @@ def _iterate(
     """Return the volume after one pass over all subsets, and the fit met on the way."""
     square, likelihood, norm = 0.0, 0.0, float(np.linalg.norm(data.weighted(data.image)))
     for part in parts:
-        model = part.projector.forward(volume) + data.background
-        fit = data.fit(model, part.mask)
+        P = part.projector
+        model = P.forward(volume) + data.background
+        floor = max(P.rounding * float(model.max(initial=0)), float(np.finfo(model.dtype).tiny))
+        fit = data.fit(model, part.mask, floor)
         likelihood += fit.likelihood
         own = data.image if part.mask is None else data.image * part.mask
         square += (fit.residual * float(np.linalg.norm(data.weighted(own)))) ** 2
-        volume = _update(volume, model, part, data, options)
+        volume = _update(volume, model, floor, part, data, options)
     if options.smoothing is not None:
         volume = options.smoothing.apply(volume)
     residual = fit.residual if len(parts) == 1 else (square**0.5 / norm if norm > 0 else 0.0)
@@ -262,16 +264,15 @@ def _iterate(
 
 
 def _update(
-    volume: NDArray[Any], model: NDArray[Any], part: _Part, data: Measurement, options: EmOptions
+    volume: NDArray[Any], model: NDArray[Any], floor: float, part: _Part, data: Measurement, options: EmOptions
 ) -> NDArray[Any]:
-    """Return the volume after the update of one subset."""
+    """Return the volume after the update of one subset; a model below ``floor`` is rounding."""
     P = part.projector
     top = part.sensitivity.max(initial=0)
     if options.rule == "isra":
         assert part.matched is not None
         above, below = part.matched, P.adjoint(data.weighted(model))
     else:
-        floor = max(P.rounding * float(model.max(initial=0)), float(np.finfo(model.dtype).tiny))
         ratio = np.divide(data.image, model, out=np.zeros_like(model), where=model > floor)
         above, below = P.adjoint(data.weighted(ratio)), part.sensitivity
     if options.penalty is not None:

@@ -113,20 +113,20 @@ class Measurement:
         """Return the weights as an image: its back projection is the sensitivity HT1."""
         return np.ones_like(self.image) if self.weights is None else self.weights
 
-    def fit(self, model: NDArray[Any], mask: NDArray[Any] | None = None) -> Fit:
+    def fit(self, model: NDArray[Any], mask: NDArray[Any] | None = None, floor: float = 0.0) -> Fit:
         """Return how well ``model`` (background included) fits, over the pixels of ``mask``.
 
-        The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64.
+        The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64, with m no less than ``floor``.
         """
         trust = np.asarray(1.0 if self.weights is None else self.weights, np.float64)
         trust = np.broadcast_to(trust if mask is None else trust * mask, model.shape)
         data, m = self.image.astype(np.float64), model.astype(np.float64)
         norm = float(np.sqrt((trust * data**2).sum()))
         miss = float(np.sqrt((trust * (data - m) ** 2).sum()))
-        m = np.maximum(m, np.finfo(np.float64).tiny)
+        m = np.maximum(m, max(floor, float(np.finfo(np.float64).tiny)))
         lit = data > 0
         terms = m - data
-        terms[lit] += data[lit] * np.log(data[lit] / m[lit])
+        terms[lit] += data[lit] * (np.log(data[lit]) - np.log(m[lit]))
         return Fit(miss / norm if norm > 0 else float(miss > 0), -float((trust * terms).sum()))
 
 

@@ -113,6 +113,8 @@ class Polyphase:
                 for k, band in enumerate(bands):
                     spectrum = self._analyse(packed, self.all_phases, band, conjugate=False)
                     totals[k] = self._multiply(spectrum, operand, totals[k])
+            if totals[0] is None:  # no plane holds anything
+                return np.zeros(self.grid.image_shape, self.dtype)
             cells = self._cells(self.selected)
             for total, band in zip(totals, bands, strict=True):
                 if total is not None:

@@ -187,9 +187,7 @@ class Projector:
 
     def _build(self) -> Engine:
         chosen = self._forecast
-        small = (
-            chosen.chosen.pair_s < SMALL_S * self.volume_shape[0]
-        )  # there, starting threads costs more than it saves
+        small = chosen.chosen.pair_s < SMALL_S * self.volume_shape[0]
         args = (self.dtype, 1 if small else self._workers, self._phases)
         if chosen.plan is not None:
             return Polyphase(self._grid, chosen.plan, *args, band=chosen.band)

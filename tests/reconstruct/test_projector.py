@@ -1,0 +1,193 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfcal.errors import InputError
+from lfcal.psf import PSFMatrix, transpose
+from lfcal.reconstruct import Projector
+from lfcal.reconstruct.forecast import METHODS
+from lfcal.reconstruct.polyphase import Polyphase
+from lfcal.reconstruct.tiles import TilePlan
+from tests.reconstruct.oracles import convolved, dense
+
+# (image, period, cutout, anchor, planes)
+CASES = {
+    "odd": ((13, 17), (3, 5), (7, 5), (0, 0), 2),
+    "even, unequal": ((11, 14), (4, 2), (5, 9), (1, 1), 1),
+    "period larger than cutout": ((12, 11), (7, 9), (3, 5), (2, 4), 2),
+    "period larger than image": ((6, 5), (11, 8), (7, 7), (2, 3), 1),
+    "cutout larger than image": ((7, 6), (2, 3), (21, 17), (0, 1), 1),
+    "negative anchor": ((9, 10), (3, 4), (5, 5), (-7, -2), 1),
+    "no lenslets": ((9, 8), (1, 1), (5, 3), (0, 0), 2),
+    "single pixel cutout": ((5, 6), (2, 2), (1, 1), (1, 0), 1),
+}
+
+
+def problem(name, rng):
+    image, period, cutout, anchor, planes = CASES[name]
+    H = rng.standard_normal((planes, *period, *cutout))
+    return H, image, anchor, rng.standard_normal((planes, *image)), rng.standard_normal(image)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", CASES)
+def test_pair_is_the_dense_matrix_and_its_transpose(name, method):
+    H, shape, anchor, g, f = problem(name, np.random.default_rng(1))
+    matrix = dense(H, shape, anchor)
+    P = Projector(H, shape, anchor, method, dtype=np.float64)
+    assert P.method == method
+    assert np.allclose(P.forward(g).ravel(), matrix @ g.ravel(), rtol=0, atol=1e-12)
+    assert np.allclose(P.adjoint(f).ravel(), matrix.T @ f.ravel(), rtol=0, atol=1e-12)
+
+
+@settings(max_examples=25, derandomize=True, deadline=None)
+@given(
+    image=st.tuples(st.integers(1, 18), st.integers(1, 18)),
+    period=st.tuples(st.integers(1, 6), st.integers(1, 6)),
+    half=st.tuples(st.integers(0, 5), st.integers(0, 5)),
+    anchor=st.tuples(st.integers(-9, 9), st.integers(-9, 9)),
+    method=st.sampled_from(METHODS),
+)
+def test_forward_and_adjoint_have_equal_inner_products(image, period, half, anchor, method):
+    rng = np.random.default_rng(image[0] + 31 * image[1])
+    H = rng.standard_normal((2, *period, 2 * half[0] + 1, 2 * half[1] + 1))
+    P = Projector(H, image, anchor, method, dtype=np.float64)
+    g, f = rng.standard_normal(P.volume_shape), rng.standard_normal(image)
+    Hg = P.forward(g)
+    size = np.linalg.norm(Hg) * np.linalg.norm(f) + np.linalg.norm(g) * np.linalg.norm(P.adjoint(f))
+    assert abs(np.vdot(Hg, f) - np.vdot(g, P.adjoint(f))) <= 1e-12 * max(size, 1e-300)
+
+
+@pytest.mark.parametrize("counts", [(1, 1), (2, 1), (3, 4)])
+@pytest.mark.parametrize("band", [None, 1])
+def test_tiles_and_bands_change_nothing(counts, band):
+    rng = np.random.default_rng(2)
+    H = rng.standard_normal((2, 3, 2, 7, 5))
+    P = Projector(H, (20, 21), (1, 1), "polyphase", dtype=np.float64)
+    g, f = rng.standard_normal(P.volume_shape), rng.standard_normal(P.image_shape)
+    engine = Polyphase(P.grid, TilePlan(P.grid, counts), np.dtype(np.float64), band=band)
+    operands = [engine.prepare(plane) for plane in H]
+    assert np.allclose(engine.forward(zip(operands, g, strict=True)), P.forward(g), rtol=0, atol=1e-12)
+    assert np.allclose(np.stack(list(engine.adjoint(f, operands))), P.adjoint(f), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_single_precision_agrees_with_convolutions(method):
+    rng = np.random.default_rng(3)
+    H, g = rng.random((2, 4, 3, 11, 9)), rng.random((2, 40, 41))
+    truth = convolved(H, g, (2, 1))
+    image = Projector(H, (40, 41), (2, 1), method).forward(g)
+    assert image.dtype == np.float32
+    assert np.abs(image - truth).max() <= 1e-5 * truth.max()
+
+
+def test_adjoint_is_the_forward_projection_of_the_transposed_matrix():
+    rng = np.random.default_rng(4)
+    H, f = rng.random((1, 4, 3, 7, 9)), rng.random((22, 19))
+    back = Projector(H, f.shape, dtype=np.float64).adjoint(f)
+    assert np.allclose(back[0], Projector(transpose(H), f.shape, dtype=np.float64).forward(f[None]), atol=1e-12)
+    # and the transposed view of a PSF matrix swaps the pair
+    view = Projector(PSFMatrix(H).T, f.shape, dtype=np.float64)
+    assert np.allclose(view.forward(f[None]), back[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("wrong", ["anchor", "rows and columns", "turned pattern", "scan direction"])
+def test_a_wrong_convention_does_not_pass(wrong):
+    rng = np.random.default_rng(5)
+    H, g = rng.random((1, 3, 3, 5, 5)), rng.random((1, 15, 15))
+    truth = (dense(H, (15, 15), (1, 2)) @ g.ravel()).reshape(15, 15)
+    bad = {
+        "anchor": (H, (2, 1)),
+        "rows and columns": (H.transpose(0, 2, 1, 4, 3), (1, 2)),
+        "turned pattern": (H[..., ::-1, ::-1], (1, 2)),
+        "scan direction": (H[:, ::-1], (1, 2)),
+    }[wrong]
+    image = Projector(bad[0], (15, 15), bad[1], dtype=np.float64).forward(g)
+    assert np.abs(image - truth).max() > 0.05 * truth.max()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_subset_of_phases_is_the_masked_operator(method):
+    rng = np.random.default_rng(6)
+    H, g, f = rng.standard_normal((2, 4, 3, 7, 5)), rng.standard_normal((2, 17, 16)), rng.standard_normal((17, 16))
+    P = Projector(H, f.shape, (1, 2), method, dtype=np.float64)
+    phases = rng.random((4, 3)) < 0.4
+    mask = P.grid.tiled(phases)
+    Q = P.subset(phases)
+    assert Q.method == method
+    assert np.allclose(Q.forward(g), P.forward(g) * mask, atol=1e-12)
+    assert np.allclose(Q.adjoint(f), P.adjoint(f * mask), atol=1e-12)
+
+
+def test_planes_come_from_a_psf_matrix_with_its_anchor_rounded_down():
+    rng = np.random.default_rng(7)
+    H = rng.random((2, 3, 4, 5, 5))
+    g = rng.random((2, 12, 13))
+    P = Projector(PSFMatrix(H, anchor=(4.9, -1.2)), (12, 13), dtype=np.float64)
+    assert P.grid.anchor == (4, -2)
+    assert np.allclose(P.forward(g), Projector(H, (12, 13), (4, -2), dtype=np.float64).forward(g))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_threshold_drops_small_entries(method):
+    rng = np.random.default_rng(8)
+    H, g = rng.random((1, 3, 3, 9, 9)), rng.random((1, 14, 14))
+    H[:, :, :, 0] *= 0.2  # the outer row falls below the threshold altogether
+    cut = np.where(H >= 0.3 * H.max(), H, 0)
+    P = Projector(H, (14, 14), method=method, dtype=np.float64, threshold=0.3)
+    assert np.allclose(P.forward(g), Projector(cut, (14, 14), method="fft", dtype=np.float64).forward(g))
+    assert np.array_equal(H, np.where(True, H, 0))  # H itself is left alone
+
+
+def test_empty_planes_and_zeros_project_to_zeros():
+    H = np.ones((2, 3, 3, 5, 5))
+    H[1] = 0
+    for method in METHODS:
+        P = Projector(H, (10, 11), method=method)
+        assert not P.forward(np.zeros(P.volume_shape)).any()
+        assert not P.adjoint(np.ones((10, 11)))[1].any()
+
+
+def test_planes_that_cannot_be_kept_are_prepared_anew():
+    rng = np.random.default_rng(9)
+    H, g = rng.random((6, 5, 5, 15, 15)), rng.random((6, 60, 60))
+    free = Projector(H, (60, 60), method="polyphase", workers=1)
+    tight = Projector(H, (60, 60), method="polyphase", workers=1, memory_limit=free.forecast().chosen.memory_bytes // 3)
+    cost = tight.forecast().chosen
+    assert cost.memory_bytes <= tight.forecast().memory_limit
+    assert np.allclose(tight.forward(g), free.forward(g), rtol=1e-4)
+    with pytest.raises(InputError, match="at least"):
+        Projector(H, (60, 60), method="direct", memory_limit=1000)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"H": np.ones((3, 3, 5, 5))}, "5 axes"),
+        ({"H": np.ones((1, 3, 3, 4, 5))}, "odd"),
+        ({"method": "magic"}, "projection method"),
+        ({"dtype": np.int32}, "float32 or float64"),
+        ({"threshold": 1.5}, "threshold"),
+        ({"image_shape": (0, 5)}, "image shape"),
+        ({"phases": np.zeros((3, 3))}, "image phases"),
+    ],
+)
+def test_bad_arguments_are_named(change, message):
+    arguments = {"H": np.ones((1, 3, 3, 5, 5)), "image_shape": (9, 9), **change}
+    with pytest.raises(InputError, match=message):
+        Projector(**arguments)
+
+
+def test_arrays_that_do_not_fit_are_refused():
+    P = Projector(np.ones((1, 3, 3, 5, 5)), (9, 9))
+    with pytest.raises(InputError, match="shape"):
+        P.forward(np.ones((9, 9)))
+    with pytest.raises(InputError, match="finite"):
+        P.adjoint(np.full((9, 9), np.nan))
+    H = np.ones((1, 3, 3, 5, 5))
+    H[0, 1, 1, 2, 2] = np.nan
+    with pytest.raises(InputError, match="plane 0"):
+        Projector(H, (9, 9)).prepare()

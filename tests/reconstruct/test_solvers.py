@@ -1,0 +1,195 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lfcal.errors import InputError
+from lfcal.reconstruct import Projector
+from lfcal.reconstruct.em import isra, iter_richardson_lucy, richardson_lucy
+from lfcal.reconstruct.least_squares import conjugate_gradient, iter_conjugate_gradient
+from lfcal.reconstruct.metrics import nrmse
+from lfcal.reconstruct.penalty import Tikhonov, TotalVariation
+from lfcal.reconstruct.phantoms import phantom
+from lfcal.reconstruct.solvers import SOLVERS, SolverChoice, reconstruct
+from lfcal.reconstruct.subsets import angular_subsets, by_energy, interleaved_subsets
+from tests.reconstruct.oracles import dense, lenslet_psf
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Return a projector, a true volume and its noisy image on a background of 2."""
+    P = Projector(lenslet_psf(), (60, 55), (1, 3))
+    truth = phantom("vesicle", P.volume_shape) * 200
+    image = np.random.default_rng(0).poisson(np.maximum(P.forward(truth), 0) + 2).astype(float)
+    return P, truth, image
+
+
+def tiny(seed=0):
+    """Return projector, dense matrix, image and background of a problem small enough for plain algebra."""
+    rng = np.random.default_rng(seed)
+    H = rng.random((2, 3, 2, 5, 5))
+    P = Projector(H, (9, 8), (1, 0), dtype=np.float64)
+    return P, dense(H, (9, 8), (1, 0)), rng.uniform(1, 20, (9, 8)), 0.7
+
+
+def test_richardson_lucy_is_equation_2():
+    P, A, f, b = tiny()
+    g = np.full(A.shape[1], max((f - b).sum(), 0) / A.sum())
+    for _ in range(7):
+        g = g / (A.T @ np.ones(len(A))) * (A.T @ (f.ravel() / (A @ g + b)))
+    result = richardson_lucy(P, f, 7, background=b)
+    assert np.allclose(result.volume.ravel(), g, rtol=1e-10)
+    wrong = richardson_lucy(P, f, 7, background=0.0)  # leaving the background out is another equation
+    assert not np.allclose(wrong.volume.ravel(), g, rtol=1e-3)
+
+
+def test_weights_leave_pixels_out_entirely():
+    P, A, f, b = tiny()
+    w = (np.random.default_rng(1).random(f.shape) < 0.7).astype(float)
+    rows = w.ravel() > 0
+    g = np.full(A.shape[1], (w * (f - b)).sum() / A[rows].sum())
+    for _ in range(5):
+        g = g / A[rows].sum(0) * (A[rows].T @ (f.ravel()[rows] / (A[rows] @ g + b)))
+    spoilt = f.copy()
+    spoilt[w == 0] = 1e9
+    assert np.allclose(richardson_lucy(P, spoilt, 5, background=b, weights=w).volume.ravel(), g, rtol=1e-10)
+
+
+def test_isra_and_conjugate_gradients_minimise_squares():
+    P, A, f, b = tiny()
+    g = np.full(A.shape[1], (f - b).sum() / A.sum())
+    for _ in range(6):
+        g *= (A.T @ f.ravel()) / (A.T @ (A @ g + b))
+    assert np.allclose(isra(P, f, 6, background=b).volume.ravel(), g, rtol=1e-10)
+    damping = 1e-3
+    weak = damping * np.abs(A.T @ (A @ np.ones(A.shape[1]))).max()
+    exact = np.linalg.solve(A.T @ A + weak * np.eye(A.shape[1]), A.T @ (f.ravel() - b))
+    found = conjugate_gradient(P, f, 200, background=b, damping=damping)
+    assert np.allclose(found.volume.ravel(), exact, rtol=1e-6, atol=1e-8)
+
+
+def test_likelihood_of_a_record_is_that_of_its_start():
+    P, A, f, b = tiny()
+    result = richardson_lucy(P, f, 3, background=b)
+    m = A @ richardson_lucy(P, f, 2, background=b).volume.ravel() + b
+    d = f.ravel()
+    assert np.isclose(result.history[2].likelihood, -(d * np.log(d / m) - d + m).sum())
+    assert np.isclose(result.history[2].residual, np.linalg.norm(d - m) / np.linalg.norm(d))
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_every_solver_improves_and_reports(scene, name):
+    P, truth, image = scene
+    result = reconstruct(P, image, SolverChoice(name, 12, background=2))
+    first, last = result.history[0], result.history[-1]
+    assert len(result.history) == 12 == last.iteration == last.done
+    assert last.residual < 0.5 * first.residual
+    assert last.likelihood > first.likelihood
+    assert nrmse(result.volume, truth) < 0.75
+    assert result.volume.dtype == np.float32
+    assert name == "cg" or result.volume.min() >= 0
+
+
+def test_acceleration_and_subsets_get_further_in_as_many_iterations(scene):
+    P, _, image = scene
+    likelihood = {n: reconstruct(P, image, SolverChoice(n, 12, background=2)).history[-1].likelihood
+                  for n in ("rl", "rl-biggs", "rl-nesterov", "osem")}  # fmt: skip
+    assert all(likelihood[n] > likelihood["rl"] + 10 for n in ("rl-biggs", "rl-nesterov", "osem"))
+
+
+def test_penalties_and_smoothing_keep_noise_out(scene):
+    P, truth, image = scene
+    error = {n: nrmse(reconstruct(P, image, SolverChoice(n, 40, background=2)).volume, truth)
+             for n in ("rl", "rl-tv", "rl-tikhonov", "ems")}  # fmt: skip
+    assert all(error[n] < 0.98 * error["rl"] for n in ("rl-tv", "rl-tikhonov", "ems"))
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"acceleration": "biggs-andrews"}, {"acceleration": "nesterov"}, {"subsets": 4}]
+)
+def test_a_resumed_run_equals_an_uninterrupted_one(scene, options):
+    P, _, image = scene
+    if "subsets" in options:
+        options = {"subsets": interleaved_subsets(P.period, options["subsets"])}
+    whole = richardson_lucy(P, image, 8, background=2, **options)
+    work = iter_richardson_lucy(P, image, 8, background=2, **options)
+    records = [next(work) for _ in range(5)]
+    work.close()  # stopped by the user
+    rest = richardson_lucy(P, image, 3, background=2, resume=records[-1].state, **options)
+    assert np.array_equal(rest.volume, whole.volume)
+    assert rest.history[-1].iteration == 8
+
+
+def test_conjugate_gradients_resume(scene):
+    P, _, image = scene
+    whole = conjugate_gradient(P, image, 6, background=2)
+    record = [r for _, r in zip(range(4), iter_conjugate_gradient(P, image, 6, background=2), strict=False)][-1]
+    rest = conjugate_gradient(P, image, 2, background=2, resume=record.state)
+    assert np.array_equal(rest.volume, whole.volume)
+
+
+def test_tolerance_stops_early(scene):
+    P, _, image = scene
+    assert len(richardson_lucy(P, image, 50, background=2, tolerance=0.05).history) < 50
+
+
+@pytest.mark.parametrize("penalty", [TotalVariation(1.0, 0.5), Tikhonov(1.0, 0.5)])
+def test_penalty_gradients_are_derivatives(penalty):
+    rng = np.random.default_rng(2)
+    g, direction = rng.uniform(1, 2, (3, 6, 7)), rng.standard_normal((3, 6, 7))
+
+    def steps(v):
+        d = [np.diff(v, axis=a, append=np.take(v, [-1], axis=a)) for a in range(3)]
+        d[0] = 0.5 * d[0]
+        return d
+
+    def value(v):
+        square = sum(d * d for d in steps(v))
+        return np.sqrt(square).sum() if isinstance(penalty, TotalVariation) else square.sum() / 2 / g.mean()
+
+    h = 1e-6
+    slope = (value(g + h * direction) - value(g - h * direction)) / (2 * h)
+    assert np.isclose(np.vdot(penalty.gradient(g), direction), slope, rtol=1e-4)
+
+
+def test_subsets_split_the_phases():
+    for masks in (interleaved_subsets((5, 7), 4), interleaved_subsets((2, 2), 4), angular_subsets((9, 7), (3, 2))):
+        assert (np.sum(masks, axis=0) == 1).all()
+    sizes = [int(m.sum()) for m in interleaved_subsets((12, 10), 5)]
+    assert max(sizes) == min(sizes) == 24
+    centre = angular_subsets((9, 9), (3, 3), (4, 4))[0]
+    assert np.array_equal(np.argwhere(centre).mean(axis=0), (4, 4))
+
+
+def test_views_are_ordered_by_their_light(scene):
+    P, _, image = scene
+    masks = by_energy(angular_subsets(P.period, (3, 3), (2, 2)), image, P.grid)
+    light = [image[P.grid.tiled(m)].sum() for m in masks]
+    assert light == sorted(light, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"iterations": 0}, "iterations"),
+        ({"acceleration": "warp"}, "acceleration"),
+        ({"subsets": interleaved_subsets((5, 5), 2)[:1]}, "each image phase exactly once"),
+        ({"subsets": interleaved_subsets((5, 5), 2), "acceleration": "nesterov"}, "leave one out"),
+        ({"weights": -np.ones((60, 55))}, "weights"),
+        ({"background": np.ones((3, 3))}, "background"),
+        ({"initial": np.ones((1, 60, 55))}, "initial volume"),
+        ({"relaxation": 0.0}, "relaxation"),
+    ],
+)
+def test_bad_arguments_are_named(scene, options, message):
+    P, _, image = scene
+    with pytest.raises(InputError, match=message):
+        richardson_lucy(P, image, **{"iterations": 2, **options})
+
+
+def test_an_image_of_another_size_is_refused(scene):
+    P, _, image = scene
+    with pytest.raises(InputError, match="build the projector for this image"):
+        richardson_lucy(P, image[:-1], 2)
+    with pytest.raises(InputError, match="solver"):
+        SolverChoice("magic")
