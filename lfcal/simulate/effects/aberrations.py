@@ -78,9 +78,9 @@ class Coma(SceneEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms spot shift: the gradient's rms over the pupil is 1.29 W per radius."""
-        shift = _mean_shift(outlook, 1.29 * abs(self.waves))
-        return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 2 Nw * 1.29 W lambda/v")
+        """Return the mean spot shift: three quarters of the gradient's rms over the pupil, 1.29 W per radius."""
+        shift = _mean_shift(outlook, 0.75 * 1.29 * abs(self.waves))
+        return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 2 Nw * 0.97 W lambda/v")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the aberration on its pupil."""
@@ -106,9 +106,11 @@ class Zernike(SceneEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms wavefront and the spot shift from the rms of its gradient over the pupil."""
+        """Return the rms wavefront and the spot shift from three quarters of its gradient's rms over the pupil."""
         rms, slope = wavefront_rms(self.terms)
-        return Estimate(rms, "waves rms", outlook.moved(_mean_shift(outlook, slope)), "shift 2 Nw |grad W| lambda/v")
+        return Estimate(
+            rms, "waves rms", outlook.moved(_mean_shift(outlook, 0.75 * slope)), "shift 2 Nw * 0.75 |grad W| lambda/v"
+        )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the wavefront on its pupil."""

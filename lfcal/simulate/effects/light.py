@@ -101,9 +101,15 @@ class Bandwidth(LightEffect):
         return outlook.camera.bandwidth_um if self.width_um is None else self.width_um
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the relative width and what it washes out of the fringes, 0.4 (dl/l)²."""
+        """Return the relative width x, and what it washes out of the spots' fringes.
+
+        Quadratic for narrow light; beyond about a tenth the outer fringes are gone and it grows linearly.
+        """
         relative = self.width(outlook) / outlook.wavelength_um
-        return Estimate(relative, "relative", min(1.0, 0.4 * relative**2), "dl/l; 0.4 (dl/l)²")
+        fringes = sum(outlook.fresnel_lenslets) / len(outlook.fresnel_lenslets)
+        error = (0.25 + 0.13 * fringes) * relative**2 / (1.0 + relative * (1.0 + 0.1 * fringes) / 0.12)
+        formula = "x = dl/l; (0.25 + 0.13 N_F) x²/(1 + 8.3 x (1 + 0.1 N_F))"
+        return Estimate(relative, "relative", min(1.0, error), formula)
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
         """Return Gauss-Legendre wavelengths over the spectrum: 3, more where many fringes wash out."""

@@ -22,9 +22,16 @@ class LensTypes(SceneEffect):
     title: ClassVar[str] = "lens types and defocus"
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the largest spot diameter d |1/vf - 1/v|, and the mean change from the sharpest type's width."""
+        """Return the largest spot diameter d |1/vf - 1/v|, and the mean change from the sharpest type's width.
+
+        Spots pass from Gaussians to discs, which differ by twice the area they do not share, as N_F grows.
+        """
         sharp = min(outlook.widths_px)
-        error = outlook.over_types(lambda w: share_widened(sharp, w))
+        error = 0.0
+        for width, n in zip(outlook.widths_px, outlook.fresnel_lenslets, strict=True):
+            gauss, disc = share_widened(sharp, width), 2.0 * (1.0 - (sharp / width) ** 2)
+            error += gauss + (disc - gauss) * n / (n + 4.0)
+        error /= len(outlook.widths_px)
         return Estimate(2 * max(outlook.geometric_px), "px", error, "d |1/vf - 1/v|; mean width change over the types")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
@@ -43,7 +50,7 @@ class LensletDiffraction(SceneEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the Airy radius 1.22 lambda B / d and the error from the spot's Fresnel number."""
         airy = 1.22 * outlook.wavelength_um * outlook.gap_um / (2 * outlook.lit_px * outlook.pixel_um**2)
-        return Estimate(airy, "px", outlook.diffracted, "1.22 lambda B/d; 0.75/(1 + N_F)^(1/2) per type")
+        return Estimate(airy, "px", outlook.diffracted, "1.22 lambda B/d; 0.65/(1 + N_F)^(1/3) per type")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with lenslet diffraction on."""
@@ -60,9 +67,9 @@ class IrisDiffraction(SceneEffect):
     cost: ClassVar[str] = "FFT per plane"
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the shadow's Fresnel number N_F = |a| / (4 Nw² lambda) and 0.75 / sqrt(N_F)."""
+        """Return the shadow's Fresnel number N_F = |a| / (4 Nw² lambda) and 0.6 / sqrt(N_F)."""
         number = outlook.fresnel_main
-        return Estimate(number, "N_F", min(1.5, 0.75 / math.sqrt(number)), "|a|/(4 Nw² lambda); 0.75/N_F^(1/2)")
+        return Estimate(number, "N_F", min(1.5, 0.6 / math.sqrt(number)), "|a|/(4 Nw² lambda); 0.6/N_F^(1/2)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the iris's diffraction on."""
@@ -99,13 +106,13 @@ class IrisShape(SceneEffect):
         """Return the symmetric difference of the polygon and the circle of the same area.
 
         A regular polygon of half angle h = pi/n differs from its circle by 0.257 h² of the area; diffraction
-        at its edges about doubles that. Curved blades differ in proportion to 1 - curvature.
+        at its edges makes that 0.4 h². Curved blades differ in proportion to 1 - curvature.
         """
         iris = self.iris(outlook.camera)
         if iris.circular:
             return Estimate(0.0, "blades", 0.0, "circular iris")
-        error = 0.51 * (math.pi / iris.blades) ** 2 * (1.0 - iris.curvature)
-        return Estimate(float(iris.blades), "blades", error, "0.51 (pi/n)² (1 - curvature)")
+        error = 0.4 * (math.pi / iris.blades) ** 2 * (1.0 - iris.curvature)
+        return Estimate(float(iris.blades), "blades", error, "0.4 (pi/n)² (1 - curvature)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the bladed iris; a second stop stays."""
