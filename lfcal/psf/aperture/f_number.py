@@ -1,0 +1,83 @@
+"""Working f-number from the growth of the aperture's shadow with depth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lfcal.errors import InputError, expectation
+
+__all__ = ["FNumber", "working_f_number"]
+
+
+@dataclass(frozen=True, slots=True)
+class FNumber:
+    """A working f-number and how well it is known.
+
+    Attributes
+    ----------
+    value
+        Image distance over pupil diameter.
+    standard_error
+        Of ``value``; NaN from two depths.
+    offset_um
+        Image shift at which the fitted shadow vanishes: 0 for true depths (µm).
+    residual_px
+        Root mean square of the diameters about the line (pixels).
+    """
+
+    value: float
+    standard_error: float
+    offset_um: float
+    residual_px: float
+
+
+def working_f_number(diameters_px: ArrayLike, image_shifts_um: ArrayLike, pixel_um: float) -> FNumber:
+    """Return the working f-number N from shadow diameters over depth: ``D = |a| / N``.
+
+    The line is fitted to sign(a) D over a, so that planes on both sides of the native plane share one slope
+    and neither a constant error of the depths nor the edge's blur enters it. Diameters beyond three times
+    the median deviation are weighted down.
+
+    Parameters
+    ----------
+    diameters_px
+        Diameter of the circle of the aperture's area, per plane (pixels).
+    image_shifts_um
+        Distance ``a`` of the plane's image behind the lenslets (µm): `lfcal.camera.Camera.image_shift_um`.
+    pixel_um
+        Pixel pitch (µm).
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two different depths, or lengths differ, or a value is not finite.
+    """
+    a = np.asarray(image_shifts_um, float).ravel()
+    d = np.asarray(diameters_px, float).ravel() * pixel_um
+    if a.shape != d.shape or a.size < 2 or np.ptp(a) == 0 or not np.isfinite([a, d]).all():
+        raise InputError(
+            expectation("diameters over depth", "one finite diameter for each of two or more depths",
+                        f"{d.size} diameters and {a.size} depths", "give one for each plane, all different")
+        )  # fmt: skip
+    signed = d * np.where(a < 0, -1.0, 1.0)
+    weight = np.ones(a.size)
+    for _ in range(10):
+        matrix = np.stack([a, np.ones(a.size)], 1) * weight[:, None]
+        slope, constant = np.linalg.lstsq(matrix, signed * weight, rcond=None)[0]
+        residual = signed - slope * a - constant
+        scale = 1.4826 * float(np.median(np.abs(residual)))
+        if scale <= 1e-12 * float(np.abs(d).max()):
+            break
+        weight = 1.0 / np.sqrt(np.maximum(1.0, np.abs(residual) / (3.0 * scale)))
+    if slope == 0 or not math.isfinite(slope):
+        raise InputError(expectation("diameters over depth", "a slope", "none", "give planes of different blur"))
+    rms = float(np.sqrt(np.mean(residual**2)))
+    error = math.nan
+    if a.size > 2:
+        spread = float(((a - a.mean()) ** 2).sum())
+        error = math.sqrt(float((residual**2).sum()) / (a.size - 2) / spread) / slope**2
+    return FNumber(1.0 / abs(slope), error, -constant / slope, rms / pixel_um)

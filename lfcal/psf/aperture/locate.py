@@ -1,0 +1,117 @@
+"""Find the lit patch: background, noise, rough outline; take vignetting out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+__all__ = ["Patch", "despike", "find_patch", "flatten", "mad", "offsets"]
+
+Image = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """A lit patch.
+
+    Attributes
+    ----------
+    background, noise
+        Median and scaled median deviation of the cutout's border.
+    level
+        Lit level above the background.
+    row, column, radius
+        Centroid and radius of the circle of the same area (pixels).
+    mask
+        Pixels above half the lit level, holes filled.
+    """
+
+    background: float
+    noise: float
+    level: float
+    row: float
+    column: float
+    radius: float
+    mask: NDArray[np.bool_]
+
+
+def offsets(shape: tuple[int, ...], row: float, column: float) -> tuple[Image, Image]:
+    """Return each pixel's column and row from a centre, two arrays of ``shape`` (pixels)."""
+    y, x = np.meshgrid(np.arange(shape[0]) - row, np.arange(shape[1]) - column, indexing="ij")
+    return x, y
+
+
+def mad(values: NDArray[np.float64]) -> float:
+    """Return the standard deviation estimated from the median deviation."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def despike(image: Image) -> Image:
+    """Return ``image`` with pixels replaced that stand out of their 5 x 5 median by six deviations."""
+    smooth = cv2.medianBlur(image.astype(np.float32), 5).astype(np.float64)
+    difference = image - smooth
+    scale = mad(difference)
+    if scale == 0:
+        return image
+    return np.where(np.abs(difference) > 6 * scale, smooth, image)
+
+
+def find_patch(image: Image) -> Patch | None:
+    """Return the lit patch of a depth-plane sum, or None where nothing stands out of the noise.
+
+    The image is smoothed just as far as it takes to lift the patch eight deviations above its noise, which is
+    that of the border, white, behind a Gaussian.
+    """
+    side = min(image.shape)
+    edge = max(2, int(0.03 * side))
+    border = np.ones(image.shape, bool)
+    border[edge:-edge, edge:-edge] = False
+    background = float(np.median(image[border]))
+    noise = mad(image[border])
+    sigma = max(0.3, side / 128)
+    while True:
+        smooth = ndimage.gaussian_filter(image - background, sigma)
+        top = float(np.percentile(smooth, 97))
+        floor = noise / (2 * math.sqrt(math.pi) * sigma)
+        if top > 8 * floor or sigma > side / 12:
+            break
+        sigma *= 1.4
+    if not top > max(4 * floor, 1e-12 * abs(background)):
+        return None
+    level = float(np.median(smooth[smooth > 0.6 * top]))
+    labels, count = ndimage.label(smooth > 0.5 * level)
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    mask = ndimage.binary_fill_holes(labels == 1 + int(np.argmax(sizes)))
+    row, column = ndimage.center_of_mass(mask)
+    radius = math.sqrt(float(mask.sum()) / math.pi)
+    if radius < 3:
+        return None
+    return Patch(background, noise, level, float(row), float(column), radius, mask)
+
+
+def flatten(image: Image, background: float, row: float, column: float, radius: float) -> tuple[Image, float]:
+    """Return the image over its smooth lit level, and that level at the centre.
+
+    A plane plus a paraboloid is fitted robustly inside three quarters of ``radius`` and continued outwards.
+    """
+    x, y = offsets(image.shape, row, column)
+    x, y = x / radius, y / radius
+    r2 = x * x + y * y
+    inside = r2 < 0.75**2
+    terms = np.stack([np.ones(int(inside.sum())), x[inside], y[inside], r2[inside]], 1)
+    values = image[inside] - background
+    weight = np.ones(values.size)
+    for _ in range(4):
+        # normal equations: four unknowns, thousands of pixels
+        weighted = terms * weight[:, None]
+        p = np.linalg.solve(terms.T @ weighted + 1e-9 * np.eye(4), weighted.T @ values)
+        residual = values - terms @ p
+        weight = 1.0 / (1.0 + (residual / (2.5 * mad(residual) + 1e-300)) ** 2)
+    lit = p[0] + p[1] * np.clip(x, -1.2, 1.2) + p[2] * np.clip(y, -1.2, 1.2) + p[3] * np.minimum(r2, 1.3**2)
+    top = max(float(p[0]), 1e-300)
+    return (image - background) / np.clip(lit, 0.3 * top, 3 * top), float(p[0])

@@ -1,0 +1,58 @@
+"""Edge radius over angle, from the light summed along each ray."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+__all__ = ["ANGLES", "RAYS", "edge_profile", "shrink"]
+
+RAYS = 720
+"""Rays of a profile."""
+
+ANGLES: NDArray[np.float64] = np.linspace(0.0, 2 * np.pi, RAYS, endpoint=False)
+"""Their directions, from +column towards +row (rad)."""
+
+HIGHEST = 33
+"""Highest harmonic an iris shows: the second of fifteen blades, and a little."""
+
+
+def edge_profile(
+    flat: NDArray[np.float64], row: float, column: float, radius: float, low: ArrayLike = 0.7, high: ArrayLike = 1.3
+) -> NDArray[np.float64]:
+    """Return the edge radius along each ray, ``(RAYS,)`` (pixels).
+
+    ``r(theta)² = r0² + 2 ∫ I r dr`` from r0 = low * radius to high * radius: the radius that encloses the
+    ray's light. It is linear in the pixels, so it needs no edge to be found and holds far below an SNR of 1.
+
+    Parameters
+    ----------
+    flat
+        Image with lit level 1 and background 0.
+    row, column, radius
+        Centre and mean radius (pixels).
+    low, high
+        Ends of the window, one for all rays or one each (in units of ``radius``).
+    """
+    start = np.broadcast_to(np.asarray(low, float) * radius, RAYS)
+    width = np.broadcast_to(np.asarray(high, float) * radius, RAYS) - start
+    steps = max(16, int(np.ceil(width.max() / 0.5)))
+    r = start + width * np.linspace(0, 1, steps)[:, None]
+    places = [row + r * np.sin(ANGLES), column + r * np.cos(ANGLES)]
+    light = ndimage.map_coordinates(flat, places, order=1, mode="nearest") * r
+    area = (light[1:] + light[:-1]).sum(0) * (width / (2 * (steps - 1)))
+    edge: NDArray[np.float64] = np.sqrt(np.maximum(start**2 + 2 * area, (0.3 * radius) ** 2))
+    return edge
+
+
+def shrink(edge: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a smooth ``edge``: each harmonic is shrunk by its noise, taken from harmonics beyond any iris's."""
+    spectrum = np.fft.rfft(edge) / RAYS
+    power = np.abs(spectrum) ** 2
+    noise = float(np.median(power[HIGHEST + 1 : 90])) / np.log(2)
+    gain = np.maximum(1 - 3 * noise / (power + 1e-300), 0)
+    gain[:3] = 1
+    gain[HIGHEST + 1 :] = 0
+    smooth: NDArray[np.float64] = np.fft.irfft(spectrum * gain, RAYS) * RAYS
+    return smooth

@@ -1,0 +1,169 @@
+import math
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from lfcal.bench.aperture import Trial, run
+from lfcal.errors import InputError
+from lfcal.psf.aperture import fit_aperture, quick_aperture
+from lfcal.psf.aperture import refine as model
+from lfcal.psf.aperture.profile import edge_profile
+from lfcal.psf.aperture.synthetic import Disturbance, depth_sum_of
+
+CLEAN = Disturbance(noise=1e-3, ripple=0, tilt=0, vignetting=0, hot=0, ellipticity=0, pedestal=0)
+
+
+def synthetic(blades=7, curvature=0.2, seed=0, side=121, disturbance=None):
+    return depth_sum_of(side, blades, curvature, disturbance or Disturbance(), np.random.default_rng(seed))
+
+
+def test_all_derivatives_of_the_pixel_model_match_differences():
+    rng = np.random.default_rng(3)
+    x, y = rng.uniform(-60, 60, (2, 400))
+    p = np.array([1.2, -0.7, 40.0, 0.3, 0.35, 3.0, 1.5, 0.1, -0.2, -0.15, 0.03, -0.02])
+    zero = np.zeros(x.size)
+    scale = 1e4  # so weak residuals that the robust weight is one and the gradient is that of the model
+
+    def gradient(q):
+        normal, out = np.empty((12, 12)), np.empty(12)
+        model.accumulate(x, y, zero, q, 7, scale, 50.0, normal, out)
+        return out * scale**2
+
+    def half_square(q):
+        return model.accumulate(x, y, zero, q, 7, scale, 50.0, np.empty((12, 12)), np.empty(12)) * scale**2 / 2
+
+    found = gradient(p)
+    for k in range(12):
+        h = 1e-5 * max(1.0, abs(p[k]))
+        up, down = p.copy(), p.copy()
+        up[k] += h
+        down[k] -= h
+        slope = (half_square(up) - half_square(down)) / (2 * h)
+        assert -found[k] == pytest.approx(slope, rel=2e-4, abs=1e-4), k
+
+
+def test_the_edge_profile_of_a_disc_is_its_radius():
+    rows, columns = np.indices((101, 101))
+    disc = np.clip(30.0 - np.hypot(rows - 49.0, columns - 52.0) + 0.5, 0, 1)
+    assert np.abs(edge_profile(disc, 49.0, 52.0, 30.0) - 30.0).max() < 0.1
+
+
+@pytest.mark.parametrize("blades", [5, 8, 11])
+def test_a_clean_iris_is_recovered_to_small_fractions_of_a_pixel(blades):
+    image, truth = synthetic(blades, 0.3, 1, disturbance=CLEAN)
+    found = fit_aperture(image)
+    assert found.confident and found.blades == blades
+    assert math.dist(found.centre, truth.centre) < 0.02
+    assert found.apothem_px == pytest.approx(truth.apothem_px, rel=2e-3)
+    assert found.area_px2 == pytest.approx(truth.area_px2, rel=3e-3)
+    assert found.curvature == pytest.approx(0.3, abs=0.08)
+    assert found.blur_px == pytest.approx(2.0, rel=0.15)
+
+
+def test_rotation_is_that_of_a_vertex_and_follows_the_image():
+    image, truth = synthetic(6, 0.1, 3, disturbance=CLEAN)
+    step = 2 * math.pi / 6
+    found = fit_aperture(image)
+    assert abs((found.rotation_rad - truth.rotation_rad + step / 2) % step - step / 2) < math.radians(0.3)
+    mirrored = fit_aperture(image[:, ::-1])  # counter-test: a mirrored image turns the other way
+    expected = (math.pi - truth.rotation_rad) % step
+    assert abs((mirrored.rotation_rad - expected + step / 2) % step - step / 2) < math.radians(0.3)
+    assert abs((mirrored.rotation_rad - truth.rotation_rad + step / 2) % step - step / 2) > math.radians(3)
+
+
+def test_rows_and_columns_of_the_centre_are_not_confused():
+    image, truth = synthetic(7, 0.0, 2, side=131, disturbance=CLEAN)
+    found = fit_aperture(image[:, 6:])
+    assert found.centre == pytest.approx((truth.centre[0], truth.centre[1] - 6), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("blades", "curvature", "snr"), [(5, 0.0, 1.0), (9, 0.0, 1.0), (7, 0.3, 2.0), (9, 0.6, 2.0), (10, 0.6, 5.0)]
+)
+def test_blades_are_counted_in_noise(blades, curvature, snr):
+    for number in range(2):
+        outcome = run(Trial(blades, curvature, snr, number, 187))
+        assert outcome.right
+        assert outcome.centre_px < (0.9 if snr < 2 else 0.4)
+
+
+def test_nothing_confident_is_wrong_far_below_the_noise():
+    for number in range(3):
+        for blades in (5, 8, 11):
+            outcome = run(Trial(blades, 0.6, 0.5, number, 121))
+            assert outcome.right or not outcome.confident
+
+
+def test_vignetting_and_ellipticity_are_measured():
+    image, _ = synthetic(8, 0.0, 5, side=151, disturbance=Disturbance(0.01, vignetting=0.3, tilt=0, ellipticity=0.03))
+    found = fit_aperture(image)
+    assert found.confident
+    assert found.vignetting == pytest.approx(0.3 * found.apothem_px**2 / (0.42 * 151) ** 2, abs=0.05)
+    assert found.ellipticity == pytest.approx(0.058, abs=0.01)
+    assert abs(found.ellipse_axis_rad) % math.pi == pytest.approx(math.pi / 2, abs=0.15)
+
+
+@pytest.mark.parametrize("snr", [5, 20, 100])
+def test_a_circle_is_called_a_circle(snr):
+    image, truth = synthetic(16, 1.0, 6, side=151, disturbance=Disturbance(1 / snr))
+    found = fit_aperture(image)
+    assert (found.blades, found.refusal, found.confident) == (0, "circle", False)
+    assert found.diameter_px == pytest.approx(truth.diameter_px, rel=0.02)
+    assert math.dist(found.centre, truth.centre) < 1
+
+
+def test_an_iris_cut_off_by_the_cutout_is_refused():
+    image, _ = synthetic(7, 0.0, 1, side=151)
+    assert fit_aperture(image[:, 25:]).refusal == "cut off"
+    assert fit_aperture(image[30:-30, 30:-30]).refusal == "cut off"
+    assert quick_aperture(image[:, 25:]).refusal == "cut off"
+
+
+def test_a_cat_eye_is_refused():
+    rows, columns = np.indices((151, 151)) - 75.0
+    lens = (np.hypot(rows, columns - 16) < 58) & (np.hypot(rows, columns + 16) < 58)
+    image = ndimage.gaussian_filter(lens.astype(float), 2) + np.random.default_rng(1).normal(0, 0.03, lens.shape)
+    found = fit_aperture(image)
+    assert found.refusal == "cat-eye" and not found.confident
+
+
+@pytest.mark.parametrize("kind", ["noise", "zero", "constant"])
+def test_darkness_is_refused(kind):
+    rng = np.random.default_rng(0)
+    image = {"noise": rng.normal(0, 1, (99, 99)), "zero": np.zeros((99, 99)), "constant": np.full((99, 99), 7.0)}[kind]
+    for fit in (fit_aperture, quick_aperture):
+        found = fit(image)
+        assert found.refusal == "too dim" and not found.confident
+    assert "too dim" not in found.describe() and "noise" in found.describe()
+
+
+def test_not_a_number_and_hot_pixels_do_not_move_the_answer():
+    image, truth = synthetic(9, 0.0, 8)
+    image[40:43, 60] = np.nan
+    image[10, 10] = np.inf
+    image[50, 50] = 1e6
+    found = fit_aperture(image)
+    assert found.confident and found.blades == 9
+    assert math.dist(found.centre, truth.centre) < 0.15
+
+
+def test_the_quick_answer_is_close_and_never_confident():
+    image, truth = synthetic(7, 0.0, 9, disturbance=Disturbance(0.02))
+    found = quick_aperture(image)
+    assert found.blades == 7 and not found.confident
+    assert math.dist(found.centre, truth.centre) < 1.5
+    assert found.apothem_px == pytest.approx(truth.apothem_px, rel=0.05)
+
+
+def test_the_unit_of_the_image_does_not_matter():
+    image, _ = synthetic(8, 0.2, 3)
+    one, other = fit_aperture(image), fit_aperture(image * 6.4e7)
+    assert one.centre == pytest.approx(other.centre, abs=1e-3)
+    assert one.snr == pytest.approx(other.snr, rel=1e-3)
+
+
+@pytest.mark.parametrize("shape", [(5,), (3, 40), (2, 9, 9)])
+def test_what_is_no_image_is_an_input_error(shape):
+    with pytest.raises(InputError, match="depth-plane sum"):
+        fit_aperture(np.zeros(shape))
