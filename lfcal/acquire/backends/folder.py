@@ -162,9 +162,12 @@ class _Camera:
 
     def _read(self, path: Path) -> NDArray[Any] | None:
         """Return the frame if the file is quiet and whole, None while it grows; raises if it is no frame."""
-        before = path.stat()
-        time.sleep(self._quiet)
-        after = path.stat()
+        try:
+            before = path.stat()
+            time.sleep(self._quiet)
+            after = path.stat()
+        except FileNotFoundError:  # renamed or removed while it was looked at
+            return None
         if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns) or not after.st_size:
             return None
         frame = np.asarray(read_image(path))

@@ -1,0 +1,78 @@
+"""What a session will cost and whether it can run, before anything moves."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from lfcal.acquire.devices import Rig
+from lfcal.acquire.errors import DeviceError
+from lfcal.acquire.motion import check_limits
+from lfcal.acquire.options import Options
+from lfcal.acquire.records import RECORD, Kind
+from lfcal.acquire.schedule import Schedule
+from lfcal.acquire.session import check_devices, frame_dtype
+from lfcal.camera import Forecast, ScanPlan
+from lfcal.files import require_space, storage_errors
+
+__all__ = ["SessionForecast", "forecast"]
+
+
+@dataclass(frozen=True, slots=True)
+class SessionForecast:
+    """Cost of a session.
+
+    Attributes
+    ----------
+    positions, other_frames
+        Frames of the plan's positions, and dark, reference and control frames.
+    seconds
+        Exposures, settling and movement; retries and the approach from one side come on top (s).
+    recording_bytes, free_bytes
+        Size of the recording, and what the disk has.
+    camera, stage
+        The devices.
+    """
+
+    positions: int
+    other_frames: int
+    seconds: float
+    recording_bytes: int
+    free_bytes: int
+    camera: str
+    stage: str
+
+
+def forecast(plan: ScanPlan, rig: Rig, options: Options, folder: Path) -> SessionForecast:
+    """Return what the session will cost, after checking devices, limits, light and disk; nothing moves.
+
+    Raises
+    ------
+    InputError, DeviceError, StorageError
+        What would stop the session at its start.
+    """
+    devices = check_devices(plan, rig)
+    schedule = Schedule.of(plan, options)
+    moved = schedule.targets[schedule.kinds != Kind.DARK]
+    check_limits(moved, rig.stage.limits, options.motion(plan).overshoot_um)
+    if schedule.count(Kind.DARK) and rig.light is None:
+        raise DeviceError("dark frames: the rig has no light that can be switched; leave darks out")
+    positions = schedule.count(Kind.POSITION)
+    pixels = math.prod(schedule.window)
+    size = (len(schedule) - schedule.count(Kind.DARK)) * (
+        pixels * frame_dtype(plan, options, devices).itemsize + RECORD.itemsize
+    ) + schedule.count(Kind.DARK) * (4 * math.prod(schedule.roi.shape) + RECORD.itemsize)
+    require_space(folder, size + options.keep_free_bytes, what="the recording and its reserve")
+    place = folder.absolute()
+    while not place.exists():
+        place = place.parent
+    with storage_errors(place):
+        free = shutil.disk_usage(place).free
+    cost = Forecast.of(plan)
+    hours = cost.exposure_hours * sum(options.bracket) + cost.settle_hours + cost.move_hours
+    return SessionForecast(
+        positions, len(schedule) - positions, hours * 3600 * len(schedule) / positions, size, free, devices.camera,
+        devices.stage,
+    )  # fmt: skip

@@ -1,0 +1,184 @@
+"""Is the session good so far? Told in its first minutes, from what is recorded anyway."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.records import Kind, Note
+from lfcal.acquire.schedule import Step
+from lfcal.camera import ScanPlan
+
+__all__ = ["Alarm", "LiveQuality", "QualityState"]
+
+LIMITS = {"position": 0.3, "lamp": 0.05, "dim": 0.01, "saturated": 0.0, "follow": 0.5}
+FEW = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """Something worth stopping for.
+
+    Attributes
+    ----------
+    what
+        ``"position"`` (px rms), ``"lamp"`` (relative change), ``"dim"`` (share of positions), ``"saturated"``
+        (positions), ``"follow"`` (px the image moves in the cutout per step).
+    value, limit
+        Numbers in that unit.
+    advice
+        What it may be and what to do.
+    """
+
+    what: str
+    value: float
+    limit: float
+    advice: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class QualityState:
+    """A copy of what is known at one moment.
+
+    Attributes
+    ----------
+    done
+        Positions seen.
+    energy
+        ``(nz, ny, nx)`` light of each position above the background (counts), NaN where not recorded.
+    residual_px
+        ``(nz, ny, nx)`` read-back against target, sideways (pixels), NaN where not recorded.
+    saturated
+        ``(nz, ny, nx)`` saturated pixels of each cutout.
+    depth_sums
+        ``(nz, nt, ns)`` growing sums of the cutouts above the background (counts).
+    lamp
+        ``(n, 2)`` seconds of recording and energy of the reference frames (counts).
+    follow_px
+        Movement of the image within the cutout per step: ``((row per y, row per x), (column per y, column
+        per x))``; ideally 0. -2 on the diagonal says that an axis runs the wrong way.
+    alarms
+        What is out of bounds.
+    """
+
+    done: int
+    energy: NDArray[np.float64]
+    residual_px: NDArray[np.float32]
+    saturated: NDArray[np.int64]
+    depth_sums: NDArray[np.float64]
+    lamp: NDArray[np.float64]
+    follow_px: NDArray[np.float64]
+    alarms: tuple[Alarm, ...]
+
+
+class LiveQuality:
+    """An observer of a `Runner`; ask for `state` from any thread.
+
+    Parameters
+    ----------
+    plan
+        The session's.
+    window
+        Rows and columns of the recorded frames.
+    stride
+        Every how many frames the image's place in the cutout is measured.
+    """
+
+    def __init__(self, plan: ScanPlan, window: tuple[int, int], *, stride: int = 4) -> None:
+        shape = plan.shape[:3]
+        self._shape, self._stride = shape, stride
+        self._step = [min(plan.step_um(z)) for z in range(shape[0])]
+        self._away = "xyz".index(plan.stage.away[1])
+        self._energy = np.full(shape, np.nan)
+        self._residual = np.full(shape, np.nan, np.float32)
+        self._saturated = np.zeros(shape, np.int64)
+        self._sums = np.zeros((shape[0], *window))
+        self._levels = np.zeros(shape[0])
+        self._lamp: list[tuple[float, float]] = []
+        self._normal = np.zeros((3, 3))
+        self._right = np.zeros((3, 2))
+        self._rows, self._columns = np.arange(window[0]), np.arange(window[1])
+        self._border = np.ones(window, np.bool_)
+        self._border[1:-1, 1:-1] = False
+        self._level = float(plan.camera.sensor.black_level)
+        self._done = 0
+        self._lock = threading.Lock()
+
+    def __call__(self, step: Step, note: Note, frame: NDArray[Any]) -> None:
+        """Take an acknowledged frame into account."""
+        if step.kind is Kind.DARK:
+            return
+        if step.kind is not Kind.POSITION:
+            with self._lock:
+                if step.kind is Kind.REFERENCE:
+                    self._lamp.append((note.elapsed_s, note.energy - self._level * frame.size))
+            return
+        _, ny, nx = self._shape
+        place = step.z, step.flat // nx % ny, step.flat % nx
+        with self._lock:
+            if self._done % self._stride == 0:
+                self._level = float(np.median(frame[self._border]))
+                self._follow(place, frame)
+            self._energy[place] = note.energy - self._level * frame.size
+            error = [s - t for s, t in zip(note.stage_um, note.target_um, strict=True)]
+            error[self._away] = 0.0
+            self._residual[place] = float(np.hypot.reduce(error)) / self._step[step.z]
+            self._saturated[place] = note.saturated
+            self._sums[step.z] += frame
+            self._levels[step.z] += self._level
+            self._done += 1
+
+    def state(self) -> QualityState:
+        """Return a copy of what is known now."""
+        with self._lock:
+            lamp = np.array(self._lamp).reshape(-1, 2)
+            follow = self._slopes()
+            return QualityState(
+                self._done, self._energy.copy(), self._residual.copy(), self._saturated.copy(),
+                self._sums - self._levels[:, None, None], lamp, follow, self._alarms(lamp, follow),
+            )  # fmt: skip
+
+    def _follow(self, place: tuple[int, int, int], frame: NDArray[Any]) -> None:
+        """Add the centroid of ``frame`` to the fit of its movement over y and x."""
+        down, along = frame.sum(axis=1, dtype=np.float64), frame.sum(axis=0, dtype=np.float64)
+        light = float(down.sum()) - self._level * frame.size
+        if light <= 0:
+            return
+        row = (float(down @ self._rows) - self._level * frame.shape[1] * float(self._rows.sum())) / light
+        column = (float(along @ self._columns) - self._level * frame.shape[0] * float(self._columns.sum())) / light
+        at = np.array([1.0, place[1], place[2]])
+        self._normal += np.outer(at, at)
+        self._right += np.outer(at, (row, column))
+
+    def _slopes(self) -> NDArray[np.float64]:
+        if self._normal[0, 0] < FEW:
+            return np.zeros((2, 2))
+        solution, *_ = np.linalg.lstsq(self._normal, self._right, rcond=1e-9)
+        return np.asarray(solution[1:].T)
+
+    def _alarms(self, lamp: NDArray[np.float64], follow: NDArray[np.float64]) -> tuple[Alarm, ...]:
+        if self._done < FEW:
+            return ()
+        seen = np.isfinite(self._energy)
+        alarms = []
+
+        def look(what: str, value: float, advice: str) -> None:
+            if value > LIMITS[what]:
+                alarms.append(Alarm(what, value, LIMITS[what], advice))
+
+        rms = float(np.sqrt(np.nanmean(np.square(self._residual))))
+        look("position", rms, "the stage misses its targets: check load, speed and tolerance")
+        if len(lamp) > 1 and lamp[0, 1] > 0:
+            change = float(np.abs(lamp[:, 1] / lamp[0, 1] - 1).max())
+            look("lamp", change, "the lamp drifts: let it warm up, or stabilise it")
+        energy = self._energy[seen]
+        dim = float((energy < 0.5 * np.median(energy)).mean())
+        look("dim", dim, "some positions are much darker than the others: check lamp, shutter and vignetting")
+        look("saturated", float((self._saturated > 0).sum()), "saturated pixels: expose shorter, or bracket")
+        worst = float(np.abs(follow).max())
+        look("follow", worst, "the image does not move with the cutout: check sign and scale of the stage's axes")
+        return tuple(alarms)

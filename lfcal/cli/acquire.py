@@ -1,0 +1,254 @@
+"""``lfcal acquire``: record a session from plan to H without a window."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from lfcal.acquire.control import Control
+    from lfcal.acquire.devices import Rig
+    from lfcal.acquire.live_quality import LiveQuality
+    from lfcal.acquire.options import Options
+    from lfcal.acquire.runner import Outcome
+    from lfcal.camera import ScanPlan
+
+ALARM_EVERY_S = 5.0
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``acquire`` to the app."""
+    app.command("acquire")(command)
+
+
+def command(
+    plan: Path = typer.Argument(help="Scan plan (.json), made with lfcal plan."),
+    out: Path = typer.Option(..., "--out", "-o", help="Session folder."),
+    backend: str = typer.Option("sim", "--backend", "-b", help="Devices; lfcal doctor lists them."),
+    stage: str = typer.Option("", "--stage", help="Backend of the stage, if it is another one."),
+    option: list[str] = typer.Option([], "--option", help="Option of the backend, NAME=VALUE; may be repeated."),
+    resume: bool = typer.Option(False, "--resume", help="Go on where an interrupted session was."),
+    redo: Path = typer.Option(None, "--redo", help="Record these positions again (list from lfcal inspect)."),
+    order: str = typer.Option(None, "--order", help="plan, or coarse for a first look at all planes."),
+    bracket: str = typer.Option(None, "--bracket", help="Exposures as factors, merged to HDR, e.g. 1,0.25."),
+    margin: int = typer.Option(None, "--margin", help="Pixels kept around the cutout."),
+    darks: int = typer.Option(None, "--darks", help="Frames averaged into each dark frame; 0 for none."),
+    dark_every: int = typer.Option(None, "--dark-every", help="Darks every so many positions; 0: at the start."),
+    reference_every: int = typer.Option(None, "--reference-every", help="Lamp-drift frame every so many positions."),
+    controls: int = typer.Option(None, "--controls", help="Control frames per plane and direction."),
+    retries: int = typer.Option(None, "--retries", help="Attempts after a fault that may pass."),
+    tolerance: str = typer.Option(None, "--tolerance", help="Position tolerance X,Y,Z (µm)."),
+    overshoot: str = typer.Option(None, "--overshoot", help="Approach from one side, X,Y,Z (µm); 0,0,0 for none."),
+    origin: str = typer.Option("", "--origin", help="Stage coordinates of the sensor's centre X,Y,Z (µm)."),
+    check_stage: bool = typer.Option(True, help="Measure sign, scale and rotation of the stage first."),
+    check_origin: bool = typer.Option(True, help="On resume, compare the last position with its frame."),
+    assemble: Path = typer.Option(None, "--assemble", help="Assemble H into this file at the end (.h5)."),
+    pack: bool = typer.Option(True, help="Compress the finished recording."),
+    dry_run: bool = typer.Option(False, "--dry-run", help="Check everything and say what it will cost; move nothing."),
+    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+) -> None:
+    """Move the point source through a scan plan and record a frame at each position, safe against any crash.
+
+    Ctrl-C ends after the position under way, a second one at once; `--resume` goes on.
+
+    Example: `lfcal acquire plan.json --backend sim --out session/ --assemble H.h5`
+    """
+    from lfcal.acquire.control import Control
+    from lfcal.acquire.redo import RedoList
+    from lfcal.acquire.registry import open_rig
+
+    scan = _read_plan(plan, origin)
+    given = {
+        "order": order, "bracket": _numbers(bracket, "--bracket"), "margin_px": margin, "darks": darks,
+        "dark_every": dark_every, "reference_every": reference_every, "controls": controls, "retries": retries,
+        "tolerance_um": _numbers(tolerance, "--tolerance"), "overshoot_um": _numbers(overshoot, "--overshoot"),
+    }  # fmt: skip
+    options = _options(out if resume or redo is not None else None, given, check_origin)
+    positions = RedoList.read(redo).positions if redo is not None else None
+    with open_rig(scan, backend, _pairs(option), stage=stage) as rig:
+        if dry_run:
+            _show_forecast(scan, rig, options, out, json)
+            return
+        if check_stage and not resume:
+            _check_stage(rig, scan, options, json)
+        control = Control()
+        with _stoppable(control):
+            outcome, quality = _record(scan, rig, options, out, control, resume, positions, json)
+    result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": quality.state().alarms}
+    if outcome.how == "complete":
+        result |= _finish(out, assemble, pack, json)
+    _report(result, outcome, out, json)
+
+
+def _record(
+    scan: ScanPlan, rig: Rig, options: Options, out: Path, control: Control, resume: bool, redo: Any, quiet: bool
+) -> tuple[Outcome, LiveQuality]:
+    from lfcal.acquire.live_quality import LiveQuality
+    from lfcal.acquire.schedule import window_shape
+    from lfcal.acquire.session import iter_record
+    from lfcal.cli._common import report, run_work
+    from lfcal.progress import Work
+
+    quality = LiveQuality(scan, window_shape(scan, options))
+
+    def watched() -> Work[Outcome]:
+        work = iter_record(out, scan, rig, options, resume=resume, redo=redo, control=control, observers=(quality,))
+        told: set[str] = set()
+        look = time.monotonic() + ALARM_EVERY_S
+        while True:
+            try:
+                record = next(work)
+            except StopIteration as stop:
+                result: Outcome = stop.value
+                return result
+            if time.monotonic() > look:
+                look = time.monotonic() + ALARM_EVERY_S
+                for alarm in quality.state().alarms:
+                    if alarm.what not in told:
+                        told.add(alarm.what)
+                        report(f"{alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
+            yield record
+
+    return run_work(watched(), quiet=quiet), quality
+
+
+@contextmanager
+def _stoppable(control: Control) -> Iterator[None]:
+    """Let Ctrl-C stop in order, and a second one abort."""
+    from lfcal.cli._common import report
+
+    def asked(*_: Any) -> None:
+        if control.stopping:
+            control.abort()
+        else:
+            control.stop()
+            report("stopping after this position; Ctrl-C again stops at once")
+
+    before = signal.signal(signal.SIGINT, asked)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _read_plan(path: Path, origin: str) -> ScanPlan:
+    from dataclasses import replace
+
+    from lfcal.camera import ScanPlan
+    from lfcal.errors import InputError, expectation
+    from lfcal.files import storage_errors
+
+    with storage_errors(path):
+        plan = ScanPlan.from_json(path.read_text(encoding="utf-8", errors="replace"))
+    if not origin:
+        return plan
+    place = _numbers(origin, "--origin") or ()
+    if len(place) != 3:
+        raise InputError(expectation("--origin", "X,Y,Z in µm", origin, "give three numbers"))
+    return replace(plan, stage=replace(plan.stage, origin_um=(place[0], place[1], place[2])))
+
+
+def _options(session: Path | None, given: dict[str, Any], check_origin: bool) -> Options:
+    """Return the session's options where it exists, else the defaults, changed by what was given."""
+    from dataclasses import replace
+
+    from lfcal.acquire.options import Options
+    from lfcal.acquire.session_file import SessionFile
+
+    base = SessionFile.read(session).options if session is not None else Options()
+    if not check_origin:
+        given["origin_tolerance_px"] = None
+        return replace(base, **{k: v for k, v in given.items() if v is not None}, origin_tolerance_px=None)
+    return replace(base, **{k: v for k, v in given.items() if v is not None})
+
+
+def _numbers(text: str | None, what: str) -> tuple[float, ...] | None:
+    from lfcal.errors import InputError, expectation
+
+    if text is None:
+        return None
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(expectation(what, "numbers separated by commas", text, "correct it")) from None
+
+
+def _pairs(options: list[str]) -> dict[str, str]:
+    from lfcal.errors import InputError, expectation
+
+    pairs = {}
+    for text in options:
+        key, sign, value = text.partition("=")
+        if not sign or not key:
+            raise InputError(expectation("--option", "NAME=VALUE", text, "correct it"))
+        pairs[key.strip()] = value.strip()
+    return pairs
+
+
+def _check_stage(rig: Rig, scan: ScanPlan, options: Options, quiet: bool) -> None:
+    from lfcal.acquire.session import check_devices
+    from lfcal.acquire.setup import check_stage, iter_stage_fit
+    from lfcal.cli._common import run_work
+
+    check_devices(scan, rig)
+    check_stage(run_work(iter_stage_fit(rig, scan, options=options), quiet=quiet), scan)
+
+
+def _show_forecast(scan: ScanPlan, rig: Rig, options: Options, out: Path, json: bool) -> None:
+    from lfcal.acquire.forecast import forecast
+    from lfcal.cli._common import print_json, print_table
+    from lfcal.units import format_bytes, format_seconds
+
+    found = forecast(scan, rig, options, out)
+    if json:
+        print_json(found)
+        return
+    rows = [
+        ["positions", f"{found.positions}"],
+        ["other frames (dark, reference, control)", f"{found.other_frames}"],
+        ["time at least", format_seconds(found.seconds)],
+        ["recording", format_bytes(found.recording_bytes)],
+        ["free on the disk", format_bytes(found.free_bytes)],
+        ["camera", found.camera],
+        ["stage", found.stage],
+    ]
+    print_table(["what", "value"], rows, title=f"{out}: nothing was moved or written")
+
+
+def _finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[str, Any]:
+    from lfcal.acquire.finish import iter_assemble_session, iter_finish
+    from lfcal.cli._common import run_work
+
+    result: dict[str, Any] = {}
+    if assemble is not None:
+        made = run_work(iter_assemble_session(out, assemble, strict=True), quiet=quiet)
+        with made.matrix as matrix:
+            result |= {"H": assemble, "shape": matrix.shape, "saturated_frames": made.saturated}
+    if pack:
+        result["bytes_gained"] = run_work(iter_finish(out), quiet=quiet)
+    return result
+
+
+def _report(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> None:
+    from lfcal.cli._common import print_json
+    from lfcal.units import format_seconds
+
+    if json:
+        print_json(result)
+    else:
+        time_taken = format_seconds(outcome.seconds)
+        typer.echo(f"{out}: {outcome.how}, {outcome.acknowledged} of {outcome.total} positions in {time_taken}")
+        for alarm in result["alarms"]:
+            typer.echo(f"  {alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
+        if "H" in result:
+            typer.echo(f"  {result['H']}: H {result['shape']}")
+        if outcome.how != "complete":
+            typer.echo("  resume with --resume")
+    if outcome.how != "complete":
+        raise typer.Exit(130)

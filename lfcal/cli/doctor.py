@@ -1,0 +1,102 @@
+"""``lfcal doctor``: what this machine has, and why not the rest."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import platform
+import shutil
+import sys
+import tempfile
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import typer
+
+LIBRARIES = ("numpy", "scipy", "numba", "h5py", "hdf5plugin", "opencv-contrib-python-headless", "rawpy", "tifffile",
+             "imagecodecs", "matplotlib", "typer", "rich", "PySide6-Essentials", "pyqtgraph", "dask")  # fmt: skip
+OPTIONAL = {"PySide6-Essentials": "gui", "pyqtgraph": "gui", "dask": "cluster"}
+"""Libraries that belong to an extra."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``doctor`` to the app."""
+    app.command("doctor")(command)
+
+
+def command(json: bool = typer.Option(False, "--json", help="Print the result as JSON.")) -> None:
+    """List versions, processors, memory, disk, caches and devices, with the reason for what is absent.
+
+    Example: `lfcal doctor`
+    """
+    from rich.markup import escape
+
+    from lfcal.cli._common import print_json, print_table
+
+    found = examine()
+    if json:
+        print_json(found)
+        return
+    print_table(["machine", "value"], [[key, escape(str(value))] for key, value in found["machine"].items()])
+    libraries = [[k, v or escape(f"absent: {_remedy(k)}")] for k, v in found["libraries"].items()]
+    print_table(["library", "version"], libraries)
+    devices = [[d["name"], d["title"], d["version"] or escape(f"absent: {d['reason']}")] for d in found["devices"]]
+    print_table(["devices", "what", "found"], devices)
+
+
+def examine() -> dict[str, Any]:
+    """Return what was found as plain values: ``machine``, ``libraries`` (None if absent), ``devices``."""
+    from dataclasses import asdict
+
+    from lfcal import __version__
+    from lfcal.acquire.registry import find_backends
+    from lfcal.threads import worker_count
+    from lfcal.units import format_bytes
+
+    machine: dict[str, Any] = {
+        "lfcal": __version__,
+        "Python": platform.python_version(),
+        "platform": platform.platform(),
+        "processors": worker_count(),
+        "memory": format_bytes(_memory_bytes()),
+        "disk free here": format_bytes(shutil.disk_usage(Path.cwd()).free),
+        "disk free for temporary files": format_bytes(shutil.disk_usage(tempfile.gettempdir()).free),
+        "HDF5": importlib.import_module("h5py").version.hdf5_version,
+        "numba cache": _numba_cache(),
+    }
+    libraries = {name: _version(name) for name in LIBRARIES}
+    return {"machine": machine, "libraries": libraries, "devices": [asdict(f) for f in find_backends()]}
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _remedy(name: str) -> str:
+    extra = OPTIONAL.get(name)
+    return f"uv pip install 'lfcal[{extra}]'" if extra else f"uv pip install {name}"
+
+
+def _memory_bytes() -> int:
+    if sys.platform == "win32":
+        import ctypes
+
+        status = (ctypes.c_ulonglong * 8)(64)  # MEMORYSTATUSEX: its length, then the sizes
+        ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status))
+        return int(status[1])
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def _numba_cache() -> str:
+    """Return where compiled kernels are kept, and whether that place can be written."""
+    import lfcal
+
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(lfcal.__file__).parent / "__pycache__")
+    place = folder if folder.exists() else folder.parent
+    if os.access(place, os.W_OK):
+        return str(folder)
+    return f"{folder}: not writable; set NUMBA_CACHE_DIR, or kernels are compiled at every start"
