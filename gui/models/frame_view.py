@@ -36,9 +36,13 @@ def visible_tile(
     At 100 % and closer the visible part is drawn as it is; farther out blocks are drawn by their maximum, so
     that no point source disappears.
     """
-    top, bottom = max(0, math.floor(rows[0]) - 1), min(shape[0], math.ceil(rows[1]) + 2)
-    left, right = max(0, math.floor(columns[0]) - 1), min(shape[1], math.ceil(columns[1]) + 2)
-    bottom, right = max(bottom, top + 1), max(right, left + 1)
+    top, left = (
+        min(max(0, math.floor(low) - 1), n - 1) for low, n in zip((rows[0], columns[0]), shape, strict=True)
+    )
+    bottom, right = (
+        min(max(first + 1, math.ceil(high) + 2), n)
+        for first, high, n in zip((top, left), (rows[1], columns[1]), shape, strict=True)
+    )
     per_point = max((bottom - top) / max(1, screen[0]), (right - left) / max(1, screen[1]))
     step = max(1, math.floor(per_point))
     while ((bottom - top) // step) * ((right - left) // step) > MAX_PIXELS:

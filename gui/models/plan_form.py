@@ -51,7 +51,6 @@ def default_plan(camera: Camera) -> ScanPlan:
 
 def values_of(plan: ScanPlan) -> dict[str, Any]:
     """Return the value of every field."""
-    exposure = plan.exposure_s if isinstance(plan.exposure_s, float | int) else plan.exposure_s[0]
     return {
         "virtual_depths": tuple(float(f"{v:.6g}") for v in plan.virtual_depths),
         "depths_um": tuple(float(f"{z:.8g}") for z in plan.depths_um),
@@ -60,7 +59,7 @@ def values_of(plan: ScanPlan) -> dict[str, Any]:
         "anchor_row": plan.anchor[0],
         "anchor_column": plan.anchor[1],
         "order": plan.order,
-        "exposure_s": exposure,
+        "exposure_s": plan.exposures[0],
         "settle_s": plan.settle_s,
         "frames_averaged": plan.frames_averaged,
         "resample": plan.resample,
@@ -79,8 +78,10 @@ def apply_change(plan: ScanPlan, key: str, value: Any) -> tuple[ScanPlan | None,
 
 
 def _changed(plan: ScanPlan, key: str, value: Any) -> ScanPlan:
-    if key == "virtual_depths":
-        return replace(plan, depths_um=tuple(plan.camera.depth_of(v) for v in value))
+    if key in ("virtual_depths", "depths_um"):
+        depths = tuple(plan.camera.depth_of(v) for v in value) if key == "virtual_depths" else value
+        same = len(depths) == len(plan.depths_um)
+        return replace(plan, depths_um=depths, exposure_s=plan.exposures if same else plan.exposures[0])
     if key in ("cutout_rows", "cutout_columns"):
         rows, columns = plan.cutout
         return replace(plan, cutout=(value, columns) if key == "cutout_rows" else (rows, value))
