@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Generator
+from typing import Any
+
+import pytest
+from pytestqt.qtbot import QtBot
+
+from gui.jobs import Job, Jobs, JobState
+from lfcal.errors import InputError
+from lfcal.progress import Progress
+
+
+@pytest.fixture
+def jobs(qapp: Any) -> Generator[Jobs, None, None]:
+    made = Jobs()
+    yield made
+    made.close()
+
+
+def counting(n: int, cleaned: list[str]) -> Generator[Progress, None, str]:
+    try:
+        for k in range(n):
+            yield Progress(k, n, "count", 0.1)
+            time.sleep(0.002)
+        return "result"
+    finally:
+        cleaned.append("cleaned")
+
+
+def test_a_job_reports_in_the_windows_thread(jobs: Jobs, qtbot: QtBot) -> None:
+    seen: list[tuple[Job, threading.Thread]] = []
+    results: list[str] = []
+    jobs.changed.connect(lambda job: seen.append((job, threading.current_thread())))
+    cleaned: list[str] = []
+    with qtbot.waitSignal(jobs.finished, timeout=5000):
+        jobs.start("Counting", "psf", lambda: counting(50, cleaned), results.append)
+    assert results == ["result"] and cleaned == ["cleaned"]
+    assert {thread for _, thread in seen} == {threading.current_thread()}
+    states = [job.state for job, _ in seen]
+    assert states[0] is JobState.WAITING and states[-1] is JobState.DONE
+    assert jobs.running_stages() == set()
+
+
+def test_cancelling_closes_the_work(jobs: Jobs, qtbot: QtBot) -> None:
+    cleaned: list[str] = []
+    with qtbot.waitSignal(jobs.finished, timeout=5000) as end:
+        number = jobs.start("Counting", "psf", lambda: counting(100_000, cleaned))
+        assert jobs.running_stages() == {"psf"}
+        qtbot.waitUntil(lambda: jobs.jobs()[0].state is JobState.RUNNING)
+        jobs.cancel(number)
+    assert end.args[0].state is JobState.CANCELLED and cleaned == ["cleaned"]
+
+
+def failing() -> Generator[Progress, None, None]:
+    yield Progress(0, 2, "fail")
+    raise InputError("sensor: expected light, got none; switch the lamp on")
+
+
+def test_errors_come_in_words_with_details(jobs: Jobs, qtbot: QtBot) -> None:
+    failed: list[Job] = []
+    with qtbot.waitSignal(jobs.finished, timeout=5000):
+        jobs.start("Failing", "psf", failing, on_failed=failed.append)
+    job = failed[0]
+    assert job.state is JobState.FAILED
+    assert job.error == "sensor: expected light, got none; switch the lamp on"
+    assert "Traceback" in job.details
+
+
+def test_only_the_newest_of_a_group_reports(jobs: Jobs, qtbot: QtBot) -> None:
+    shown: list[int] = []
+    calls: list[int] = []
+
+    def work(k: int) -> int:
+        calls.append(k)
+        time.sleep(0.02)
+        return k
+
+    for k in range(40):
+        jobs.compute("scrub", lambda k=k: work(k), shown.append)
+    qtbot.waitUntil(lambda: shown[-1:] == [39], timeout=5000)
+    assert len(calls) < 10, "stale requests are dropped, not computed"
+    assert shown == [39]
+
+
+def test_errors_of_computations(jobs: Jobs, qtbot: QtBot) -> None:
+    words: list[str] = []
+    jobs.compute("x", lambda: 1 / 0, lambda _: None, words.append)
+    qtbot.waitUntil(lambda: bool(words), timeout=5000)
+    assert words == ["ZeroDivisionError: division by zero"]
+
+
+def test_closing_stops_everything(qapp: Any) -> None:
+    jobs = Jobs()
+    cleaned: list[str] = []
+    late: list[Any] = []
+    jobs.start("Long", "psf", lambda: counting(100_000, cleaned), late.append)
+    jobs.compute("slow", lambda: time.sleep(0.05), late.append)
+    jobs.close()
+    assert cleaned == ["cleaned"] and late == []
+    jobs.compute("after", lambda: late.append("ran"), late.append)
+    assert late == []
