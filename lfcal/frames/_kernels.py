@@ -34,22 +34,22 @@ def correct_rows(
     columns = raw.shape[1]
     slope = np.float32(plane[2])
     for r in range(start, stop):
-        offset = np.float32(plane[0] + plane[1] * (r + r0) + plane[2] * c0)
+        offset = np.float32(plane[0] + plane[1] * (r + r0))
         if dark.size and gain.size:
             for c in range(columns):
                 value = (np.float32(raw[r, c]) - level - dark[r0 + r, c0 + c]) * gain[r0 + r, c0 + c]
-                out[r, c] = value * scale - offset - slope * np.float32(c)
+                out[r, c] = value * scale - offset - slope * np.float32(c0 + c)
         elif dark.size:
             for c in range(columns):
                 value = np.float32(raw[r, c]) - level - dark[r0 + r, c0 + c]
-                out[r, c] = value * scale - offset - slope * np.float32(c)
+                out[r, c] = value * scale - offset - slope * np.float32(c0 + c)
         elif gain.size:
             for c in range(columns):
                 value = (np.float32(raw[r, c]) - level) * gain[r0 + r, c0 + c]
-                out[r, c] = value * scale - offset - slope * np.float32(c)
+                out[r, c] = value * scale - offset - slope * np.float32(c0 + c)
         else:
             for c in range(columns):
-                out[r, c] = (np.float32(raw[r, c]) - level) * scale - offset - slope * np.float32(c)
+                out[r, c] = (np.float32(raw[r, c]) - level) * scale - offset - slope * np.float32(c0 + c)
 
 
 @njit()

@@ -25,6 +25,7 @@ Step: TypeAlias = Dark | White | Defects | Background | Exposure
 
 _RANK = {Dark: 0, White: 1, Defects: 2, Background: 3, Exposure: 3}
 _EMPTY = np.zeros((0, 0), np.float32)
+_EMPTY.setflags(write=False)  # as the frames of the steps are: one compiled kernel for both
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,320 @@
+"""The correction chain against its definition in float64, its order, and its regions."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfcal.errors import InputError
+from lfcal.frames import (
+    ArraySource,
+    Background,
+    CorrectionChain,
+    Dark,
+    Defects,
+    Exposure,
+    White,
+    average_frames,
+    corrected,
+    read_region,
+)
+from tests.frames.scenes import session
+
+SHAPE = (48, 60)
+RNG = np.random.default_rng(7)
+DARK = RNG.normal(100, 5, SHAPE)
+WHITE = 5000 * np.hypot(*np.meshgrid(np.linspace(0.2, 1, 60), np.linspace(0.3, 1, 48))) + DARK
+PIXELS = np.array([(0, 0), (10, 11), (10, 12), (11, 11), (47, 59), (20, 30), (22, 30)])
+
+
+def frame(dtype: Any = np.uint16, seed: int = 3) -> np.ndarray:
+    rows, columns = np.indices(SHAPE)
+    values = np.random.default_rng(seed).integers(0, 4000, SHAPE) + 2 * rows + columns
+    return values.astype(dtype)
+
+
+def chain(cfa: str = "", kind: str = "constant", exposure_first: bool = False) -> CorrectionChain:
+    ends = [Background(kind, 40.0 if kind == "constant" else 0.0, width=5), Exposure(0.1)]
+    return CorrectionChain((Dark(DARK, 12.5), White(WHITE, DARK, cfa=cfa), Defects(PIXELS, SHAPE, cfa),
+                            *(ends[::-1] if exposure_first else ends)))  # fmt: skip
+
+
+# -- the definition, step by step in float64 ------------------------------------------------------------------
+
+
+def same_colour(cfa: str, a: tuple[int, int], b: tuple[int, int]) -> bool:
+    side = {0: 1, 4: 2}[len(cfa)]
+    at = [(r % side) * side + c % side for r, c in (a, b)]
+    return not cfa or cfa[at[0]] == cfa[at[1]]
+
+
+def repaired(values: np.ndarray, cfa: str) -> np.ndarray:
+    bad = {(int(r), int(c)) for r, c in PIXELS}
+    result = values.copy()
+    for pixel in bad:
+        near: dict[int, list[float]] = {}
+        for r, c in np.ndindex(values.shape):
+            distance = (r - pixel[0]) ** 2 + (c - pixel[1]) ** 2
+            if 0 < distance <= 32 and (r, c) not in bad and same_colour(cfa, pixel, (r, c)):
+                near.setdefault(distance, []).append(values[r, c])
+        result[pixel] = np.mean(near[min(near)])
+    return result
+
+
+def definition(raw: np.ndarray, cfa: str, kind: str, exposure_first: bool, exposure_s: float) -> np.ndarray:
+    light = WHITE.astype(np.float32).astype(float) - DARK.astype(np.float32).astype(float)
+    relative = np.empty(SHAPE)
+    side = 2 if cfa else 1
+    for r, c in np.ndindex(side, side):
+        part = light[r::side, c::side]
+        relative[r::side, c::side] = part / np.percentile(part, 99)
+    value = (raw.astype(float) - DARK.astype(np.float32) - 12.5) / np.maximum(relative, 0.05)
+    value = repaired(value, cfa)
+    if exposure_first:
+        value *= 0.1 / exposure_s
+    border = np.ones(SHAPE, bool)
+    border[5:-5, 5:-5] = False
+    if kind == "constant":
+        value -= 40
+    elif kind == "border":
+        value -= np.median(value[border])
+    return value if exposure_first else value * (0.1 / exposure_s)
+
+
+@pytest.mark.parametrize("exposure_first", [False, True])
+@pytest.mark.parametrize("kind", ["constant", "border"])
+@pytest.mark.parametrize("cfa", ["", "GRBG"])
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32, np.float64])
+def test_chain_is_its_definition(dtype: type, cfa: str, kind: str, exposure_first: bool) -> None:
+    expected = definition(frame(dtype), cfa, kind, exposure_first, 0.25)
+    result = chain(cfa, kind, exposure_first).apply(frame(dtype), exposure_s=0.25)
+    assert result.dtype == np.float32
+    np.testing.assert_allclose(result, expected, rtol=0, atol=3e-6 * np.abs(expected).max())
+
+
+def test_differences_stay_signed() -> None:
+    raw = np.full(SHAPE, 90, np.uint16)
+    result = CorrectionChain((Dark(np.full(SHAPE, 100.0)),)).apply(raw)
+    np.testing.assert_array_equal(result, np.full(SHAPE, -10, np.float32))
+    assert (raw - np.uint16(100)).max() == 65526, "what unsigned arithmetic would give"
+
+
+def test_empty_chain_only_turns_samples_into_floats() -> None:
+    result = CorrectionChain().apply(frame())
+    np.testing.assert_array_equal(result, frame().astype(np.float32))
+    assert result.dtype == np.float32
+
+
+def test_white_image_becomes_flat_and_dim_pixels_stay_finite() -> None:
+    white = np.full(SHAPE, 2000.0)
+    white[:, 30:] = 1000
+    white[5, 6] = 0
+    step = White(white, 0.0)
+    flat = CorrectionChain((step,)).apply(white)
+    np.testing.assert_allclose(np.delete(flat.ravel(), 5 * 60 + 6), 2000, rtol=1e-6)
+    assert flat[5, 6] == 0 and np.argwhere(step.dim).tolist() == [[5, 6]]
+    assert step.gain.max() == pytest.approx(20)
+    assert step.describe()["dim_pixels"] == 1
+
+
+def test_white_of_a_mosaic_keeps_the_ratio_of_colours() -> None:
+    white = np.full(SHAPE, 1000.0)
+    white[0::2, 1::2] = 3000  # red of GRBG
+    flat = CorrectionChain((White(white, 0.0, cfa="GRBG"),)).apply(white)
+    np.testing.assert_allclose(flat, white, rtol=1e-6)
+    grey = CorrectionChain((White(white, 0.0),)).apply(white)
+    np.testing.assert_allclose(grey, 3000, rtol=1e-6)
+
+
+# -- properties ------------------------------------------------------------------------------------------------
+
+slices = st.tuples(st.integers(0, 40), st.integers(1, 48), st.integers(0, 50), st.integers(1, 60))
+
+
+@given(slices, st.sampled_from(["", "GRBG"]), st.sampled_from(["constant", "border", "plane"]), st.booleans())
+@settings(derandomize=True, deadline=None, max_examples=60)
+def test_region_is_the_crop_of_the_whole(part: tuple[int, int, int, int], cfa: str, kind: str, masked: bool) -> None:
+    raw = frame(np.float32)
+    if masked:
+        raw[RNG.integers(0, 48, 40), RNG.integers(0, 60, 40)] = np.nan
+    rows = slice(part[0], min(48, part[0] + part[1]))
+    columns = slice(part[2], min(60, part[2] + part[3]))
+    source = corrected(ArraySource(raw[None], [(0, 0, 0)], exposures_s=[0.2]), chain(cfa, kind))
+    np.testing.assert_array_equal(source.read_region(0, rows, columns), source.read(0)[rows, columns])
+
+
+@given(st.integers(0, 1000), st.floats(-3, 3), st.floats(-3, 3), st.sampled_from(["", "GRBG"]))
+@settings(derandomize=True, deadline=None, max_examples=30)
+def test_chain_is_linear_but_for_the_dark(seed: int, a: float, b: float, cfa: str) -> None:
+    linear = CorrectionChain((White(WHITE, DARK, cfa=cfa), Defects(PIXELS, SHAPE, cfa), Exposure(0.1)))
+    f, g = frame(np.float32, seed), frame(np.float32, seed + 1)
+    together = linear.apply(np.float32(a) * f + np.float32(b) * g, exposure_s=0.2)
+    apart = a * linear.apply(f, exposure_s=0.2).astype(float) + b * linear.apply(g, exposure_s=0.2)
+    np.testing.assert_allclose(together, apart, atol=1e-5 * (np.abs(apart).max() + 20_000))
+
+
+@given(st.integers(0, 3), st.integers(1, 8))
+@settings(derandomize=True, deadline=None, max_examples=12)
+def test_threads_and_output_array_change_nothing(seed: int, workers: int) -> None:
+    out = np.empty(SHAPE, np.float32)
+    result = chain("GRBG", "plane").apply(frame(seed=seed), exposure_s=0.2, out=out, workers=workers)
+    assert result is out
+    np.testing.assert_array_equal(out, chain("GRBG", "plane").apply(frame(seed=seed), exposure_s=0.2))
+
+
+# -- saturation ------------------------------------------------------------------------------------------------
+
+
+def test_saturation_is_counted_before_correction() -> None:
+    raw = frame()
+    raw[3, 4:9] = 4095
+    raw[10, 11] = 4095  # a known defect does not count
+    raw[1, 1] = 5000
+    raw = np.minimum(raw, 4095)
+    source = corrected(ArraySource(raw[None], [(0, 0, 0)], exposures_s=[1.0], metadata={"saturation": 4095}), chain())
+    expected = int((raw >= 4095).sum()) - 1
+    assert source.read_counted(0, slice(0, 48), slice(0, 60))[1] == expected
+    assert source.read_counted(0, slice(3, 4), slice(6, 60))[1] == int((raw[3, 6:] >= 4095).sum())
+    assert source.read_counted(0, slice(10, 11), slice(11, 12))[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("dtype", "level", "value", "count"),
+    [
+        (np.uint8, None, 255, 1),
+        (np.uint16, None, 65535, 1),
+        (np.uint16, None, 65534, 0),
+        (np.uint16, 4094.5, 4095, 1),
+        (np.uint16, 4094.5, 4094, 0),
+        (np.uint8, 4095, 255, 0),
+        (np.float32, None, 1e9, 0),
+        (np.float32, 1000.0, 1000.0, 1),
+    ],
+)
+def test_saturation_level(dtype: type, level: float | None, value: float, count: int) -> None:
+    raw = np.zeros((3, 4), dtype)
+    raw[1, 2] = value
+    assert CorrectionChain(saturation=level).saturated(raw) == count
+
+
+# -- order and errors ------------------------------------------------------------------------------------------
+
+STEPS = {
+    "Dark": Dark(level=10.0),
+    "White": White(WHITE, 0.0),
+    "Defects": Defects(PIXELS, SHAPE),
+    "Background": Background("constant", 5.0),
+    "Exposure": Exposure(0.1),
+}
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [("White", "Dark"), ("Defects", "White"), ("Background", "Dark"), ("Exposure", "Defects"), ("Background", "White")],
+)
+def test_wrong_order_says_what_to_swap(first: str, second: str) -> None:
+    CorrectionChain((STEPS[second], STEPS[first]))
+    with pytest.raises(InputError, match=f"expected {second} before {first}, got {first} before {second}; swap them"):
+        CorrectionChain((STEPS[first], STEPS[second]))
+
+
+def test_swapped_order_would_give_something_else() -> None:
+    dark, white = CorrectionChain((STEPS["Dark"],)), CorrectionChain((STEPS["White"],))
+    right = CorrectionChain((STEPS["Dark"], STEPS["White"])).apply(frame())
+    np.testing.assert_allclose(right, white.apply(dark.apply(frame())), rtol=1e-6)
+    assert np.abs(dark.apply(white.apply(frame())) - right).max() > 1
+
+
+def test_a_step_comes_once_and_is_a_step() -> None:
+    with pytest.raises(InputError, match="expected one Dark, got two; merge them into one"):
+        CorrectionChain((Dark(level=1.0), Dark(level=2.0)))
+    with pytest.raises(InputError, match="correction: expected Dark, White, Defects, Background or Exposure, got str"):
+        CorrectionChain(("dark",))  # type: ignore[arg-type]
+
+
+def test_shapes_must_fit() -> None:
+    with pytest.raises(InputError, match=r"sensor of White: expected \(3, 4\) as that of Dark, got \(48, 60\)"):
+        CorrectionChain((Dark(np.ones((3, 4))), STEPS["White"]))
+    with pytest.raises(InputError, match=r"shape \(48, 60\) of the calibration frames, got \(60, 48\)"):
+        chain().apply(frame().T, exposure_s=1.0)
+    with pytest.raises(InputError, match=r"shape \(48, 60\) of the calibration frames, got \(20, 30\)"):
+        corrected(ArraySource(session()), chain())
+    with pytest.raises(InputError, match="pass one frame at a time"):
+        chain().apply(frame()[None])
+    with pytest.raises(InputError, match=r"part of a frame: expected shape \(2, 3\), got \(3, 3\)"):
+        chain().apply_region(frame()[:3, :3], (slice(0, 2), slice(0, 3)), exposure_s=1.0)
+    with pytest.raises(InputError, match="output array: expected contiguous float32"):
+        chain().apply(frame(), exposure_s=1.0, out=np.empty(SHAPE))  # type: ignore[arg-type]
+
+
+def test_measured_background_needs_the_frame() -> None:
+    raw, region = frame(), (slice(4, 30), slice(7, 20))
+    steps = chain(kind="plane")
+    with pytest.raises(InputError, match=r"what measure\(\) returned for it, got none"):
+        steps.apply_region(raw[region], region, exposure_s=0.1)
+    plane = steps.measure(lambda part: raw[part], SHAPE, exposure_s=0.1)
+    inside = (slice(10, 20), slice(12, 15))
+    result = steps.apply_region(raw[region], region, inside=inside, exposure_s=0.1, background=plane)
+    np.testing.assert_array_equal(result, steps.apply(raw, exposure_s=0.1)[inside])
+
+
+def test_unknown_exposure_names_the_frame() -> None:
+    source = corrected(ArraySource(frame()[None], [(0, 0, 0)], name="run"), CorrectionChain((Exposure(0.1),)))
+    with pytest.raises(InputError, match=r"run\[0\]: exposure of the frame: expected a time in seconds, got none"):
+        source.read(0)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: White(np.zeros(SHAPE), 0.0), "light above the dark level"),
+        (lambda: White(DARK, WHITE), "white and dark are not swapped"),
+        (lambda: White(WHITE, DARK[:-1]), "dark of the white frame"),
+        (lambda: White(WHITE, 0.0, floor=0.0), "white floor"),
+        (lambda: White(np.full(SHAPE, 65535, np.uint16), 0.0), "saturated, got 100 %; expose it less"),
+        (lambda: White(WHITE, 0.0, saturation=4000), "at most 0.1 % saturated"),
+        (lambda: White(np.where(WHITE > 3000, np.nan, WHITE), 0.0), "white frame: expected finite values"),
+        (lambda: Dark(np.zeros((2, 3, 4))), "dark frame: expected a 2-D frame"),
+        (lambda: Dark(np.array([[np.inf]])), "dark frame: expected finite values"),
+        (lambda: Dark(level=np.nan), "dark level"),
+        (lambda: Exposure(0.0), "reference exposure"),
+        (lambda: Background("mean"), "background: expected constant or border or plane"),
+        (lambda: Background("border", width=0), "background border"),
+        (lambda: average_frames([]), "frames to average: expected at least one"),
+        (lambda: average_frames([np.ones((2, 3)), np.ones((3, 2))]), "frame 1 of the average"),
+    ],
+)
+def test_unusable_steps(make: Any, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        make()
+    assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_average() -> None:
+    frames = session((5, 20, 30))
+    np.testing.assert_allclose(average_frames(iter(frames)), frames.mean(axis=0), rtol=1e-6)
+
+
+def test_description_is_json_and_changes_with_the_frames() -> None:
+    record = json.loads(json.dumps(chain("GRBG", "plane").describe()))
+    assert [step["kind"] for step in record["steps"]] == ["dark", "white", "defects", "background", "exposure"]
+    other = CorrectionChain((Dark(DARK + 1, 12.5),)).describe()
+    assert other["steps"][0]["crc32"] != record["steps"][0]["crc32"]
+    source = corrected(ArraySource(frame()[None], [(0, 0, 0)]), CorrectionChain((Dark(DARK),)))
+    assert json.loads(json.dumps(source.metadata["corrections"]))["steps"][0]["kind"] == "dark"
+
+
+def test_corrected_is_a_source_again() -> None:
+    places, drifts = [(0, 0, 1), (0, 1, 0)], [(0, 0), (1, 2)]
+    source = ArraySource(np.stack([frame()] * 2), places, exposures_s=[0.1, 0.2], drifts=drifts)
+    view = corrected(source, CorrectionChain((Dark(DARK),)))
+    assert (len(view), view.shape, view.dtype, view.position(1)) == (2, SHAPE, np.dtype(np.float32), (0, 1, 0))
+    assert view.drift(1) == (1, 2) and view.exposure_s(1) == 0.2 and view.label(1) == "frames[1]"
+    again = corrected(view, CorrectionChain((Exposure(0.1),)))
+    np.testing.assert_allclose(again.read(1), view.read(1) / 2, rtol=1e-6)
+    np.testing.assert_array_equal(read_region(again, 1, slice(0, 5), slice(2, 6)), again.read(1)[:5, 2:6])
