@@ -72,16 +72,24 @@ def _pages(path: Path, colour: str | None) -> list[NDArray[Any]]:
 
 
 def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChain:
-    """Return the correction chain of ``recipe`` for the frames of ``source``."""
+    """Return the correction chain of ``recipe`` for the frames of ``source``.
+
+    Where these are one channel of a mosaic, the same channel is taken of the dark and white mosaics. Without a dark
+    frame the black level that a camera RAW declares is subtracted.
+    """
     steps: list[Step] = []
     cfa = str(source.metadata.get("cfa") or "")
-    dark = read_average(recipe.dark) if recipe.dark else None
+    dark = _of_channel(source, read_average(recipe.dark)) if recipe.dark else None
+    black = 0.0 if recipe.dark else _black_level(source)
     saturation = recipe.saturation if recipe.saturation is not None else _saturation(source)
     if dark is not None:
         steps.append(Dark(dark))
+    elif black:
+        steps.append(Dark(level=black))
     if recipe.white:
-        white = read_average(recipe.white)
-        steps.append(White(white, 0.0 if dark is None else dark, floor=recipe.white_floor, cfa=cfa))
+        white = _of_channel(source, read_average(recipe.white))
+        level = black if dark is None else dark
+        steps.append(White(white, level, floor=recipe.white_floor, cfa=cfa, saturation=saturation))
     if recipe.defects:
         from lfcal.frames.defect_search import find_defects
 
@@ -93,7 +101,26 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
     return CorrectionChain(tuple(steps), saturation=saturation)
 
 
+def _of_channel(source: FrameSource, frame: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the part of a calibration frame that belongs to ``source``, where that is a channel of a mosaic."""
+    step = int(source.metadata.get("pixel_step", 1))
+    if step == 1 or frame.shape == source.shape:
+        return frame
+    r0, c0 = source.metadata["origin_px"]
+    return np.ascontiguousarray(frame[r0::step, c0::step])
+
+
+def _black_level(source: FrameSource) -> float:
+    """Return the black level of camera RAW frames, 0 where there is none."""
+    levels = np.atleast_1d(np.asarray(source.metadata.get("black_level", 0.0), float))
+    if np.ptp(levels) > 0:
+        raise InputError(expectation("black level of the colours", "one for all", levels.tolist(), "give a dark frame"))
+    return float(levels[0])
+
+
 def _saturation(source: FrameSource) -> float | None:
+    if source.metadata.get("saturation") is not None:
+        return float(source.metadata["saturation"])
     bits = source.metadata.get("bit_depth")
     return float((1 << int(bits)) - 1) if bits else None
 
