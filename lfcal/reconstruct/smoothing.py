@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,15 +13,13 @@ from scipy.ndimage import convolve1d
 from lfcal.errors import InputError, expectation
 from lfcal.threads import for_each_chunk
 
-if TYPE_CHECKING:
-    from lfcal.camera import Camera
-
 __all__ = ["DepthSmoothing", "lanczos_kernel", "smoothing_widths"]
 
 
-def smoothing_widths(camera: Camera, depths: ArrayLike) -> NDArray[np.float64]:
+def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
     """Return the distance of independent samples in each plane at ``depths`` (µm), in voxels (pixels of the image).
 
+    ``camera`` is a `lfcal.camera.Camera`, as `PSFMatrix.camera` gives it.
     At virtual depth v one pixel under neighbouring lenslets sees points ``p/|v|`` apart, less the lenslet's blur
     ``p/2 |1/vf - 1/v|``; near the native plane it is a whole lenslet (Stefanoiu et al. 2019, equations 8-10, written
     with v; for three lens types the one in focus counts).
@@ -73,7 +71,7 @@ class DepthSmoothing:
             raise InputError(expectation("smoothing widths (voxels)", "not negative", self.widths, "correct them"))
 
     @classmethod
-    def for_camera(cls, camera: Camera, depths: ArrayLike, lobes: int = 4) -> DepthSmoothing:
+    def for_camera(cls, camera: Any, depths: ArrayLike, lobes: int = 4) -> DepthSmoothing:
         """Return the smoothing for planes at ``depths`` (µm) of ``camera``."""
         return cls(tuple(smoothing_widths(camera, depths)), lobes)
 

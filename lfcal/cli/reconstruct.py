@@ -1,0 +1,223 @@
+"""``lfcal reconstruct``: light-field frames to volumes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lfcal.reconstruct.records import Reconstruction
+    from lfcal.reconstruct.resample import Resampling
+
+Reader = Callable[[], "NDArray[Any]"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``reconstruct`` to the app."""
+    app.command("reconstruct")(command)
+
+
+def command(
+    psf: Path = typer.Argument(help="H file (.h5), or one of another code (.mat, .npy)."),
+    frame: Path = typer.Argument(None, help="Light-field frame; leave out with --batch."),
+    out: Path = typer.Option(None, "--out", "-o", help="Volume to write: .tif, .h5 or .npy; a folder with --batch."),
+    batch: Path = typer.Option(None, "--batch", help="Folder of frames, or a stack: a time series."),
+    suffix: str = typer.Option(".tif", "--format", help="With --batch: .tif, .h5 or .npy."),
+    solver: str = typer.Option("rl", "--solver", help="Solver; --solver list shows all."),
+    iterations: int = typer.Option(20, "--iterations", "-n", help="Iterations."),
+    method: str = typer.Option("auto", "--method", help="Projection: auto, polyphase, direct, sparse or fft."),
+    threshold: float = typer.Option(0.0, "--threshold", help="Take entries of H below this share of the peak as 0."),
+    dark: Path = typer.Option(None, "--dark", help="Dark frame, or a folder of them to average."),
+    white: Path = typer.Option(None, "--white", help="White frame, or a folder of them to average."),
+    resample: bool = typer.Option(False, "--resample", help="Fit the lattice in --white; resample to H's period."),
+    anchor: str = typer.Option("", "--anchor", help="Pixel ROW,COLUMN of H's position (0, 0); H's own by default."),
+    background: float = typer.Option(0.0, "--background", help="Counts of a pixel without any source."),
+    read_noise: float = typer.Option(0.0, "--read-noise", help="Rms read noise (counts)."),
+    saturation: float = typer.Option(None, "--saturation", help="Leave out pixels at or above this value (counts)."),
+    strength: float = typer.Option(None, "--strength", help="Weight of the penalty (rl-tv, rl-tikhonov, cg)."),
+    subsets: int = typer.Option(None, "--subsets", help="Subsets of osem; view blocks per axis of phase-space."),
+    tolerance: float = typer.Option(0.0, "--tolerance", help="Stop when the relative change falls below."),
+    warm: bool = typer.Option(False, "--warm", help="With --batch: start each frame from the last volume."),
+    double: bool = typer.Option(False, "--double", help="Compute in double precision."),
+    memory: float = typer.Option(None, "--memory", help="Most memory for projections (GB); half of what is free."),
+    workers: int = typer.Option(None, "--workers", help="Threads; every processor by default."),
+    forecast: bool = typer.Option(False, "--forecast", help="Say what it will cost, and stop."),
+    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+) -> None:
+    """Reconstruct the volume behind a light-field frame, or those behind a time series, with H.
+
+    Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
+    """
+    from dataclasses import asdict
+
+    from lfcal.cli._common import print_json, print_table, run_work
+    from lfcal.psf import open_psf
+    from lfcal.reconstruct.projector import Projector
+    from lfcal.reconstruct.series import iter_series
+    from lfcal.reconstruct.solvers import SOLVERS, SolverChoice
+    from lfcal.reconstruct.volumes import check_suffix, save_volume
+
+    if solver == "list":
+        print_table(["solver", "what it does"], [[name, text] for name, text in SOLVERS.items()])
+        return
+    choice = SolverChoice(solver, iterations, background, read_noise, saturation, strength, subsets, tolerance)
+    _check_paths(frame, out, batch, forecast)
+    frames = list(_frames(batch or frame))
+    _check_names([name for name, _ in frames])
+    with open_psf(psf) as H:
+        view = _view(H, white) if resample else None
+        shape = view.shape if view is not None else frames[0][1]().shape
+        P = Projector(
+            H, shape, _anchor(anchor, view, H), method, dtype="float64" if double else "float32", threshold=threshold,
+            memory_limit=None if memory is None else int(memory * 1e9), workers=workers,
+        )  # fmt: skip
+        if forecast:
+            _show_forecast(P, choice, len(frames), json)
+            return
+        targets = {name: check_suffix(out / f"{name}{suffix}" if batch else out) for name, _ in frames}
+        details = {"psf": psf.name, "solver": asdict(choice), "method": P.method, "anchor": P.grid.anchor}
+        voxel = P.camera.step_um(0.0) if P.camera is not None else None
+
+        def save(name: str, result: Reconstruction) -> None:
+            depths = P.depths if P.camera is not None else None
+            more = {**details, "frame": name, "notes": result.notes, "residual": result.history[-1].residual}
+            save_volume(targets[name], result.volume, depths_um=depths, voxel_um=voxel, details=more)
+
+        clean = _cleaner(dark, white, view)
+        weights = None if view is None else view.inside(frames[0][1]().shape)
+        cleaned = [(name, partial(_cleaned, read, clean)) for name, read in frames]
+        work = iter_series(P, cleaned, len(frames), choice, save, weights=weights, warm=warm)
+        run_work(P.iter_prepare(), quiet=json)
+        results = run_work(work, quiet=json)
+    if json:
+        files = [{**asdict(r), "file": targets[r.name]} for r in results]
+        print_json({"method": P.method, "forecast": str(P.forecast()), "volumes": files})
+        return
+    for result in results:
+        _show(result, targets[result.name], P.volume_shape)
+
+
+def _check_paths(frame: Path | None, out: Path | None, batch: Path | None, forecast: bool) -> None:
+    from lfcal.errors import InputError, StorageError, expectation
+
+    if (frame is None) == (batch is None):
+        raise InputError(expectation("frames", "a frame or --batch FOLDER", "none or both", "give one of them"))
+    if out is None and not forecast:
+        raise InputError(expectation("--out", "where to write", "nothing", "name a file, or a folder with --batch"))
+    source = batch or frame
+    if source is not None and not source.exists():
+        raise StorageError(f"{source}: no such file or folder; check the path")
+
+
+def _check_names(names: list[str]) -> None:
+    from lfcal.errors import InputError, expectation
+
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(expectation("names of the frames", "each once", f"{twice} twice", "rename one of them"))
+
+
+def _frames(path: Path) -> Iterator[tuple[str, Reader]]:
+    """Yield name and reader of every page of an image file or of the images of a folder, in natural order."""
+    from lfcal.errors import InputError, expectation
+    from lfcal.frames.images import IMAGE_SUFFIXES, open_image, read_image
+    from lfcal.frames.positions import natural_key
+
+    files = [path]
+    if path.is_dir():
+        names = sorted((p.name for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES), key=natural_key)
+        files = [path / name for name in names]
+    if not files:
+        raise InputError(expectation(f"frames in {path}", "at least one image", "none", "check the folder"))
+    for file in files:
+        image = open_image(file)
+        image.close()
+        for page in range(image.pages):
+            name = file.stem if image.pages == 1 else f"{file.stem}_{page:04d}"
+            yield name, partial(read_image, file, page)
+
+
+def _anchor(text: str, view: Resampling | None, H: Any) -> tuple[float, float] | None:
+    """Return the pixel of H's position (0, 0): as given, where resampling puts it, or None for H's own."""
+    from lfcal.errors import InputError, expectation
+    from lfcal.reconstruct.resample import lattice_anchor_of
+
+    if not text:
+        return None if view is None else view.anchor(lattice_anchor_of(H))
+    try:
+        row, column = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(expectation("--anchor", "ROW,COLUMN", text, "for example 12,7")) from None
+    return row, column
+
+
+def _view(H: Any, white: Path | None) -> Resampling:
+    """Return the map of frames onto H's period by the lattice of the white frame."""
+    from lfcal.errors import InputError, expectation
+    from lfcal.frames.lattice_fit import fit_lattice
+    from lfcal.frames.recipe import read_average
+    from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
+
+    if white is None:
+        raise InputError(expectation("--resample", "a white frame to fit the lattice in", "none", "give --white"))
+    types = len(H.camera.lattice.types) if H.camera is not None else 1
+    fit = fit_lattice(read_average(white), kind=None if H.camera is None else H.camera.lattice.kind)
+    return Resampling.of_fit(fit, H.period, lattice_anchor_of(H), types)
+
+
+def _cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> Callable[[NDArray[Any]], NDArray[Any]]:
+    """Return what is done to each frame: dark, white, resampling."""
+    import numpy as np
+
+    from lfcal.frames import CorrectionChain, Dark, White
+    from lfcal.frames.recipe import read_average
+
+    level = read_average(dark) if dark else None
+    steps: list[Any] = [] if level is None else [Dark(level)]
+    if white:
+        steps.append(White(read_average(white), 0.0 if level is None else level))
+    chain = CorrectionChain(tuple(steps))
+
+    def clean(frame: NDArray[Any]) -> NDArray[Any]:
+        done = chain.apply(frame) if steps else np.asarray(frame, np.float32)
+        return done if view is None else view.apply(done)
+
+    return clean
+
+
+def _cleaned(read: Reader, clean: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
+    return clean(read())
+
+
+def _show_forecast(P: Any, choice: Any, frames: int, json: bool) -> None:
+    from lfcal.cli._common import print_json, print_table
+    from lfcal.units import format_bytes, format_seconds
+
+    found = P.forecast()
+    total = found.chosen.prepare_s + frames * choice.iterations * found.chosen.pair_s
+    if json:
+        print_json({"forecast": found.chosen, "options": found.options, "seconds": total})
+        return
+    rows = [
+        [c.method + (" *" if c is found.chosen else ""), format_seconds(c.prepare_s), format_seconds(c.forward_s),
+         format_seconds(c.adjoint_s), format_bytes(c.memory_bytes), "yes" if c.resident else "no"]
+        for c in found.options
+    ]  # fmt: skip
+    print_table(["method", "set-up", "forward", "adjoint", "memory", "kept"], rows, title=f"{P.volume_shape} volume")
+    typer.echo(f"{frames} frames, {choice.iterations} iterations: about {format_seconds(total)}")
+
+
+def _show(result: Any, target: Path, shape: tuple[int, ...]) -> None:
+    from lfcal.cli._common import report
+    from lfcal.units import format_seconds
+
+    for note in result.notes:
+        report(f"note: {result.name}: {note}")
+    took = format_seconds(result.seconds)
+    typer.echo(f"{target}: volume {shape}, {result.iterations} iterations in {took}, residual {result.residual:.4f}")

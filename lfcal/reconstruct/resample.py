@@ -1,0 +1,201 @@
+"""Light fields whose lenslet period is not a whole number of pixels, turned onto one that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.errors import InputError, expectation
+from lfcal.threads import for_each_chunk
+
+__all__ = ["Resampling", "lattice_anchor_of"]
+
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Resampling:
+    """The affine map from a frame to one in which the lattice's period is whole and upright.
+
+    Points are ``(row, column)``, whole numbers the centres of pixels.
+
+    Attributes
+    ----------
+    origin
+        Centre of a micro-image in the frame.
+    down, across
+        One period downwards and to the right, as vectors in the frame (pixels).
+    period
+        Pixels ``(ny, nx)`` that a period gets.
+    shape
+        Rows and columns of the result.
+    centre
+        Where ``origin`` lies in the result.
+    """
+
+    origin: Pair
+    down: Pair
+    across: Pair
+    period: tuple[int, int]
+    shape: tuple[int, int]
+    centre: Pair
+
+    def __post_init__(self) -> None:
+        """Check that the map exists."""
+        if min(self.period) < 1 or min(self.shape) < 1:
+            raise InputError(
+                expectation("period and shape", "positive", (self.period, self.shape), "give pixels per period")
+            )
+        _invertible(self.down, self.across, self.period)
+
+    @classmethod
+    def to_period(
+        cls,
+        shape: tuple[int, int],
+        origin: Pair,
+        down: Pair,
+        across: Pair,
+        period: tuple[int, int],
+        lattice_anchor: Pair = (0.0, 0.0),
+    ) -> Resampling:
+        """Return the map of a frame of ``shape`` onto whole periods that keeps as much of it as whole pixels allow.
+
+        Parameters
+        ----------
+        shape
+            Rows and columns of the frame.
+        origin, down, across
+            Micro-image centre and period vectors, from a lattice fit (pixels).
+        period
+            ``(ny, nx)`` of H.
+        lattice_anchor
+            Where H's position (0, 0) lies from the nearest micro-image centre (pixels of the result, as
+            `ScanPlan.lattice_anchor` says). The result's pixel `anchor` is that position.
+        """
+        matrix = _invertible(down, across, period)
+        corners = np.array([(r, c) for r in (0, shape[0] - 1) for c in (0, shape[1] - 1)], float)
+        reached = (corners - np.array(origin)) @ np.linalg.inv(matrix).T
+        low, high = reached.min(axis=0), reached.max(axis=0)
+        # The first pixel of the result is a whole number of pixels from position (0, 0) of H.
+        first = np.ceil(low - np.array(lattice_anchor) - 1e-9) + np.array(lattice_anchor)
+        size = np.floor(high - first + 1e-9).astype(int) + 1
+        return cls(origin, down, across, period, (int(size[0]), int(size[1])), (float(-first[0]), float(-first[1])))
+
+    @classmethod
+    def of_fit(
+        cls, fit: Any, period: tuple[int, int] | None = None, lattice_anchor: Pair = (0.0, 0.0), types: int = 1
+    ) -> Resampling:
+        """Return the map for a fitted lattice (`lfcal.frames.LatticeFit`).
+
+        Parameters
+        ----------
+        fit
+            Gives ``kind``, ``shape``, ``origin_px`` (row, column) and ``basis_px()``, rows (x, y).
+        period
+            ``(ny, nx)``; by default the nearest whole numbers.
+        lattice_anchor
+            As in `to_period`.
+        types
+            Lens types: three on a hexagonal array make the period three lenslets wide.
+        """
+        a, b = np.asarray(fit.basis_px(), float)
+        across = a * (3 if fit.kind == "hexagonal" and types == 3 else 1)
+        down = 2 * b - a if fit.kind == "hexagonal" else b
+        whole = (max(1, round(float(np.hypot(*down)))), max(1, round(float(np.hypot(*across)))))
+        rows, columns = fit.shape
+        row, column = (float(v) for v in fit.origin_px)
+        return cls.to_period(
+            (int(rows), int(columns)), (row, column), (float(down[1]), float(down[0])),
+            (float(across[1]), float(across[0])), period or whole, lattice_anchor,
+        )  # fmt: skip
+
+    @property
+    def scale(self) -> Pair:
+        """Pixels of the result per pixel of the frame, down and across."""
+        ny, nx = self.period
+        return ny / float(np.hypot(*self.down)), nx / float(np.hypot(*self.across))
+
+    def anchor(self, lattice_anchor: Pair = (0.0, 0.0)) -> tuple[int, int]:
+        """Return the pixel of the result that is position (0, 0) of an H with that ``lattice_anchor``."""
+        row, column = (c + a for c, a in zip(self.centre, lattice_anchor, strict=True))
+        return round(row), round(column)
+
+    def places(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return the points (row, column) of the frame that pixels of the result show."""
+        steps = np.stack([rows - self.centre[0], columns - self.centre[1]])
+        matrix = self._matrix()
+        place = np.tensordot(matrix, steps, axes=1) + np.array(self.origin).reshape(2, *([1] * (steps.ndim - 1)))
+        return place[0], place[1]
+
+    def apply(self, frame: ArrayLike, *, order: int = 3, workers: int | None = None) -> NDArray[np.float32]:
+        """Return ``frame`` resampled by splines of ``order`` (0 to 5); light is conserved, outside is 0.
+
+        NaN pixels spread over the splines' reach: give them weight 0 instead (`inside` of a mask).
+        """
+        from scipy.ndimage import map_coordinates, spline_filter
+
+        data = np.asarray(frame, np.float64)
+        if data.ndim != 2:
+            raise InputError(expectation("frame", "two axes (rows, columns)", data.shape, "give one frame"))
+        spline: Any = order
+        prepared: Any = spline_filter(data, spline, mode="mirror") if order > 1 else data
+        area = abs(float(np.linalg.det(self._matrix())))
+        out = np.empty(self.shape, np.float32)
+
+        def work(start: int, stop: int) -> None:
+            rows, columns = np.mgrid[start:stop, : self.shape[1]]
+            place = np.stack(self.places(rows, columns))
+            # A pixel's own extent beyond the outermost centres belongs to the frame.
+            place = np.where(np.abs(place - np.round(place)) < 1e-9, np.round(place), place)
+            out[start:stop] = area * map_coordinates(prepared, place, order=spline, mode="constant", prefilter=False)
+
+        for_each_chunk(work, self.shape[0], workers)
+        return out
+
+    def inside(self, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
+        """Return weights of the result: 1 where it shows a frame of ``shape`` (and all of ``mask`` is true), else 0."""
+        rows, columns = np.mgrid[: self.shape[0], : self.shape[1]]
+        row, column = self.places(rows, columns)
+        good = (row > -0.5) & (row < shape[0] - 0.5) & (column > -0.5) & (column < shape[1] - 0.5)
+        if mask is not None:
+            low = [np.clip(np.floor(v).astype(int), 0, n - 1) for v, n in ((row, shape[0]), (column, shape[1]))]
+            high = [np.clip(v + 1, 0, n - 1) for v, n in zip(low, shape, strict=True)]
+            for r in (low[0], high[0]):
+                for c in (low[1], high[1]):
+                    good &= mask[r, c]
+        return good.astype(np.float32)
+
+    def _matrix(self) -> NDArray[np.float64]:
+        """Return the map from pixels of the result to pixels of the frame, columns (down, across)."""
+        return _invertible(self.down, self.across, self.period)
+
+
+def _invertible(down: Pair, across: Pair, period: tuple[int, int]) -> NDArray[np.float64]:
+    matrix: NDArray[np.float64] = np.array([down, across], float).T / np.array(period, float)
+    if not abs(float(np.linalg.det(matrix))) > 1e-6:
+        raise InputError(expectation("lattice periods", "two directions", (down, across), "fit the lattice again"))
+    return matrix
+
+
+def lattice_anchor_of(H: Any) -> Pair:
+    """Return where position (0, 0) of ``H`` lies from the nearest micro-image centre (pixels of H's period).
+
+    From camera and anchor of a `PSFMatrix`; without a camera, position (0, 0) is half a period before the centre.
+    """
+    ny, nx = H.shape[1:3]
+    camera = getattr(H, "camera", None)
+    if camera is None:
+        return -(ny - 1) / 2, -(nx - 1) / 2
+    x, y = np.asarray(camera.sensor_um(H.anchor), float) - np.array(camera.lattice.offset_um)
+    basis = np.asarray(camera.lattice.basis_um(), float)
+    if len(camera.lattice.types) == 3:  # lenslets of type 0 alone
+        basis = np.array([basis[0] + basis[1], 2 * basis[1] - basis[0]])
+    inverse = np.linalg.inv(basis)
+    rest = np.array([x, y]) - np.round(np.array([x, y]) @ inverse) @ basis
+    size_y, size_x = camera.period_px
+    scale = ny / max(1, round(ny / size_y)) / size_y, nx / max(1, round(nx / size_x)) / size_x
+    pixel = camera.sensor.pixel_um
+    return float(rest[1] / pixel * scale[0]), float(rest[0] / pixel * scale[1])

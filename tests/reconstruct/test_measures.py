@@ -1,0 +1,107 @@
+"""Metrics, phantoms, smoothing widths, two-point resolution."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import norm, poisson
+
+from lfcal.camera import preset
+from lfcal.errors import InputError
+from lfcal.reconstruct import Projector
+from lfcal.reconstruct.metrics import best_scale, nrmse, poisson_gauss_log_likelihood, psnr, ssim
+from lfcal.reconstruct.phantoms import PHANTOMS, phantom, points, vesicle
+from lfcal.reconstruct.smoothing import DepthSmoothing, lanczos_kernel, smoothing_widths
+from lfcal.reconstruct.two_point import dip, two_point
+from tests.reconstruct.oracles import lenslet_psf
+
+
+def test_errors_by_hand():
+    truth = np.array([3.0, 4.0])
+    assert nrmse(truth + 1, truth) == pytest.approx(math.sqrt(2) / 5)
+    assert psnr(truth + 1, truth) == pytest.approx(20 * math.log10(4))
+    assert psnr(truth, truth) == math.inf
+    assert best_scale(truth / 2, truth) == pytest.approx(2)
+    with pytest.raises(InputError, match="truth"):
+        nrmse(truth, np.zeros(2))
+    with pytest.raises(InputError, match="compare"):
+        nrmse(truth, np.zeros(3))
+
+
+def test_structural_similarity_is_one_only_for_equal_images():
+    rng = np.random.default_rng(0)
+    image = rng.random((2, 40, 40))
+    assert ssim(image, image) == pytest.approx(1)
+    noisy = [ssim(image + s * rng.standard_normal(image.shape), image) for s in (0.05, 0.2, 0.8)]
+    assert noisy == sorted(noisy, reverse=True) and noisy[0] < 1
+    # one window, by the definition: constant images differ by the luminance term alone
+    a, b, c1 = 0.3, 0.5, 0.01**2
+    expected = (2 * a * b + c1) / (a * a + b * b + c1)
+    assert ssim(np.full((20, 20), a), np.full((20, 20), b), peak=1.0) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("gain", [1.0, 2.5])
+def test_poisson_gauss_likelihood_is_the_sum_over_counts(gain):
+    seen = np.array([0.0, -3.0, 7.5, 120.0, 1000.0, 40.0])
+    model = np.array([0.0, 2.0, 5.0, 100.0, 1100.0, 400.0])
+    n = np.arange(3000)
+    for read_noise in (0.4, 3.0, 25.0):
+        terms = poisson.logpmf(n, model[:, None] / gain) + norm.logpdf(seen[:, None], gain * n, read_noise)
+        with np.errstate(divide="ignore"):
+            peak = terms.max(axis=1, keepdims=True)
+            expected = np.log(np.exp(terms - peak).sum(axis=1)) + peak[:, 0]
+        found = poisson_gauss_log_likelihood(seen, model, read_noise, gain)
+        assert np.allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_phantoms_are_where_they_say():
+    spot = points((3, 9, 9), [(1, 4, 5), (1, 4, 5)])
+    assert spot.sum() == 2 and spot[1, 4, 5] == 2
+    shell = vesicle((21, 41, 41), radius=8, z_step=1.0)
+    assert shell[10, 20, 20] < 1e-5 and shell[10, 20, 28] > 0.99 and shell[18, 20, 20] > 0.99
+    for name in PHANTOMS:
+        volume = phantom(name, (4, 30, 36))
+        assert volume.shape == (4, 30, 36) and volume.min() >= 0 and volume.max() > 0
+        assert np.array_equal(volume, phantom(name, (4, 30, 36)))
+    with pytest.raises(InputError, match="phantom"):
+        phantom("unicorn", (1, 9, 9))
+
+
+def test_smoothing_widths_of_a_microscope_fall_with_depth():
+    camera = preset("lfm_20x05")
+    depths = [camera.depth_of(v) for v in (0.0, 1.0, 2.0, 5.0)]
+    widths = smoothing_widths(camera, depths)
+    # focused at infinity: p/|v| less half of it, doubled; a whole lenslet up to v = 1
+    assert np.allclose(widths, [15, 15, 7.5, 3])
+    assert np.allclose(smoothing_widths(camera, [-d for d in depths]), widths)
+
+
+def test_smoothing_keeps_what_the_lenslets_sample():
+    kernel = lanczos_kernel(6.0)
+    f = np.arange(kernel.size) - (kernel.size - 1) / 2
+    response = [abs((kernel * np.exp(-2j * np.pi * f / period)).sum()) for period in (1e9, 24, 12, 6)]
+    assert response[0] == pytest.approx(1)
+    assert response[1] > 0.95 and 0.3 < response[2] < 0.7 and response[3] < 0.05
+    flat = DepthSmoothing((6.0, 1.0)).apply(np.ones((2, 50, 60)))
+    assert np.allclose(flat[:, 24:26, 29:31], 1, atol=1e-3) and np.allclose(flat[1], 1)
+    with pytest.raises(InputError, match="one per plane"):
+        DepthSmoothing((6.0,)).apply(np.ones((2, 9, 9)))
+
+
+def test_dip_between_two_peaks():
+    x = np.arange(60)
+    apart = np.exp(-((x - 20) ** 2) / 8) + np.exp(-((x - 40) ** 2) / 8)
+    merged = np.exp(-((x - 29) ** 2) / 80) + np.exp(-((x - 31) ** 2) / 80)
+    assert dip(apart, 20, 40) < 1e-3
+    assert dip(merged, 28, 32) > 0.95
+    assert dip(np.zeros(60), 20, 40) == 1
+
+
+def test_two_points_resolve_from_some_distance_on():
+    P = Projector(lenslet_psf(1, 5, 15), (24, 31))
+    (result,) = two_point(P, distances=(2, 6, 10), iterations=25, photons=1e6)
+    assert result.dips[2] < 0.5 and result.distance <= 10
+    (quiet,) = two_point(P, distances=(6,), iterations=3, seed=None)
+    assert quiet.plane == 0

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lfcal.camera import ScanPlan, preset
+from lfcal.errors import InputError
+from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
+from lfcal.reconstruct.volumes import load_volume, save_volume
+
+BASIS = np.array([[7.31, 0.12], [-0.15, 7.42]])  # rows (x, y): along a row, to the next row
+
+
+def spots(shape, origin, basis, width=1.3):
+    """Return Gaussian spots on the lattice: a frame whose micro-images are known."""
+    r, c = np.mgrid[: shape[0], : shape[1]].astype(float)
+    image = np.zeros(shape)
+    for q in range(-20, 21):
+        for k in range(-20, 21):
+            x, y = q * basis[0] + k * basis[1] + np.array(origin)[::-1]
+            image += np.exp(-((r - y) ** 2 + (c - x) ** 2) / (2 * width**2))
+    return image
+
+
+def fit(shape, origin, basis, kind="square"):
+    return SimpleNamespace(kind=kind, shape=shape, origin_px=origin, basis_px=lambda: basis)
+
+
+def test_a_lattice_becomes_periodic():
+    shape, origin = (90, 95), (44.3, 47.8)
+    view = Resampling.of_fit(fit(shape, origin, BASIS))
+    assert view.period == (7, 7)
+    out = view.apply(spots(shape, origin, BASIS))
+    inner = out[14:-14, 14:-14]
+    assert np.abs(inner[7:] - inner[:-7]).max() < 0.01 * out.max()
+    assert np.abs(inner[:, 7:] - inner[:, :-7]).max() < 0.01 * out.max()
+    unlike = spots(shape, origin, BASIS)[14:-14, 14:-14]  # before, it is not
+    assert np.abs(unlike[7:] - unlike[:-7]).max() > 0.1 * unlike.max()
+
+
+def test_position_zero_of_H_falls_on_a_pixel():
+    for anchor in ((0.0, 0.0), (-3.5, -3.5), (2.25, -1.4)):
+        view = Resampling.of_fit(fit((90, 95), (44.3, 47.8), BASIS), lattice_anchor=anchor)
+        row, column = view.anchor(anchor)
+        assert np.allclose((row, column), np.add(view.centre, anchor), atol=1e-9)
+        place = view.places(np.array(float(row) - anchor[0]), np.array(float(column) - anchor[1]))
+        steps = (np.array(place)[::-1] - (47.8, 44.3)) @ np.linalg.inv(BASIS)
+        assert np.allclose(steps, np.round(steps), atol=1e-9)  # a lenslet's centre lies where it should
+
+
+def test_light_and_identity_are_kept():
+    rng = np.random.default_rng(0)
+    frame = rng.random((33, 30))
+    same = Resampling.to_period((33, 30), (5.0, 5.0), (5.0, 0.0), (0.0, 5.0), (5, 5))
+    assert same.shape == (33, 30)
+    assert np.allclose(same.apply(frame), frame, atol=1e-6)
+    blob = spots((91, 91), (45.0, 45.0), 1000 * np.eye(2), width=6)
+    finer = Resampling.to_period((91, 91), (45.0, 45.0), (5.3, 0.0), (0.0, 4.9), (6, 5))
+    assert finer.scale == pytest.approx((6 / 5.3, 5 / 4.9))
+    assert finer.apply(blob).sum() == pytest.approx(blob.sum(), rel=1e-5)
+
+
+def test_hexagonal_period_spans_two_rows_and_three_types():
+    a = np.array([11.0, 0.0])
+    b = np.array([5.5, 9.526])
+    one = Resampling.of_fit(fit((100, 100), (50.0, 50.0), np.array([a, b]), "hexagonal"))
+    three = Resampling.of_fit(fit((100, 100), (50.0, 50.0), np.array([a, b]), "hexagonal"), types=3)
+    assert one.period == (19, 11) and three.period == (19, 33)
+    assert np.allclose(three.down, (19.052, 0.0))
+
+
+def test_weights_leave_the_outside_and_bad_pixels_out():
+    view = Resampling.of_fit(fit((40, 40), (20.0, 20.0), 0.98 * BASIS))
+    mask = np.ones((40, 40), bool)
+    assert view.inside((40, 40)).mean() > 0.9
+    mask[20, 20] = False
+    lost = view.inside((40, 40)) - view.inside((40, 40), mask)
+    assert 1 <= lost.sum() <= 9
+
+
+@pytest.mark.parametrize("name", ["bench", "r29", "lfm_20x05", "lfm_60x12"])
+def test_lattice_anchor_is_that_of_the_plan(name):
+    camera = preset(name)
+    depths = {"depths_um": [0.0]} if name.startswith("lfm") else {"virtual_depths": [4.0]}
+    plan = ScanPlan.for_camera(camera, resample=True, **depths)
+    H = SimpleNamespace(shape=plan.shape, camera=camera, anchor=plan.anchor)
+    expected = np.array(plan.lattice_anchor) * plan.resample_factors
+    off = (np.array(lattice_anchor_of(H)) - expected) / np.array(plan.period)
+    assert np.allclose(off, np.round(off), atol=1e-6) or np.allclose(2 * off, np.round(2 * off), atol=1e-6)
+
+
+def test_bad_lattices_are_refused():
+    with pytest.raises(InputError, match="two directions"):
+        Resampling.to_period((9, 9), (4, 4), (1.0, 1.0), (2.0, 2.0), (3, 3))
+    with pytest.raises(InputError, match="two axes"):
+        Resampling.to_period((9, 9), (4, 4), (3.0, 0.0), (0.0, 3.0), (3, 3)).apply(np.ones(9))
+
+
+@pytest.mark.parametrize("name", ["v.tif", "v.h5", "v.npy"])
+def test_volumes_survive_a_file(tmp_path, name):
+    volume = np.random.default_rng(1).random((3, 8, 9), np.float32)
+    save_volume(tmp_path / name, volume, depths_um=[-1, 0, 1], voxel_um=0.5, details={"solver": "rl"})
+    assert np.array_equal(load_volume(tmp_path / name), volume)
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+    with pytest.raises(InputError, match="volume file"):
+        save_volume(tmp_path / "v.jpg", volume)
+    with pytest.raises(InputError, match="three axes"):
+        save_volume(tmp_path / name, volume[0])
