@@ -36,9 +36,7 @@ def visible_tile(
     At 100 % and closer the visible part is drawn as it is; farther out blocks are drawn by their maximum, so
     that no point source disappears.
     """
-    top, left = (
-        min(max(0, math.floor(low) - 1), n - 1) for low, n in zip((rows[0], columns[0]), shape, strict=True)
-    )
+    top, left = (min(max(0, math.floor(low) - 1), n - 1) for low, n in zip((rows[0], columns[0]), shape, strict=True))
     bottom, right = (
         min(max(first + 1, math.ceil(high) + 2), n)
         for first, high, n in zip((top, left), (rows[1], columns[1]), shape, strict=True)
