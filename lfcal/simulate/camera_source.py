@@ -212,8 +212,11 @@ class SimulatedCamera:
         ys, xs = (np.unique(np.linspace(0, n - 1, PROBES).round().astype(np.intp)) for n in (ny, nx))
         brightest = 0.0
         for z, seconds in enumerate(self.plan.exposures):
-            probe = max(float(self._response(z, 0.0).rows([y], xs).max()) for y in ys)
-            brightest = max(brightest, probe * seconds)
+            response = self._response(z, 0.0)
+            peaks = response.engine().rows(ys, xs).max(axis=(2, 3))
+            y, x = np.unravel_index(int(peaks.argmax()), peaks.shape)
+            image = _windowed(response.point(float(ys[y]), float(xs[x])))
+            brightest = max(brightest, float(image.max()) * seconds)
         if not brightest > 0:
             raise InputError(expectation("simulated light", "some in the cutout", "none", "check cutout and depths"))
         return self.peak * self.camera.sensor.full_well_e / brightest
@@ -256,6 +259,16 @@ class SimulatedCamera:
             message = expectation("frame index", f"0 … {len(self) - 1}", index, "ask for a frame that is there")
             raise InputError(message)
         return int(index)
+
+
+def _windowed(windows: list[tuple[int, int, NDArray[np.float32]]]) -> NDArray[np.float32]:
+    """Return the sum of windows at their places, on an image that holds them all."""
+    rows, columns = [row for row, _, _ in windows], [column for _, column, _ in windows]
+    nt, ns = windows[0][2].shape
+    out = np.zeros((max(rows) - min(rows) + nt, max(columns) - min(columns) + ns), np.float32)
+    for row, column, values in windows:
+        _place(out, values, row - min(rows) + centre(nt), column - min(columns) + centre(ns))
+    return out
 
 
 def _place(out: NDArray[np.float32], values: NDArray[np.float32], row: int, column: int) -> None:

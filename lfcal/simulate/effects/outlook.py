@@ -191,8 +191,13 @@ class Outlook:
         return min(2.0, 4.0 / math.pi * abs(shift_px) / self.shadow_px)
 
     def source_moved(self, shift_px: float) -> float:
-        """Return the relative L1 change when the paraxial image moves by ``shift_px``: spots by shift/|v|."""
-        return min(2.0, self.moved(shift_px / max(abs(self.virtual_depth), 1e-9)) + self.shadow_moved(shift_px))
+        """Return the relative L1 change when the paraxial image moves by ``shift_px``.
+
+        Spots move by shift/|v| and the shadow by the shift; as their fringes move with neither exactly, the sum
+        is measured to be the root of squares, with 0.85 of the spots' part.
+        """
+        spots = 0.85 * self.moved(shift_px / max(abs(self.virtual_depth), 1e-9))
+        return min(2.0, math.hypot(spots, self.shadow_moved(shift_px)))
 
     @property
     def field_rms_px(self) -> float:

@@ -1,0 +1,278 @@
+"""Every effect's estimate against what switching it on and off measures."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lfcal.camera import ScanPlan, preset
+from lfcal.errors import InputError
+from lfcal.simulate.effects import (
+    CATALOGUE,
+    ArrayRotation,
+    Backlash,
+    Bandwidth,
+    Coma,
+    Crosstalk,
+    DepthError,
+    Drift,
+    Effect,
+    ExactDefocus,
+    ExactRays,
+    FiniteSource,
+    IrisDiffraction,
+    IrisShape,
+    LensletDiffraction,
+    LensletGap,
+    LensTypes,
+    PitchError,
+    PixelFill,
+    Spherical,
+    StageError,
+    Telecentricity,
+    Vignetting,
+    Zernike,
+)
+from lfcal.simulate.effects.aberrations import wavefront_rms
+from lfcal.simulate.effects.field import overlap
+from lfcal.simulate.effects.light import disc_rule
+from lfcal.simulate.effects.outlook import share_moved, share_widened
+from lfcal.simulate.response import PlaneResponse, filtered
+from lfcal.simulate.staging import outlook_of
+from tests.simulate.common import BASE, difference, responses, small_camera, small_plan, some_positions, switched
+
+SCENES = (4.0, -3.0, 2.2)
+"""Virtual depths: the usual one, in front of the array with large spots, near focus."""
+
+EVERYWHERE: list[Effect] = [
+    LensTypes(),
+    LensletDiffraction(),
+    IrisDiffraction(),
+    IrisShape(),
+    Telecentricity(),
+    ExactDefocus(),
+    ExactRays(),
+    Spherical(0.25),
+    Coma(0.25, 0.7),
+    LensletGap(5.0),
+    PitchError(1e-3),
+    Crosstalk(0.01),
+]
+"""Measured in the first two scenes."""
+
+SOMEWHERE: list[tuple[float, Effect]] = [
+    (2.2, LensTypes()),
+    (2.2, LensletDiffraction()),
+    (2.2, Spherical(0.05)),
+    (-3.0, Spherical(1.0)),
+    (4.0, Zernike(((2, 2, 0.2), (3, 3, 0.1)))),
+    (-3.0, Zernike(((3, -1, 0.3),))),
+    (4.0, LensletGap(-2.0)),
+    (4.0, ArrayRotation(math.radians(0.05))),
+    (-3.0, ArrayRotation(math.radians(-0.2))),
+    (4.0, FiniteSource(50.0)),
+    (-3.0, FiniteSource(80.0)),
+    (4.0, Bandwidth(0.02)),
+    (-3.0, Bandwidth(0.1)),
+    (4.0, PixelFill(0.5)),
+    (-3.0, PixelFill(0.9)),
+    (4.0, Crosstalk(0.03)),
+]
+"""Other magnitudes, each in the scene where it is telling."""
+
+
+def label(effect: Effect) -> str:
+    return repr(effect).replace("(", "-").replace(")", "")
+
+
+@pytest.fixture(scope="module")
+def plans() -> dict[float, ScanPlan]:
+    return {v: small_plan(v) for v in SCENES}
+
+
+@pytest.fixture(scope="module")
+def without() -> dict[float, np.ndarray]:
+    """Responses of the described camera, filled as they are needed."""
+    return {}
+
+
+CASES = [(v, e) for v in SCENES[:2] for e in EVERYWHERE] + SOMEWHERE
+
+
+@pytest.mark.parametrize(("v", "effect"), CASES, ids=[f"{v:g}-{label(e)}" for v, e in CASES])
+def test_estimate_is_honest(
+    plans: dict[float, ScanPlan], without: dict[float, np.ndarray], v: float, effect: Effect
+) -> None:
+    plan, base = plans[v], without[v] if v in without else without.setdefault(v, responses(plans[v], BASE))
+    if any(e.name == effect.name for e in BASE):
+        measured = difference(responses(plan, tuple(e for e in BASE if e.name != effect.name)), base)
+    else:
+        measured = difference(base, responses(plan, (*BASE, effect)))
+    estimate = effect.estimate(outlook_of(plan, 0))
+    assert not estimate.upper_bound
+    assert 0.5 * measured <= estimate.error <= 2 * measured, (measured, estimate)
+
+
+def test_estimates_of_the_r29() -> None:
+    """The table of the r29 at v = 4: every optical effect that matters there, within a factor of two."""
+    camera = preset("r29")
+    plan = ScanPlan.for_camera(camera, virtual_depths=[4.0])
+    for effect in (LensTypes(), IrisDiffraction(), ExactRays()):
+        others = tuple(e for e in BASE if e.name != effect.name)
+        ys, xs = [20], [10, 60]
+        on = PlaneResponse(plan, 0, (*others, effect)).rows(ys, xs)
+        off = PlaneResponse(plan, 0, others).rows(ys, xs)
+        estimate = effect.estimate(outlook_of(plan, 0)).error
+        assert 0.5 * estimate <= difference(off, on) <= 2 * estimate, effect.name
+
+
+def test_vignetting_is_measured_off_axis() -> None:
+    """A region at the sensor's edge, the only place where a rim cuts the pupil."""
+    plan = small_plan(4.0, small_camera(160, 1200), anchor=(70.0, 1100.0))
+    rim = Vignetting(30e3, 1.02)
+    estimate = rim.estimate(outlook_of(plan, 0))
+    assert estimate.error > 0.02
+    assert 0.5 * estimate.error <= switched(plan, rim) <= 2 * estimate.error
+    assert Vignetting().estimate(outlook_of(small_plan(), 0)).error == 0
+
+
+@pytest.mark.parametrize(("v", "step"), [(4.0, 6.0), (-3.0, 12.0), (2.2, 3.0)])
+def test_motion_estimates(plans: dict[float, ScanPlan], v: float, step: float) -> None:
+    """Stage error and drift by source points that are displaced; a fixed displacement stands for their mean."""
+    plan = plans[v]
+    outlook = outlook_of(plan, 0)
+    response = PlaneResponse(plan, 0, BASE)
+    pixel = response.scene.pixel_um
+    ys, xs = some_positions(plan)
+
+    def mean_error(shifts: np.ndarray) -> float:
+        total = light = 0.0
+        for k, (y, x) in enumerate((y, x) for y in ys for x in xs):
+            true = response.engine().point(y * pixel, x * pixel)
+            dy, dx = np.clip(shifts[k % len(shifts)], -0.499 * pixel, 0.499 * pixel)
+            total += np.abs(response.engine().point(y * pixel + dy, x * pixel + dx) - true).sum()
+            light += true.sum()
+        return float(total / light)
+
+    camera = plan.camera
+    commanded = plan.object_um(plan.order_indices())[:, ::-1]
+    rng = np.random.default_rng(1)
+    scale = pixel / camera.step_um(outlook.z_um)
+    for effect, count in ((StageError(step / 3), len(commanded)), (Drift(step / 2, step / 2), len(commanded))):
+        moved = effect.displace(commanded, camera, rng)[:, 1:] * scale
+        measured = mean_error(moved[rng.permutation(count)])
+        estimate = effect.estimate(outlook).error
+        assert 0.5 * measured <= estimate <= 2 * measured, (effect.name, measured, estimate)
+    backlash = Backlash(step)
+    moved = backlash.displace(commanded, camera, rng)[:, 1:] * scale
+    measured = mean_error(moved[rng.permutation(len(moved))])
+    assert measured <= backlash.estimate(outlook).error <= 4 * measured
+
+
+@pytest.mark.parametrize("v", [4.0, -3.0])
+def test_depth_error(plans: dict[float, ScanPlan], v: float) -> None:
+    plan, effect = plans[v], DepthError(200.0)
+    ys, xs = some_positions(plan)
+    true = PlaneResponse(plan, 0, BASE).rows(ys, xs)
+    wrong = PlaneResponse(plan, 0, BASE, depth_error_um=math.sqrt(2 / math.pi) * 200.0).rows(ys, xs)
+    estimate = effect.estimate(outlook_of(plan, 0)).error
+    assert 0.5 * estimate <= difference(true, wrong) <= 2 * estimate
+
+
+def test_microscope_estimates() -> None:
+    camera = preset("lfm_20x05")
+    outlook = outlook_of(ScanPlan.for_camera(camera, depths_um=[25.0], cutout=91), 0)
+    for kind in CATALOGUE:
+        estimate = kind().estimate(outlook)
+        assert np.isfinite([estimate.size, estimate.error]).all()
+        assert 0 <= estimate.error <= 2 and estimate.unit and estimate.formula, kind.name
+
+
+def test_the_empty_tuple_is_the_ideal_camera(plans: dict[float, ScanPlan]) -> None:
+    response = PlaneResponse(plans[4.0], 0, ())
+    scene = response.scene
+    assert response.level == "geometric" and response.runs == 1 and response.kernel is None
+    assert scene.iris.circular and scene.pupil_um == math.inf and scene.wavefront == () and scene.pixel_fill == 1
+    assert len(set(scene.lattice.types)) == 1 and not scene.exact_rays and not scene.exact_defocus
+    nominal = (Crosstalk(0.0), LensletGap(0.0), ArrayRotation(0.0), PitchError(0.0), Spherical(0.0), Bandwidth(0.0))
+    assert np.array_equal(responses(plans[4.0], ()), responses(plans[4.0], (*nominal, FiniteSource(1e-12))[:-1]))
+
+
+def test_effects_are_frozen_and_named_once() -> None:
+    assert len({kind.name for kind in CATALOGUE}) == len(CATALOGUE)
+    for kind in CATALOGUE:
+        with pytest.raises((AttributeError, TypeError)):
+            kind().name = "x"  # type: ignore[misc]
+        assert kind.title and kind.cost
+
+
+# -- oracles of the pieces -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("degree", "moments"), [(3, 3), (5, 5), (7, 7)])
+def test_disc_rule_integrates_polynomials(degree: int, moments: int) -> None:
+    rule = np.array(disc_rule(degree))
+    for i in range(moments + 1):
+        for j in range(moments + 1 - i):
+            if i % 2 or j % 2:
+                exact = 0.0
+            else:  # mean of y^i x^j over the unit disc
+                exact = 2 * math.gamma((i + 1) / 2) * math.gamma((j + 1) / 2) / (
+                    math.pi * (i + j + 2) * math.gamma((i + j + 2) / 2)
+                )  # fmt: skip
+            assert float((rule[:, 2] * rule[:, 0] ** i * rule[:, 1] ** j).sum()) == pytest.approx(exact, abs=1e-14)
+
+
+def test_gaussian_shares_against_quadrature() -> None:
+    x = np.linspace(-12, 12, 1201)
+
+    def spot(width: float, shift: float = 0.0) -> np.ndarray:
+        g = np.exp(-0.5 * ((x[None] - shift) ** 2 + x[:, None] ** 2) / width**2)
+        return g / g.sum()
+
+    assert share_moved(0.7, 1.2) == pytest.approx(np.abs(spot(1.2) - spot(1.2, 0.7)).sum(), rel=1e-4)
+    assert share_widened(0.8, 1.5) == pytest.approx(np.abs(spot(0.8) - spot(1.5)).sum(), rel=1e-4)
+    assert share_widened(1.0, 1.0) == 0 and share_widened(1.0, 1.0 + 1e-9) == pytest.approx(2 / math.e * 2e-9, rel=1e-3)
+
+
+def test_overlap_of_discs() -> None:
+    n = 801
+    y, x = (np.arange(n) - n // 2)[:, None] / 380, (np.arange(n) - n // 2)[None] / 380
+    unit = y**2 + x**2 <= 1
+    for d, r in ((0.3, 1.0), (0.5, 1.2), (1.0, 0.4), (0.2, 1.3), (3.0, 1.0)):
+        rim = y**2 + (x - d) ** 2 <= r * r
+        assert overlap(d, r) == pytest.approx((unit & rim).sum() / unit.sum(), abs=2e-3)
+    assert 1 - overlap(0.01, 1.0) == pytest.approx(1.27 * 0.01 / 2, rel=0.01)
+
+
+def test_wavefront_rms_of_single_terms() -> None:
+    """Rms of R_n^m cos(m theta) is 1/sqrt(n + 1), times 1/sqrt(2) for m > 0; defocus 2 rho² - 1 slopes 4 rho."""
+    assert wavefront_rms(((4, 0, 1.0),))[0] == pytest.approx(1 / math.sqrt(5), rel=1e-12)
+    assert wavefront_rms(((3, -1, 0.5),))[0] == pytest.approx(0.5 / math.sqrt(8), rel=1e-12)
+    assert wavefront_rms(((2, 0, 1.0),))[1] == pytest.approx(math.sqrt(8), rel=1e-12)
+    assert wavefront_rms(()) == (0.0, 0.0)
+
+
+def test_backlash_is_a_play() -> None:
+    commanded = np.zeros((7, 3))
+    commanded[:, 2] = [0, 5, 10, 8, 5, 0, 5]
+    moved = Backlash(3.0).displace(commanded, small_camera(), np.random.default_rng(0))
+    assert np.array_equal(moved[:, 2], [0, 0, 0, 2, 3, 3, 0])
+    assert not moved[:, :2].any()
+
+
+def test_crosstalk_keeps_light_and_is_symmetric() -> None:
+    kernel = Crosstalk(0.02).kernel(small_camera())
+    assert kernel.sum() == pytest.approx(1) and kernel[0, 1] == pytest.approx(0.02 * 0.96)
+    dot = np.zeros((1, 5, 5), np.float32)
+    dot[0, 2, 1] = 1
+    assert np.allclose(filtered(dot, kernel)[0, 1:4, 0:3], kernel, atol=1e-7)
+    uneven = np.array([[0.0, 0.1, 0.0], [0.2, 0.6, 0.0], [0.0, 0.1, 0.0]])
+    assert filtered(dot, uneven)[0, 2, 0] == np.float32(0.2), "the kernel must not be turned round"
+
+
+def test_magnitudes_are_checked_where_they_are_used() -> None:
+    with pytest.raises(InputError):
+        responses(small_plan(), (PixelFill(1.5),))
