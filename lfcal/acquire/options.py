@@ -43,7 +43,7 @@ class Options:
     retries
         How often a position is tried again after a fault that may pass.
     tolerance_um, overshoot_um
-        As in `Motion`; None takes a quarter of the smallest step sideways and one step in depth.
+        As in `Motion`; None tolerates a tenth of the smallest step sideways and a whole one in depth.
     move_timeout_s, grab_timeout_s, light_settle_s
         Longest waits for arrival and (beyond the exposure) for a frame, and the wait after the light
         is switched (s).
@@ -102,7 +102,7 @@ class Options:
         tolerance = self.tolerance_um
         if tolerance is None:
             step = min(min(plan.step_um(z)) for z in range(len(plan.depths_um)))
-            sideways, away = 0.25 * step, step
+            sideways, away = 0.1 * step, step
             axis = plan.stage.away[1]
             tolerance = tuple(away if name == axis else sideways for name in "xyz")
         return Motion(plan.settle_s, _triple(tolerance), _triple(self.overshoot_um), self.move_timeout_s)

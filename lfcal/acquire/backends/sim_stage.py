@@ -111,7 +111,8 @@ class SimStage:
         if "move fails" in struck:
             raise StageError("simulated stage: the controller refused the move; try again")
         here = self.position()
-        self._true = self._follow(here)
+        # ringing dies out within the play and drags nothing along
+        self._true = self._follow(here if self._time.monotonic() < self._ends else self._settled())
         short = 0.6 if "stops short" in struck else 1.0
         self._start = here
         self._target = _between(here, target, short) if short < 1 else target
@@ -132,12 +133,11 @@ class SimStage:
         now = self._time.monotonic()
         if now < self._ends:
             return self._on_the_way(now)
-        rest = now - self._ends
-        ring = self.model.ringing_um * math.exp(-min(rest / self.model.ringing_s, 700.0))
-        x, y, z = self._target
+        ring = self.model.ringing_um * math.exp(-min((now - self._ends) / self.model.ringing_s, 700.0))
         if ring < 1e-4:
             ring = 0.0
-        return (x + ring + self._drift[0] * rest, y + ring + self._drift[1] * rest, z + self._drift[2] * rest)
+        x, y, z = (p + ring * (t != s) for p, t, s in zip(self._settled(), self._target, self._start, strict=True))
+        return x, y, z
 
     def true_position(self) -> Point:
         """Return where the source really is: the read-back with the play taken into account (µm)."""
@@ -164,6 +164,12 @@ class SimStage:
         x, y, z = (
             h + math.copysign(min(way, abs(t - h)), t - h) for h, t in zip(self._start, self._target, strict=True)
         )
+        return x, y, z
+
+    def _settled(self) -> Point:
+        """Return where the motors stand after arrival, ringing left out."""
+        rest = self._time.monotonic() - self._ends
+        x, y, z = (t + d * rest for t, d in zip(self._target, self._drift, strict=True))
         return x, y, z
 
     def _follow(self, motor: Point) -> Point:

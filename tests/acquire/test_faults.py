@@ -1,0 +1,177 @@
+"""The fault table: each fault ends in the right error or is mended, and never in a frame at a wrong position."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfcal.acquire import journal as journal_module
+from lfcal.acquire.backends.sim_faults import Fault
+from lfcal.acquire.durable import FolderLock, write_at
+from lfcal.acquire.errors import (
+    AcquisitionStopped,
+    DeviceLost,
+    FrameTimeout,
+    IncompleteFrame,
+    NotInPosition,
+    StageError,
+    StaleFrame,
+    WrongFrame,
+)
+from lfcal.acquire.recording import RecordingSource
+from lfcal.acquire.session import record
+from lfcal.acquire.session_file import SessionFile
+from lfcal.errors import LfcalError, StorageError
+from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
+
+PLAN = small_plan()
+# stage calls 8 and 11 are last approaches, not the detours before them
+PASSING = [
+    ("move fails", StageError),
+    ("stops short", NotInPosition),
+    ("drifts", NotInPosition),
+    ("never arrives", StageError),
+    ("times out", FrameTimeout),
+    ("incomplete", IncompleteFrame),
+    ("stale", StaleFrame),
+]
+LASTING = [("wrong shape", WrongFrame), ("vanishes", DeviceLost), ("stage vanishes", DeviceLost)]
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[int, int, int], np.ndarray]:
+    folder = tmp_path_factory.mktemp("undisturbed")
+    record(folder, PLAN, rig_for(PLAN), CAREFUL)
+    return frames_of(folder)
+
+
+def check_places(folder: Path) -> None:
+    """Every frame was taken where it belongs, by the read-back before and after the exposure."""
+    tolerance = np.array(CAREFUL.motion(PLAN).tolerance_um)
+    with RecordingSource(folder) as source:
+        for k in range(len(source)):
+            note = source.record(k)
+            assert np.all(np.abs(note["stage_um"] - note["target_um"]) <= tolerance)
+            assert np.allclose(note["target_um"], PLAN.stage_um(np.array(source.position(k))))
+
+
+@pytest.mark.parametrize(("kind", "error"), PASSING)
+def test_a_fault_that_passes_is_mended(
+    tmp_path: Path, undisturbed: dict[Any, np.ndarray], kind: str, error: type[Exception]
+) -> None:
+    outcome = record(tmp_path, PLAN, rig_for(PLAN, Fault(kind, 8)), CAREFUL)
+    assert outcome.how == "complete"
+    assert_same_frames(frames_of(tmp_path), undisturbed)
+    check_places(tmp_path)
+    with RecordingSource(tmp_path) as source:
+        attempts = [int(source.record(k)["attempts"]) for k in range(len(source))]
+    assert sorted(attempts) == [1] * 26 + [2]
+
+
+@pytest.mark.parametrize(("kind", "error"), PASSING + LASTING)
+def test_a_fault_that_stays_stops_safely_and_the_session_resumes(
+    tmp_path: Path, undisturbed: dict[Any, np.ndarray], kind: str, error: type[Exception]
+) -> None:
+    rig = rig_for(PLAN, Fault(kind, 11, 1000))
+    with pytest.raises(AcquisitionStopped) as caught:
+        record(tmp_path, PLAN, rig, CAREFUL)
+    assert type(caught.value.cause) is error
+    assert "\n" not in str(caught.value)
+    assert 0 < caught.value.acknowledged < 27
+    assert len(frames_of(tmp_path)) == caught.value.acknowledged
+    check_places(tmp_path)
+    last = SessionFile.read(tmp_path).runs[-1]
+    assert last.how == "failed"
+    assert last.message == str(caught.value)
+    if kind != "stage vanishes":
+        assert not rig.stage.moving()
+    outcome = record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, resume=True)
+    assert outcome.how == "complete"
+    assert_same_frames(frames_of(tmp_path), undisturbed)
+    check_places(tmp_path)
+
+
+def test_a_jumping_clock_changes_nothing_but_the_time_of_day(
+    tmp_path: Path, undisturbed: dict[Any, np.ndarray]
+) -> None:
+    record(tmp_path, PLAN, rig_for(PLAN, Fault("clock jumps", 9)), CAREFUL)
+    assert_same_frames(frames_of(tmp_path), undisturbed)
+    with RecordingSource(tmp_path) as source:
+        notes = sorted((source.record(k) for k in range(len(source))), key=lambda note: int(note["sequence"]))
+    assert [int(note["sequence"]) for note in notes] == list(range(27))
+    assert np.all(np.diff([float(note["elapsed_s"]) for note in notes]) > 0)
+    assert np.diff([float(note["time_s"]) for note in notes]).min() < -80000
+
+
+def test_a_disk_that_fills_stops_safely(
+    tmp_path: Path, undisturbed: dict[Any, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = 0
+
+    def filling(descriptor: int, data: bytes | memoryview, offset: int) -> int:
+        nonlocal calls
+        calls += 1
+        if calls > 20:
+            os.pwrite(descriptor, memoryview(data)[: len(data) // 2], offset)
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write_at(descriptor, data, offset)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(journal_module, "write_at", filling)
+        with pytest.raises(AcquisitionStopped, match=r"by the disk: .*free some space") as caught:
+            record(tmp_path, PLAN, rig_for(PLAN), CAREFUL)
+    assert isinstance(caught.value.cause, StorageError)
+    assert len(frames_of(tmp_path)) == caught.value.acknowledged == 9
+    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, resume=True)
+    assert_same_frames(frames_of(tmp_path), undisturbed)
+
+
+def test_a_removed_folder_stops_at_once(tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    taken = 0
+
+    def watch(*_: object) -> None:
+        nonlocal taken
+        taken += 1
+        if taken == 5:
+            shutil.rmtree(folder)
+
+    with pytest.raises(AcquisitionStopped, match=r"removed while recording|folder is gone"):
+        record(folder, PLAN, rig_for(PLAN), CAREFUL, observers=(watch,))
+    assert taken <= 7
+    assert not folder.exists()
+
+
+def test_a_second_program_is_refused_and_the_first_undisturbed(
+    tmp_path: Path, undisturbed: dict[Any, np.ndarray]
+) -> None:
+    refused = []
+
+    def second(*_: object) -> None:
+        if len(refused) < 2:
+            for options in ({"resume": True}, {}):
+                with pytest.raises(LfcalError, match=r"nobody else records|expected a new folder") as caught:
+                    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, **options)
+                refused.append(type(caught.value))
+
+    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, observers=(second,))
+    assert refused[0] is StorageError
+    assert_same_frames(frames_of(tmp_path), undisturbed)
+    FolderLock(tmp_path).release()
+
+
+def test_without_the_check_after_the_exposure_drift_would_be_kept(tmp_path: Path) -> None:
+    """The counter-test: with a tolerance that sees nothing, the drifted frame does differ."""
+    from dataclasses import replace
+
+    blind = replace(CAREFUL, tolerance_um=(1e3, 1e3, 1e3))
+    record(tmp_path / "a", PLAN, rig_for(PLAN), blind)
+    record(tmp_path / "b", PLAN, rig_for(PLAN, Fault("drifts", 8)), blind)
+    a, b = frames_of(tmp_path / "a"), frames_of(tmp_path / "b")
+    assert any(not np.array_equal(a[key], b[key]) for key in a)
