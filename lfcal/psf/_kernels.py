@@ -24,6 +24,9 @@ Words = NDArray[Any]
 LANES = 16
 """Neighbouring values that are moved at once."""
 
+LINE_BYTES = 64
+"""A cache line; on processors with longer ones the last step is only slower."""
+
 _I1, _I8, _I32, _I64 = (ir.IntType(bits) for bits in (1, 8, 32, 64))
 
 
@@ -91,12 +94,12 @@ def _prefetch(_: Any, array: Any, at: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _stream(_: Any, source: Any, start: Any, out: Any, at: Any, count: Any) -> Any:
-    """Copy ``16 * count`` values past the caches; ``out[at]`` must be aligned to 16 values."""
+    """Copy ``count`` cache lines past the caches; ``out[at]`` must begin one."""
 
     def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = context.get_data_type(signature.args[0].dtype)
         size = context.get_abi_sizeof(kind)
-        vector = ir.VectorType(kind, LANES).as_pointer()
+        vector = ir.VectorType(kind, LINE_BYTES // size).as_pointer()
         starts = (_data(context, builder, signature.args[k], arguments[k]) for k in (0, 2))
         here, there = (
             builder.bitcast(builder.gep(start, [arguments[k]]), vector) for start, k in zip(starts, (1, 3), strict=True)
@@ -106,7 +109,7 @@ def _stream(_: Any, source: Any, start: Any, out: Any, at: Any, count: Any) -> A
             value = builder.load(builder.gep(here, [loop.index]))
             value.align = size
             stored = builder.store(value, builder.gep(there, [loop.index]))
-            stored.align = size * LANES
+            stored.align = LINE_BYTES
             stored.set_metadata("nontemporal", hint)
         return context.get_dummy_value()
 
@@ -126,19 +129,20 @@ def _fence(_: Any) -> Any:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _address(_: Any, array: Any) -> Any:
-    """Return the address of ``array[0]`` in elements modulo 16 (its place within an aligned vector)."""
+    """Return the address of ``array[0]`` in elements, within its cache line."""
 
     def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = builder.ptrtoint(_data(context, builder, signature.args[0], arguments[0]), _I64)
         size = context.get_abi_sizeof(context.get_data_type(signature.args[0].dtype))
-        return builder.urem(builder.udiv(place, ir.Constant(_I64, size)), ir.Constant(_I64, LANES))
+        return builder.udiv(builder.urem(place, ir.Constant(_I64, LINE_BYTES)), ir.Constant(_I64, size))
 
     return types.int64(array), implement
 
 
 _shear_4, _shear_8, _shear_12, _shear_16 = (_shear(height) for height in (4, 8, 12, 16))
 _SCRATCH_BYTES = 1 << 19  # stays in the second-level cache
-_BATCH_ROWS = 4
+_RUN_BYTES = 3072  # a run this long consists of whole cache lines for the most part
+_LEAST_ROWS = 4
 
 
 @njit()
@@ -160,8 +164,9 @@ def transpose_rows(plane: Words, out: Words, start: int, stop: int) -> None:
 
 def batch_rows(shape: Shape, itemsize: int) -> int:
     """Return how many cutout rows t `transpose_batches` handles at once."""
-    row = -(-shape[2] // 4) * 4 * shape[4] * itemsize
-    return max(1, min(_BATCH_ROWS, shape[3], _SCRATCH_BYTES // row))
+    nx, nt, ns = shape[2:]
+    most = _SCRATCH_BYTES // ((nx + 3) * ns * itemsize)
+    return max(1, min(max(_LEAST_ROWS, -(-_RUN_BYTES // (ns * itemsize))), nt, most))
 
 
 def source_rows(shape: Shape) -> NDArray[np.int64]:
@@ -183,8 +188,9 @@ def transpose_batches(source: Words, out: Words, shape: Shape, rows: Words, batc
     ct = (nt - 1) // 2
     pattern = nt * ns
     row = nx * pattern
-    step = batch * ns + LANES + (pattern - batch * ns) % LANES  # aligned with the rows of out
-    scratch = np.empty(step * (nx + 3) + 3 * LANES, source.dtype)
+    line = LINE_BYTES // source.itemsize
+    step = batch * ns + line + (pattern - batch * ns) % line  # aligned with the rows of out
+    scratch = np.empty(step * (nx + 3) + 2 * line, source.dtype)
     batches = -(-nt // batch)
     for k in range(start, stop):
         z = k // batches
@@ -192,7 +198,7 @@ def transpose_batches(source: Words, out: Words, shape: Shape, rows: Words, batc
         t1 = min(nt, t0 + batch)
         for y in range(ny):
             to = (z * ny + y) * row + t0 * ns
-            at = (_address(out) + to - _address(scratch)) % LANES
+            at = (_address(out) + to - _address(scratch)) % line
             for t in range(t0, t1):
                 here = (z * ny + (y + t - ct) % ny) * row + (nt - 1 - t) * ns
                 if t + 1 < t1:
@@ -230,14 +236,15 @@ def _turn_tile(
 
 @njit()
 def _write_runs(scratch: Words, at: int, step: int, out: Words, to: int, pattern: int, nx: int, length: int) -> None:
-    """Copy ``length`` values for each x from scratch to ``out``: whole vectors past the caches, then the ends."""
+    """Copy ``length`` values for each x from scratch to ``out``: whole lines past the caches, then the ends."""
+    line = LINE_BYTES // out.itemsize
     for x in range(nx):
         a = at + x * step
         b = to + x * pattern
-        head = min(length, -(_address(out) + b) % LANES)
-        count = (length - head) // LANES
+        head = min(length, -(_address(out) + b) % line)
+        count = (length - head) // line
         _stream(scratch, a + head, out, b + head, count)
         for i in range(head):
             out[b + i] = scratch[a + i]
-        for i in range(head + count * LANES, length):
+        for i in range(head + count * line, length):
             out[b + i] = scratch[a + i]

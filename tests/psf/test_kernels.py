@@ -43,7 +43,7 @@ def transpose_into(H: np.ndarray, out: np.ndarray, batch: int, parts: list[int])
         st.integers(1, 2), st.integers(1, 5), st.integers(1, 35), st.integers(0, 4), st.integers(8, 25)
     ).map(lambda n: (n[0], n[1], n[2], 2 * n[3] + 1, 2 * n[4] + 1)),
     batch=st.integers(1, 9),
-    offset=st.integers(0, 20),
+    offset=st.integers(0, 70),
     cut=st.floats(0, 1),
 )
 def test_batches_write_what_they_should_and_no_more(
@@ -77,8 +77,10 @@ def test_a_part_leaves_the_other_batches_alone() -> None:
 
 
 def test_batches_bound_the_scratch_memory() -> None:
-    assert _kernels.batch_rows((1, 11, 11, 111, 111), 4) == 4
+    assert _kernels.batch_rows((1, 11, 11, 111, 111), 4) == 7
+    assert _kernels.batch_rows((1, 11, 11, 551, 551), 4) == 4
     assert _kernels.batch_rows((1, 11, 11, 3, 111), 4) == 3
+    assert _kernels.batch_rows((1, 11, 11, 111, 111), 2) == 14
     assert _kernels.batch_rows((1, 500, 500, 501, 501), 8) == 1
     rows = _kernels.source_rows((2, 3, 5, 7, 9))
     assert rows[:6].tolist() == [0, 63, 126, 189, 252, 0]
