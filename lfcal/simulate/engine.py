@@ -181,9 +181,9 @@ def engine_for(scene: Scene, level: str = "wave", sampling: Sampling | None = No
     if level == "debye":
         if scene.objective is None:
             raise InputError(expectation("Debye path", "a microscope", "a main lens", "use level 'wave'"))
-        from lfcal.simulate.microscope import DebyePlane
+        from lfcal.simulate.microscope import debye_plane
 
-        return DebyePlane(scene, chosen)
+        return debye_plane(scene, chosen)
     if level == "geometric":
         from lfcal.simulate.geometric import GeometricPlane
 

@@ -20,9 +20,11 @@ import scipy.fft as sf
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError, expectation
+from lfcal.simulate.debye import radial_field
 from lfcal.simulate.masks import taper
 from lfcal.simulate.polygon import Points, area, clip, disc_transform, iris_outline, spectrum
 from lfcal.simulate.scene import Scene
+from lfcal.simulate.zernike import zernike_radial
 
 __all__ = ["SWITCH", "FieldTable", "choose_mode", "field_table", "wavefront_waves"]
 
@@ -43,7 +45,7 @@ class FieldTable:
     Attributes
     ----------
     mode
-        ``"E"``, with the converging sphere taken off, or ``"U"``.
+        ``"E"``, with the converging sphere taken off, ``"U"``, or ``"D"`` for the Debye field of a microscope.
     dx_um
         Sample distance.
     values
@@ -59,7 +61,9 @@ class FieldTable:
 
 
 def choose_mode(scene: Scene) -> str:
-    """Return ``"E"`` or ``"U"`` by the Fresnel number |a'| / (4 Nw^2 lambda) of the plane."""
+    """Return ``"E"`` or ``"U"`` by the Fresnel number |a'| / (4 Nw^2 lambda) of the plane; ``"D"`` for a microscope."""
+    if scene.objective is not None:
+        return "D"
     return "E" if scene.fresnel_number >= SWITCH else "U"
 
 
@@ -79,16 +83,7 @@ def wavefront_waves(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float6
     rho, theta = np.sqrt(rho2), np.arctan2(uy, ux)
     for n, m, waves in scene.wavefront:
         angular = np.cos(m * theta) if m >= 0 else np.sin(-m * theta)
-        total += waves * _zernike_radial(n, abs(m), rho) * angular
-    return total
-
-
-def _zernike_radial(n: int, m: int, rho: NDArray[np.float64]) -> NDArray[np.float64]:
-    total = np.zeros_like(rho)
-    for k in range((n - m) // 2 + 1):
-        top = (-1) ** k * math.factorial(n - k)
-        bottom = math.factorial(k) * math.factorial((n + m) // 2 - k) * math.factorial((n - m) // 2 - k)
-        total += top / bottom * rho ** (n - 2 * k)
+        total += waves * zernike_radial(n, abs(m), rho) * angular
     return total
 
 
@@ -102,6 +97,8 @@ def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -
         within its own depth of focus.
     """
     chosen = mode or choose_mode(scene)
+    if chosen == "D":
+        return _debye(scene, dx, half)
     outline = iris_outline(scene.iris)
     if chosen == "U" and not scene.main_diffraction:
         raise InputError(
@@ -202,3 +199,13 @@ def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> FieldT
         pupil *= np.exp(2j * np.pi * waves)
     values = sf.ifft2(pupil, overwrite_x=True) / (math.sqrt(math.pi) * fc)
     return FieldTable("U", dx, values, half)
+
+
+def _debye(scene: Scene, dx: float, half: float) -> FieldTable:
+    """D-mode: the microscope's radial field on the grid."""
+    n = _side(2 * half, dx)
+    x = (np.arange(n // 2 + 1)) * dx
+    r = np.hypot(x[None, :], x[:, None])
+    quarter = radial_field(scene, float(r.max()))(r)
+    index = np.abs(np.arange(n) - n // 2)
+    return FieldTable("D", dx, quarter[np.ix_(index, index)], half)

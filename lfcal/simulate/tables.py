@@ -104,7 +104,7 @@ def aperture_radius(scene: Scene) -> float:
 
 
 def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
-    """Return the tables of a plane in ``mode`` ``"E"`` or ``"U"`` (see `lfcal.simulate.field`)."""
+    """Return the tables of a plane in ``mode`` ``"E"``, ``"U"`` or ``"D"`` (see `lfcal.simulate.field`)."""
     spread = scene.wavelength_um * scene.reduced_gap_um
     ratio = scene.reduced_gap_um / scene.reduced_image_um if mode == "E" else 0.0
     band = 2 * aperture_radius(scene) * scene.reduced_pixel_um / spread
@@ -130,7 +130,7 @@ def _spot(scene: Scene, mode: str, kind: int) -> tuple[float, float, float]:
     gap, cone = scene.reduced_gap_um, 1 / (2 * scene.f_number)
     own = 1.0 - scene.lens_curvature(kind)  # sigma without the source's sphere
     whole_pupil = abs(own * scene.reduced_image_um - gap) * cone  # spot of a lenslet that takes in everything
-    if mode == "U":
+    if mode != "E":
         return own, min(whole_pupil, abs(own) * radius + gap * cone), own
     sigma = scene.sigma(kind)
     if abs(sigma) * radius <= whole_pupil:
@@ -179,7 +179,7 @@ def _fewest_samples(scene: Scene, mode: str, half_px: int) -> float:
     """Return the samples per pixel, in halves, whose alias-free half range L/(2 dx) holds the window."""
     px = scene.reduced_pixel_um
     need = 2 * (half_px + 0.5) * px * px / (scene.wavelength_um * scene.reduced_gap_um)
-    if mode == "U":
+    if mode != "E":
         need = max(need, 1.2 * px / (scene.wavelength_um * scene.f_number))
     return max(1.0, math.ceil(2 * need) / 2)
 

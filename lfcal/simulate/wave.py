@@ -52,7 +52,7 @@ class WavePlane:
         self.sampling = sampling or Sampling()
         self.mode = mode or choose_mode(scene)
         wanted = self.sampling.coherent
-        self.coherent = self.mode == "U" if wanted is None else wanted
+        self.coherent = self.mode != "E" if wanted is None else wanted
         self.tables = build_tables(scene, self.sampling, self.mode)
         self._dtype = np.dtype(np.float64 if self.sampling.double else np.float32)
         self._ledger = Ledger()
