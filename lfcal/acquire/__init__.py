@@ -8,5 +8,5 @@
 - ``journal``, ``records``, ``durable``, ``store``: frames that survive crash and power cut
 - ``session``, ``session_file``, ``origin``, ``guard``: begun, interrupted, resumed
 - ``recording``, ``finish``: what was recorded as a `FrameSource`; H from it; repacking
-- ``setup``: live set-up
+- ``setup``, ``spots``: live set-up
 """

@@ -12,7 +12,7 @@ from lfcal.acquire.exposing import Exposer
 from lfcal.acquire.motion import Mover
 from lfcal.acquire.options import Options
 from lfcal.acquire.schedule import Schedule
-from lfcal.acquire.setup.spots import image_shift
+from lfcal.acquire.spots import image_shift
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError, expectation
 

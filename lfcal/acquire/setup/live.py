@@ -12,7 +12,7 @@ from lfcal.acquire.devices import Rig, Roi
 from lfcal.acquire.errors import FrameTimeout, IncompleteFrame
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.setup.levels import Levels, levels
-from lfcal.acquire.setup.spots import Spot, find_spot
+from lfcal.acquire.spots import Spot, find_spot
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 

@@ -16,7 +16,7 @@ from lfcal.acquire.devices import Rig, Roi
 from lfcal.acquire.exposing import Exposer
 from lfcal.acquire.motion import Mover, check_limits
 from lfcal.acquire.options import Options
-from lfcal.acquire.setup.spots import find_spot
+from lfcal.acquire.spots import find_spot
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.errors import InputError, expectation
 from lfcal.progress import Clock, Work
