@@ -45,6 +45,7 @@ def storage_errors(path: Path) -> Iterator[None]:
             errno.EROFS: "the disk is read-only; choose another one",
             errno.ENOENT: "check the path",
             errno.ENOTDIR: "a part of the path is a file; check the path",
+            errno.EEXIST: "a part of the path is a file; check the path",
             errno.EISDIR: "the path is a folder; name a file in it",
         }.get(error.errno or 0, "check the disk and the path")
         raise StorageError(f"{path}: {reason}; {remedy}") from error
