@@ -14,7 +14,6 @@ from lfcal.camera._checks import check_number
 from lfcal.errors import InputError, expectation
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf import PSFMatrix
-from lfcal.simulate._scatter import scatter
 from lfcal.simulate.engine import Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import EffectsLike, effects_of
@@ -76,6 +75,8 @@ def iter_light_field(
     workers: int | None = None,
 ) -> Work[NDArray[np.float32]]:
     """Compute `light_field`; yields progress in source rows of the period."""
+    from lfcal.simulate._scatter import scatter  # compiled: loaded only when it is used
+
     source: Responses = (
         _Stored(through) if isinstance(through, PSFMatrix) else _Simulated(through, effects, level, tolerance, sampling)
     )

@@ -127,9 +127,12 @@ class Outlook:
     @cached_property
     def lenslets(self) -> float:
         """Number of lenslets under the shadow, at least 1."""
-        pitch = self.camera.pitch_px
-        cell = pitch * self.camera.lattice.row_step_um / self.pixel_um
-        return max(1.0, math.pi * self.shadow_px**2 / cell)
+        return max(1.0, math.pi * self.shadow_px**2 / self.cell_px)
+
+    @property
+    def cell_px(self) -> float:
+        """Pixels behind one lenslet."""
+        return self.camera.pitch_px * self.camera.lattice.row_step_um / self.pixel_um
 
     @property
     def geometric_px(self) -> tuple[float, ...]:

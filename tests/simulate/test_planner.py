@@ -1,0 +1,183 @@
+"""The plan of effects: decisions, reasons, cost, and the tolerance it keeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from lfcal.camera import ScanPlan, preset
+from lfcal.errors import InputError
+from lfcal.simulate.effects import (
+    Bandwidth,
+    Crosstalk,
+    Estimate,
+    FiniteSource,
+    LensletGap,
+    Outlook,
+    PsfEffect,
+    ReadNoise,
+    SceneEffect,
+    ShotNoise,
+    StageError,
+    catalogue,
+)
+from lfcal.simulate.planner import plan_effects
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.scene import Scene
+from lfcal.simulate.simulate import simulate_psf
+from tests.simulate.common import difference, small_camera, small_plan, some_positions
+
+
+class Called(Exception):
+    pass
+
+
+@dataclass(frozen=True)
+class Trap(SceneEffect):
+    """An effect whose code must not run."""
+
+    error: float = 0.5
+
+    name: ClassVar[str] = "trap"
+    title: ClassVar[str] = "trap"
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        return Estimate(1.0, "traps", self.error, "a trap")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        raise Called
+
+
+@dataclass(frozen=True)
+class FilterTrap(PsfEffect):
+    name: ClassVar[str] = "filter_trap"
+    title: ClassVar[str] = "trap"
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        return Estimate(1.0, "traps", 1e-4, "a trap")
+
+    def kernel(self, camera: object) -> np.ndarray:
+        raise Called
+
+
+def test_r29_plan_reads_like_the_table() -> None:
+    plan = ScanPlan.for_camera(preset("r29"), virtual_depths=[4.0])
+    found = plan_effects(plan.camera, plan, 0.03)
+    on = {row.name for row in found.rows if row.on}
+    assert on == {"lens_types", "lenslet_diffraction", "iris_diffraction", "iris_shape", "telecentricity",
+                  "exact_defocus", "exact_rays"}  # fmt: skip
+    assert found.level == "wave" and found.seconds > found.ideal_seconds > 0
+    assert len(found.rows) == len(catalogue())
+    for row in found.rows:
+        assert row.reason and row.seconds >= 0 and row.z_um == plan.depths_um[0]
+    assert "px" in found.row("lens_types").reason and "%" in found.row("lens_types").reason
+    assert "sensor frame" in found.row("read_noise").reason
+    assert "not known" in found.row("lenslet_gap").reason
+
+
+def test_a_loose_tolerance_leaves_all_out_and_a_tight_one_nothing() -> None:
+    plan = small_plan()
+    none = plan_effects(plan.camera, plan, 2.0)
+    assert none.effects == () and none.level == "geometric"
+    assert none.seconds == pytest.approx(none.ideal_seconds)
+    all_of_it = plan_effects(plan.camera, plan, 1e-9)
+    known = [r for r in all_of_it.rows if not r.effect.deviation and r.effect.stage not in ("frame", "motion")]
+    assert all(row.on or row.estimate.error < 1e-5 for row in known)
+
+
+def test_what_is_left_out_adds_up_to_less_than_the_tolerance() -> None:
+    plan = small_plan()
+    for tolerance in (0.005, 0.02, 0.05, 0.2, 0.6):
+        found = plan_effects(plan.camera, plan, tolerance)
+        out = [r.estimate.error for r in found.rows
+               if not r.on and not r.effect.deviation and r.effect.stage not in ("frame", "motion")]  # fmt: skip
+        assert sum(out) <= tolerance
+
+
+def test_costly_effects_are_left_out_first() -> None:
+    plan = small_plan()
+    source, gap = FiniteSource(20.0), LensletGap(0.8)
+    errors = [e.estimate(plan_effects_outlook(plan)).error for e in (source, gap)]
+    tolerance = 1.05 * max(errors)
+    assert sum(errors) > tolerance
+    found = plan_effects(plan.camera, plan, tolerance, effects=(source, gap))
+    assert not found.row("finite_source").on and found.row("lenslet_gap").on
+    assert found.row("finite_source").seconds > found.row("lenslet_gap").seconds == 0
+
+
+def plan_effects_outlook(plan: ScanPlan) -> Outlook:
+    from lfcal.simulate.staging import outlook_of
+
+    return outlook_of(plan, 0)
+
+
+def test_overrides() -> None:
+    plan = small_plan()
+    found = plan_effects(plan.camera, plan, 0.03, {"lenslet_diffraction": "off", "crosstalk": "on"})
+    assert not found.row("lenslet_diffraction").on and found.row("crosstalk").on
+    assert found.level == "geometric" and "switched off" in found.row("lenslet_diffraction").reason
+    with pytest.raises(InputError, match="choose one of these"):
+        plan_effects(plan.camera, plan, 0.03, {"diffraction": "on"})
+    with pytest.raises(InputError, match="auto, on or off"):
+        plan_effects(plan.camera, plan, 0.03, {"crosstalk": "yes"})
+    with pytest.raises(InputError):
+        plan_effects(plan.camera, plan, 0.0)
+    with pytest.raises(InputError, match="one camera"):
+        plan_effects(preset("r29"), plan, 0.03)
+
+
+def test_deviations_count_once_they_are_known() -> None:
+    plan = small_plan()
+    assert not plan_effects(plan.camera, plan, 0.03).row("lenslet_gap").on
+    assert plan_effects(plan.camera, plan, 0.03, effects=(LensletGap(5.0),)).row("lenslet_gap").on
+    assert not plan_effects(plan.camera, plan, 0.03, effects=(LensletGap(0.01),)).row("lenslet_gap").on
+
+
+def test_frames_bring_noise_and_motion() -> None:
+    plan = small_plan()
+    names = {e.name for e in plan_effects(plan.camera, plan, 0.02, frames=True, effects=(StageError(5.0),))}
+    assert {"read_noise", "quantisation", "stage_error"} <= names
+    quiet = small_plan(camera=small_camera(read_noise_e=0.0))
+    assert "read_noise" not in {e.name for e in plan_effects(quiet.camera, quiet, 0.02, frames=True)}
+
+
+def test_an_effect_that_is_off_does_not_run() -> None:
+    plan = small_plan(cutout=31)
+    found = plan_effects(plan.camera, plan, 0.9, {"trap": "off"}, effects=(Trap(), FilterTrap()))
+    assert not found.row("trap").on and not found.row("filter_trap").on
+    simulate_psf(plan.camera, replace(plan, period=(2, 2)), found)
+    with pytest.raises(Called):
+        simulate_psf(plan.camera, plan, plan_effects(plan.camera, plan, 0.9, {"trap": "on"}, effects=(Trap(),)))
+    with pytest.raises(Called):
+        simulate_psf(plan.camera, plan, (FilterTrap(),))
+
+
+def test_an_effect_that_is_off_costs_nothing() -> None:
+    """Work is counted, not timed: one engine run per response without light effects."""
+    plan = small_plan()
+    assert PlaneResponse(plan, 0, plan_effects(plan.camera, plan, 0.03).effects).runs == 1
+    both = PlaneResponse(plan, 0, (Bandwidth(0.02), FiniteSource(10.0)), level="wave")
+    assert both.runs == 7 * Bandwidth(0.02).runs(plan_effects_outlook(plan))
+    assert PlaneResponse(plan, 0, (Bandwidth(0.02),), level="geometric").runs == 1, "rays have no colour"
+
+
+@pytest.mark.parametrize(("v", "tolerance"), [(4.0, 0.03), (4.0, 0.12), (-3.0, 0.05)])
+def test_planned_simulation_lies_within_the_tolerance_of_everything(v: float, tolerance: float) -> None:
+    plan = small_plan(v)
+    given = (LensletGap(1.0), Crosstalk(0.003), Bandwidth(0.05))
+    found = plan_effects(plan.camera, plan, tolerance, effects=given)
+    everything = plan_effects(plan.camera, plan, 1e-9, effects=given)
+    assert len(everything.effects) > len(found.effects)
+    ys, xs = some_positions(plan)
+    planned = PlaneResponse(plan, 0, found.effects).rows(ys, xs)
+    full = PlaneResponse(plan, 0, everything.effects).rows(ys, xs)
+    assert difference(planned, full) <= tolerance
+
+
+def test_noise_estimates_enter_the_budget_of_frames() -> None:
+    plan = small_plan()
+    found = plan_effects(plan.camera, plan, 0.25, frames=True, effects=(ShotNoise(), ReadNoise(0.1)))
+    assert not found.row("shot_noise").on and not found.row("read_noise").on
