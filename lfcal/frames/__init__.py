@@ -10,6 +10,9 @@
 - ``steps``, ``defects``, ``background``: single corrections; ``corrections``: the ordered chain of them
 - ``defect_search``: defect pixels found over the frames
 - ``corrected_source``: a source seen through a chain
+- ``lattice_fit``: the lenslet lattice from a white image (``lattice_spectrum``, ``lattice_rounds``, ``lattice_model``,
+  ``micro_image`` are its steps); ``lens_types`` finds the three types, ``vignetting`` the fall of light
+- ``views``: sub-aperture views and refocused images of a frame
 """
 
 from __future__ import annotations
@@ -26,6 +29,8 @@ if TYPE_CHECKING:
     from lfcal.frames.defects import Defects
     from lfcal.frames.folder import FolderSource
     from lfcal.frames.images import open_image, read_image
+    from lfcal.frames.lattice_fit import LatticeFit, fit_lattice
+    from lfcal.frames.lens_types import LensTypes, classify_lens_types, expected_blur
     from lfcal.frames.manifest import FrameEntry, Manifest
     from lfcal.frames.manifest_file import read_manifest, write_manifest
     from lfcal.frames.opening import open_frames
@@ -34,6 +39,8 @@ if TYPE_CHECKING:
     from lfcal.frames.source import FrameSource, Position
     from lfcal.frames.stack import ArraySource, frame_drift, frame_exposure
     from lfcal.frames.steps import Dark, Exposure, White, average_frames
+    from lfcal.frames.views import Views, extract_views, refocus, sensor_slope
+    from lfcal.frames.vignetting import Vignetting, vignetting_map
 
 _HOME = {
     "ArraySource": "stack",
@@ -48,24 +55,35 @@ _HOME = {
     "FolderSource": "folder",
     "FrameEntry": "manifest",
     "FrameSource": "source",
+    "LatticeFit": "lattice_fit",
+    "LensTypes": "lens_types",
     "Manifest": "manifest",
     "NamePattern": "positions",
     "Position": "source",
+    "Views": "views",
+    "Vignetting": "vignetting",
     "White": "steps",
     "average_frames": "steps",
     "balanced_source": "channels",
     "channel_source": "channels",
+    "classify_lens_types": "lens_types",
     "corrected": "corrected_source",
+    "expected_blur": "lens_types",
+    "extract_views": "views",
     "find_defects": "defect_search",
-    "iter_find_defects": "defect_search",
+    "fit_lattice": "lattice_fit",
     "frame_drift": "stack",
     "frame_exposure": "stack",
+    "iter_find_defects": "defect_search",
     "open_frames": "opening",
     "open_image": "images",
     "read_image": "images",
     "read_manifest": "manifest_file",
     "read_region": "regions",
+    "refocus": "views",
     "scan_positions": "positions",
+    "sensor_slope": "views",
+    "vignetting_map": "vignetting",
     "write_manifest": "manifest_file",
 }
 
@@ -82,15 +100,23 @@ __all__ = [
     "FolderSource",
     "FrameEntry",
     "FrameSource",
+    "LatticeFit",
+    "LensTypes",
     "Manifest",
     "NamePattern",
     "Position",
+    "Views",
+    "Vignetting",
     "White",
     "average_frames",
     "balanced_source",
     "channel_source",
+    "classify_lens_types",
     "corrected",
+    "expected_blur",
+    "extract_views",
     "find_defects",
+    "fit_lattice",
     "frame_drift",
     "frame_exposure",
     "iter_find_defects",
@@ -99,7 +125,10 @@ __all__ = [
     "read_image",
     "read_manifest",
     "read_region",
+    "refocus",
     "scan_positions",
+    "sensor_slope",
+    "vignetting_map",
     "write_manifest",
 ]
 

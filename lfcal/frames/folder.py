@@ -118,7 +118,7 @@ class FolderSource:
         self._options = {"colour": colour, "dataset": dataset}
         self._nan, self._blank = nan, blank
         uses = Counter(entry.file for entry in manifest.entries)
-        self._paths = {name: resolve_inside(self.root, name) for name in uses}
+        self._paths = resolve_inside(self.root, uses)
         self._many = {name for name, count in uses.items() if count > 1}
         self._open: dict[str, ImageFile] = {}
         self._lock = threading.Lock()

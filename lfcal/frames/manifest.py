@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import os
+import stat
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,23 +48,20 @@ class FrameEntry:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        path = PurePosixPath(self.file)
-        if not self.file or "\0" in self.file or "\\" in self.file:
-            raise InputError(
-                expectation("file of a frame", "a path with / between folders", repr(self.file), "mend it")
-            )
-        if path.is_absolute() or ".." in path.parts or (len(self.file) > 1 and self.file[1] == ":"):
-            raise UnsafeFileError(
-                expectation(f"file of a frame {self.file!r}", "a path inside the session folder", "one that leads out",
-                            "copy the file into the folder")
-            )  # fmt: skip
+        name = self.file
+        if not name or "\0" in name or "\\" in name:
+            raise InputError(expectation("file of a frame", "a path with / in it", repr(name), "mend it"))
+        if name[0] == "/" or name[1:2] == ":" or ".." in name.split("/"):
+            raise _leads_out(name, "the session folder")
         object.__setattr__(self, "position", Position(*self.position))
         for value, what in zip((*self.position, self.page), ("z", "y", "x", "page"), strict=True):
-            check_number(f"{what} of {self.file}", value, at_least=0, at_most=10**9, integer=True)
+            if type(value) is not int or not 0 <= value <= 10**9:  # the message is made only where it is needed
+                check_number(f"{what} of {name}", value, at_least=0, at_most=10**9, integer=True)
         if self.exposure_s is not None:
-            check_number(f"exposure_s of {self.file}", self.exposure_s, above=0)
-        check_number(f"dy of {self.file} (px)", self.dy)
-        check_number(f"dx of {self.file} (px)", self.dx)
+            check_number(f"exposure_s of {name}", self.exposure_s, above=0)
+        for shift, what in ((self.dy, "dy"), (self.dx, "dx")):
+            if type(shift) is not float or not math.isfinite(shift):
+                check_number(f"{what} of {name} (px)", shift)
 
 
 @dataclass(frozen=True)
@@ -183,29 +181,52 @@ class Manifest:
         return cls(entries, plan_shape=plan_shape, **expected)
 
 
-def resolve_inside(root: str | os.PathLike[str], name: str) -> Path:
-    """Return the file ``name`` below ``root``, links followed, or raise unless it is there and inside.
+def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[str, Path]:
+    """Return the files ``names`` below ``root``, links followed, or raise unless all are there and inside.
 
     Raises
     ------
     UnsafeFileError
-        If it lies outside ``root`` once links and ``..`` are resolved.
+        If one lies outside ``root`` once links and ``..`` are resolved.
     StorageError
         If there is no such file.
     """
+    base = _follow(str(root), str(root))
+    folders: dict[str, str] = {}
+    found = {}
+    for name in names:
+        head, tail = os.path.split(name)
+        if head not in folders:
+            folders[head] = _follow(os.path.join(base, head), name)
+        path = os.path.join(folders[head], tail)
+        try:
+            kind = os.lstat(path).st_mode
+            if stat.S_ISLNK(kind) or tail in ("", ".", ".."):
+                path = _follow(path, name)
+                kind = os.stat(path).st_mode
+        except (OSError, ValueError):
+            kind = 0
+        if os.path.commonpath((base, path)) != base:
+            raise _leads_out(name, base)
+        if not stat.S_ISREG(kind):
+            raise StorageError(f"{Path(base, name)}: no such file; copy it there or take it out of the manifest")
+        found[name] = Path(path)
+    return found
+
+
+def _follow(path: str, name: str) -> str:
+    """Return ``path`` with all links resolved."""
     try:
-        base = Path(root).resolve()
-        path = (base / name).resolve()
-    except (OSError, RuntimeError, ValueError) as error:
+        return os.path.realpath(path)
+    except (OSError, ValueError) as error:
         raise StorageError(f"{name}: the path cannot be followed; check it and its links") from error
-    if not path.is_relative_to(base):
-        raise UnsafeFileError(
-            expectation(f"file of a frame {name!r}", f"a path inside {base}", "one that leads out",
-                        "copy the file into the folder")
-        )  # fmt: skip
-    if not path.is_file():
-        raise StorageError(f"{base / name}: no such file; copy it there or take it out of the manifest")
-    return path
+
+
+def _leads_out(name: str, folder: str) -> UnsafeFileError:
+    return UnsafeFileError(
+        expectation(f"file of a frame {name!r}", f"a path inside {folder}", "one that leads out",
+                    "copy the file into the folder")
+    )  # fmt: skip
 
 
 def number(text: object, what: str, *, integer: bool = False) -> Any:

@@ -132,8 +132,8 @@ def _names(root: Path, *, deep: bool) -> list[str]:
     with storage_errors(root):
         for folder, folders, files in os.walk(root):
             folders[:] = [name for name in folders if deep and not name.startswith(".")]
-            base = Path(folder).relative_to(root)
-            names += [(base / name).as_posix() for name in files if not name.startswith(".")]
+            base = Path(folder).relative_to(root).as_posix()
+            names += [name if base == "." else f"{base}/{name}" for name in files if not name.startswith(".")]
     return names
 
 

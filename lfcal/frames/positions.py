@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
 import numpy as np
@@ -71,6 +71,8 @@ class NamePattern:
         without a slash. ``z`` may be left out: it is then the first plane.
     first
         Number of the first position in the names, 0 or 1.
+    expression
+        Regular expression of the names; made from the above.
 
     Raises
     ------
@@ -80,6 +82,7 @@ class NamePattern:
 
     template: str
     first: int = 0
+    expression: re.Pattern[str] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check the template."""
@@ -98,12 +101,13 @@ class NamePattern:
                 expectation("name pattern", "{y} and {x}, and {z} and {page} where needed", got,
                             'use for example "z{z}_y{y}_x{x}.png"')
             )  # fmt: skip
+        object.__setattr__(self, "expression", self._expression())
 
     def _fields(self) -> list[tuple[str, str]]:
         found = (m.group(1) for m in _FIELD.finditer(self.template) if m.group(1) is not None)
         return [(text.partition(":")[0], text.partition(":")[2]) for text in found]
 
-    def expression(self) -> re.Pattern[str]:
+    def _expression(self) -> re.Pattern[str]:
         """Return the regular expression of the names."""
         parts, seen, end = [], set(), 0
         for match in _FIELD.finditer(self.template):
@@ -126,7 +130,7 @@ class NamePattern:
         InputError
             If a number lies below the first one.
         """
-        match = self.expression().fullmatch(name)
+        match = self.expression.fullmatch(name)
         if match is None:
             return None
         found = {key: int(value) for key, value in match.groupdict().items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera._checks import check_number
 from lfcal.errors import InputError, expectation
-from lfcal.frames.cfa import check_cfa, phases
+from lfcal.frames.cfa import phases
 
-__all__ = ["Dark", "Exposure", "White", "average_frames"]
+__all__ = ["Dark", "Exposure", "White", "average_frames", "white_gain"]
 
 
 def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
@@ -96,6 +96,28 @@ class Dark:
         return record
 
 
+def white_gain(
+    light: NDArray[np.float32], floor: float, cfa: str = ""
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return the factors that even out the white image ``light``, and where they were limited to ``1 / floor``.
+
+    ``light`` is relative to its 99th percentile, for each position of the pattern ``cfa`` on its own.
+    """
+    relative = np.empty_like(light)
+    for rows, columns in phases(cfa):
+        part = light[rows, columns]
+        peak = float(np.percentile(part, 99))
+        if not peak > 0:
+            raise InputError(
+                expectation("white frame", "light above the dark level", f"99th percentile {peak:g}",
+                            "check lamp, shutter and that white and dark are not swapped")
+            )  # fmt: skip
+        np.divide(part, np.float32(peak), out=relative[rows, columns])
+    dim = relative < floor
+    np.maximum(relative, np.float32(floor), out=relative)
+    return np.reciprocal(relative, out=relative), dim
+
+
 @dataclass(frozen=True, eq=False)
 class White:
     """Divide by the relative brightness of a white frame (vignetting).
@@ -107,9 +129,9 @@ class White:
     Attributes
     ----------
     frame
-        Mean white frame ``(rows, columns)`` in sample values.
+        Mean white frame ``(rows, columns)`` in sample values; not kept.
     dark
-        Dark frame or level to subtract from it; 0 where that has been done.
+        Dark frame or level to subtract from it, 0 where that has been done; not kept.
     floor
         Lowest relative brightness divided by, in ]0, 1].
     cfa
@@ -125,42 +147,29 @@ class White:
         If the frame is not finite, holds no light, or more than 0.1 % of it is saturated.
     """
 
-    frame: NDArray[Any] = field(repr=False)
-    dark: NDArray[Any] | float = field(repr=False)
+    frame: InitVar[NDArray[Any]]
+    dark: InitVar[NDArray[Any] | float]
     floor: float = 0.05
     cfa: str = ""
     saturation: float | None = None
     gain: NDArray[np.float32] = field(init=False, repr=False)
     dim: NDArray[np.bool_] = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        """Check the frame and make the gain."""
+    def __post_init__(self, frame: NDArray[Any], dark: NDArray[Any] | float) -> None:
+        """Check the frames and make the gain."""
         check_number("white floor", self.floor, above=0, at_most=1)
-        check_cfa(self.cfa)
-        raw = np.asarray(self.frame)
-        frame = as_sensor_frame("white frame", raw)
+        raw = np.asarray(frame)
+        white = as_sensor_frame("white frame", raw)
         self._check_saturation(raw)
-        dark = np.asarray(self.dark, np.float32)
-        if dark.ndim:
-            dark = as_sensor_frame("dark of the white frame", dark)
-        if dark.ndim and dark.shape != frame.shape:
+        level = np.asarray(dark, np.float32)
+        if level.ndim:
+            level = as_sensor_frame("dark of the white frame", level)
+        if level.ndim and level.shape != white.shape:
             raise InputError(
-                expectation("dark of the white frame", f"shape {frame.shape}", dark.shape, "use one sensor setting")
+                expectation("dark of the white frame", f"shape {white.shape}", level.shape, "use one sensor setting")
             )
-        light = frame - dark
-        relative = np.empty_like(light)
-        for rows, columns in phases(self.cfa):
-            part = light[rows, columns]
-            peak = float(np.percentile(part, 99))
-            if not peak > 0:
-                raise InputError(
-                    expectation("white frame", "light above the dark level", f"99th percentile {peak:g}",
-                                "check lamp, shutter and that white and dark are not swapped")
-                )  # fmt: skip
-            relative[rows, columns] = part / np.float32(peak)
-        dim = relative < self.floor
-        gain = (1 / np.maximum(relative, np.float32(self.floor))).astype(np.float32)
-        for name, value in (("frame", frame), ("gain", gain), ("dim", dim)):
+        gain, dim = white_gain(white - level, self.floor, self.cfa)
+        for name, value in (("gain", gain), ("dim", dim)):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from lfcal.errors import FileFormatError, InputError, LfcalError, StorageError, UnsafeFileError
+from lfcal.errors import FileFormatError, InputError, StorageError, UnsafeFileError
 from lfcal.frames import FrameEntry, Manifest, Position, read_manifest, write_manifest
 from lfcal.frames.manifest import resolve_inside
 
@@ -153,19 +152,20 @@ def test_links_are_followed_before_paths_are_compared(tmp_path: Path) -> None:
     (tmp_path / "alias").symlink_to(root)
     for name in ("link.png", "folder/a.png"):
         with pytest.raises(UnsafeFileError, match=f"file of a frame '{name}': expected a path inside"):
-            resolve_inside(root, name)
-    assert resolve_inside(root, "inside.png") == root / "real.png"
-    assert resolve_inside(tmp_path / "alias", "real.png") == root / "real.png"
-    for name in ("loop.png", "absent.png"):
+            resolve_inside(root, [name])
+    assert resolve_inside(root, ["inside.png"]) == {"inside.png": root / "real.png"}
+    assert resolve_inside(tmp_path / "alias", ["real.png"]) == {"real.png": root / "real.png"}
+    (root / "inner").mkdir()
+    for name in ("loop.png", "absent.png", "inner", "absent/a.png"):
         with pytest.raises(StorageError, match=name):
-            resolve_inside(root, name)
+            resolve_inside(root, [name])
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
-def test_read_only_folder(tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
-    try:
-        with pytest.raises(LfcalError, match="choose a folder you may write to"):
-            write_manifest(tmp_path / "m.csv", Manifest(ENTRIES))
-    finally:
-        tmp_path.chmod(0o700)
+def test_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(StorageError, match="a part of the path is a file"):
+        write_manifest(tmp_path / "file" / "m.csv", Manifest(ENTRIES))
+    with pytest.raises(StorageError, match="is a folder; name a file in it"):
+        (tmp_path / "m.csv").mkdir()
+        write_manifest(tmp_path / "m.csv", Manifest(ENTRIES))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "m.csv"]
