@@ -1,0 +1,166 @@
+"""Speed of the window: ``python -m gui.bench``; scrubbing HT, live frames, start-up."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+R29_PLANE = (55, 95, 181, 181)
+R29_FRAME = (4384, 6576)
+
+EMPTY_WINDOW = """
+import time; t = time.perf_counter()
+from PySide6.QtWidgets import QApplication, QMainWindow
+import pyqtgraph as pg
+app = QApplication([]); w = QMainWindow(); w.setCentralWidget(pg.GraphicsLayoutWidget()); w.show(); app.processEvents()
+print(time.perf_counter() - t)
+"""
+OUR_WINDOW = """
+import time; t = time.perf_counter()
+from pathlib import Path
+from PySide6.QtWidgets import QApplication
+from gui.app import make_window, parse
+app = QApplication([]); w = make_window(app, parse([]), folder=Path({folder!r})); w.show(); app.processEvents()
+print(time.perf_counter() - t); w.shut_down()
+"""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print what was measured; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m gui.bench", description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--small", action="store_true", help="a plane and a frame of a tenth of the size")
+    options = parser.parse_args(arguments)
+    os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    scale = 0.1 if options.small else 1.0
+    found = {"start_up": start_up(), "scrubbing": scrubbing(scale), "live_frames": live_frames(scale)}
+    if options.json:
+        print(json.dumps(found, indent=2))
+        return 0
+    start, scrub, live = found["start_up"], found["scrubbing"], found["live_frames"]
+    print(f"start-up: {start['ratio']:.2f} x an empty PySide6 + pyqtgraph window "
+          f"({start['window_s']:.2f} s against {start['empty_s']:.2f} s, medians of {start['runs']})")  # fmt: skip
+    print(f"scrubbing HT over a {scrub['plane']} plane: {scrub['per_second']:.0f} pictures a second, "
+          f"longest {scrub['longest_ms']:.0f} ms")  # fmt: skip
+    print(f"live frames of {live['frame']}: {live['per_second']:.1f} a second, window's thread busy "
+          f"{live['busy_ms']:.1f} ms a frame (median)")  # fmt: skip
+    return 0
+
+
+def start_up(runs: int = 5) -> dict[str, Any]:
+    """Return the time from the first import to a usable window, ours and an empty one, side by side."""
+    with TemporaryDirectory() as folder:
+        ours, empty = [], []
+        for _ in range(runs + 1):
+            empty.append(_timed(EMPTY_WINDOW))
+            ours.append(_timed(OUR_WINDOW.format(folder=folder)))
+    a, b = statistics.median(ours[1:]), statistics.median(empty[1:])
+    return {"window_s": a, "empty_s": b, "ratio": a / b, "runs": runs}
+
+
+def _timed(code: str) -> float:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return float(done.stdout.split()[0])
+
+
+def _app() -> Any:
+    from PySide6.QtWidgets import QApplication
+
+    return QApplication.instance() or QApplication(["lfcal"])
+
+
+def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
+    """Return how fast HT is shown while the user drags over the period map, on a plane in memory."""
+    from gui.context import Context
+    from gui.jobs import Jobs
+    from gui.models.session import Session
+    from gui.models.stages import STAGES
+    from gui.pages.psf import Page
+    from gui.theme import LIGHT, apply_theme
+    from lfcal.psf import PSFMatrix
+
+    app = _app()
+    apply_theme(app, LIGHT)
+    ny, nx, nt, _ = R29_PLANE
+    side = int(nt * scale**0.5) | 1
+    rng = np.random.default_rng(0)
+    row = rng.random((nx, side, side), np.float32)
+    matrix = PSFMatrix(np.broadcast_to(row, (1, ny, nx, side, side)).copy())
+    context = Context(Session(), jobs := Jobs())
+    context.matrix = lambda path: matrix if path == "plane" else None  # type: ignore[method-assign]
+    stage = next(s for s in STAGES if s.key == "psf")
+    page = Page(stage, context)
+    page.resize(1100, 760)
+    page.show()
+    context.session.update("open", psf="plane")
+    while page.plane is None:
+        app.processEvents()
+    page.set_intent(transposed=True)
+    for _ in range(20):
+        app.processEvents()
+    times = []
+    for k in range(pictures):
+        start = time.perf_counter()
+        page.map.chosen.emit((k * 7) % ny, (k * 3) % nx)
+        app.processEvents()
+        page.main_view.graphics.viewport().repaint()
+        times.append(time.perf_counter() - start)
+    jobs.close()
+    page.close()
+    return {
+        "plane": f"{ny} x {nx} x {side}²", "per_second": 1 / statistics.mean(times), "longest_ms": 1e3 * max(times),
+    }  # fmt: skip
+
+
+def live_frames(scale: float = 1.0, seconds: float = 4.0) -> dict[str, Any]:
+    """Return how many new full frames a second are drawn, and how long the window's thread is busy with each."""
+    from gui.jobs import Jobs
+    from gui.theme import LIGHT, apply_theme
+    from gui.widgets.frame_view import FrameView
+
+    app = _app()
+    apply_theme(app, LIGHT)
+    rows, columns = (int(n * scale**0.5) for n in R29_FRAME)
+    rng = np.random.default_rng(0)
+    frames = [rng.integers(0, 4096, (rows, columns), np.uint16) for _ in range(3)]
+    view = FrameView(jobs := Jobs(), "live")
+    view.resize(1200, 800)
+    view.show()
+    drawn = [0]
+    view.drawn.connect(lambda: drawn.__setitem__(0, drawn[0] + 1))
+    view.set_frame(frames[0], (0, 4095))
+    while not drawn[0]:
+        app.processEvents()
+    busy: list[float] = []
+    start, shown, sent = time.perf_counter(), drawn[0], 0
+    while time.perf_counter() - start < seconds:
+        before, at = time.perf_counter(), drawn[0]
+        if drawn[0] - shown >= sent:
+            sent += 1
+            view.set_frame(frames[sent % 3], (0, 4095))
+        app.processEvents()
+        if drawn[0] != at:
+            view.graphics.viewport().repaint()
+            busy.append(time.perf_counter() - before)
+        else:
+            time.sleep(0.0005)
+    total = time.perf_counter() - start
+    jobs.close()
+    view.close()
+    return {
+        "frame": f"{columns} x {rows} px", "per_second": (drawn[0] - shown) / total,
+        "busy_ms": 1e3 * statistics.median(busy) if busy else float("nan"),
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,65 @@
+"""Pictures of every stage: ``python -m gui.screenshots OUT [--demo]``, light and dark, at two sizes."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from pathlib import Path
+
+SIZES = ((1280, 800), (1920, 1080))
+SETTLE_S = 2.0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write ``STAGE_THEME_WIDTHxHEIGHT.png`` for all stages; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m gui.screenshots", description=main.__doc__)
+    parser.add_argument("out", type=Path, help="folder to write into")
+    parser.add_argument("--stage", action="append", help="only these stages")
+    parser.add_argument("--theme", choices=("light", "dark"), action="append", help="only this theme")
+    parser.add_argument("--size", action="append", help="only this size, e.g. 1280x800")
+    parser.add_argument("--settle", type=float, default=SETTLE_S, help="seconds to wait for each page")
+    options = parser.parse_args(arguments)
+    os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    from PySide6.QtWidgets import QApplication
+
+    from gui.app import make_window, parse
+
+    options.out.mkdir(parents=True, exist_ok=True)
+    app = QApplication.instance() or QApplication(["lfcal"])
+    sizes = [tuple(int(n) for n in size.split("x")) for size in options.size] if options.size else list(SIZES)
+    window = make_window(app, parse(["--demo"]), folder=options.out / ".state")
+    window.show()
+    try:
+        for stage in window.stages:
+            if options.stage and stage.key not in options.stage:
+                continue
+            window.go(stage.key)
+            wait(app, options.settle)
+            for theme in options.theme or ("light", "dark"):
+                window.set_theme(theme)
+                for width, height in sizes:
+                    window.resize(width, height)
+                    wait(app, 0.6)
+                    path = options.out / f"{stage.key}_{theme}_{width}x{height}.png"
+                    window.grab().save(str(path), "PNG")
+                    print(path, f"{window.width()}x{window.height()}")
+    finally:
+        window.shut_down()
+    return 0
+
+
+def wait(app: object, seconds: float) -> None:
+    """Let the window work for a while."""
+    from PySide6.QtWidgets import QApplication
+
+    assert isinstance(app, QApplication)
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        app.processEvents()
+        time.sleep(0.01)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
