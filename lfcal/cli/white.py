@@ -1,0 +1,167 @@
+"""``lfcal white``: the lenslet lattice from a white image, and a look at what it makes of a frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lfcal.camera import Camera
+from lfcal.cli._common import print_json, print_table
+from lfcal.cli.plan import load_camera, parse_depths
+from lfcal.errors import InputError
+from lfcal.files import replace_whole
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from lfcal.frames.lattice_fit import LatticeFit
+    from lfcal.frames.lens_types import LensTypes
+    from lfcal.frames.views import Views
+    from lfcal.frames.vignetting import Vignetting
+
+__all__ = ["register"]
+
+
+def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[list[str]]:
+    row, column = fit.origin_px
+    rows = [
+        ["lattice", fit.kind],
+        ["pitch along a row", f"{fit.pitch_px:.4f} ± {fit.pitch_error_px:.4f} px"],
+        ["distance of rows", f"{fit.row_pitch_px:.4f} px"],
+        ["rotation", f"{math.degrees(fit.rotation_rad):+.4f}°"],
+        ["departure from the ideal angle", f"{math.degrees(fit.shear_rad):+.4f}°"],
+        ["centre of the middle lenslet", f"row {row:.3f}, column {column:.3f}"],
+        ["distance of micro-images from it", f"{fit.residual_rms_px:.3f} px rms per axis"],
+        ["lenslets", f"{len(fit.index)}, {int(fit.dead.sum())} of them dead"],
+        ["light at the dimmest place", f"{100 * fall.falloff:.1f} % of the brightest"],
+        ["lenslet to lenslet", f"{100 * fall.scatter:.2f} % rms"],
+    ]
+    if types is not None:
+        rows += [
+            ["lens types", f"type 0 where (q - r) mod 3 = {types.phase}, type {types.type_step} to the right of it"],
+            ["  confidence", f"{types.sigmas:.0f} standard errors, {100 * types.agreement:.0f} % of places agree"],
+        ]
+    return rows
+
+
+def _as_json(fit: LatticeFit, fall: Vignetting, types: LensTypes | None, camera: Camera | None) -> dict[str, Any]:
+    names = ("kind", "shape", "pitch_px", "row_pitch_px", "rotation_rad", "origin_px", "pitch_error_px", "shear_rad",
+             "residual_rms_px")  # fmt: skip
+    return {
+        **{name: getattr(fit, name) for name in names},
+        "lenslets": len(fit.index),
+        "dead": fit.dead_lenslets,
+        "falloff": fall.falloff,
+        "scatter": fall.scatter,
+        "lens_types": types,
+        "camera": camera.to_dict() if camera is not None else None,
+    }
+
+
+def _save_views(views: Views, slopes: tuple[float, ...], samples: int, out: Path) -> list[Path]:
+    """Write the views side by side, the middle view and the focal stack as PNG, and the stack as float32 TIFF."""
+    import tifffile
+
+    from lfcal.figures import save_array_png
+    from lfcal.frames.views import refocus
+
+    stack = refocus(views, slopes, samples=samples)
+    written = [out / "views.png", out / "central_view.png", out / "focal_stack.tif"]
+    save_array_png(_shown(views.mosaic(2), 1), written[0], cmap="gray")
+    save_array_png(_shown(views.central, samples), written[1], cmap="gray")
+    with replace_whole(written[2]) as part:
+        tifffile.imwrite(part, stack, photometric="minisblack", metadata={"axes": "ZYX", "slopes": list(slopes)})
+    for slope, image in zip(slopes, stack, strict=True):
+        written.append(out / f"focus_{slope:+07.2f}.png")
+        save_array_png(_shown(image, 1), written[-1], cmap="gray")
+    return written
+
+
+def _shown(image: NDArray[np.float32], times: int) -> NDArray[np.float32]:
+    """Return ``image`` between its 0.5 and 99.7 percentiles, each pixel ``times`` as wide and high."""
+    import numpy as np
+
+    low, high = np.percentile(image, (0.5, 99.7))
+    clipped = np.clip(image - low, 0, max(high - low, 1e-30))
+    result: NDArray[np.float32] = clipped.repeat(times, axis=0).repeat(times, axis=1)
+    return result
+
+
+def _slopes(text: str, depths: str, camera: Camera | None) -> tuple[float, ...]:
+    from lfcal.frames.views import sensor_slope
+
+    if depths and camera is None:
+        raise InputError("depths: need --camera to know where they are focused; give it, or --slopes instead")
+    if depths and camera is not None:
+        return tuple(sensor_slope(camera, z) for z in parse_depths(depths, lengths=True))
+    return parse_depths(text, lengths=False)
+
+
+def _types(white: NDArray[Any], dark: Any, fit: LatticeFit, camera: Camera | None) -> LensTypes | None:
+    from lfcal.frames.lens_types import classify_lens_types, expected_blur
+
+    if camera is None or len(camera.lattice.types) != 3:
+        return None
+    return classify_lens_types(white, fit, expected_blur(camera), dark=dark)
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``white``."""
+
+    @app.command()
+    def white(
+        image: Path = typer.Argument(..., help="White image: TIFF, PNG, NPY or camera RAW."),
+        dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
+        camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML) whose lattice is measured."),
+        kind: str = typer.Option("", help="square or hexagonal; by default found out, or the camera's."),
+        pitch: float = typer.Option(0.0, help="Nominal pitch (px), right within 10 %; by default found out."),
+        types: bool = typer.Option(True, help="Find the three lens types, where the camera has them."),
+        views: Path | None = typer.Option(None, help="Light-field frame to make views and a focal stack of."),
+        slopes: str = typer.Option("-6:6:2", help="Planes of the focal stack as slopes (about virtual depths)."),
+        depths: str = typer.Option("", help="The same as depths in µm or mm; needs --camera."),
+        samples: int = typer.Option(4, help="Samples per lenslet of the focal stack."),
+        out: Path | None = typer.Option(None, "-o", "--out", help="Folder for camera.json and pictures."),
+        json: bool = typer.Option(False, "--json", help="Print JSON."),
+    ) -> None:
+        """Measure the lenslet lattice from a white image; make views of a frame to see that it is right.
+
+        Example: `lfcal white white.tif --dark dark.tif --views frame.tif -o out`
+        """
+        from lfcal.frames import read_image
+        from lfcal.frames.lattice_fit import fit_lattice
+        from lfcal.frames.views import extract_views
+        from lfcal.frames.vignetting import vignetting_map
+
+        if views is not None and out is None:
+            raise InputError("views: need a folder for the pictures; add -o FOLDER")
+        described = load_camera(camera) if camera else None
+        planes = _slopes(slopes, depths, described)
+        frame = read_image(image)
+        level = read_image(dark) if dark is not None else 0.0
+        wanted = kind or (described.lattice.kind if described is not None else None)
+        fit = fit_lattice(frame, dark=level, kind=wanted, pitch_px=pitch or None)
+        fall = vignetting_map(fit)
+        found = _types(frame, level, fit, described) if types else None
+        measured = None
+        if described is not None:
+            lattice = fit.to_lattice(described) if found is None else found.to_lattice(fit, described)
+            measured = replace(described, lattice=lattice)
+        made = extract_views(read_image(views), fit, white=frame, dark=level) if views is not None else None
+        written: list[Path] = []
+        if out is not None and measured is not None:
+            written.append(out / "camera.json")
+            with replace_whole(written[0]) as part:
+                part.write_text(measured.to_json(), encoding="utf-8")
+        if out is not None and made is not None:
+            written += _save_views(made, planes, samples, out)
+        if json:
+            print_json({**_as_json(fit, fall, found, measured), "written": written})
+            return
+        print_table(["white image", str(image.name)], _rows(fit, fall, found))
+        for path in written:
+            typer.echo(f"written: {path}")

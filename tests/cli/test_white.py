@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor
+from lfcal.cli import main
+from tests.frames.white_frames import WhiteFrame, draw_white
+
+Run = Callable[..., tuple[int, str, str]]
+EDGES = (3.9, 2.6, 1.6)
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run ``lfcal`` in this process; return exit code, output and errors."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["lfcal", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+            raise SystemExit(0)
+        out, err = capsys.readouterr()
+        return int(stop.value.code or 0), out, err
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, WhiteFrame]:
+    """Write white, dark and camera files of a three-type camera."""
+    folder = tmp_path_factory.mktemp("white")
+    truth = draw_white((330, 400), pitch=16.0, edges=EDGES, fill=0.85, step=2)
+    tifffile.imwrite(folder / "white.tif", truth.frame)
+    tifffile.imwrite(folder / "dark.tif", np.full(truth.frame.shape, 100, np.uint16))
+    types = tuple(LensType.focused_at(v, 400.0) for v in (2.0, 3.0, 5.0))
+    camera = Camera("c", MainLens(), LensletLattice("hexagonal", 82.0, 400.0, types), Sensor(truth.frame.shape, 5.0))
+    (folder / "camera.json").write_text(camera.to_json())
+    return folder, truth
+
+
+def test_the_fit_is_shown_and_becomes_the_camera_s(run: Run, files: tuple[Path, WhiteFrame], tmp_path: Path) -> None:
+    folder, _ = files
+    code, out, err = run("white", folder / "white.tif", "--dark", folder / "dark.tif", "--camera",
+                         folder / "camera.json", "-o", tmp_path / "out")  # fmt: skip
+    assert (code, err) == (0, "")
+    for shown in ("hexagonal", "16.00", "px", "lens types", "standard errors"):
+        assert shown in out
+    measured = Camera.from_json((tmp_path / "out/camera.json").read_text())
+    assert measured.pitch_px == pytest.approx(16.0, abs=0.005)
+    assert measured.lattice.type_step == 2
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["camera.json"]
+
+
+def test_json_and_pictures(run: Run, files: tuple[Path, WhiteFrame], tmp_path: Path) -> None:
+    folder, truth = files
+    code, out, _ = run("white", folder / "white.tif", "--views", folder / "white.tif", "-o", tmp_path, "--json",
+                       "--slopes", "-2,0,2", "--samples", "2")  # fmt: skip
+    assert code == 0
+    data: dict[str, Any] = json.loads(out)
+    assert data["pitch_px"] == pytest.approx(16.0, abs=0.005) and data["lens_types"] is None
+    assert len(data["dead"]) == pytest.approx(0.05 * data["lenslets"], rel=0.5)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {Path(path).name for path in data["written"]}
+    assert {"views.png", "central_view.png", "focal_stack.tif", "focus_+002.00.png"} <= names
+    stack = tifffile.imread(tmp_path / "focal_stack.tif")
+    assert stack.dtype == np.float32 and stack.shape[0] == 3
+    assert truth.frame.max() > stack.max() > 0
+
+
+def test_bad_input_is_one_line_and_leaves_nothing(run: Run, files: tuple[Path, WhiteFrame], tmp_path: Path) -> None:
+    folder, _ = files
+    white, camera = folder / "white.tif", folder / "camera.json"
+    out = tmp_path / "out"
+    for arguments in (
+        (folder / "absent.tif",),
+        (folder / "dark.tif",),
+        (camera,),
+        (white, "--kind", "round"),
+        (white, "--pitch", "20"),
+        (white, "--views", white),
+        (white, "--views", white, "-o", out, "--depths", "1mm"),
+        (white, "--views", white, "-o", out, "--slopes", "a"),
+        (white, "--views", white, "-o", out, "--samples", "0"),
+        (white, "--camera", "r29", "-o", out, "--no-types"),
+        (white, "--camera", "lfm_20x05", "-o", out),
+    ):
+        code, shown, err = run("white", *arguments)
+        assert code == 2 and shown == ""
+        assert len(err.strip().splitlines()) == 1 and err.startswith("lfcal: ")
+        assert not out.exists()
