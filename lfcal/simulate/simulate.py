@@ -69,7 +69,7 @@ def iter_simulate_psf(
     provenance: Mapping[str, Any] | None = None,
 ) -> Work[PSFMatrix]:
     """Simulate H as `simulate_psf`; yields progress in rows, and closing it leaves nothing half-written."""
-    check_same(camera, plan)
+    _check_plan(camera, plan)
     chosen = effects_of(effects, plan, tolerance)
     details = {"simulated": {"effects": describe(chosen), "level": level, "tolerance": tolerance}, **(provenance or {})}
     common: dict[str, Any] = {"depths": plan.depths_um, "camera": camera, "anchor": plan.anchor}
@@ -146,12 +146,17 @@ def simulate_psf(
     return drain(iter_simulate_psf(camera, plan, effects, level, **options))
 
 
-def check_same(camera: Camera, plan: ScanPlan) -> None:
-    """Raise `InputError` unless ``camera`` is the plan's."""
+def _check_plan(camera: Camera, plan: ScanPlan) -> None:
+    """Raise `InputError` unless H of ``plan`` can be computed for ``camera``."""
     if camera != plan.camera:
         raise InputError(
             expectation("camera", f"the plan's ({plan.camera.name})", camera.name, "make the plan for this camera")
         )
+    if plan.resample_factors != (1.0, 1.0):
+        raise InputError(
+            expectation("scan plan", "one that keeps the sensor's pixels", "resample=True",
+                        "plan with resample=False, or simulate frames and assemble them")
+        )  # fmt: skip
 
 
 def _plane(

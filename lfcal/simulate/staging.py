@@ -83,18 +83,7 @@ def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0) -> Scene:
 def scene_for(
     plan: ScanPlan, z: int, effects: Iterable[Effect], *, halo: int = 0, depth_error_um: float = 0.0
 ) -> Scene:
-    """Return the scene of plane ``z`` with every scene effect of ``effects`` in it.
-
-    Raises
-    ------
-    InputError
-        If the plan resamples frames: its pixels are not the sensor's.
-    """
-    if plan.resample_factors != (1.0, 1.0):
-        raise InputError(
-            expectation("scan plan", "one that keeps the sensor's pixels", "resample=True", "simulate frames instead,"
-                        " or make the plan with resample=False")
-        )  # fmt: skip
+    """Return the scene of plane ``z`` with every scene effect of ``effects`` in it, on the sensor's pixels."""
     outlook = outlook_of(plan, z)
     if depth_error_um:
         outlook = replace(outlook, z_um=outlook.z_um + depth_error_um)

@@ -127,12 +127,14 @@ class Outlook:
     @cached_property
     def lenslets(self) -> float:
         """Number of lenslets under the shadow, at least 1."""
-        return max(1.0, math.pi * self.shadow_px**2 / self.cell_px)
+        cell = self.camera.pitch_px * self.camera.lattice.row_step_um / self.pixel_um
+        return max(1.0, math.pi * self.shadow_px * self.shadow_px / cell)
 
     @property
-    def cell_px(self) -> float:
-        """Pixels behind one lenslet."""
-        return self.camera.pitch_px * self.camera.lattice.row_step_um / self.pixel_um
+    def pattern_px(self) -> float:
+        """Radius of the lit pattern on the sensor: the shadow shrunk by 1 - 1/v, a spot and half a lenslet."""
+        shrunk = self.shadow_px * abs(1.0 - 1.0 / self.virtual_depth)
+        return shrunk + max(self.geometric_px) + 0.5 * self.camera.pitch_px
 
     @property
     def geometric_px(self) -> tuple[float, ...]:

@@ -273,15 +273,15 @@ class Quantisation(FrameEffect):
     rank: ClassVar[int] = 90
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms LSB/sqrt(12), and a quarter of an LSB over the pixels behind the lit lenslets.
+        """Return the rms LSB/sqrt(12), and a quarter of an LSB over the pixels of the pattern.
 
         Between the spots lies less than an LSB of diffracted light, which is lost: it counts like the rest.
         """
         sensor = outlook.camera.sensor
         lsb = sensor.electrons_per_count
-        lit = min(float(outlook.pixels), outlook.lenslets * outlook.cell_px)
+        lit = min(float(outlook.pixels), math.pi * outlook.pattern_px**2)
         error = min(2.0, 0.25 * lsb * lit / outlook.signal_e)
-        return Estimate(lsb / math.sqrt(12), "e-", error, "LSB/sqrt(12); LSB/4 * pixels behind lit lenslets/signal")
+        return Estimate(lsb / math.sqrt(12), "e-", error, "LSB/sqrt(12); LSB/4 * pixels of the pattern/signal")
 
     def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
         """Return the strip rounded and kept within the converter's range."""

@@ -1,0 +1,224 @@
+"""Simulated frames: they assemble to H, keep to their seed, and put the light where the plan says."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.camera import ScanPlan, preset
+from lfcal.errors import InputError
+from lfcal.frames import FrameSource, Position
+from lfcal.psf.assemble import assemble
+from lfcal.psf.cutout import Cutout
+from lfcal.simulate.camera_source import SimulatedCamera
+from lfcal.simulate.effects import (
+    Backlash,
+    CosFourth,
+    Crosstalk,
+    DarkCurrent,
+    DepthError,
+    Drift,
+    Effect,
+    FiniteSource,
+    FixedPattern,
+    Quantisation,
+    ReadNoise,
+    ShotNoise,
+    StageError,
+)
+from lfcal.simulate.simulate import simulate_psf
+from lfcal.simulate.white import fold, white_tile
+from tests.simulate.common import BASE, difference, small_camera, small_plan
+
+NOISE = (ShotNoise(), ReadNoise(), FixedPattern(), DarkCurrent(), Quantisation())
+
+
+def corner(plan: ScanPlan, rows: int = 3, columns: int = 4) -> ScanPlan:
+    """Return the plan with fewer positions."""
+    return replace(plan, period=(rows, columns))
+
+
+def assembled(source: SimulatedCamera) -> np.ndarray:
+    plan = source.plan
+    h = assemble(source, plan.shape[:3], Cutout(plan.cutout, plan.anchor)).matrix.plane(0)
+    return (h - plan.camera.sensor.black_level) / source.counts_per_unit(0)
+
+
+def test_is_a_frame_source_in_scan_order() -> None:
+    plan = corner(small_plan(cutout=31))
+    camera = SimulatedCamera(plan, ())
+    assert isinstance(camera, FrameSource)
+    assert len(camera) == 12 and camera.shape == (160, 160)
+    assert [camera.position(k) for k in range(12)] == list(plan.positions())
+    assert camera.position(4) == Position(0, 1, 3), "serpentine"
+    assert camera.metadata["bit_depth"] == 12 and camera.exposure_s(3) == plan.exposures[0]
+    assert "y 1" in camera.label(4)
+    with pytest.raises(InputError):
+        camera.read(12)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [(), (*BASE, Crosstalk(0.02)), (*BASE, FiniteSource(30.0))],
+    ids=["ideal", "crosstalk", "finite source"],
+)
+def test_frames_without_noise_assemble_to_h_exactly(effects: tuple[Effect, ...]) -> None:
+    plan = corner(small_plan())
+    h = simulate_psf(plan.camera, plan, effects).plane(0)
+    assert difference(assembled(SimulatedCamera(plan, effects)), h) < 2e-6
+
+
+@pytest.mark.parametrize("anchor", [(70.4, 64.0), (70.0, 64.5), (69.7, 64.2)])
+def test_anchor_between_pixels(anchor: tuple[float, float]) -> None:
+    plan = corner(small_plan(anchor=anchor), 2, 2)
+    h = simulate_psf(plan.camera, plan, BASE).plane(0)
+    assert difference(assembled(SimulatedCamera(plan, BASE)), h) < 2e-6
+    whole = corner(small_plan(anchor=tuple(float(np.ceil(v - 0.5)) for v in anchor)), 2, 2)
+    assert difference(simulate_psf(plan.camera, whole, BASE).plane(0), h) > 0.01
+
+
+def test_noisy_frames_assemble_to_h_within_the_noise() -> None:
+    plan = corner(small_plan(), 4, 6)
+    source = SimulatedCamera(plan, (*BASE, *NOISE), seed=2)
+    assert source.dtype == np.uint16 and source.read(0).dtype == np.uint16
+    h = simulate_psf(plan.camera, plan, BASE).plane(0)
+    sensor = plan.camera.sensor
+    electrons = h.astype(float) * source.electrons_per_unit(0)
+    lsb = sensor.electrons_per_count
+    dark = sensor.dark_current_e_s * plan.exposures[0]
+    variance = electrons + dark + sensor.read_noise_e**2 + (sensor.prnu * electrons) ** 2 + lsb**2 / 12
+    residual = (assembled(source) * source.electrons_per_unit(0) - electrons - dark) / np.sqrt(variance)
+    assert residual.std() == pytest.approx(1.0, abs=0.02) and abs(residual.mean()) < 0.02
+    shifted = np.roll(electrons, 1, axis=-1)
+    assert ((electrons - shifted) / np.sqrt(variance)).std() > 5, "a slip of one pixel is seen through the noise"
+
+
+def test_frames_depend_on_index_and_seed_alone() -> None:
+    plan = corner(small_plan(cutout=31))
+    one, two, other = (SimulatedCamera(plan, (*BASE, *NOISE), seed=s) for s in (5, 5, 6))
+    frames = [one.read(k).tobytes() for k in range(12)]
+    with ThreadPoolExecutor(3) as pool:
+        assert [f.tobytes() for f in pool.map(two.read, reversed(range(12)))] == frames[::-1]
+    assert other.read(3).tobytes() != frames[3]
+
+
+def test_brightest_pixel_reaches_the_peak() -> None:
+    plan = small_plan()
+    camera = SimulatedCamera(plan, BASE, peak=0.5)
+    brightest = max(camera.light(k).max() for k in range(0, len(camera), 7))
+    assert brightest == pytest.approx(0.5 * plan.camera.sensor.full_well_e, rel=0.12)
+
+
+def test_light_follows_the_plan_and_lenslets_stay_on_the_sensor() -> None:
+    """A whole period away the pattern is the same, moved by it: the lattice is fixed to the sensor."""
+    plan = small_plan(camera=small_camera(200, 220), cutout=41)
+    ny, nx = plan.period
+    moved = replace(plan, anchor=(plan.anchor[0] - ny, plan.anchor[1] - nx))
+    a = SimulatedCamera(plan, BASE).light(40)
+    b = SimulatedCamera(moved, BASE).light(40)
+    # the period is 19.05 x 33.0 px, so a residual of 0.05 px remains
+    assert difference(np.roll(b, (ny, nx), (0, 1)), a) < 0.12
+    half = replace(plan, anchor=(plan.anchor[0], plan.anchor[1] - 5))
+    assert difference(np.roll(SimulatedCamera(half, BASE).light(40), (0, 5), (0, 1)), a) > 0.5
+
+
+def test_motion_displaces_the_source_without_telling() -> None:
+    plan = corner(small_plan(), 2, 6)
+    step = plan.camera.step_um(plan.depths_um[0])
+    camera = SimulatedCamera(plan, (*BASE, Drift(0.0, 11 * step)))
+    still = SimulatedCamera(replace(plan, anchor=(plan.anchor[0], plan.anchor[1] + 1)), BASE)
+    assert camera.displacement_um(1) == pytest.approx((0.0, 0.0, step))
+    k = 1  # one step of drift: the frame is that of the neighbour to the right
+    scale = camera.electrons_per_unit(0) / still.electrons_per_unit(0)
+    assert difference(camera.light(k), still.light(k) * np.float32(scale)) < 1e-4
+    assert camera.position(k) == still.position(k) == Position(0, 0, 1)
+
+
+def test_motion_is_seeded_and_serpentine_backlash_lags_every_other_row() -> None:
+    plan = corner(small_plan(), 4, 6)
+    step = plan.camera.step_um(plan.depths_um[0])
+    noisy = [SimulatedCamera(plan, (StageError(3.0),), seed=s) for s in (1, 1, 2)]
+    moves = [np.array([c.displacement_um(k) for k in range(len(c))]) for c in noisy]
+    assert np.array_equal(moves[0], moves[1]) and not np.array_equal(moves[0], moves[2])
+    assert moves[0][:, 1:].std() == pytest.approx(3.0, rel=0.3) and not moves[0][:, 0].any()
+    play = SimulatedCamera(plan, (Backlash(2.5 * step),))
+    lag = np.array([play.displacement_um(k)[2] for k in range(24)]).reshape(4, 6) / step
+    assert np.allclose(lag[0], 0) and np.allclose(lag[1, 3:], 2.5) and lag[1, 1] == pytest.approx(1.0)
+
+
+def test_depth_error_changes_the_plane() -> None:
+    plan = corner(small_plan(), 1, 2)
+    camera = SimulatedCamera(plan, (*BASE, DepthError(2e4)), seed=3)
+    dz = camera.displacement_um(0)[0]
+    assert dz != 0 and camera.displacement_um(1)[0] == dz
+    true = SimulatedCamera(replace(plan, depths_um=(plan.depths_um[0] + dz,)), BASE)
+    scale = camera.electrons_per_unit(0) / true.electrons_per_unit(0)
+    assert difference(camera.light(0), true.light(0) * np.float32(scale)) < 0.05
+    assert difference(SimulatedCamera(plan, BASE).light(0), true.light(0)) > 0.2
+
+
+def test_dark_frames() -> None:
+    plan = corner(small_plan(cutout=31))
+    camera = SimulatedCamera(plan, NOISE, seed=1)
+    dark = camera.dark_frame(0)
+    assert dark.dtype == np.uint16 and dark.mean() == pytest.approx(64, abs=0.2)
+    assert dark.std() == pytest.approx(8.0 / plan.camera.sensor.electrons_per_count, rel=0.05)
+    assert not np.array_equal(dark, camera.dark_frame(1)) and np.array_equal(dark, camera.dark_frame(0))
+
+
+def test_white_frames_show_the_lattice() -> None:
+    plan = small_plan(camera=small_camera(240, 260))
+    white = SimulatedCamera(plan, (*BASE, CosFourth())).white_frame()
+    sensor = plan.camera.sensor
+    level = (white - sensor.black_level) * sensor.electrons_per_count / sensor.full_well_e
+    assert level.max() == pytest.approx(0.6, rel=0.02) and level.min() > 0
+    centres, _ = plan.camera.lattice.lenslets_within(400.0, 400.0)
+    at = plan.camera.pixels(centres)
+    inside = np.rint(at).astype(int)
+    gap = np.rint(at + plan.camera.pitch_px * np.array([1 / np.sqrt(12), 0.5])).astype(int)
+    middle = level[inside[:, 0], inside[:, 1]]
+    assert middle.mean() > 1.3 * level[gap[:, 0], gap[:, 1]].mean()
+    # three types differ in the sharpness of their rims, not in the light they pass
+    tile = white_tile(plan, 0, BASE)
+    assert tile.mean() == pytest.approx(np.pi * (5.3 / 11) ** 2 / (np.sqrt(3) / 2), rel=0.02)
+
+
+def test_fold_keeps_all_light_in_its_place() -> None:
+    rng = np.random.default_rng(0)
+    pattern = rng.random((7, 9)).astype(np.float32)
+    tile = fold(pattern, (3, 4), (-2, 5))
+    brute = np.zeros((3, 4))
+    for t in range(7):
+        for s in range(9):
+            brute[(t - 2) % 3, (s + 5) % 4] += pattern[t, s]
+    assert np.allclose(tile, brute)
+
+
+def test_planned_effects_for_frames() -> None:
+    plan = corner(small_plan(cutout=31))
+    names = {e.name for e in SimulatedCamera(plan, "auto", tolerance=0.05).effects}
+    assert {"quantisation", "read_noise", "lenslet_diffraction"} <= names
+
+
+def test_resampled_plan_is_recorded_on_the_sensors_pixels() -> None:
+    """Positions of a resampled plan lie between pixels; each frame still shows the source where it is."""
+    plan = ScanPlan.for_camera(small_camera(), virtual_depths=[4.0], resample=True)
+    camera = SimulatedCamera(plan, BASE)
+    row, column = camera.image_px(400)
+    assert (row, column) == pytest.approx(tuple(plan.image_px(camera.position(400))), abs=1e-9)
+    light = camera.light(400)
+    mean = (light.sum(1) @ np.arange(160)) / light.sum(), (light.sum(0) @ np.arange(160)) / light.sum()
+    assert mean == pytest.approx((row, column), abs=1.5)
+    with pytest.raises(InputError, match="resample"):
+        simulate_psf(plan.camera, plan, BASE)
+
+
+def test_other_peaks_and_seeds_are_refused() -> None:
+    plan = corner(small_plan(cutout=31))
+    for options in ({"peak": 0.0}, {"seed": -1}, {"effects": "all"}, {"effects": (3,)}):
+        with pytest.raises(InputError):
+            SimulatedCamera(plan, **options)  # type: ignore[arg-type]
+    assert preset("bench").name == plan.camera.name
