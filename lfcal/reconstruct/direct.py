@@ -19,8 +19,18 @@ from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
 
 __all__ = ["Direct"]
 
-WINDOW_BYTES = 1 << 20
-"""Size of the window buffer of a product: it should stay in the second-level cache."""
+WINDOW_BYTES = 1 << 21
+"""Size of the window buffer of a product: about the second-level cache."""
+
+
+def rows_at_once(nt: int, width: int, itemsize: int) -> int:
+    """Return how many pattern rows a product takes, so that windows of 64 cells fill `WINDOW_BYTES`."""
+    return max(1, min(nt, WINDOW_BYTES // (64 * width * itemsize)))
+
+
+def cells_at_once(rows: int, width: int, itemsize: int) -> int:
+    """Return how many lattice cells a product takes."""
+    return max(16, WINDOW_BYTES // (rows * width * itemsize))
 
 
 class Direct:
@@ -121,7 +131,7 @@ class Direct:
         """
         nx, (nt, ns) = self.grid.period[1], operand.shape[2:]
         width = nx + ns - 1
-        step = max(1, min(nt, WINDOW_BYTES // (64 * width * self.dtype.itemsize)))
+        step = rows_at_once(nt, width, self.dtype.itemsize)
         for rows in self._row_runs(nt, y, step):
             count = rows.stop - rows.start
             band = np.zeros(nx * count * width + nx, self.dtype)
@@ -144,7 +154,7 @@ class Direct:
 
     def _blocks(self, cells: int, window: tuple[int, ...]) -> Iterator[tuple[int, int]]:
         """Yield runs of lattice cells whose windows fill `WINDOW_BYTES`."""
-        step = max(16, WINDOW_BYTES // (window[0] * window[1] * self.dtype.itemsize))
+        step = cells_at_once(window[0], window[1], self.dtype.itemsize)
         yield from ((k, min(k + step, cells)) for k in range(0, cells, step))
 
 

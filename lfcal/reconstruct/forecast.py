@@ -11,6 +11,7 @@ import numpy as np
 
 from lfcal.errors import InputError, expectation
 from lfcal.reconstruct import rates
+from lfcal.reconstruct.direct import cells_at_once, rows_at_once
 from lfcal.reconstruct.engine import Cost
 from lfcal.reconstruct.grid import Grid
 from lfcal.reconstruct.planes import PlaneReader
@@ -166,8 +167,8 @@ def _direct(problem: Problem) -> Cost:
     grid, workers, dtype = problem.grid, problem.workers, problem.dtype.str
     (ny, nx), (nt, ns), cells = grid.period, grid.cutout, grid.cells[0] * grid.cells[1]
     width = nx + ns - 1
-    rows = max(1, min(nt, (1 << 20) // (64 * width * problem.dtype.itemsize)))
-    block = min(cells, max(16, (1 << 20) // (rows * width * problem.dtype.itemsize)))
+    rows = rows_at_once(nt, width, problem.dtype.itemsize)
+    block = min(cells, cells_at_once(rows, width, problem.dtype.itemsize))
     share = problem.pixels / grid.phases
     runs = ny * nt / rows * cells / block * share * problem.planes
     add, gather = rates.window_seconds(rows, width, dtype, workers)

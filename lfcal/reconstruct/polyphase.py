@@ -149,6 +149,14 @@ class Polyphase:
         packed = self.grid.pack(plane, self.dtype, before=before, after=after)
         return packed.reshape(y.padded, ny, x.padded, nx).transpose(2, 0, 1, 3)
 
+    def _columns(self, packed: NDArray[Any], phases: NDArray[np.intp]) -> NDArray[Any]:
+        """Return cells ``(Px, rows, ny, nx)`` as complex columns ``(Px, rows * phases)``."""
+        if len(phases) < self.grid.phases:
+            packed = packed.reshape(*packed.shape[:2], -1)[..., phases]
+        columns = np.empty(packed.shape, self.complex)
+        columns[...] = packed
+        return columns.reshape(len(columns), -1)
+
     def _analyse(
         self, packed: NDArray[Any], phases: NDArray[np.intp], band: tuple[int, int], *, conjugate: bool
     ) -> NDArray[Any]:
@@ -159,11 +167,11 @@ class Polyphase:
         slabs = np.empty((x.count, x.frequencies, rows, len(phases)), self.complex)
 
         def transform_x(start: int, stop: int) -> None:
-            part = packed[:, first + start : first + stop].reshape(x.padded, stop - start, -1)
-            columns = (part if len(phases) == part.shape[2] else part[..., phases]).astype(self.complex)
+            columns = self._columns(packed[:, first + start : first + stop], phases)
+            inside = slice(start * len(phases), stop * len(phases))
             for k in range(x.count):
-                window = columns[k * x.valid : k * x.valid + x.taken].reshape(x.taken, -1)
-                slabs[k, :, start:stop] = (along_x @ window).reshape(x.frequencies, stop - start, -1)
+                window = columns[k * x.valid : k * x.valid + x.taken]
+                np.matmul(along_x, window, out=slabs[k].reshape(x.frequencies, -1)[:, inside])
 
         for_each_chunk(transform_x, rows, self.workers, parts_per_worker=2)
         count = band[1] - band[0]
@@ -173,7 +181,7 @@ class Polyphase:
             for f in range(start, stop):
                 for k in range(count):
                     window = slabs[:, f, k * y.valid : k * y.valid + y.taken]
-                    out[f, :, k] = np.matmul(along_y, window).swapaxes(0, 1)
+                    np.matmul(along_y, window, out=out[f, :, k].swapaxes(0, 1))
 
         for_each_chunk(transform_y, x.frequencies, self.workers)
         return out.reshape(x.frequencies, y.frequencies, count * x.count, len(phases))
@@ -216,8 +224,8 @@ class Polyphase:
         def transform_y(start: int, stop: int) -> None:
             for f in range(start, stop):
                 for k in range(count):
-                    window = np.ascontiguousarray(tiles[f, :, k].swapaxes(0, 1))
-                    slabs[:, f, k * y.valid : (k + 1) * y.valid] = np.matmul(along_y, window)
+                    rows = slice(k * y.valid, (k + 1) * y.valid)
+                    np.matmul(along_y, tiles[f, :, k].swapaxes(0, 1), out=slabs[:, f, rows])
 
         def transform_x(start: int, stop: int) -> None:
             rows = slice(band[0] * y.valid + start, band[0] * y.valid + stop)

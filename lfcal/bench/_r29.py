@@ -1,0 +1,141 @@
+"""The projection of a Raytrix R29: 95 x 55 positions, 181 x 181 pixels, 11 planes, read from disk plane by plane."""
+
+from __future__ import annotations
+
+import resource
+import shutil
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from lfcal.reconstruct import Projector
+
+__all__ = ["R29Result", "run_r29"]
+
+PERIOD, CUTOUT, PLANES = (55, 95), (181, 181), 11
+FRAME = (4384, 6576)
+LIMIT = 12 * 10**9
+
+
+@dataclass(frozen=True, slots=True)
+class R29Result:
+    """What was forecast and what was measured, seconds for all 11 planes."""
+
+    side: int
+    planes_measured: int
+    density: float
+    method: str
+    forecast_forward_s: float
+    forecast_adjoint_s: float
+    forward_s: float
+    adjoint_s: float
+    prepare_s: float
+    forecast_bytes: int
+    peak_bytes: int
+    all_planes: str
+    whole_frame: str
+
+    def show(self) -> None:
+        """Print forecast and measurement side by side."""
+        from lfcal.cli._common import print_table, seconds
+        from lfcal.units import format_bytes
+
+        scaled = "" if self.planes_measured == PLANES else f" ({self.planes_measured} measured, scaled)"
+        rows = [
+            [what, seconds(a), seconds(b), f"{b / a:.2f}"]
+            for what, a, b in (
+                ("forward", self.forecast_forward_s, self.forward_s),
+                ("adjoint", self.forecast_adjoint_s, self.adjoint_s),
+            )
+        ]
+        memory = [format_bytes(self.forecast_bytes), format_bytes(self.peak_bytes)]
+        rows.append(["memory", *memory, f"{self.peak_bytes / self.forecast_bytes:.2f}"])
+        print_table(
+            ["R29, 11 planes", "forecast", "measured", "ratio"], rows,
+            title=f"{self.side} x {self.side} px, method {self.method}{scaled}, {100 * self.density:.3g} % of H filled",
+        )  # fmt: skip
+        typer.echo(f"all 11 planes, by forecast: {self.all_planes}")
+        typer.echo(f"whole frame of 29 megapixels, by forecast: {self.whole_frame}")
+
+
+class _Repeated:
+    """H whose planes are all read from the same place: reading costs what it would, the disk holds one plane."""
+
+    def __init__(self, plane: NDArray[Any], planes: int) -> None:
+        self.data = plane
+        self.shape = (planes, *plane.shape[1:])
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return plane ``z``."""
+        del z
+        plane: NDArray[Any] = self.data[0]
+        return plane
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return values of the one plane there is."""
+        return self.data[(0, *key[1:])]
+
+
+def run_r29(side: int, density: float, full: bool, folder: Path | None, workers: int) -> R29Result:
+    """Measure one forward and one back projection and hold them against the forecast.
+
+    A synthetic uint16 plane (342 MB) is written to ``folder`` and read as a memory map, one plane at a time.
+    ``full`` projects all 11 planes; else one is measured and scaled.
+    """
+    place = Path(tempfile.mkdtemp(prefix="lfcal_r29_", dir=folder))
+    try:
+        _write_plane(place / "H.npy", density)
+        stored = np.load(place / "H.npy", mmap_mode="r")
+        planes = PLANES if full else 1
+        before = _peak()
+        P = Projector(_Repeated(stored, planes), (side, side), workers=workers, memory_limit=LIMIT)
+        rng = np.random.default_rng(0)
+        start = time.perf_counter()
+        P.prepare()
+        prepare = time.perf_counter() - start
+        volume = rng.random((1, side, side), np.float32).repeat(planes, axis=0)
+        start = time.perf_counter()
+        image = P.forward(volume)
+        forward = time.perf_counter() - start
+        start = time.perf_counter()
+        P.adjoint(image)
+        adjoint = time.perf_counter() - start
+        scale = PLANES / planes
+        cost = P.forecast().chosen
+        lines = [
+            str(
+                Projector(
+                    _Repeated(stored, PLANES), size, method=P.method, workers=workers, memory_limit=LIMIT
+                ).forecast()
+            )
+            for size in ((side, side), FRAME)
+        ]
+        return R29Result(
+            side, planes, density, P.method, scale * cost.forward_s, scale * cost.adjoint_s,
+            scale * forward, scale * adjoint, scale * prepare, cost.memory_bytes, max(0, _peak() - before),
+            *lines,
+        )  # fmt: skip
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def _write_plane(path: Path, density: float) -> None:
+    rng = np.random.default_rng(1)
+    stored = np.lib.format.open_memmap(path, "w+", np.uint16, (1, *PERIOD, *CUTOUT))
+    for y in range(PERIOD[0]):
+        values = rng.integers(1, 4096, (PERIOD[1], *CUTOUT), dtype=np.uint16)
+        if density < 1:
+            values[rng.random(values.shape, np.float32) >= density] = 0
+        stored[0, y] = values
+    stored.flush()
+
+
+def _peak() -> int:
+    """Return the largest resident memory of this process so far (bytes)."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -1,0 +1,145 @@
+"""``lfcal bench project``: forward and back projection side by side with pyolaf and a lean FFT loop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+def register(bench: typer.Typer) -> None:
+    """Add ``project`` to the benchmarks."""
+    bench.command("project")(command)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One way to project."""
+
+    name: str
+    setup_s: float
+    forward_s: float
+    adjoint_s: float
+    error: float
+    mismatch: float
+
+    @property
+    def pair_s(self) -> float:
+        """Seconds forward and back."""
+        return self.forward_s + self.adjoint_s
+
+
+def command(
+    image: int = typer.Option(1001, min=32, help="Side of the image (px)."),
+    period: int = typer.Option(11, min=1, help="Period (px), odd."),
+    cutout: int = typer.Option(111, min=3, help="Side of the cutout (px), odd."),
+    planes: int = typer.Option(1, min=1, help="Depth planes."),
+    repeats: int = typer.Option(5, min=1, help="Runs of lfcal's methods; the fastest counts."),
+    r29: bool = typer.Option(False, "--r29", help="The R29 problem instead: 95 x 55 positions, 181 x 181, 11 planes."),
+    full: bool = typer.Option(False, "--full", help="With --r29: all 11 planes instead of one, scaled."),
+    side: int = typer.Option(2000, "--side", help="With --r29: side of the image region (px)."),
+    density: float = typer.Option(1.0, "--density", help="With --r29: share of H that is not zero."),
+    folder: Path = typer.Option(None, "--folder", help="With --r29: where the synthetic H (up to 4 GB) may lie."),
+    workers: int = typer.Option(None, "--workers", help="Threads; every processor by default."),
+    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+) -> None:
+    """Time one forward and one back projection of the same H by every method, with their errors.
+
+    pyolaf 0.2.1 takes part where it can be imported: `pip install --target DIR pyolaf==0.2.1 tqdm --no-deps`, then
+    `PYTHONPATH=DIR lfcal bench project`. Example: `lfcal bench project --r29`
+    """
+    from lfcal.bench._r29 import run_r29
+    from lfcal.cli._common import print_json
+    from lfcal.threads import worker_count
+
+    count = worker_count(workers)
+    if r29:
+        found = run_r29(side, density, full, folder, count)
+        print_json(found) if json else found.show()
+        return
+    rows = measure(image, period, cutout, planes, repeats, count)
+    if json:
+        print_json({"image": image, "period": period, "cutout": cutout, "planes": planes, "workers": count,
+                    "rows": rows})  # fmt: skip
+        return
+    show(rows, f"image {image} x {image}, period {period} x {period}, cutout {cutout} x {cutout}, {planes} plane(s), "
+               f"{count} threads")  # fmt: skip
+
+
+def measure(image: int, period: int, cutout: int, planes: int, repeats: int, workers: int) -> list[Row]:
+    """Return timings and errors of all methods for one random problem."""
+    import numpy as np
+
+    from lfcal.bench._projectors import LeanFFT, PyolafPair, pyolaf_version
+    from lfcal.reconstruct import Projector
+
+    rng = np.random.default_rng(0)
+    shape = (image, image)
+    H = rng.random((planes, period, period, cutout, cutout), np.float32)
+    data = rng.random((planes, *shape), np.float32), rng.random(shape, np.float32)
+
+    def ours(method: str, dtype: Any, anchor: tuple[int, int] = (0, 0)) -> Projector:
+        return Projector(H, shape, anchor, method, dtype=dtype, workers=workers).prepare()
+
+    exact = ours("polyphase", np.float64)
+    truth = exact.adjoint(data[1])
+    rows = [_row("polyphase, float64", lambda: ours("polyphase", np.float64), data, truth, 1)]
+    for kind in ("polyphase", "direct"):
+        rows.append(_row(f"{kind}, float32", partial(ours, kind, np.float32), data, truth, repeats))
+    rows.append(_row("per-position FFT, scipy", lambda: LeanFFT(H, workers), data, truth, 1))
+    if pyolaf_version():
+        there = ours("polyphase", np.float64, PyolafPair(H, shape).anchor).adjoint(data[1])
+        rows.append(_row(f"pyolaf {pyolaf_version()}", lambda: PyolafPair(H, shape), data, there, 1))
+    return rows
+
+
+def _row(
+    name: str, make: Callable[[], Any], data: tuple[NDArray[Any], NDArray[Any]], truth: NDArray[Any], repeats: int
+) -> Row:
+    """Time a projector pair; report its back projection's error and how far the pair is from adjoint."""
+    import numpy as np
+
+    g, f = data
+    start = time.perf_counter()
+    pair = make()
+    setup = time.perf_counter() - start
+    ahead, forward = _best(lambda: pair.forward(g), repeats)
+    back, adjoint = _best(lambda: pair.adjoint(f), repeats)
+    left, right = np.vdot(ahead.astype(float), f), np.vdot(g.astype(float), back)
+    mismatch = abs(float(left - right)) / abs(float(left))
+    return Row(name, setup, forward, adjoint, float(np.abs(back - truth).max() / np.abs(truth).max()), mismatch)
+
+
+def _best(run: Callable[[], NDArray[Any]], repeats: int) -> tuple[NDArray[Any], float]:
+    best = float("inf")
+    for _ in range(repeats):
+        start = time.perf_counter()
+        out = run()
+        best = min(best, time.perf_counter() - start)
+    return out, best
+
+
+def show(rows: list[Row], title: str) -> None:
+    """Print the table, with how many times faster lfcal is than each."""
+    from lfcal.bench._projectors import pyolaf_version
+    from lfcal.cli._common import print_table, seconds
+
+    ours = min(r.pair_s for r in rows if r.name.endswith("float32"))
+    cells = [
+        [r.name, seconds(r.setup_s), seconds(r.forward_s), seconds(r.adjoint_s), f"{r.pair_s / ours:.1f}",
+         f"{r.error:.1e}", f"{r.mismatch:.1e}"]
+        for r in rows
+    ]  # fmt: skip
+    headers = ["method", "set-up", "forward", "adjoint", "times lfcal's best", "largest error / peak",
+               "⟨Hg,f⟩ against ⟨g,HTf⟩"]  # fmt: skip
+    print_table(headers, cells, title=title)
+    if not pyolaf_version():
+        typer.echo("pyolaf is not installed and took no part: see --help")
