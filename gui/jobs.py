@@ -24,7 +24,7 @@ from lfcal.progress import Progress, Work
 
 __all__ = ["Job", "JobState", "Jobs"]
 
-POLL_MS = 25
+POLL_MS = 8
 
 
 class JobState(Enum):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import (
+    QCheckBox,
     QComboBox,
     QFileDialog,
     QFrame,
@@ -46,6 +47,17 @@ __all__ = ["Page"]
 SUFFIXES = (".h5", ".mat", ".npy")
 
 
+@dataclass(frozen=True, eq=False)
+class PlaneData:
+    """What is known of a plane once it is read."""
+
+    plane: LoadedPlane
+    reference: LoadedPlane | None
+    energy: NDArray[np.float64]
+    depth_sum: NDArray[np.float64]
+    levels: tuple[float, float]
+
+
 class Page(StagePage):
     """The heart of the window: intent in, picture out."""
 
@@ -57,6 +69,7 @@ class Page(StagePage):
         self.plane: LoadedPlane | None = None
         self.reference_plane: LoadedPlane | None = None
         self._frozen_pixel = False
+        self._levels = (0.0, 1.0)
         self._build_tools()
         self._build_body()
         self._build_keys()
@@ -144,6 +157,10 @@ class Page(StagePage):
             line.addWidget(QLabel(text))
             line.addWidget(box, 1)
             column.addLayout(line)
+        self.own_scale = QCheckBox("Each picture fills the scale")
+        self.own_scale.setToolTip("Off: all positions of a plane share one scale, so that they can be compared")
+        self.own_scale.toggled.connect(lambda _: self._show_picture())
+        column.addWidget(self.own_scale)
         self.readout.setWordWrap(True)
         self.readout.setMinimumHeight(50)
         column.addWidget(self.readout)
@@ -302,26 +319,30 @@ class Page(StagePage):
         self.plane = None
         self.readout.setText(f"reading plane {z} …")
 
-        def read() -> tuple[LoadedPlane, LoadedPlane | None, NDArray[Any], NDArray[np.float64]]:
+        def read() -> PlaneData:
             plane = LoadedPlane(z, matrix.plane(z))
             other = None if reference is None else LoadedPlane(z, reference.plane(z))
-            return plane, other, plane.values.sum((2, 3), dtype=np.float64), matrix.depth_sum(z)
+            low, high = float(plane.values.min()), float(plane.values.max())
+            energy = plane.values.sum((2, 3), dtype=np.float64)
+            return PlaneData(
+                plane, other, energy, matrix.depth_sum(z), (min(low, 0.0), high if high > low else low + 1)
+            )
 
         self.context.jobs.compute("psf plane", read, self._plane_read, self.context.message.emit)
 
-    def _plane_read(self, loaded: tuple[LoadedPlane, LoadedPlane | None, NDArray[Any], NDArray[np.float64]]) -> None:
-        self.plane, self.reference_plane, energy, depth_sum = loaded
+    def _plane_read(self, loaded: PlaneData) -> None:
+        self.plane, self.reference_plane, self._levels = loaded.plane, loaded.reference, loaded.levels
         matrix = self.matrix
         if matrix is None or self.plane.z != self.intent.z:
             return
         self.readout.setText("Hover a pixel to see the voxel pattern it belongs to; click to hold it.")
-        self.map.set_values(energy, matrix.recorded[self.plane.z])
+        self.map.set_values(loaded.energy, matrix.recorded[self.plane.z])
         ct, cs = (n // 2 for n in matrix.cutout)
-        self.sum_view.set_image(depth_sum, name="depth_sum", origin=(-ct, -cs))
+        self.sum_view.set_image(loaded.depth_sum, name="depth_sum", origin=(-ct, -cs))
         self.outline.setData([], [])
         self.aperture_text.setText("fitting the aperture …")
         self.context.jobs.compute(
-            "psf aperture", lambda: matrix.aperture(loaded[0].z), self._show_aperture, self.aperture_text.setText
+            "psf aperture", lambda: matrix.aperture(loaded.plane.z), self._show_aperture, self.aperture_text.setText
         )
         self._show_picture()
 
@@ -353,15 +374,26 @@ class Page(StagePage):
         ):
             if picture.signed != view.signed:
                 view.set_signed(picture.signed, self.intent.display)
-            view.set_image(image, name="psf")
+            view.set_image(image, name="psf", levels=self._scale_of(image))
             view.set_cursor(*(cursor or (None, None)))
         self.main_title.setText(picture.main_title)
         self.linked_title.setText(picture.linked_title)
         self._show_profile(picture.main)
 
+    def _scale_of(self, image: NDArray[Any]) -> tuple[float, float] | None:
+        """Return the levels of a picture: those of the whole plane, unless it is to fill the scale by itself."""
+        if self.intent.show != "measured" or self.own_scale.isChecked():
+            return None
+        return self._levels
+
     def _show_profile(self, image: NDArray[Any]) -> None:
         ct, cs = (n // 2 for n in image.shape)
         t, s = self.intent.pixel or (ct, cs)
+        levels = self._scale_of(image)
+        if levels is not None:
+            self.profile.plot.setYRange(*levels, padding=0.02)
+        else:
+            self.profile.plot.enableAutoRange("y")
         self.profile.set_curve("along the row", np.arange(image.shape[1]) - cs, image[t])
         self.profile.set_curve("along the column", np.arange(image.shape[0]) - ct, image[:, s])
 

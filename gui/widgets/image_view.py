@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,14 @@ from gui.theme import current_theme
 from gui.widgets.plots import style_axes, theme_plot
 
 __all__ = ["ImageView"]
+
+
+@lru_cache(maxsize=32)
+def bar_map(colour_map: str, scale: str) -> pg.ColorMap:
+    """Return the colours of a bar that is linear in the value, for a scaling of the picture."""
+    at = np.linspace(0, 1, 256)
+    index = {"gamma": np.sqrt(at), "log": np.log10(np.maximum(at, 1e-4)) / 4 + 1}.get(scale, at)
+    return pg.ColorMap(at, colour_table(colour_map)[(index * 255).astype(int)])
 
 
 class ImageView(QWidget):
@@ -50,6 +60,8 @@ class ImageView(QWidget):
         self._origin = (0.0, 0.0)
         self._step = 1.0
         self._name = "image"
+        self._bar_look = ("", "")
+        self._bar_levels = (math.nan, math.nan)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         self.graphics = pg.GraphicsLayoutWidget()
@@ -116,17 +128,14 @@ class ImageView(QWidget):
             self.plot.setRange(rect, padding=0.01)
 
     def _show_bar(self, levels: tuple[float, float]) -> None:
-        table = colour_table(self._display.colour_map)
-        at = np.linspace(0, 1, 256)
-        if self._display.scale == "gamma":
-            index = np.sqrt(at)
-        elif self._display.scale == "log":
-            index = np.log10(np.maximum(at, 1e-4)) / 4 + 1
-        else:
-            index = at
-        colours = table[(index * 255).astype(int)]
-        self.bar.setColorMap(pg.ColorMap(at, colours))
-        self.bar.setLevels(values=levels)
+        """Change the colour bar only if need be: its axis is slow to draw."""
+        look = (self._display.colour_map, self._display.scale)
+        if look != self._bar_look:
+            self._bar_look = look
+            self.bar.setColorMap(bar_map(*look))
+        if levels != self._bar_levels:
+            self._bar_levels = levels
+            self.bar.setLevels(values=levels)
 
     def set_display(self, display: Display) -> None:
         """Change scaling, colour map and levels."""
