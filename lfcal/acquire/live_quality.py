@@ -17,6 +17,8 @@ __all__ = ["Alarm", "LiveQuality", "QualityState"]
 
 LIMITS = {"position": 0.3, "lamp": 0.05, "dim": 0.01, "saturated": 0.0, "follow": 0.5}
 FEW = 16
+FEW_CENTROIDS = 8
+FIRST = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +87,7 @@ class LiveQuality:
     window
         Rows and columns of the recorded frames.
     stride
-        Every how many frames the image's place in the cutout is measured.
+        Every how many frames the image's place in the cutout is measured, after the first 200.
     """
 
     def __init__(self, plan: ScanPlan, window: tuple[int, int], *, stride: int = 4) -> None:
@@ -105,6 +107,7 @@ class LiveQuality:
         self._border = np.ones(window, np.bool_)
         self._border[1:-1, 1:-1] = False
         self._level = float(plan.camera.sensor.black_level)
+        self._brightest = 1.0
         self._done = 0
         self._lock = threading.Lock()
 
@@ -120,7 +123,7 @@ class LiveQuality:
         _, ny, nx = self._shape
         place = step.z, step.flat // nx % ny, step.flat % nx
         with self._lock:
-            if self._done % self._stride == 0:
+            if self._done < FIRST or self._done % self._stride == 0:
                 self._level = float(np.median(frame[self._border]))
                 self._follow(place, frame)
             self._energy[place] = note.energy - self._level * frame.size
@@ -146,7 +149,8 @@ class LiveQuality:
         """Add the centroid of ``frame`` to the fit of its movement over y and x."""
         down, along = frame.sum(axis=1, dtype=np.float64), frame.sum(axis=0, dtype=np.float64)
         light = float(down.sum()) - self._level * frame.size
-        if light <= 0:
+        self._brightest = max(self._brightest, light)
+        if light < 0.5 * self._brightest:  # the source has left the cutout, or the lamp is off
             return
         row = (float(down @ self._rows) - self._level * frame.shape[1] * float(self._rows.sum())) / light
         column = (float(along @ self._columns) - self._level * frame.shape[0] * float(self._columns.sum())) / light
@@ -155,7 +159,7 @@ class LiveQuality:
         self._right += np.outer(at, (row, column))
 
     def _slopes(self) -> NDArray[np.float64]:
-        if self._normal[0, 0] < FEW:
+        if self._normal[0, 0] < FEW_CENTROIDS:
             return np.zeros((2, 2))
         solution, *_ = np.linalg.lstsq(self._normal, self._right, rcond=1e-9)
         return np.asarray(solution[1:].T)

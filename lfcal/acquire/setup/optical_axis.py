@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.devices import Rig, Roi
@@ -92,7 +92,7 @@ def iter_optical_axis(
     rig: Rig, plan: ScanPlan, *, planes: Sequence[int] | None = None, options: Options | None = None,
     control: Control | None = None,
 ) -> Work[OpticalAxis]:  # fmt: skip
-    """Look at five places in each of ``planes`` (default: first and last) and find the axis; nothing is recorded."""
+    """Look at 45 places in each of ``planes`` (default: first and last) and find the axis; nothing is recorded."""
     options, control = options or Options(), control or Control()
     chosen = list(planes) if planes is not None else sorted({0, len(plan.depths_um) - 1})
     objects = _places(plan, chosen)
@@ -115,11 +115,18 @@ def iter_optical_axis(
     return find_optical_axis(objects[..., :2], np.array(seen).reshape(len(chosen), -1, 2))
 
 
-def _places(plan: ScanPlan, planes: list[int]) -> np.ndarray[tuple[int, int, int], np.dtype[np.float64]]:
-    """Return object points ``(K, 5, 3)`` (right, down, away): the middle and a quarter of the field around it."""
-    rows, columns = plan.camera.sensor.shape
-    offsets = np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * np.array([columns, rows]) / 4
-    result = np.zeros((len(planes), 5, 3))
+def _places(plan: ScanPlan, planes: list[int]) -> NDArray[np.float64]:
+    """Return object points ``(K, 45, 3)`` (right, down, away): nine within a cell, in the middle and around it.
+
+    Over the nine, a third of the period apart, the first harmonics of the lenslets' pattern cancel, which
+    moves centroids by more than the change of magnification does.
+    """
+    ny, nx = plan.period
+    rows, columns = (size // 4 // n * n for size, n in zip(plan.camera.sensor.shape, (ny, nx), strict=True))
+    corners = np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * np.array([max(columns, nx), max(rows, ny)])
+    within = np.stack(np.meshgrid([-nx / 3, 0, nx / 3], [-ny / 3, 0, ny / 3]), axis=-1).reshape(-1, 2)
+    offsets = (corners[:, None] + within).reshape(-1, 2)
+    result = np.zeros((len(planes), len(offsets), 3))
     for k, z in enumerate(planes):
         result[k, :, :2] = offsets * plan.camera.step_um(plan.depths_um[z])
         result[k, :, 2] = plan.depths_um[z]

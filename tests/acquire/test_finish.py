@@ -1,0 +1,144 @@
+"""From recording to H, also of planes that are complete while others are recorded; and packing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.finish import iter_assemble_session, iter_finish, iter_repack
+from lfcal.acquire.journal import read_layout
+from lfcal.acquire.recording import RecordingSource, complete_planes
+from lfcal.acquire.session import iter_record, record
+from lfcal.camera import ScanPlan
+from lfcal.errors import FileFormatError, InputError, StorageError
+from lfcal.frames.source import Position
+from lfcal.progress import drain
+from lfcal.psf import open_psf
+from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
+
+PLAN = small_plan()
+
+
+def session(folder: Path, plan: ScanPlan = PLAN) -> Path:
+    record(folder, plan, rig_for(plan), CAREFUL)
+    return folder
+
+
+def test_h_is_the_recorded_cutouts(tmp_path: Path) -> None:
+    folder = session(tmp_path / "s")
+    report = drain(iter_assemble_session(folder, tmp_path / "H.h5", strict=True))
+    frames = frames_of(folder)
+    assert report.frames == 27
+    assert report.residual_px == (0.0, 0.0)
+    with open_psf(tmp_path / "H.h5") as matrix:
+        assert matrix.shape == (3, 3, 3, 21, 21)
+        assert np.allclose(matrix.depths, PLAN.depths_um)
+        for (z, y, x), frame in frames.items():
+            assert np.array_equal(matrix[z, y, x], frame)
+
+
+def test_sub_pixel_anchors_are_interpolated_from_the_margin(tmp_path: Path) -> None:
+    """A source half a pixel off the grid: with interpolation the pattern is centred again."""
+    plan = ScanPlan(PLAN.camera, (3, 3), (21, 21), PLAN.depths_um, (48.5, 47.75))
+    folder = session(tmp_path / "s", plan)
+    nearest = drain(iter_assemble_session(folder)).matrix
+    moved = drain(iter_assemble_session(folder, interpolation="cubic")).matrix
+    rows = np.arange(21) - 10.0
+
+    def centroid(pattern: np.ndarray) -> float:
+        light = pattern.astype(float) - 64
+        return float((light.sum(axis=1) * rows).sum() / light.sum())
+
+    shift = [centroid(moved[0, y, x]) - centroid(nearest[0, y, x]) for y in range(3) for x in range(3)]
+    assert np.mean(shift) == pytest.approx(-0.5, abs=0.05)
+
+
+def test_a_complete_plane_is_assembled_while_the_next_is_recorded(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    opened = []
+    for progress in iter_record(folder, PLAN, rig_for(PLAN), CAREFUL):
+        if progress.done == 13 and not opened:
+            assert complete_planes(folder) == (0,)
+            opened.append(drain(iter_assemble_session(folder, planes=[0], strict=True)).matrix)
+    whole = drain(iter_assemble_session(folder)).matrix
+    assert opened[0].shape == (1, 3, 3, 21, 21)
+    assert np.array_equal(opened[0][0], whole[0])
+    assert np.array_equal(opened[0].depth_sum(0), whole.depth_sum(0))
+    with RecordingSource(folder, planes=[2, 0]) as source:
+        assert {source.position(k).z for k in range(len(source))} == {0, 1}
+        assert source.position(0) == Position(1, 0, 0)
+
+
+def test_packing_keeps_every_frame_and_note(tmp_path: Path) -> None:
+    folder = session(tmp_path / "s", small_plan((8, 8), 2, cutout=(41, 41)))
+    before = frames_of(folder)
+    with h5py.File(folder / "recording.h5", "r", locking=False) as file:
+        records = file["records"][...]
+    gained = drain(iter_finish(folder))
+    assert gained > 0
+    layout = read_layout(folder / "recording.h5")
+    assert not layout.in_place
+    assert_same_frames(frames_of(folder), before)
+    with h5py.File(folder / "recording.h5", "r") as file:
+        assert np.array_equal(file["records"][...], records)
+        assert file["frames"].chunks == (1, 41, 41)
+        assert np.array_equal(file["frames"][5], before[0, 0, 5])
+    assert drain(iter_finish(folder)) == 0
+    assert sorted(p.name for p in folder.iterdir()) == ["recording.h5", "session.json", "session.lock"]
+
+
+def test_packing_names_a_damaged_frame_and_leaves_the_recording(tmp_path: Path) -> None:
+    folder = session(tmp_path / "s")
+    path = folder / "recording.h5"
+    layout = read_layout(path)
+    with path.open("r+b") as file:
+        file.seek(layout.frames_at + 4 * layout.frame_bytes + 50)
+        file.write(b"\xff\xff\xff")
+    raw = path.read_bytes()
+    with pytest.raises(FileFormatError, match=r"recording\.h5 frame 4: .*record this position again"):
+        drain(iter_repack(path))
+    assert path.read_bytes() == raw
+    assert len(list(folder.iterdir())) == 3
+    with RecordingSource(folder) as source, pytest.raises(FileFormatError, match="frame 4"):
+        source.read(4)
+
+
+def test_an_unfinished_recording_is_not_packed_and_one_in_use_is_left_alone(tmp_path: Path) -> None:
+    control = Control()
+    record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL, control=control,
+           observers=(lambda *_: control.stop(),))  # fmt: skip
+    assert drain(iter_finish(tmp_path / "s")) == 0
+    assert read_layout(tmp_path / "s" / "recording.h5").in_place
+    report = drain(iter_assemble_session(tmp_path / "s"))
+    assert len(report.missing) == 27 - report.frames
+    with pytest.raises(InputError, match="missing"):
+        drain(iter_assemble_session(tmp_path / "s", strict=True))
+
+    def pack(*_: object) -> None:
+        with pytest.raises(StorageError, match="nobody else records"):
+            drain(iter_finish(tmp_path / "t"))
+
+    record(tmp_path / "t", PLAN, rig_for(PLAN), CAREFUL, observers=(pack,))
+
+
+def test_a_finished_session_resumes_to_nothing_and_redoes_beside(tmp_path: Path) -> None:
+    folder = session(tmp_path / "s")
+    drain(iter_finish(folder))
+    outcome = record(folder, PLAN, rig_for(PLAN), CAREFUL, resume=True)
+    assert (outcome.how, outcome.acknowledged) == ("complete", 27)
+    record(folder, PLAN, rig_for(PLAN, seed=3), CAREFUL, redo=[Position(1, 1, 1)])
+    drain(iter_finish(folder))
+    with RecordingSource(folder) as source:
+        assert [source.label(k) for k in range(27) if "002" in source.label(k)] == ["recording-002.h5[0]"]
+
+
+def test_an_empty_session_says_so(tmp_path: Path) -> None:
+    control = Control()
+    control.stop()
+    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control)
+    with pytest.raises(InputError, match="record the session first"):
+        RecordingSource(tmp_path)

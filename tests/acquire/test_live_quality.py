@@ -1,0 +1,88 @@
+"""A bad session is seen in its first minutes; a good one raises no alarm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfcal.acquire.backends.sim_stage import StageModel
+from lfcal.acquire.control import Control
+from lfcal.acquire.finish import iter_assemble_session
+from lfcal.acquire.live_quality import LiveQuality, QualityState
+from lfcal.acquire.schedule import window_shape
+from lfcal.acquire.session import record
+from lfcal.camera import ScanPlan, StageAxes
+from lfcal.progress import drain
+from tests.acquire.rigs import CAREFUL, rig_for, small_plan
+
+PLAN = small_plan((11, 19), 2, cutout=(31, 31))
+
+
+def watched(folder: Path, plan: ScanPlan, rig: Any, count: int = 10**6, **options: Any) -> QualityState:
+    quality = LiveQuality(plan, window_shape(plan, CAREFUL))
+    control = Control()
+
+    def enough(*_: Any) -> None:
+        if quality.state().done >= count:
+            control.stop()
+
+    record(folder, plan, rig, replace(CAREFUL, **options), control=control, observers=(quality, enough))
+    return quality.state()
+
+
+def test_a_good_session_raises_no_alarm_and_its_depth_sum_is_that_of_h(tmp_path: Path) -> None:
+    state = watched(tmp_path, PLAN, rig_for(PLAN), reference_every=50)
+    assert state.alarms == ()
+    assert state.done == PLAN.n_positions
+    assert np.isfinite(state.energy).all()
+    assert np.abs(state.follow_px).max() < 0.1
+    assert state.lamp.shape[1] == 2
+    assert np.ptp(state.lamp[:, 1]) / state.lamp[0, 1] < 0.02
+    matrix = drain(iter_assemble_session(tmp_path)).matrix
+    for z in range(2):
+        want = matrix.depth_sum(z) - 64.0 * 11 * 19
+        assert np.abs(state.depth_sums[z] - want).max() < 0.02 * want.max()
+
+
+@pytest.mark.parametrize(
+    ("axes", "where"),
+    [(StageAxes("-x", "+y"), (1, 1)), (StageAxes("+x", "-y"), (0, 0)), (StageAxes("+y", "+x"), (0, 1))],
+)
+def test_a_wrong_sign_shows_within_three_rows(tmp_path: Path, axes: StageAxes, where: tuple[int, int]) -> None:
+    state = watched(tmp_path, PLAN, rig_for(PLAN, axes=axes), count=60)
+    assert {alarm.what for alarm in state.alarms} >= {"follow"}
+    assert abs(state.follow_px[where]) > 0.5
+
+
+def test_a_lamp_that_fades_and_one_that_fails_are_told(tmp_path: Path) -> None:
+    rig = rig_for(PLAN)
+    renderer = rig.camera._renderer  # type: ignore[attr-defined]
+    bright = renderer._rate
+
+    class Fading:
+        def render(self, *args: Any) -> Any:
+            renderer._rate = bright * max(0.05, 1 - 0.01 * rig.time.monotonic())
+            return renderer.render(*args)
+
+    rig.camera._renderer = Fading()  # type: ignore[attr-defined]
+    state = watched(tmp_path, PLAN, rig, count=200, reference_every=25)
+    assert "lamp" in {alarm.what for alarm in state.alarms}
+
+
+def test_saturation_is_told_with_its_positions(tmp_path: Path) -> None:
+    rig = rig_for(PLAN)
+    rig.camera._renderer._rate *= 4  # type: ignore[attr-defined]
+    state = watched(tmp_path, PLAN, rig, count=40)
+    alarm = next(a for a in state.alarms if a.what == "saturated")
+    assert alarm.value == (state.saturated > 0).sum()
+    assert "bracket" in alarm.advice
+
+
+def test_a_sloppy_stage_is_told(tmp_path: Path) -> None:
+    rig = rig_for(PLAN, model=StageModel(ringing_um=12.0, ringing_s=0.2))
+    state = watched(tmp_path, PLAN, rig, count=40, tolerance_um=(40.0, 40.0, 40.0))
+    assert "position" in {alarm.what for alarm in state.alarms}
