@@ -132,20 +132,15 @@ def _paper_indices(pixels: int, positions: int) -> list[list[tuple[int, int]]]:
     return result
 
 
-def pyolaf_backward(H: NDArray[Any], pixels: int) -> tuple[NDArray[np.float64], Scaled]:
-    """Return HT[:, :pixels, :pixels] of a square H by pyolaf's `LFM_computeBackwardPatterns`, and its time.
+def pyolaf_backward(H: NDArray[Any], pixels: int, planes: int) -> tuple[NDArray[np.float64], Scaled]:
+    """Return HT[0, :pixels, :pixels] of a square H by pyolaf's `LFM_computeBackwardPatterns`, and its time.
 
-    The time is that of the first depth plane, scaled to all planes and positions.
-
-    Raises
-    ------
-    ImportError
-        If pyolaf or something it needs is not installed.
+    The time is that of the first depth plane, scaled to ``planes`` and to all positions.
     """
     from pyolaf import lf
     from scipy.sparse import csr_matrix
 
-    nz, n, _, _, ns = H.shape
+    n, _, _, ns = H.shape[1:]
     patterns = np.empty((n, n, 1), object)
     for y, x in np.ndindex(n, n):
         patterns[y, x, 0] = csr_matrix(H[0, y, x].astype(np.float64))
@@ -161,6 +156,6 @@ def pyolaf_backward(H: NDArray[Any], pixels: int) -> tuple[NDArray[np.float64], 
     with contextlib.redirect_stderr(io.StringIO()):  # its progress bar
         back = lf.LFM_computeBackwardPatterns(patterns, resolution, "full", [])
     seconds = time.perf_counter() - start
-    share = pixels**2 / (n**2 * nz)
+    share = pixels**2 / (n**2 * planes)
     values = np.array([[back[y, x, 0].toarray() for x in range(pixels)] for y in range(pixels)])
     return values, Scaled(seconds / share, share)

@@ -213,14 +213,14 @@ def measure_pyolaf(settings: Settings) -> Pyolaf:
     from lfcal.psf import transpose
 
     size = TABLE_1[0]
-    H = ways.random_matrix((PLANES, size.ny, size.nx, size.pixels, size.pixels))
     try:
         import pyolaf
-
-        values, found = ways.pyolaf_backward(H, settings.pyolaf_pixels)
+        import pyolaf.lf
     except ImportError as error:
         return Pyolaf(missing=str(error))
-    paper = transpose(H[:1], method="paper")[0, : settings.pyolaf_pixels, : settings.pyolaf_pixels]
+    H = ways.random_matrix((1, size.ny, size.nx, size.pixels, size.pixels))
+    values, found = ways.pyolaf_backward(H, settings.pyolaf_pixels, PLANES)
+    paper = transpose(H, method="paper")[0, : settings.pyolaf_pixels, : settings.pyolaf_pixels]
     same = bool(np.allclose(values, paper, rtol=1e-6))
     return Pyolaf(getattr(pyolaf, "__version__", ""), found=found, same_as_paper=same)
 
@@ -309,7 +309,7 @@ def notes(rows: list[Row], plane: PlaneTimes | None, pyolaf: Pyolaf) -> list[str
         lines.append(f"* scaled, memory did not hold them all: {', '.join(scaled)}.")
     loops = [row.paper_loop.share for row in rows if row.paper_loop is not None and row.paper_loop.share < 1]
     if loops:
-        lines.append(f"* paper's loop scaled from {min(loops):.2%} to {max(loops):.2%} of its assignments.")
+        lines.append(f"* paper's loop stopped after {min(loops):.2%} or more of its assignments, and scaled.")
     left_out = [row.size.name for row in rows if row.planes_run == 0]
     if left_out:
         lines.append(f"Not run, memory does not hold one plane twice: {', '.join(left_out)}.")
