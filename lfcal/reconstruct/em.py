@@ -10,12 +10,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError, expectation
-from lfcal.progress import Work, drain
+from lfcal.progress import drain
 from lfcal.reconstruct.acceleration import check_acceleration, extrapolate, remember
 from lfcal.reconstruct.measurement import Fit, Measurement
 from lfcal.reconstruct.penalty import Penalty
 from lfcal.reconstruct.projector import Projector
-from lfcal.reconstruct.records import Reconstruction, SolverProgress, SolverState, relative_change, without_state
+from lfcal.reconstruct.records import (
+    Reconstruction,
+    SolverProgress,
+    SolverState,
+    SolverWork,
+    relative_change,
+    without_state,
+)
 from lfcal.reconstruct.smoothing import DepthSmoothing
 from lfcal.reconstruct.subsets import Masks, check_partition
 
@@ -87,7 +94,7 @@ def iter_em(
     *,
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
-) -> Work[Reconstruction]:
+) -> SolverWork:
     """Run ``iterations`` iterations, yielding a `SolverProgress` after each.
 
     Parameters
@@ -151,7 +158,7 @@ def iter_richardson_lucy(
     tolerance: float = 0.0,
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
-) -> Work[Reconstruction]:
+) -> SolverWork:
     """Deconvolve ``image`` ``(Y, X)`` by Richardson-Lucy, one `SolverProgress` per iteration.
 
     ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2); with weights, ``HT(w f / (Hg + b)) /
@@ -186,7 +193,7 @@ def iter_isra(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
     **options: Any,
-) -> Work[Reconstruction]:
+) -> SolverWork:
     """Deconvolve by the image-space reconstruction algorithm: least squares without negative values.
 
     ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Arguments as for

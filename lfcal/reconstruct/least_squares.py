@@ -9,10 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError, expectation
-from lfcal.progress import Work, drain
+from lfcal.progress import drain
 from lfcal.reconstruct.measurement import Measurement
 from lfcal.reconstruct.projector import Projector
-from lfcal.reconstruct.records import Reconstruction, SolverProgress, SolverState, relative_change, without_state
+from lfcal.reconstruct.records import (
+    Reconstruction,
+    SolverProgress,
+    SolverState,
+    SolverWork,
+    relative_change,
+    without_state,
+)
 
 __all__ = ["conjugate_gradient", "iter_conjugate_gradient"]
 
@@ -28,7 +35,7 @@ def iter_conjugate_gradient(
     damping: float = 0.0,
     tolerance: float = 0.0,
     resume: SolverState | None = None,
-) -> Work[Reconstruction]:
+) -> SolverWork:
     """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS, Bjoerck 1996, section 7.4).
 
     The volume may become negative. ``likelihood`` of a record is minus half the weighted sum of squares.

@@ -60,12 +60,12 @@ class Tikhonov:
     Attributes
     ----------
     weight
-        Strength relative to the sensitivity HT1 and to the volume's mean; 0.01 is mild.
+        Strength relative to the sensitivity HT1 and to the volume's peak; 0.02 is mild, above 0.2 it turns unstable.
     z_weight
         Weight of differences between planes against those within a plane.
     """
 
-    weight: float = 0.01
+    weight: float = 0.02
     z_weight: float = 0.0
 
     def __post_init__(self) -> None:
@@ -73,12 +73,12 @@ class Tikhonov:
         _check(self.weight, self.z_weight)
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return minus the Laplacian over the mean."""
+        """Return minus the Laplacian over the peak."""
         steps = _differences(volume, self.z_weight)
         if 0 in steps:
             steps[0] *= volume.dtype.type(self.z_weight)
-        mean = float(volume.mean())
-        return _scaled(_divergence(steps), -self.weight / mean if mean > 0 else 0.0)
+        peak = float(volume.max(initial=0))
+        return _scaled(_divergence(steps), -self.weight / peak if peak > 0 else 0.0)
 
 
 def _check(weight: float, z_weight: float) -> None:

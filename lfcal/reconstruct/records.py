@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.progress import Progress
 
-__all__ = ["Reconstruction", "SolverProgress", "SolverState"]
+__all__ = ["Reconstruction", "SolverProgress", "SolverState", "SolverWork"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +82,10 @@ class Reconstruction:
     history: tuple[SolverProgress, ...]
     state: SolverState
     notes: tuple[str, ...] = ()
+
+
+SolverWork = Generator[SolverProgress, None, Reconstruction]
+"""A running solver: yields `SolverProgress`, returns its `Reconstruction`."""
 
 
 def relative_change(new: NDArray[Any], old: NDArray[Any]) -> float:

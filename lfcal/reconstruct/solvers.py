@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lfcal.errors import InputError, expectation
-from lfcal.progress import Work, drain
+from lfcal.progress import drain
 from lfcal.reconstruct.em import iter_isra, iter_richardson_lucy
 from lfcal.reconstruct.least_squares import iter_conjugate_gradient
 from lfcal.reconstruct.penalty import Tikhonov, TotalVariation
 from lfcal.reconstruct.projector import Projector
-from lfcal.reconstruct.records import Reconstruction, SolverState
+from lfcal.reconstruct.records import Reconstruction, SolverState, SolverWork
 from lfcal.reconstruct.smoothing import DepthSmoothing
 from lfcal.reconstruct.subsets import Masks, angular_subsets, by_energy, interleaved_subsets
 
@@ -82,7 +82,7 @@ def iter_reconstruct(
     weights: ArrayLike | None = None,
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
-) -> Work[Reconstruction]:
+) -> SolverWork:
     """Reconstruct ``image`` by the solver of ``choice``, one `SolverProgress` per iteration.
 
     ``ems`` takes its widths from the camera and depths of H, else from the period at every depth.

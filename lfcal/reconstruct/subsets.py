@@ -19,6 +19,8 @@ Masks = tuple[NDArray[np.bool_], ...]
 def interleaved_subsets(period: tuple[int, int], count: int) -> Masks:
     """Return ``count`` masks ``(ny, nx)`` that split the image phases evenly and finely (Hudson & Larkin 1994).
 
+    Long periods are split by rows, which the direct method can leave out, others by rows and columns.
+
     Raises
     ------
     InputError
@@ -28,7 +30,7 @@ def interleaved_subsets(period: tuple[int, int], count: int) -> Masks:
     _check_count(count, ny * nx)
     step = next(k for k in range(max(1, round(count * 0.618)), 2 * count + 2) if math.gcd(k, count) == 1)
     y, x = np.mgrid[:ny, :nx]
-    label = (x + step * y) % count
+    label = y % count if ny >= 4 * count else (x + step * y) % count
     if len(np.unique(label)) < count:
         label = np.arange(ny * nx).reshape(ny, nx) % count
     return tuple(label == k for k in range(count))
