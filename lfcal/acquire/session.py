@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import uuid
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -90,6 +91,10 @@ def iter_record(
         return outcome
     finally:
         lock.release()
+        if not (folder / "session.json").exists():  # refused: leave nothing behind
+            with suppress(OSError):
+                lock.path.unlink(missing_ok=True)
+                folder.rmdir()
 
 
 def record(

@@ -20,6 +20,9 @@ STATUS = ("complete", "cleared", "timed out while filling", "packets are missing
           "still filling", "aborted", "payload not supported")  # fmt: skip
 """What a buffer's status means, from 0."""
 
+SILENT = (2, 4, 5)
+"""Codes of ``ARV_DEVICE_ERROR``: not connected, transfer error, timeout."""
+
 _P, _I, _U, _D, _S = c.c_void_p, c.c_int, c.c_uint, c.c_double, c.c_char_p
 _PLAIN: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "update_device_list": (None, ()),
@@ -74,7 +77,11 @@ _FAILING: dict[str, tuple[Any, tuple[Any, ...]]] = {
 
 
 class AravisError(Exception):
-    """What a ``GError`` says."""
+    """What a ``GError`` says; ``silent`` if the device did not answer at all."""
+
+    def __init__(self, message: str, *, silent: bool = False) -> None:
+        super().__init__(message)
+        self.silent = silent
 
 
 class _GError(c.Structure):
@@ -120,8 +127,9 @@ def _checked(name: str, function: Any, free: Any) -> Callable[..., Any]:
         result = function(*arguments, c.byref(error))
         if error:
             message = (error.contents.message or b"").decode(errors="replace")
+            silent = error.contents.code in SILENT and "timeout" in message
             free(error)
-            raise AravisError(f"{name}: {message}")
+            raise AravisError(f"{name}: {message}", silent=silent)
         return result
 
     return call

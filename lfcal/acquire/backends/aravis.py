@@ -77,6 +77,7 @@ class _Camera:
     def __init__(self, lib: Library, wanted: str, pixel_format: str, trigger: str, packet_size: int) -> None:
         self._lib = lib
         self._stream: Any = None
+        self._lost = False
         self._camera = lib.camera_new(wanted.encode())
         if not self._camera:
             raise AravisError("no such camera")
@@ -211,7 +212,8 @@ class _Camera:
     def _stop(self) -> None:
         if self._stream is not None:
             try:
-                self._lib.camera_stop_acquisition(self._camera)
+                if not self._lost:
+                    self._lib.camera_stop_acquisition(self._camera)
             finally:
                 self._lib.unref(self._stream)
                 self._stream = None
@@ -244,9 +246,15 @@ class _Camera:
         try:
             self._lib.camera_get_exposure_time(self._camera)
         except AravisError as error:
-            raise DeviceLost(f"{self.name}: no answer ({error}); check power and cable") from error
+            raise self._gone(error) from error
+
+    def _gone(self, error: AravisError) -> DeviceLost:
+        self._lost = True  # from now on every request would wait for seconds
+        return DeviceLost(f"{self.name}: no answer ({error}); check power and cable")
 
     def _explained(self, error: AravisError) -> CameraError | DeviceLost:
+        if error.silent:
+            return self._gone(error)
         try:
             self._check_there()
         except DeviceLost as lost:

@@ -1,0 +1,185 @@
+"""``lfcal acquire`` and ``lfcal doctor`` as a user runs them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfcal.acquire.recording import RecordingSource
+from lfcal.acquire.redo import RedoList
+from lfcal.cli import main
+from lfcal.errors import FileFormatError
+from lfcal.psf import open_psf
+from tests.acquire.rigs import assert_same_frames, frames_of, small_plan
+
+PLAN = small_plan((4, 5), 2)
+
+
+@pytest.fixture
+def plan_file(tmp_path: Path) -> Path:
+    path = tmp_path / "plan.json"
+    path.write_text(PLAN.to_json())
+    return path
+
+
+def run(*arguments: object, monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setattr(sys, "argv", ["lfcal", *map(str, arguments)])
+    try:
+        main()
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+def test_from_plan_to_h_without_copying_by_hand(
+    tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, matrix = tmp_path / "session", tmp_path / "H.h5"
+    options = ("--darks", 2, "--reference-every", 10, "--json")
+    assert run("acquire", plan_file, "--out", out, "--assemble", matrix, *options, monkeypatch=monkeypatch) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["outcome"]["how"] == "complete"
+    assert result["outcome"]["acknowledged"] == 40
+    assert result["alarms"] == []
+    assert result["bytes_gained"] > 0
+    with open_psf(matrix) as psf, RecordingSource(out, dark=True) as source:
+        assert psf.shape == (2, 4, 5, 21, 21)
+        for k in range(40):
+            assert np.array_equal(psf[source.position(k)], source.read(k))
+
+
+def test_dry_run_moves_and_writes_nothing(
+    tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "session"
+    assert run("acquire", plan_file, "--out", out, "--dry-run", "--controls", 1, "--json", monkeypatch=monkeypatch) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["positions"], found["other_frames"]) == (40, 8)
+    assert found["recording_bytes"] == 48 * (21 * 21 * 2 + 128)
+    assert not out.exists()
+    assert run("acquire", plan_file, "--out", out, "--dry-run", monkeypatch=monkeypatch) == 0
+    assert "nothing was moved" in capsys.readouterr().out
+
+
+def test_fault_resume_redo_and_coarse_order(
+    tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, calm = tmp_path / "session", tmp_path / "calm"
+    start = ("acquire", plan_file, "--out", out, "--no-pack")
+    assert run(*start, "--order", "coarse", "--option", "faults=times out@20*9", monkeypatch=monkeypatch) == 2
+    assert "15 of 40 positions are safe" in capsys.readouterr().err
+    assert run(*start, monkeypatch=monkeypatch) == 2
+    assert "choose another folder, or resume" in capsys.readouterr().err
+    assert run(*start, "--resume", monkeypatch=monkeypatch) == 0
+    assert run("acquire", plan_file, "--out", calm, monkeypatch=monkeypatch) == 0
+    assert_same_frames(frames_of(out), frames_of(calm))
+    redo = tmp_path / "redo.json"
+    RedoList.of([(1, 2, 3)], ["step outlier"]).write(redo)
+    assert run(*start, "--redo", redo, "--option", "seed=9", monkeypatch=monkeypatch) == 0
+    new, old = frames_of(out), frames_of(calm)
+    assert [key for key in old if not np.array_equal(old[key], new[key])] == [(1, 2, 3)]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--backend", "nothing"], "device backend: expected"),
+        (["--option", "velocity"], "--option: expected NAME=VALUE"),
+        (["--option", "axes=-x,+y,+z"], "the scan would run the wrong way"),
+        (["--origin", "1,2"], "give three numbers"),
+        (["--tolerance", "a"], "--tolerance: expected numbers"),
+        (["--bracket", "0.5"], "exposure bracket"),
+        (["--backend", "gentl"], "name its backend"),
+        (["--option", "limits=-10:10,-10:10,-10:10"], "the limits"),
+        (["--option", "limits=-10:10,-10:10,-10:10", "--no-check-stage"], "the limits"),
+        (["--margin", "1000", "--no-check-stage"], "smaller margin"),
+        (["--redo", "/nowhere.json"], "expected a session folder"),
+        (["--resume"], "expected a session folder"),
+        (["--dark-every", "-1"], "dark every"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    arguments: list[str], message: str,
+) -> None:  # fmt: skip
+    out = tmp_path / "session"
+    assert run("acquire", plan_file, "--out", out, *arguments, monkeypatch=monkeypatch) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[]", '{"format":"lfcal-redo","version":2}', '{"format":"lfcal-redo","version":1,"positions":[[0,1]]}',
+     '{"format":"lfcal-redo","version":1,"positions":[[0,1,2.5]]}',
+     '{"format":"lfcal-redo","version":1,"positions":[],"reasons":["x"]}'],
+)  # fmt: skip
+def test_bad_redo_lists_are_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "redo.json"
+    path.write_text(text)
+    with pytest.raises(FileFormatError):
+        RedoList.read(path)
+
+
+def test_redo_list_comes_back(tmp_path: Path) -> None:
+    given = RedoList.of([(0, 1, 2), (3, 4, 5)], ["missing"])
+    given.write(tmp_path / "redo.json")
+    data = json.loads((tmp_path / "redo.json").read_text())
+    assert data == {
+        "format": "lfcal-redo",
+        "version": 1,
+        "positions": [[0, 1, 2], [3, 4, 5]],
+        "reasons": ["missing", ""],
+    }
+    assert RedoList.read(tmp_path / "redo.json") == given
+
+
+@pytest.mark.skipif(os.name != "posix", reason="interrupted by a signal")
+def test_ctrl_c_stops_in_order_and_the_session_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = small_plan((10, 20), 1)
+    (tmp_path / "plan.json").write_text(plan.to_json())
+    out = tmp_path / "session"
+    code = "from lfcal.cli import main; main()"
+    options = ["--out", str(out), "--option", "time=real", "--no-check-stage"]
+    command = [sys.executable, "-c", code, "acquire", str(tmp_path / "plan.json"), *options]
+    child = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    end = time.monotonic() + 30
+    while not (out / "session.json").exists() and time.monotonic() < end:
+        time.sleep(0.02)
+    time.sleep(0.5)
+    child.send_signal(signal.SIGINT)
+    said, complaint = child.communicate(timeout=30)
+    assert child.returncode == 130
+    assert "stopping after this position" in complaint
+    assert "resume with --resume" in said
+    count = len(frames_of(out))
+    assert 0 < count < plan.n_positions
+    assert run("acquire", tmp_path / "plan.json", "--out", out, "--resume", "--no-pack", monkeypatch=monkeypatch) == 0
+    assert len(frames_of(out)) == plan.n_positions
+
+
+def test_doctor_lists_machine_libraries_and_devices(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("doctor", "--json", monkeypatch=monkeypatch) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert {"Python", "processors", "memory", "disk free here", "numba cache", "lfcal"} <= set(found["machine"])
+    assert found["libraries"]["numpy"] == np.__version__
+    devices = {d["name"]: d for d in found["devices"]}
+    assert {"sim", "micromanager", "aravis", "gentl", "folder"} <= set(devices)
+    assert all(bool(d["version"]) != bool(d["reason"]) for d in devices.values())
+    assert run("doctor", monkeypatch=monkeypatch) == 0
+    text = capsys.readouterr().out
+    assert "sim" in text
+    assert "numba cache" in text
