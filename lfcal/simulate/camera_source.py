@@ -79,7 +79,8 @@ class SimulatedCamera:
             effects = plan_effects(plan.camera, plan, tolerance, frames=True, peak=peak)
         self.plan, self.camera = plan, plan.camera
         self.effects: tuple[Effect, ...] = effects_of(effects, plan, tolerance)
-        self.level, self.sampling, self.peak, self.seed = level, sampling, peak, seed
+        self.level, self.tolerance, self.sampling = level, tolerance, sampling
+        self.peak, self.seed = peak, seed
         self._frame_effects = [e for e in self.effects if isinstance(e, FrameEffect)]
         self._order = plan.order_indices()
         self._responses: dict[tuple[int, float], PlaneResponse] = {}
@@ -229,7 +230,7 @@ class SimulatedCamera:
                 reach = half_extent_px(self.camera, self.plan.depths_um[z]) + 2 * self.camera.pitch_px
                 cutout = tuple(max(n, 2 * int(reach) + 1) for n in self.plan.cutout)
                 self._responses[key] = PlaneResponse(
-                    self.plan, z, self.effects, level=self.level, sampling=self.sampling,
+                    self.plan, z, self.effects, level=self.level, tolerance=self.tolerance, sampling=self.sampling,
                     cutout=(cutout[0], cutout[1]), depth_error_um=depth_error_um,
                 )  # fmt: skip
             return self._responses[key]

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.camera import ScanPlan
 from lfcal.simulate.effects.base import Effect, LightSample
 from lfcal.simulate.engine import Certificate, PlaneEngine, Sampling, engine_for
+from lfcal.simulate.sampling import checked_engine, sampling_for
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, light_samples, outlook_of, resolve_level, scene_for
 
@@ -30,8 +31,9 @@ class PlaneResponse:
         The plan and the number of the plane.
     effects
         Scene, light and psf effects; others are not its business.
-    level, sampling
-        As in `simulate_psf`.
+    level, tolerance, sampling
+        As in `simulate_psf`; a sampling that is given is taken as it is, else it is refined until the energy
+        balances.
     cutout
         Pixels ``(nt, ns)`` where they are not the plan's.
     depth_error_um
@@ -45,6 +47,7 @@ class PlaneResponse:
         effects: Sequence[Effect],
         *,
         level: str = "auto",
+        tolerance: float = 0.03,
         sampling: Sampling | None = None,
         cutout: tuple[int, int] | None = None,
         depth_error_um: float = 0.0,
@@ -56,7 +59,9 @@ class PlaneResponse:
         scene = replace(scene, cutout=(window[0] + 2 * halo, window[1] + 2 * halo))
         self.scene, self.level = resolve_level(scene, level)
         self.cutout, self.halo, self.sampling = window, halo, sampling
-        samples = light_samples(effects, outlook_of(plan, z))
+        outlook = outlook_of(plan, z)
+        self.wanted = sampling_for(outlook, self.level, tolerance)
+        samples = light_samples(effects, outlook)
         self.samples = merged(samples, scene.wavelength_um) if self.level == "geometric" else samples
         self._engines: dict[float, PlaneEngine] = {}
         self._lock = threading.Lock()
@@ -83,7 +88,7 @@ class PlaneResponse:
         wave = self.scene.wavelength_um if wavelength_um is None else wavelength_um
         with self._lock:
             if wave not in self._engines:
-                self._engines[wave] = engine_for(at_wavelength(self.scene, wave), self.level, self.sampling)
+                self._engines[wave] = self._made(at_wavelength(self.scene, wave))
             return self._engines[wave]
 
     def rows(self, ys: ArrayLike, xs: ArrayLike, workers: int | None = None) -> NDArray[np.float32]:
@@ -138,7 +143,13 @@ class PlaneResponse:
         shift = np.array([sample.rows, sample.columns]) * self.scene.pixel_um
         planned = np.zeros((*self.scene.period, 2)) if self.scene.offsets_um is None else self.scene.offsets_um
         scene = replace(at_wavelength(self.scene, sample.wavelength_um), offsets_um=planned + shift)
-        return engine_for(scene, self.level, self.sampling)
+        return self._made(scene)
+
+    def _made(self, scene: Scene) -> PlaneEngine:
+        if self.sampling is not None or self.level == "reference":
+            return engine_for(scene, self.level, self.sampling or self.wanted)
+        engine, self.wanted = checked_engine(scene, self.level, self.wanted)
+        return engine
 
     def point(self, y_px: float, x_px: float) -> list[tuple[int, int, NDArray[np.float32]]]:
         """Return windows ``(row, column, values)`` of the light of a source whose chief ray is at (y, x).

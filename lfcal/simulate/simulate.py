@@ -170,7 +170,7 @@ def _plane(
     workers: int | None,
 ) -> Iterable[Progress]:
     """Compute one plane into ``out``, zeroed; yield progress."""
-    response = PlaneResponse(plan, z, effects, level=level, sampling=sampling)
+    response = PlaneResponse(plan, z, effects, level=level, tolerance=tolerance, sampling=sampling)
     ny, nx = plan.period
     row_bytes = nx * plan.cutout[0] * plan.cutout[1] * 4
     threads = worker_count(workers)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,14 +52,15 @@ class _Simulated:
     """Responses computed when asked for; one plane's tables are kept."""
 
     def __init__(self, plan: ScanPlan, effects: EffectsLike, level: str, tolerance: float, sampling: Sampling | None):
-        self.plan, self.level, self.sampling = plan, level, sampling
+        self.plan = plan
+        self.options: dict[str, Any] = {"level": level, "tolerance": tolerance, "sampling": sampling}
         self.effects = effects_of(effects, plan, tolerance)
         self.shape = plan.shape
         self._kept: tuple[int, PlaneResponse] | None = None
 
     def some(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
         if self._kept is None or self._kept[0] != z:
-            self._kept = (z, PlaneResponse(self.plan, z, self.effects, level=self.level, sampling=self.sampling))
+            self._kept = (z, PlaneResponse(self.plan, z, self.effects, **self.options))
         row: NDArray[np.float32] = self._kept[1].rows([y], xs)[0]
         return row
 

@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.simulate.effects import Effect, IrisDiffraction, IrisShape, LensletDiffraction, LensTypes, Telecentricity
+from lfcal.simulate.engine import Sampling
 from lfcal.simulate.response import PlaneResponse
 
 BASE: tuple[Effect, ...] = (LensTypes(), LensletDiffraction(), IrisDiffraction(), IrisShape(), Telecentricity())
 """The optics of the described camera; an effect under test is switched on and off beside these."""
+
+FAST = Sampling(nodes_per_px=3, margin_px=4)
+"""Incoherent and quick: differences between two simulations do not need more."""
 
 
 def small_camera(rows: int = 160, columns: int = 160, **sensor: object) -> Camera:
@@ -40,7 +44,7 @@ def difference(without: NDArray[np.floating], with_it: NDArray[np.floating]) -> 
 
 def responses(plan: ScanPlan, effects: tuple[Effect, ...], z: int = 0, level: str = "auto") -> NDArray[np.float32]:
     """Return responses of a few positions."""
-    return PlaneResponse(plan, z, effects, level=level).rows(*some_positions(plan))
+    return PlaneResponse(plan, z, effects, level=level, sampling=FAST).rows(*some_positions(plan))
 
 
 def switched(plan: ScanPlan, effect: Effect, base: tuple[Effect, ...] = BASE) -> float:

@@ -31,7 +31,7 @@ from lfcal.simulate.effects import (
 )
 from lfcal.simulate.simulate import simulate_psf
 from lfcal.simulate.white import fold, white_tile
-from tests.simulate.common import BASE, difference, small_camera, small_plan
+from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan
 
 NOISE = (ShotNoise(), ReadNoise(), FixedPattern(), DarkCurrent(), Quantisation())
 
@@ -67,24 +67,24 @@ def test_is_a_frame_source_in_scan_order() -> None:
 )
 def test_frames_without_noise_assemble_to_h_exactly(effects: tuple[Effect, ...]) -> None:
     plan = corner(small_plan())
-    h = simulate_psf(plan.camera, plan, effects).plane(0)
-    assert difference(assembled(SimulatedCamera(plan, effects)), h) < 2e-6
+    h = simulate_psf(plan.camera, plan, effects, sampling=FAST).plane(0)
+    assert difference(assembled(SimulatedCamera(plan, effects, sampling=FAST)), h) < 2e-6
 
 
 @pytest.mark.parametrize("anchor", [(70.4, 64.0), (70.0, 64.5), (69.7, 64.2)])
 def test_anchor_between_pixels(anchor: tuple[float, float]) -> None:
     plan = corner(small_plan(anchor=anchor), 2, 2)
-    h = simulate_psf(plan.camera, plan, BASE).plane(0)
-    assert difference(assembled(SimulatedCamera(plan, BASE)), h) < 2e-6
+    h = simulate_psf(plan.camera, plan, BASE, sampling=FAST).plane(0)
+    assert difference(assembled(SimulatedCamera(plan, BASE, sampling=FAST)), h) < 2e-6
     whole = corner(small_plan(anchor=tuple(float(np.ceil(v - 0.5)) for v in anchor)), 2, 2)
-    assert difference(simulate_psf(plan.camera, whole, BASE).plane(0), h) > 0.01
+    assert difference(simulate_psf(plan.camera, whole, BASE, sampling=FAST).plane(0), h) > 0.01
 
 
 def test_noisy_frames_assemble_to_h_within_the_noise() -> None:
     plan = corner(small_plan(), 4, 6)
-    source = SimulatedCamera(plan, (*BASE, *NOISE), seed=2)
+    source = SimulatedCamera(plan, (*BASE, *NOISE), sampling=FAST, seed=2)
     assert source.dtype == np.uint16 and source.read(0).dtype == np.uint16
-    h = simulate_psf(plan.camera, plan, BASE).plane(0)
+    h = simulate_psf(plan.camera, plan, BASE, sampling=FAST).plane(0)
     sensor = plan.camera.sensor
     electrons = h.astype(float) * source.electrons_per_unit(0)
     lsb = sensor.electrons_per_count
@@ -98,7 +98,7 @@ def test_noisy_frames_assemble_to_h_within_the_noise() -> None:
 
 def test_frames_depend_on_index_and_seed_alone() -> None:
     plan = corner(small_plan(cutout=31))
-    one, two, other = (SimulatedCamera(plan, (*BASE, *NOISE), seed=s) for s in (5, 5, 6))
+    one, two, other = (SimulatedCamera(plan, (*BASE, *NOISE), sampling=FAST, seed=s) for s in (5, 5, 6))
     frames = [one.read(k).tobytes() for k in range(12)]
     with ThreadPoolExecutor(3) as pool:
         assert [f.tobytes() for f in pool.map(two.read, reversed(range(12)))] == frames[::-1]
@@ -107,7 +107,7 @@ def test_frames_depend_on_index_and_seed_alone() -> None:
 
 def test_brightest_pixel_reaches_the_peak() -> None:
     plan = small_plan()
-    camera = SimulatedCamera(plan, BASE, peak=0.5)
+    camera = SimulatedCamera(plan, BASE, sampling=FAST, peak=0.5)
     brightest = max(camera.light(k).max() for k in range(0, len(camera), 7))
     assert brightest == pytest.approx(0.5 * plan.camera.sensor.full_well_e, rel=0.12)
 
@@ -117,19 +117,19 @@ def test_light_follows_the_plan_and_lenslets_stay_on_the_sensor() -> None:
     plan = small_plan(camera=small_camera(200, 220), cutout=41)
     ny, nx = plan.period
     moved = replace(plan, anchor=(plan.anchor[0] - ny, plan.anchor[1] - nx))
-    a = SimulatedCamera(plan, BASE).light(40)
-    b = SimulatedCamera(moved, BASE).light(40)
+    a = SimulatedCamera(plan, BASE, sampling=FAST).light(40)
+    b = SimulatedCamera(moved, BASE, sampling=FAST).light(40)
     # the period is 19.05 x 33.0 px, so a residual of 0.05 px remains
     assert difference(np.roll(b, (ny, nx), (0, 1)), a) < 0.12
     half = replace(plan, anchor=(plan.anchor[0], plan.anchor[1] - 5))
-    assert difference(np.roll(SimulatedCamera(half, BASE).light(40), (0, 5), (0, 1)), a) > 0.5
+    assert difference(np.roll(SimulatedCamera(half, BASE, sampling=FAST).light(40), (0, 5), (0, 1)), a) > 0.5
 
 
 def test_motion_displaces_the_source_without_telling() -> None:
     plan = corner(small_plan(), 2, 6)
     step = plan.camera.step_um(plan.depths_um[0])
-    camera = SimulatedCamera(plan, (*BASE, Drift(0.0, 11 * step)))
-    still = SimulatedCamera(replace(plan, anchor=(plan.anchor[0], plan.anchor[1] + 1)), BASE)
+    camera = SimulatedCamera(plan, (*BASE, Drift(0.0, 11 * step)), sampling=FAST)
+    still = SimulatedCamera(replace(plan, anchor=(plan.anchor[0], plan.anchor[1] + 1)), BASE, sampling=FAST)
     assert camera.displacement_um(1) == pytest.approx((0.0, 0.0, step))
     k = 1  # one step of drift: the frame is that of the neighbour to the right
     scale = camera.electrons_per_unit(0) / still.electrons_per_unit(0)
@@ -151,13 +151,13 @@ def test_motion_is_seeded_and_serpentine_backlash_lags_every_other_row() -> None
 
 def test_depth_error_changes_the_plane() -> None:
     plan = corner(small_plan(), 1, 2)
-    camera = SimulatedCamera(plan, (*BASE, DepthError(2e4)), seed=3)
+    camera = SimulatedCamera(plan, (*BASE, DepthError(2e4)), sampling=FAST, seed=3)
     dz = camera.displacement_um(0)[0]
     assert dz != 0 and camera.displacement_um(1)[0] == dz
-    true = SimulatedCamera(replace(plan, depths_um=(plan.depths_um[0] + dz,)), BASE)
+    true = SimulatedCamera(replace(plan, depths_um=(plan.depths_um[0] + dz,)), BASE, sampling=FAST)
     scale = camera.electrons_per_unit(0) / true.electrons_per_unit(0)
     assert difference(camera.light(0), true.light(0) * np.float32(scale)) < 0.05
-    assert difference(SimulatedCamera(plan, BASE).light(0), true.light(0)) > 0.2
+    assert difference(SimulatedCamera(plan, BASE, sampling=FAST).light(0), true.light(0)) > 0.2
 
 
 def test_dark_frames() -> None:
@@ -171,7 +171,7 @@ def test_dark_frames() -> None:
 
 def test_white_frames_show_the_lattice() -> None:
     plan = small_plan(camera=small_camera(240, 260))
-    white = SimulatedCamera(plan, (*BASE, CosFourth())).white_frame()
+    white = SimulatedCamera(plan, (*BASE, CosFourth()), sampling=FAST).white_frame()
     sensor = plan.camera.sensor
     level = (white - sensor.black_level) * sensor.electrons_per_count / sensor.full_well_e
     assert level.max() == pytest.approx(0.6, rel=0.02) and level.min() > 0
@@ -206,14 +206,14 @@ def test_planned_effects_for_frames() -> None:
 def test_resampled_plan_is_recorded_on_the_sensors_pixels() -> None:
     """Positions of a resampled plan lie between pixels; each frame still shows the source where it is."""
     plan = ScanPlan.for_camera(small_camera(), virtual_depths=[4.0], resample=True)
-    camera = SimulatedCamera(plan, BASE)
+    camera = SimulatedCamera(plan, BASE, sampling=FAST)
     row, column = camera.image_px(400)
     assert (row, column) == pytest.approx(tuple(plan.image_px(camera.position(400))), abs=1e-9)
     light = camera.light(400)
     mean = (light.sum(1) @ np.arange(160)) / light.sum(), (light.sum(0) @ np.arange(160)) / light.sum()
     assert mean == pytest.approx((row, column), abs=1.5)
     with pytest.raises(InputError, match="resample"):
-        simulate_psf(plan.camera, plan, BASE)
+        simulate_psf(plan.camera, plan, BASE, sampling=FAST)
 
 
 def test_other_peaks_and_seeds_are_refused() -> None:

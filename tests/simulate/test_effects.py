@@ -41,7 +41,7 @@ from lfcal.simulate.effects.light import disc_rule
 from lfcal.simulate.effects.outlook import share_moved, share_widened
 from lfcal.simulate.response import PlaneResponse, filtered
 from lfcal.simulate.staging import outlook_of
-from tests.simulate.common import BASE, difference, responses, small_camera, small_plan, some_positions, switched
+from tests.simulate.common import BASE, FAST, difference, responses, small_camera, small_plan, some_positions, switched
 
 SCENES = (4.0, -3.0, 2.2)
 """Virtual depths: the usual one, in front of the array with large spots, near focus."""
@@ -122,8 +122,8 @@ def test_estimates_of_the_r29() -> None:
     for effect in (LensTypes(), IrisDiffraction(), ExactRays()):
         others = tuple(e for e in BASE if e.name != effect.name)
         ys, xs = [20], [10, 60]
-        on = PlaneResponse(plan, 0, (*others, effect)).rows(ys, xs)
-        off = PlaneResponse(plan, 0, others).rows(ys, xs)
+        on = PlaneResponse(plan, 0, (*others, effect), sampling=FAST).rows(ys, xs)
+        off = PlaneResponse(plan, 0, others, sampling=FAST).rows(ys, xs)
         estimate = effect.estimate(outlook_of(plan, 0)).error
         assert 0.5 * estimate <= difference(off, on) <= 2 * estimate, effect.name
 
@@ -143,7 +143,7 @@ def test_motion_estimates(plans: dict[float, ScanPlan], v: float, step: float) -
     """Stage error and drift by source points that are displaced; a fixed displacement stands for their mean."""
     plan = plans[v]
     outlook = outlook_of(plan, 0)
-    response = PlaneResponse(plan, 0, BASE)
+    response = PlaneResponse(plan, 0, BASE, sampling=FAST)
     pixel = response.scene.pixel_um
     ys, xs = some_positions(plan)
 
@@ -175,8 +175,8 @@ def test_motion_estimates(plans: dict[float, ScanPlan], v: float, step: float) -
 def test_depth_error(plans: dict[float, ScanPlan], v: float) -> None:
     plan, effect = plans[v], DepthError(200.0)
     ys, xs = some_positions(plan)
-    true = PlaneResponse(plan, 0, BASE).rows(ys, xs)
-    wrong = PlaneResponse(plan, 0, BASE, depth_error_um=math.sqrt(2 / math.pi) * 200.0).rows(ys, xs)
+    true = PlaneResponse(plan, 0, BASE, sampling=FAST).rows(ys, xs)
+    wrong = PlaneResponse(plan, 0, BASE, sampling=FAST, depth_error_um=math.sqrt(2 / math.pi) * 200.0).rows(ys, xs)
     estimate = effect.estimate(outlook_of(plan, 0)).error
     assert 0.5 * estimate <= difference(true, wrong) <= 2 * estimate
 

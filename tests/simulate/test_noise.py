@@ -25,7 +25,7 @@ from lfcal.simulate.effects import (
 )
 from lfcal.simulate.noise import FrameKind, expose, random_numbers
 from lfcal.simulate.staging import outlook_of
-from tests.simulate.common import BASE, difference, small_camera, small_plan
+from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan
 
 
 def flat(level: float, rows: int = 300, columns: int = 200) -> tuple[np.ndarray, object]:
@@ -154,7 +154,7 @@ def scenes() -> dict[float, tuple[ScanPlan, np.ndarray]]:
     out = {}
     for v in (4.0, -3.0):
         plan = small_plan(v, small_camera(180, 180))
-        camera = SimulatedCamera(plan, BASE)
+        camera = SimulatedCamera(plan, BASE, sampling=FAST)
         out[v] = (plan, np.stack([camera.light(k) for k in (0, 150, 320, 500)]))
     return out
 
@@ -195,7 +195,7 @@ def test_frame_estimates_are_honest(
 
 def test_cos_fourth_estimate_at_the_edge_of_a_wide_sensor() -> None:
     plan = small_plan(4.0, small_camera(180, 9000), anchor=(80.0, 8900.0))
-    light = SimulatedCamera(plan, BASE).light(10)
+    light = SimulatedCamera(plan, BASE, sampling=FAST).light(10)
     frames = [expose(light, plan.camera, e, exposure_s=0.02) - 64.0 for e in ((), (CosFourth(),))]
     estimate = CosFourth().estimate(outlook_of(plan, 0)).error
     assert estimate > 0.05 and 0.5 * estimate <= difference(frames[0], frames[1]) <= 2 * estimate
@@ -203,7 +203,7 @@ def test_cos_fourth_estimate_at_the_edge_of_a_wide_sensor() -> None:
 
 def test_colour_filter_estimate() -> None:
     plan = small_plan(4.0, small_camera(180, 180, cfa="GRBG"))
-    light = SimulatedCamera(plan, BASE).light(10)
+    light = SimulatedCamera(plan, BASE, sampling=FAST).light(10)
     frames = [expose(light, plan.camera, e, exposure_s=0.02) - 64.0 for e in ((), (ColourFilter(),))]
     estimate = ColourFilter().estimate(outlook_of(plan, 0)).error
     assert 0.5 * estimate <= difference(frames[0], frames[1]) <= 2 * estimate

@@ -160,7 +160,7 @@ class Outlook:
     @property
     def diffracted(self) -> float:
         """Relative L1 change when spots are computed by rays instead of waves, 0.65/(1 + N_F)^(1/3) per type."""
-        return sum(0.65 / (1.0 + n) ** (1 / 3) for n in self.fresnel_lenslets) / len(self.defocus)
+        return sum(0.65 / math.cbrt(1.0 + n) for n in self.fresnel_lenslets) / len(self.defocus)
 
     def over_types(self, function: Callable[[float], float]) -> float:
         """Return the mean of ``function(width)`` over the lens types."""
