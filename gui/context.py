@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
@@ -40,6 +41,7 @@ class Context(QObject):
         super().__init__(parent)
         self.session, self.jobs = session, jobs
         self._matrices: dict[str, PSFMatrix] = {}
+        self._closers: list[Callable[[], None]] = []
         session.listen(self.state_changed.emit)
 
     @property
@@ -63,7 +65,13 @@ class Context(QObject):
         if matrix is not None:
             matrix.close()
 
+    def on_close(self, closer: Callable[[], None]) -> None:
+        """Call ``closer`` when the window closes and no thread is at work any more: devices and files are let go."""
+        self._closers.append(closer)
+
     def close(self) -> None:
-        """Close all files."""
+        """Close what pages hold, and all files."""
+        while self._closers:
+            self._closers.pop()()
         for path in list(self._matrices):
             self.forget(path)
