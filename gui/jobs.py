@@ -153,6 +153,11 @@ class Jobs(QObject):
         """Return the stages that have a job at work."""
         return {job.stage for job in self._jobs.values() if job.active}
 
+    @property
+    def busy(self) -> bool:
+        """Whether a job or a computation is at work, or its result waits to be shown."""
+        return any(self._pending.values()) or any(job.active for job in self._jobs.values())
+
     # -- quick computations ----------------------------------------------------------------------------
     def compute(
         self,
@@ -205,7 +210,7 @@ class Jobs(QObject):
         for number, record in newest.items():
             if self._jobs[number].active:
                 self._change(number, state=JobState.RUNNING, progress=record)
-        if not any(job.active for job in self._jobs.values()) and not any(self._pending.values()):
+        if not self.busy:
             self._timer.stop()
 
     def _handle(self, kind: str, data: Any) -> None:

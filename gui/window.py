@@ -58,6 +58,7 @@ class MainWindow(QMainWindow):
         self.recent = RecentSessions(folder / "recent.json")
         self.autosave_path = folder / "autosave.lfcal"
         self._attention: set[str] = set()
+        self._stopped = False
         self._pages: dict[str, StagePage] = {}
         self.stages = available_stages()
         self._build_centre()
@@ -82,6 +83,7 @@ class MainWindow(QMainWindow):
         self.rail = QListWidget()
         self.rail.setObjectName("rail")
         self.rail.setFixedWidth(178)
+        self.rail.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.rail.setIconSize(QSize(22, 22))
         self.rail.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.stack = QStackedWidget()
@@ -175,6 +177,7 @@ class MainWindow(QMainWindow):
             return
         page = self.page(self.stages[row].key)
         self.stack.setCurrentWidget(page)
+        page.setFocus()  # so that arrow keys step through positions, not through the rail
         page.entered()
 
     def go(self, key: str, payload: object = None) -> None:
@@ -375,14 +378,18 @@ class MainWindow(QMainWindow):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Ask about unsaved work, keep the window's state, stop the threads."""
-        if not self._may_leave():
-            event.ignore()
-            return
-        self.shut_down()
+        if not self._stopped:
+            if not self._may_leave():
+                event.ignore()
+                return
+            self.shut_down()
         event.accept()
 
     def shut_down(self) -> None:
-        """Stop timers, jobs and threads; keep the window's state."""
+        """Stop timers, jobs and threads; keep the window's state. Closing asks nothing afterwards."""
+        if self._stopped:
+            return
+        self._stopped = True
         self._timer.stop()
         if self.settings is not None:
             self.settings.setValue("geometry", self.saveGeometry())

@@ -17,6 +17,7 @@ __all__ = ["FIELDS", "RegionDrawing", "apply_change", "default_plan", "forecast_
 
 AXES = tuple((sign + axis, sign.replace("-", "−") + axis) for axis in "xyz" for sign in "+-")
 PATH_POINTS = 6000
+MAX_LENSLETS = 20_000
 
 FIELDS = (
     FieldSpec("virtual_depths", "Planes at v", "", "Virtual depths v = a/B of the planes, with commas", kind="floats"),
@@ -124,7 +125,11 @@ def region_drawing(plan: ScanPlan) -> RegionDrawing:
     centre_row, centre_column = camera.sensor.centre_px
     about = ((middle[1] - centre_column) * pixel, (middle[0] - centre_row) * pixel)
     reach = 1.2 * camera.pitch_px
-    centres, types = camera.lattice.lenslets_within((nx / 2 + reach) * pixel, (ny / 2 + reach) * pixel, about)
+    half = ((nx / 2 + reach) * pixel, (ny / 2 + reach) * pixel)
+    cell = camera.lattice.pitch_um * camera.lattice.row_step_um
+    centres, types = np.zeros((0, 2)), np.zeros(0, np.intp)
+    if 4 * half[0] * half[1] / cell < MAX_LENSLETS:
+        centres, types = camera.lattice.lenslets_within(*half, about)
     points = np.stack([centres[:, 1] / pixel + centre_row, centres[:, 0] / pixel + centre_column], axis=-1)
     order = plan.order_indices()[: ny * nx]
     step = max(1, len(order) // PATH_POINTS)

@@ -45,6 +45,7 @@ class StagePage(QWidget):
     def __init__(self, stage: Stage, context: Context) -> None:
         super().__init__()
         self.stage, self.context = stage, context
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         outer = QVBoxLayout(self)
         outer.setContentsMargins(16, 12, 16, 12)
         outer.setSpacing(10)

@@ -119,7 +119,7 @@ class Page(StagePage):
     def _controls(self) -> QWidget:
         panel = QFrame()
         panel.setProperty("role", "card")
-        panel.setFixedWidth(262)
+        panel.setFixedWidth(250)
         column = QVBoxLayout(panel)
         column.setContentsMargins(12, 10, 12, 12)
         column.setSpacing(7)
@@ -177,7 +177,7 @@ class Page(StagePage):
         left.addWidget(title)
         left.addWidget(self.sum_view, 1)
         row.addLayout(left, 3)
-        self.aperture_text.setMinimumWidth(170)
+        self.aperture_text.setMinimumWidth(140)
         row.addWidget(self.aperture_text, 2)
         return panel
 

@@ -45,6 +45,7 @@ class FrameView(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         self.graphics = pg.GraphicsLayoutWidget()
+        self.graphics.setMinimumSize(120, 110)
         layout.addWidget(self.graphics)
         self.plot: pg.PlotItem = self.graphics.addPlot()
         self.plot.setAspectLocked(True)

@@ -65,6 +65,7 @@ class ImageView(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         self.graphics = pg.GraphicsLayoutWidget()
+        self.graphics.setMinimumSize(120, 110)
         layout.addWidget(self.graphics)
         self.plot: pg.PlotItem = self.graphics.addPlot(row=0, col=0)
         self.plot.setAspectLocked(True)

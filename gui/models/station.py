@@ -1,0 +1,171 @@
+"""The devices of the window: opened once, used by one task at a time, closed for sure. No Qt."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.devices import Limits, Point, Rig
+from lfcal.acquire.errors import LimitError, StageError
+from lfcal.acquire.preview import LiveFrame, Preview
+from lfcal.acquire.setup.live import LiveState, iter_live
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError, expectation
+from lfcal.progress import Work
+
+__all__ = ["Look", "Station", "in_limits", "open_station"]
+
+R = TypeVar("R")
+MOVE_TIMEOUT_S = 60.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """One live frame with its numbers: ``frame`` None where none came, which ``state.trouble`` explains."""
+
+    frame: LiveFrame | None
+    state: LiveState
+
+
+class Station:
+    """A rig with a lock around it: the live view, a move and a session never meet inside a device.
+
+    Parameters
+    ----------
+    rig
+        The devices; closed with the station.
+    name
+        Of the backend, for people.
+    sensor
+        Rows and columns of the camera the devices were opened for.
+    """
+
+    def __init__(self, rig: Rig, name: str, sensor: tuple[int, int]) -> None:
+        self.rig, self.name, self.sensor = rig, name, sensor
+        self._lock = threading.Lock()
+        self._live: Generator[LiveState, float | None, None] | None = None
+        self._preview = Preview(1)
+        self._plan: ScanPlan | None = None
+        self._exposure = math.nan
+        self.moving = Control()
+        """Asked to stop a move that is under way."""
+
+    # -- facts -----------------------------------------------------------------------------------------
+    @property
+    def limits(self) -> Limits:
+        """Travel of the stage (µm)."""
+        return self.rig.stage.limits
+
+    @property
+    def title(self) -> str:
+        """Camera and stage as they name themselves."""
+        camera = self.rig.camera
+        rows, columns = camera.sensor_shape
+        return f"{camera.name}, {columns} × {rows} px, {camera.bit_depth} bits; {self.rig.stage.name}"
+
+    # -- use -------------------------------------------------------------------------------------------
+    def look(self, exposure_s: float, plan: ScanPlan) -> Look:
+        """Return the next live frame, exposed for ``exposure_s``."""
+        with self._lock:
+            if self._live is None or self._plan is not plan:
+                self._stop_live()
+                self._live = iter_live(self.rig, self._preview, Control(), exposure_s, plan=plan)
+                self._plan, self._exposure = plan, exposure_s
+                state = next(self._live)
+            else:
+                changed = exposure_s if exposure_s != self._exposure else None
+                self._exposure = exposure_s
+                state = self._live.send(changed)
+            return Look(self._preview.latest(), state)
+
+    def position(self) -> Point:
+        """Return the position read back (µm)."""
+        with self._lock:
+            return self.rig.stage.position()
+
+    def move(self, target: Point) -> Point:
+        """Move to ``target`` and return the read-back (µm); checked against the limits first."""
+        in_limits(target, self.limits)
+        with self._lock:
+            self.moving = Control()
+            stage, clock = self.rig.stage, self.rig.time
+            stage.move(target)
+            deadline = time.monotonic() + MOVE_TIMEOUT_S
+            while stage.moving():
+                if self.moving.stopping or time.monotonic() > deadline:
+                    stage.stop()
+                    if not self.moving.stopping:
+                        raise StageError(expectation("stage", f"arrival within {MOVE_TIMEOUT_S:g} s", "still moving",
+                                                     "check for an obstacle"))  # fmt: skip
+                    break
+                clock.sleep(0.005)
+            return stage.position()
+
+    def jog(self, axis: int, by_um: float) -> Point:
+        """Move one axis (0, 1, 2: x, y, z) by a step (µm) and return the read-back."""
+        with self._lock:
+            here = list(self.rig.stage.position())
+        here[axis] += by_um
+        return self.move((here[0], here[1], here[2]))
+
+    def use(self, work: Work[R]) -> Work[R]:
+        """Run ``work`` on the rig, alone; the live view begins anew afterwards."""
+        with self._lock:
+            self._stop_live()
+            return (yield from work)
+
+    def close(self) -> None:
+        """Release the devices; waits for what is under way."""
+        self.moving.stop()
+        with self._lock:
+            self._stop_live()
+            self.rig.close()
+
+    def _stop_live(self) -> None:
+        if self._live is not None:
+            self._live.close()
+        self._live, self._plan = None, None
+
+
+def open_station(plan: ScanPlan, backend: str, options: Mapping[str, str], stage: str = "") -> Station:
+    """Open the devices of ``backend`` (and the stage of another one); raises what opening raises."""
+    from lfcal.acquire.registry import open_rig
+    from lfcal.acquire.session import check_devices
+
+    rig = open_rig(plan, backend, options, stage=stage)
+    try:
+        check_devices(plan, rig)
+    except BaseException:
+        rig.close()
+        raise
+    return Station(rig, backend, plan.camera.sensor.shape)
+
+
+def in_limits(target: Point, limits: Limits) -> None:
+    """Raise `LimitError` if ``target`` lies beyond ``limits`` (µm), before anything moves."""
+    for name, value, (low, high) in zip("xyz", target, limits, strict=True):
+        if not math.isfinite(value):
+            raise InputError(expectation(f"stage axis {name}", "a number (µm)", value, "correct it"))
+        if not low <= value <= high:
+            raise LimitError(
+                expectation(f"stage axis {name}", f"{low:.6g} to {high:.6g} µm", f"{value:.6g} µm",
+                            "stay within the travel; nothing was moved")
+            )  # fmt: skip
+
+
+def cut(frame: NDArray[np.generic], row: int, column: int, shape: tuple[int, int]) -> NDArray[np.generic]:
+    """Return the window of ``frame`` whose first pixel is (row, column); outside the frame it is zero."""
+    out = np.zeros(shape, frame.dtype)
+    top, left = max(row, 0), max(column, 0)
+    bottom, right = min(row + shape[0], frame.shape[0]), min(column + shape[1], frame.shape[1])
+    if bottom > top and right > left:
+        out[top - row : bottom - row, left - column : right - column] = frame[top:bottom, left:right]
+    return out

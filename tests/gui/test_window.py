@@ -1,0 +1,327 @@
+from __future__ import annotations
+
+import gc
+import random
+import sys
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QMimeData, QPoint, Qt, QUrl
+from PySide6.QtGui import QCloseEvent, QDropEvent
+from PySide6.QtWidgets import (
+    QApplication,
+    QCheckBox,
+    QComboBox,
+    QLineEdit,
+    QMessageBox,
+    QPushButton,
+    QSlider,
+    QWidget,
+)
+from pytestqt.qtbot import QtBot
+
+from gui.app import make_window, parse
+from gui.jobs import JobState
+from gui.models.session import Session
+from gui.models.stages import StageState
+from gui.theme import DARK, LIGHT, current_theme
+from gui.window import MainWindow
+from lfcal.camera import preset
+from tests.cli.conftest import SHAPE, small_plan, true_frame
+
+
+@pytest.fixture
+def window(qapp: QApplication, place: Path, qtbot: QtBot) -> Iterator[MainWindow]:
+    made = make_window(qapp, parse([]), folder=place)
+    made.show()
+    qtbot.waitExposed(made)
+    made.activateWindow()
+    yield made
+    made.shut_down()
+    made.close()
+    made.deleteLater()
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    """Record a session folder with frames, dark, white and plan."""
+    import cv2
+
+    folder = tmp_path / "recorded"
+    for name in ("frames", "dark", "white"):
+        (folder / name).mkdir(parents=True)
+    rows = ["file,z,y,x"]
+    for z, y, x in np.ndindex(SHAPE):
+        name = f"z{z}_y{y}_x{x}.png"
+        cv2.imwrite(str(folder / "frames" / name), true_frame(z, y, x) + np.uint16(100))
+        rows.append(f"{name},{z},{y},{x}")
+    (folder / "frames" / "manifest.csv").write_text("\n".join(rows) + "\n")
+    cv2.imwrite(str(folder / "dark" / "0.png"), np.full((40, 48), 100, np.uint16))
+    cv2.imwrite(str(folder / "white" / "0.png"), np.full((40, 48), 30100, np.uint16))
+    (folder / "plan.json").write_text(small_plan().to_json())
+    return folder
+
+
+def idle(window: MainWindow, qtbot: QtBot) -> None:
+    """Wait until nothing is computed."""
+    qtbot.waitUntil(lambda: not window.jobs.busy, timeout=20_000)
+
+
+def test_a_whole_sitting(window: MainWindow, qtbot: QtBot, recorded: Path, tmp_path: Path) -> None:
+    """Frames in by drag and drop, corrections, H assembled, HT looked at, exported, saved, reopened."""
+    window.take_files([str(recorded)])
+    frames = window.page("frames")
+    assert window.stack.currentWidget() is frames
+    idle(window, qtbot)
+    assert frames.opened is not None and frames.loaded is not None  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(frames.loaded.raw, true_frame(0, 0, 0) + 100)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(frames.loaded.fixed, true_frame(0, 0, 0), atol=0.5)  # type: ignore[attr-defined]
+    left, right = (v for v in frames.view.cutout.getData()[0][:2])  # type: ignore[attr-defined]
+    qtbot.keyClick(frames, Qt.Key.Key_Right)
+    idle(window, qtbot)
+    assert frames.position == (0, 0, 1)  # type: ignore[attr-defined]
+    assert frames.view.cutout.getData()[0][0] == left + 1, "the cutout moves one pixel with the point"  # type: ignore[attr-defined]
+    assert right > left
+    frames.boxes["use_dark"].setChecked(False)  # type: ignore[attr-defined]
+    assert not window.session.state.frames.use_dark
+    window.session.undo()
+    assert frames.boxes["use_dark"].isChecked()  # type: ignore[attr-defined]
+    idle(window, qtbot)
+    target = tmp_path / "H.h5"
+    with qtbot.waitSignal(window.jobs.finished, timeout=20_000) as end:
+        frames.assemble(str(target))  # type: ignore[attr-defined]
+    assert end.args[0].state is JobState.DONE, end.args[0].error
+    assert window.session.state.psf == str(target)
+    window.go("psf", (1, 2, 3))
+    psf: Any = window.page("psf")
+    idle(window, qtbot)
+    np.testing.assert_allclose(psf.main_view.image.max(), 20000, rtol=0.01)
+    qtbot.keyClick(psf, Qt.Key.Key_T)
+    assert psf.intent.transposed
+    np.testing.assert_array_equal(psf.main_view.image, psf.matrix.T[1, 2, 3])
+    with qtbot.waitSignal(window.jobs.finished, timeout=20_000) as end:
+        psf.export(str(tmp_path / "H.npy"))
+    assert end.args[0].state is JobState.DONE and (tmp_path / "H.npy").exists()
+    window.session.save(tmp_path / "s.lfcal")
+    other = Session()
+    other.open(tmp_path / "s.lfcal")
+    assert other.state == window.session.state
+
+
+def test_only_existing_stages_and_their_states(window: MainWindow) -> None:
+    keys = [stage.key for stage in window.stages]
+    assert keys[:2] == ["camera", "plan"] and "psf" in keys
+    for row, stage in enumerate(window.stages):
+        assert window.rail.item(row).text().startswith(stage.title)
+        assert any(state.value in window.rail.item(row).toolTip() for state in StageState)
+
+
+def test_every_page_opens_without_anything(window: MainWindow, qtbot: QtBot) -> None:
+    for stage in window.stages:
+        window.go(stage.key)
+        idle(window, qtbot)
+        assert window.stack.currentWidget() is window.page(stage.key)
+
+
+def test_undo_through_the_menu(window: MainWindow) -> None:
+    camera: Any = window.page("camera")
+    editor = camera.forms["MainLens"].editor("optics.f_number")
+    editor.setText("8")
+    editor.textEdited.emit("8")
+    assert window.session.state.camera.optics.f_number == 8  # type: ignore[union-attr]
+    assert window.undo_action.isEnabled() and "f number" in window.undo_action.text()
+    window.undo_action.trigger()
+    assert window.session.state.camera == preset("bench") and editor.text() == "4"
+    window.redo_action.trigger()
+    assert editor.text() == "8"
+
+
+def test_what_does_not_pass_is_marked_and_not_taken(window: MainWindow) -> None:
+    camera: Any = window.page("camera")
+    form = camera.forms["MainLens"]
+    editor = form.editor("optics.f_number")
+    for text in ("-1", "abc", "", "1e999", "nan"):
+        editor.setText(text)
+        editor.textEdited.emit(text)
+        assert editor.property("invalid"), text
+        assert form.error and "\n" not in form.error
+    assert window.session.state.camera == preset("bench")
+    editor.setText("5.6")
+    editor.textEdited.emit("5.6")
+    assert not editor.property("invalid") and not form.error
+
+
+def test_theme_and_sizes(window: MainWindow, qtbot: QtBot) -> None:
+    window.go("camera")
+    window.set_theme("dark")
+    assert current_theme() is DARK
+    window.set_theme("light")
+    assert current_theme() is LIGHT
+    window.resize(1280, 800)
+    QApplication.processEvents()
+    assert window.minimumSizeHint().width() <= 1280 and window.minimumSizeHint().height() <= 800
+
+
+@pytest.mark.parametrize("stage", ["camera", "plan", "acquire", "frames", "psf", "quality", "simulate", "reconstruct"])
+def test_pages_fit_a_small_screen(window: MainWindow, qtbot: QtBot, stage: str) -> None:
+    if stage not in [s.key for s in window.stages]:
+        pytest.skip("this stage is not part of the installation")
+    window.session.update("plan", plan=None)
+    window.go(stage)
+    idle(window, qtbot)
+    assert window.page(stage).body.minimumSizeHint().width() <= 1280 - 178
+    assert window.page(stage).body.minimumSizeHint().height() <= 640
+
+
+def test_closing_asks_about_unsaved_work(window: MainWindow, monkeypatch: pytest.MonkeyPatch) -> None:
+    window.session.update("rename", name="changed")
+    buttons = QMessageBox.StandardButton
+    asked: list[str] = []
+
+    def answer(*args: Any) -> Any:
+        asked.append(str(args[1]))
+        return buttons.Cancel
+
+    monkeypatch.setattr(QMessageBox, "question", answer)
+    event = QCloseEvent()
+    window.closeEvent(event)
+    assert asked == ["Unsaved changes"] and not event.isAccepted()
+    monkeypatch.setattr(QMessageBox, "question", lambda *_: buttons.Discard)
+    event = QCloseEvent()
+    window.closeEvent(event)
+    assert event.isAccepted()
+
+
+def test_autosave_and_bad_session_files(window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    window.session.update("rename", name="kept")
+    window.autosave()
+    assert window.autosave_path.is_file()
+    told: list[str] = []
+    monkeypatch.setattr(QMessageBox, "warning", lambda *args: told.append(args[2]))
+    monkeypatch.setattr(QMessageBox, "question", lambda *_: QMessageBox.StandardButton.Discard)
+    (tmp_path / "bad.lfcal").write_text("nothing")
+    window.open_session(tmp_path / "bad.lfcal")
+    assert len(told) == 1 and "session" in told[0]
+    assert window.session.state.name == "kept"
+
+
+def test_dropped_files_find_their_page(window: MainWindow, tmp_path: Path, qtbot: QtBot) -> None:
+    np.save(tmp_path / "H.npy", np.random.default_rng(0).random((2, 3, 3, 5, 5)))
+    data = QMimeData()
+    data.setUrls([QUrl.fromLocalFile(str(tmp_path / "H.npy"))])
+    event = QDropEvent(QPoint(5, 5), Qt.DropAction.CopyAction, data, Qt.MouseButton.LeftButton,
+                       Qt.KeyboardModifier.NoModifier)  # fmt: skip
+    window.dropEvent(event)
+    assert window.session.state.psf.endswith("H.npy")
+    idle(window, qtbot)
+    window.take_files([str(tmp_path / "unknown.xyz")])
+    assert "no stage takes" in window.log_view.toPlainText()
+
+
+def test_a_failing_job_speaks_in_words(window: MainWindow, qtbot: QtBot) -> None:
+    np.save(window.autosave_path.parent / "H.npy", np.ones((1, 2, 2, 3, 3), np.float32))
+    window.session.update("open", psf=str(window.autosave_path.parent / "H.npy"))
+    psf: Any = window.page("psf")
+    idle(window, qtbot)
+    with qtbot.waitSignal(window.jobs.finished, timeout=10_000) as end:
+        psf.export("/nowhere/at/all\0/H.mat" if False else str(window.autosave_path.parent / "H.npy" / "H.mat"))
+    assert end.args[0].state is JobState.FAILED
+    assert "\n" not in end.args[0].error and end.args[0].details
+    assert end.args[0].error in window.log_view.toPlainText()
+
+
+def controls(page: QWidget) -> list[QWidget]:
+    kinds = (QLineEdit, QComboBox, QCheckBox, QSlider, QPushButton)
+    found = [w for kind in kinds for w in page.findChildren(kind)]
+    return [w for w in found if w.isVisibleTo(page) and w.isEnabled()]
+
+
+SAFE = ("…", "Assemble", "Simulate H", "ladder", "Export", "Start", "Record", "Connect", "Report", "Reconstruct",
+        "Run", "Measure", "Make")  # fmt: skip
+
+
+def test_a_random_walk_over_all_controls(
+    window: MainWindow, qtbot: QtBot, recorded: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Boundary values in every control: nothing raises, the session stays valid."""
+    from PySide6.QtWidgets import QFileDialog
+
+    for name in ("getOpenFileName", "getSaveFileName"):
+        monkeypatch.setattr(QFileDialog, name, lambda *_: ("", ""))
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: "")
+    window.take_files([str(recorded)])
+    np.save(recorded / "H.npy", np.random.default_rng(0).random((2, 3, 4, 9, 11)).astype(np.float32))
+    window.session.update("open", psf=str(recorded / "H.npy"))
+    rng = random.Random(7)
+    texts = ["", "0", "-1", "1", "1e9", "nan", "inf", "3, 4", "abc", "0.5", "17"]
+    raised: list[Any] = []
+    monkeypatch.setattr(sys, "excepthook", lambda *args: raised.append(args))
+    for step in range(220):
+        stage = rng.choice(window.stages)
+        window.go(stage.key)
+        page = window.page(stage.key)
+        choices = controls(page)
+        if not choices:
+            continue
+        widget = rng.choice(choices)
+        if isinstance(widget, QLineEdit):
+            text = rng.choice(texts)
+            widget.setText(text)
+            widget.textEdited.emit(text)
+        elif isinstance(widget, QComboBox) and widget.count():
+            index = rng.choice([0, widget.count() - 1])
+            widget.setCurrentIndex(index)
+            widget.activated.emit(index)
+        elif isinstance(widget, QCheckBox):
+            widget.toggle()
+        elif isinstance(widget, QSlider):
+            widget.setValue(rng.choice([widget.minimum(), widget.maximum()]))
+        elif isinstance(widget, QPushButton) and not any(word in widget.text() for word in SAFE):
+            widget.click()
+        QApplication.processEvents()
+        if step % 40 == 0:
+            window.session.undo()
+            idle(window, qtbot)
+    idle(window, qtbot)
+    assert raised == []
+    from gui.models.session import SessionState
+
+    assert SessionState.from_json(window.session.state.to_json()) == window.session.state
+
+
+def test_no_window_is_left_behind(qapp: QApplication, place: Path) -> None:
+    window = make_window(qapp, parse([]), folder=place)
+    window.show()
+    for stage in window.stages:
+        window.go(stage.key)
+    QApplication.processEvents()
+    seen = weakref.ref(window.context)
+    window.shut_down()
+    window.close()
+    window.deleteLater()
+    del window
+    for _ in range(5):
+        QApplication.sendPostedEvents(None, 52)  # QEvent.DeferredDelete
+        QApplication.processEvents()
+        gc.collect()
+    assert not [w for w in QApplication.topLevelWidgets() if isinstance(w, MainWindow) and w.isVisible()]
+    assert seen() is None or not seen().jobs.busy  # type: ignore[union-attr]
+
+
+def test_events_do_not_leak_references_to_none(qapp: QApplication, qtbot: QtBot) -> None:
+    """PySide6 6.12.0 loses a reference to None with every event and aborts after some thousands."""
+
+    class Watched(QWidget):
+        def event(self, event: Any) -> bool:
+            return super().event(event)
+
+    widget = Watched()
+    qtbot.addWidget(widget)
+    before = sys.getrefcount(None)
+    for _ in range(2000):
+        QApplication.sendEvent(widget, QCloseEvent())
+    assert sys.getrefcount(None) > before - 500
