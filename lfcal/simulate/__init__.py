@@ -11,3 +11,24 @@
 - ``volume``: light fields of extended objects through the same H
 - ``ladder``: what each step of accuracy costs
 """
+
+from lfcal.simulate.camera_source import SimulatedCamera
+from lfcal.simulate.noise import expose
+from lfcal.simulate.planner import EffectPlan, PlannedEffect, plan_effects
+from lfcal.simulate.simulate import iter_simulate_psf, simulate_psf
+from lfcal.simulate.volume import iter_light_field, light_field, plume, points, vesicle
+
+__all__ = [
+    "EffectPlan",
+    "PlannedEffect",
+    "SimulatedCamera",
+    "expose",
+    "iter_light_field",
+    "iter_simulate_psf",
+    "light_field",
+    "plan_effects",
+    "plume",
+    "points",
+    "simulate_psf",
+    "vesicle",
+]
