@@ -33,7 +33,7 @@ class Theme:
 LIGHT = Theme("light", "#f4f5f7", "#ffffff", "#eef0f3", "#d5d9e0", "#1b1f27", "#667085", "#0b6e99", "#ffffff",
               "#2e7d32", "#b26a00", "#c62828", "#ffffff")  # fmt: skip
 DARK = Theme("dark", "#16191f", "#1e222a", "#282d37", "#3a404c", "#e6e9ef", "#98a2b3", "#4db6dd", "#0d1117",
-             "#66bb6a", "#ffb74d", "#ef5350", "#171a20")  # fmt: skip
+             "#66bb6a", "#ffb74d", "#ef5350", "#1e222a")  # fmt: skip
 
 _current = [LIGHT]
 

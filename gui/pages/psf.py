@@ -93,7 +93,7 @@ class Page(StagePage):
         self.main_view.clicked.connect(self._pin)
         self.map = PeriodMap()
         self.map.chosen.connect(lambda y, x: self.set_intent(y=y, x=x))
-        self.strip = DepthStrip()
+        self.strip = DepthStrip(64)
         self.strip.chosen.connect(lambda z: self.set_intent(z=z))
         self.profile = LinePlot("pixel from the cutout's centre (px)", "intensity (counts)", legend=True)
         self.sum_view = ImageView()
@@ -113,8 +113,8 @@ class Page(StagePage):
         grid.addWidget(self.strip, 2, 0, 1, 3)
         grid.setColumnStretch(1, 1)
         grid.setColumnStretch(2, 1)
-        grid.setRowStretch(0, 5)
-        grid.setRowStretch(1, 3)
+        grid.setRowStretch(0, 7)
+        grid.setRowStretch(1, 4)
 
     def _controls(self) -> QWidget:
         panel = QFrame()
@@ -135,6 +135,7 @@ class Page(StagePage):
             row.addWidget(button)
         column.addLayout(row)
         self.plane_label = QLabel()
+        self.plane_label.setWordWrap(True)
         self.plane_slider = QSlider(Qt.Orientation.Horizontal)
         self.plane_slider.setToolTip("Depth plane (page up, page down)")
         self.plane_slider.valueChanged.connect(lambda z: self.set_intent(z=z))
@@ -177,8 +178,8 @@ class Page(StagePage):
         left.addWidget(title)
         left.addWidget(self.sum_view, 1)
         row.addLayout(left, 3)
-        self.aperture_text.setMinimumWidth(140)
-        row.addWidget(self.aperture_text, 2)
+        self.aperture_text.setMinimumWidth(168)
+        row.addWidget(self.aperture_text)
         return panel
 
     def _build_keys(self) -> None:
@@ -229,7 +230,11 @@ class Page(StagePage):
         self.strip.set_planes(matrix.depths)
         self.show_box.setEnabled(self.reference is not None)
         self._load_sums(matrix)
-        self.set_intent(z=nz // 2 if self.intent.z >= nz else self.intent.z)
+        unit = "share of the light" if "simulated" in matrix.provenance else "intensity (counts)"
+        for view in (self.main_view, self.linked_view, self.sum_view):
+            view.set_value_label(unit)
+        self.profile.set_labels("pixel from the cutout's centre (px)", unit)
+        self.set_intent(z=nz // 2, y=matrix.period[0] // 2, x=matrix.period[1] // 2, pixel=None)
 
     def _load_sums(self, matrix: PSFMatrix) -> None:
         """Compute what is known of each plane in the background, one plane after the other."""
@@ -432,7 +437,8 @@ def aperture_words(aperture: Aperture) -> str:
     lines = (
         ("Blades", f"{aperture.blades}"),
         ("Rotation", f"{np.degrees(aperture.rotation_rad):.1f}°"),
-        ("Centre", f"{row:.2f}, {column:.2f} px"),
+        ("Centre row", f"{row:.2f} px"),
+        ("Centre column", f"{column:.2f} px"),
         ("Apothem", f"{aperture.apothem_px:.2f} px"),
         ("Area", f"{aperture.area_px2:.0f} px²"),
         ("Curvature", f"{aperture.curvature:.2f}"),
@@ -440,7 +446,10 @@ def aperture_words(aperture: Aperture) -> str:
         ("Ellipticity", f"{100 * aperture.ellipticity:.1f} %"),
         ("Confidence", f"{100 * aperture.confidence:.0f} %"),
     )
-    cells = "".join(f"<tr><td style='padding-right:10px'>{a}</td><td><b>{b}</b></td></tr>" for a, b in lines)
+    cells = "".join(
+        f"<tr><td style='padding-right:10px'>{a}</td><td style='white-space:nowrap'><b>{b}</b></td></tr>"
+        for a, b in lines
+    )
     return f"{refused}<table>{cells}</table>"
 
 

@@ -46,7 +46,7 @@ class DepthStrip(QListWidget):
         self.setMovement(QListWidget.Movement.Static)
         self.setIconSize(QSize(side, side))
         self.setGridSize(QSize(side + 18, side + 26))
-        self.setFixedHeight(side + 46)
+        self.setFixedHeight(side + 38)
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setToolTip("Depth-plane sums: the aperture as seen from each depth. Click to choose a plane.")
         self.currentRowChanged.connect(self._changed)

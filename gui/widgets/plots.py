@@ -90,6 +90,12 @@ class LinePlot(QWidget):
             *values, pen=pen, name=name, symbol=symbol, symbolSize=6, symbolBrush=tone, symbolPen=None
         )
 
+    def set_labels(self, xlabel: str, ylabel: str) -> None:
+        """Name both quantities, with their units."""
+        self._labels = (xlabel, ylabel)
+        style_axes(self.plot, xlabel, ylabel)
+        self.apply_theme()
+
     def remove_curve(self, name: str) -> None:
         """Take a curve away."""
         curve = self._curves.pop(name, None)
