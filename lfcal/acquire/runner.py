@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from lfcal.acquire.writer import Acknowledged, Sink, Writer
 from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError, StorageError
 from lfcal.frames.source import Position
-from lfcal.progress import Clock, Progress, Work
+from lfcal.progress import Progress, Work
 
 __all__ = ["Observer", "Outcome", "Runner"]
 
@@ -97,9 +98,11 @@ class Runner:
         self._exposer = Exposer(rig, self.control, options.bracket, sensor.black_level, options.grab_timeout_s)
         self._max = rig.camera.max_value
         self._elapsed = elapsed_s
+        self._began = time.perf_counter()
         self._since = rig.time.monotonic()
         self._total = schedule.count(Kind.POSITION)
         self._done = self._total - int(todo[schedule.kinds == Kind.POSITION].sum())
+        self._earlier = elapsed_s if self._done else 0.0
 
     def run(self) -> Work[Outcome]:
         """Record; yields after acknowledged frames and while held.
@@ -109,19 +112,19 @@ class Runner:
         AcquisitionStopped
             After a fault that retries did not mend: the stage is stopped, what was acknowledged is safe.
         """
-        clock = Clock("record", self._total)
+        self._began = time.perf_counter()
         self._since = self._rig.time.monotonic()
         writer = Writer(self._sink)
         step: Step | None = None
-        yield clock.at(self._done)
+        yield self._progress()
         try:
             try:
                 for step in self._schedule.steps(self._todo):
-                    yield from self._hold(clock, writer)
+                    yield from self._hold(writer)
                     if self.control.stopping:
                         break
                     self._acknowledge(writer.submit(step, *self._record(step)))
-                    yield clock.at(self._done)
+                    yield self._progress()
             except Aborted:
                 self._halt()
             self._acknowledge(writer.flush())
@@ -135,10 +138,15 @@ class Runner:
             raise
         finally:
             writer.close()
-        yield clock.at(self._done)
+        yield self._progress()
         seconds = self._rig.time.monotonic() - self._since
         how = "aborted" if self.control.aborting else "stopped" if self.control.stopping else "complete"
         return Outcome(how, self._done, self._total, seconds)
+
+    def _progress(self, note: str = "") -> Progress:
+        # earlier runs count for the rate from which the time to the end is estimated
+        seconds = self._earlier + time.perf_counter() - self._began
+        return Progress(self._done, self._total, "record", seconds, note)
 
     def _acknowledge(self, done: list[Acknowledged]) -> None:
         for step, note, frame in done:
@@ -162,7 +170,7 @@ class Runner:
             attempt += 1
 
     def _take(self, step: Step, attempt: int) -> tuple[NDArray[Any], Note]:
-        time = self._rig.time
+        clock = self._rig.time
         self._exposer.read_region(self._schedule.roi_of(step.kind))
         here: Point = step.target
         if step.kind is Kind.DARK:
@@ -170,12 +178,12 @@ class Runner:
             here = self._rig.stage.position()
         else:
             self._mover.go(step.target)
-            exposure = self._exposer.expose(self._exposures[step.z], self._plan.frames_averaged, time.monotonic())
+            exposure = self._exposer.expose(self._exposures[step.z], self._plan.frames_averaged, clock.monotonic())
             here = self._mover.check(step.target)  # a stage that crept away during the exposure shows here
         frame, mask, row, column = self._crop(step, exposure)
         note = Note(
-            step.flat, step.kind, row, column, step.target, here, exposure.exposure_s, time.wall(),
-            self._elapsed + time.monotonic() - self._since, float(frame.sum(dtype=_sum_type(frame))),
+            step.flat, step.kind, row, column, step.target, here, exposure.exposure_s, clock.wall(),
+            self._elapsed + clock.monotonic() - self._since, float(frame.sum(dtype=_sum_type(frame))),
             float(frame.max()), int(np.count_nonzero(frame >= self._max if mask is None else mask)),
             exposure.saturated, attempt, step.period_y, step.period_x,
         )  # fmt: skip
@@ -214,7 +222,7 @@ class Runner:
         )
 
     # -- around the steps ------------------------------------------------------------------------------
-    def _hold(self, clock: Clock, writer: Writer) -> Work[None]:
+    def _hold(self, writer: Writer) -> Work[None]:
         """Wait while paused or while the disk is too full; yields so that a caller sees why."""
         self._acknowledge(writer.collect())
         began = self._rig.time.monotonic()
@@ -222,12 +230,12 @@ class Runner:
             why = "paused" if self.control.pausing else self._low_space()
             if why != self.control.held:
                 self.control.held = why
-                yield Progress(self._done, self._total, clock.stage, clock.at(0).seconds, why)
+                yield self._progress(why)
             if not why:
                 break
             self._acknowledge(writer.flush())
             self.control.wait(HOLD_S)
-            yield Progress(self._done, self._total, clock.stage, clock.at(0).seconds, why)
+            yield self._progress(why)
         self.control.held = ""
         self._since += self._rig.time.monotonic() - began
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -13,11 +14,12 @@ from lfcal.acquire.finish import iter_assemble_session, iter_finish, iter_repack
 from lfcal.acquire.journal import read_layout
 from lfcal.acquire.recording import RecordingSource, complete_planes
 from lfcal.acquire.session import iter_record, record
-from lfcal.camera import ScanPlan
+from lfcal.camera import ScanPlan, preset
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.source import Position
 from lfcal.progress import drain
 from lfcal.psf import open_psf
+from lfcal.simulate.camera_source import SimulatedCamera
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 PLAN = small_plan()
@@ -142,3 +144,31 @@ def test_an_empty_session_says_so(tmp_path: Path) -> None:
     record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control)
     with pytest.raises(InputError, match="record the session first"):
         RecordingSource(tmp_path)
+
+
+def test_resampled_plans_are_recorded_with_what_resampling_needs(tmp_path: Path) -> None:
+    camera = replace(preset("bench"), sensor=replace(preset("bench").sensor, shape=(160, 160)))
+    plan = ScanPlan.for_camera(camera, virtual_depths=[4.0], cutout=21, resample=True)
+    folder = session(tmp_path / "s", plan)
+    report = drain(iter_assemble_session(folder, strict=True))
+    assert report.matrix.shape == plan.shape
+    with RecordingSource(folder) as source:
+        assert min(source.shape) >= 21 + 2 * 12
+
+
+def test_frames_of_the_simulated_camera_pass_through_a_session(tmp_path: Path) -> None:
+    """The optics of the simulator, seen by the simulated camera and recorded, are the frames simulated directly."""
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0])
+    plan = replace(plan, period=(2, 3))
+    simulated = SimulatedCamera(plan, (), level="geometric")
+    record(tmp_path, plan, rig_for(plan, optics=simulated), CAREFUL)
+    gain, black = plan.camera.sensor.electrons_per_count, plan.camera.sensor.black_level
+    with RecordingSource(tmp_path) as source:
+        for k in range(len(source)):
+            index = next(i for i in range(len(simulated)) if simulated.position(i) == source.position(k))
+            row, column = source.origin(k)
+            light = simulated.light(index)[row : row + source.shape[0], column : column + source.shape[1]] / gain
+            noise = np.sqrt(light / gain + 4.0)
+            error = (source.read(k) - black - light) / noise
+            assert abs(float(error.mean())) < 0.2
+            assert float(error.std()) < 1.6

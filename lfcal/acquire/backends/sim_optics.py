@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any
 
@@ -51,19 +52,20 @@ class PatternRenderer:
         row = self._centre[0] + source_um[1] / step
         column = self._centre[1] + source_um[0] / step
         sigma = self._sigma(source_um[2])
-        half = math.ceil(3 * sigma)
-        top, left = math.floor(row + 0.5) - half, math.floor(column + 0.5) - half
-        rows, columns = np.arange(top, top + 2 * half + 1), np.arange(left, left + 2 * half + 1)
-        peak = self._rate * exposure_s / sigma**2
-        down = self._profile(rows, row, sigma, self._plan.period[0])
-        along = self._profile(columns, column, sigma, self._plan.period[1])
-        return Patch(top, left, np.multiply.outer((peak * down).astype(np.float32), along.astype(np.float32)))
+        peak = np.float32(self._rate * exposure_s / sigma**2)
+        top, down = _profile(round(row, 6), sigma, self._plan.period[0])
+        left, along = _profile(round(column, 6), sigma, self._plan.period[1])
+        return Patch(top, left, np.multiply.outer(peak * down, along))
 
-    @staticmethod
-    def _profile(pixels: NDArray[Any], middle: float, sigma: float, period: int) -> NDArray[np.float64]:
-        mask = 0.75 + 0.25 * np.cos((2 * math.pi / period) * (pixels % period))
-        profile: NDArray[np.float64] = mask * np.exp(-((pixels - middle) ** 2) / (2 * sigma**2))
-        return profile
+
+@functools.lru_cache(maxsize=4096)
+def _profile(middle: float, sigma: float, period: int) -> tuple[int, NDArray[np.float32]]:
+    """Return first pixel and values of a Gaussian about ``middle`` seen through a mask of ``period`` pixels."""
+    half = math.ceil(3 * sigma)
+    first = math.floor(middle + 0.5) - half
+    pixels = np.arange(first, first + 2 * half + 1)
+    mask = 0.75 + 0.25 * np.cos((2 * math.pi / period) * (pixels % period))
+    return first, (mask * np.exp(-((pixels - middle) ** 2) / (2 * sigma**2))).astype(np.float32)
 
 
 class FramesRenderer:

@@ -95,6 +95,8 @@ class SimStage:
         self._true: Point = self._start
         self._drift: Point = self.model.drift_um_s
         self._lost = False
+        # after this the ringing is below 0.1 nm and is taken to be nothing, so that places repeat exactly
+        self._quiet_s = self.model.ringing_s * math.log(max(self.model.ringing_um, 1e-4) / 1e-4)
         self.moves = 0
 
     @property
@@ -133,9 +135,10 @@ class SimStage:
         now = self._time.monotonic()
         if now < self._ends:
             return self._on_the_way(now)
-        ring = self.model.ringing_um * math.exp(-min((now - self._ends) / self.model.ringing_s, 700.0))
-        if ring < 1e-4:
-            ring = 0.0
+        rest = now - self._ends
+        if rest > self._quiet_s:
+            return self._settled()
+        ring = self.model.ringing_um * math.exp(-rest / self.model.ringing_s)
         x, y, z = (p + ring * (t != s) for p, t, s in zip(self._settled(), self._target, self._start, strict=True))
         return x, y, z
 
@@ -168,6 +171,8 @@ class SimStage:
 
     def _settled(self) -> Point:
         """Return where the motors stand after arrival, ringing left out."""
+        if self._drift == (0.0, 0.0, 0.0):
+            return self._target
         rest = self._time.monotonic() - self._ends
         x, y, z = (t + d * rest for t, d in zip(self._target, self._drift, strict=True))
         return x, y, z
