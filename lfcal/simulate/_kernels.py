@@ -9,6 +9,7 @@ kept below 2^18 multiply-adds, where BLAS libraries do not start threads of thei
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from lfcal.threads import njit
 
 __all__ = ["respond", "select", "square_fields"]
 
-F4 = NDArray[np.float32]
+F4 = NDArray[Any]  # single precision, or double where it is asked for
 F8 = NDArray[np.float64]
 I8 = NDArray[np.int64]
 _SMALL = 1 << 18

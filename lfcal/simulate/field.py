@@ -154,7 +154,7 @@ def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> FieldTab
         return FieldTable("E", dx, np.zeros((n, n), np.complex128), half)
     else:
         g = spectrum(shadow, f, f)
-    x = (np.arange(n) - n // 2) * dx
+    x = (np.arange(n, dtype=np.float64) - n // 2) * dx
     u = x / to_shadow
     waves = wavefront_waves(scene, u[None, :], u[:, None])
     if local or waves is not None:  # what acts on the shadow itself needs a look at it
@@ -183,7 +183,7 @@ def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> FieldT
     blur = abs(a) / (2 * scene.f_number)
     valid = half + blur + 4 * math.sqrt(lam * abs(a))
     n = _side(2 * valid / 0.75, dx)
-    x = (np.arange(n) - n // 2) * dx
+    x = (np.arange(n, dtype=np.float64) - n // 2) * dx
     r = np.hypot(x[None, :], x[:, None])
     if scene.iris.circular:
         focus = disc_transform(fc, r).astype(np.complex128)

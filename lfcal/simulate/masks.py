@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import j0
 
 from lfcal.simulate.polygon import Points, disc_transform, spectrum
+from lfcal.simulate.quadrature import gauss_legendre
 
 __all__ = ["FLAT", "RING", "cell_outline", "disc_table", "disc_values", "polygon_mask", "polygon_table", "taper"]
 
@@ -35,10 +36,10 @@ def disc_values(radius: float, dx: float, r: NDArray[np.float64], flat: float = 
     """Return the low-passed indicator of a disc at distances ``r``: its Hankel integral by Gauss-Legendre."""
     top = (1 - flat) / dx
     phase = 2 * math.pi * top * (radius + float(r.max(initial=0.0)))
-    t, w = np.polynomial.legendre.leggauss(int(phase / 2) + 60)
-    f, w = top * (t + 1) / 2, w * top / 2
+    f, w = gauss_legendre(int(phase / 2) + 60, 0.0, top)
     g = 2 * np.pi * f * w * disc_transform(radius, f) * taper(f, flat / dx, top)
-    return np.concatenate([j0(2 * np.pi * np.outer(part, f)) @ g for part in np.array_split(r, 1 + r.size // 4096)])
+    parts = np.array_split(r, 1 + r.size // 4096)
+    return np.concatenate([np.einsum("rf,f->r", j0(2 * np.pi * np.outer(part, f)), g) for part in parts])
 
 
 def disc_table(

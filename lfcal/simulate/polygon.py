@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import j1
 
+from lfcal.simulate.quadrature import gauss_legendre
 from lfcal.simulate.scene import Iris
 from lfcal.threads import for_each_chunk, njit
 
@@ -155,8 +156,7 @@ def _by_edges(outline: Points, fx: NDArray[np.float64], fy: NDArray[np.float64])
 
 
 def _by_triangles(outline: Points, fx: NDArray[np.float64], fy: NDArray[np.float64]) -> NDArray[np.complex128]:
-    t, w = np.polynomial.legendre.leggauss(_NODES)
-    t, w = (t + 1) / 2, w / 2
+    t, w = gauss_legendre(_NODES, 0.0, 1.0)
     u, v = np.meshgrid(t, t, indexing="ij")
     weight = np.outer(w * t, w)
     centre = outline.mean(0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.fft as sf
@@ -18,7 +19,7 @@ from lfcal.simulate.scene import Scene
 
 __all__ = ["LensTable", "PlaneTables", "aperture_outline", "aperture_radius", "build_tables"]
 
-Array = NDArray[np.float32] | NDArray[np.float64]
+Array = NDArray[Any]
 Lit = NDArray[np.float32]
 
 

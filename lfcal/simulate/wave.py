@@ -31,7 +31,7 @@ TOLERANCE = 0.02
 COHERENT_BATCH = 8
 """Positions whose node grids are held at once."""
 
-Grids = tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.int64]]
+Grids = tuple[Array, Array, NDArray[np.int64]]
 
 
 class WavePlane:
@@ -85,7 +85,8 @@ class WavePlane:
         result = np.empty((1, *self.scene.cutout), np.float32)
         pixel = np.array([self.scene.nearest_pixel(y_um, x_um)], np.int64)
         self._respond(np.array([[y_um, x_um]]), pixel, result)
-        return result[0]
+        cutout: NDArray[np.float32] = result[0]
+        return cutout
 
     def predicted_seconds(self, n_positions: int) -> float:
         """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
@@ -144,10 +145,11 @@ class WavePlane:
         places, numbers = places[order], numbers[order]
         energies = np.empty((found, 2))
         share = (tables.spread_um2 / (lens.dx_um * px)) ** 2
+        (field_re, field_im), (disc_re, disc_im, step) = lens.field, lens.disc
         kernels.respond(
-            *lens.field, lens.dx_um, *lens.disc, lens.cell, lens.cell_step, lens.bend, lens.cosine, lens.sine,
-            lens.bins, np.array([1 / tables.spread_um2, share, 1 - tables.ratio, per]), lens.nodes_um,
-            places, numbers, centre - source[places[:, 0]], out, *grids, energies,
+            field_re, field_im, lens.dx_um, disc_re, disc_im, step, lens.cell, lens.cell_step, lens.bend,
+            lens.cosine, lens.sine, lens.bins, np.array([1 / tables.spread_um2, share, 1 - tables.ratio, per]), lens.nodes_um,
+            places, numbers, centre - source[places[:, 0]], out, grids[0], grids[1], grids[2], energies,
         )  # fmt: skip
         self._certify(energies, lens)
 
