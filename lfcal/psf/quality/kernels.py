@@ -1,0 +1,167 @@
+"""Compiled passes over the patterns of a plane; all release the GIL and take float32."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.threads import njit
+
+__all__ = ["FRAME_COLUMNS", "frame_pass", "spot_pass", "step_pass"]
+
+FRAME_COLUMNS = ("energy", "squares", "top", "clipped", "nonfinite", "lit", "weight", "row", "column", "spread")
+"""Columns of the table that `frame_pass` fills, one line per pattern:
+
+energy, sum of squares; highest value and how many pixels share it; pixels that are no number; lit pixels; their
+weight, its centroid from the cutout's centre, and the sum of their squared distances from it (pixels).
+"""
+
+
+@njit()
+def frame_pass(
+    frames: NDArray[np.float32],
+    bits: NDArray[np.uint32],
+    floor: float,
+    tolerance: float,
+    table: NDArray[np.float64],
+    digest: NDArray[np.uint64],
+    lit: NDArray[np.int32],
+    sensor: NDArray[np.int32],
+) -> None:
+    """Measure the patterns of one row of source positions.
+
+    Parameters
+    ----------
+    frames
+        Patterns ``(nx, nt, ns)``.
+    bits
+        The same bytes as ``uint32``.
+    floor
+        A pixel above it is lit; its weight is what exceeds it.
+    tolerance
+        Values this close to the highest share it.
+    table, digest
+        Out: ``(nx, 10)`` by `FRAME_COLUMNS`, and a checksum of each pattern ``(nx,)``.
+    lit
+        In and out: how often each pixel of the cutout is lit ``(nt, ns)``.
+    sensor
+        In and out: the same per sensor pixel, ``(nt, ns + nx - 1)`` from the row's first cutout on.
+    """
+    nx, nt, ns = frames.shape
+    ct, cs = (nt - 1) // 2, (ns - 1) // 2
+    for x in range(nx):
+        energy = 0.0
+        squares = 0.0
+        top = np.float32(-np.inf)
+        bad = 0
+        h = np.uint64(14695981039346656037)
+        for t in range(nt):
+            total = 0.0
+            square = 0.0
+            for s in range(ns):
+                v = frames[x, t, s]
+                h = (h ^ np.uint64(bits[x, t, s])) * np.uint64(1099511628211)
+                if math.isfinite(v):
+                    total += v
+                    square += v * v
+                    top = max(top, v)
+                else:
+                    bad += 1
+            energy += total
+            squares += square
+        digest[x] = h
+        weight = 0.0
+        row = 0.0
+        column = 0.0
+        second = 0.0
+        count = 0
+        clipped = 0
+        for t in range(nt):
+            for s in range(ns):
+                v = frames[x, t, s]
+                if v > floor and math.isfinite(v):
+                    w = v - floor
+                    i, j = t - ct, s - cs
+                    weight += w
+                    row += w * i
+                    column += w * j
+                    second += i * i + j * j
+                    count += 1
+                    lit[t, s] += 1
+                    sensor[t, s + x] += 1
+                    if v >= top - tolerance:
+                        clipped += 1
+        if weight > 0:
+            row /= weight
+            column /= weight
+        table[x, 0] = energy
+        table[x, 1] = squares
+        table[x, 2] = top
+        table[x, 3] = clipped
+        table[x, 4] = bad
+        table[x, 5] = count
+        table[x, 6] = weight
+        table[x, 7] = row
+        table[x, 8] = column
+        table[x, 9] = second
+
+
+@njit()
+def spot_pass(
+    frames: NDArray[np.float32],
+    floor: float,
+    across: NDArray[np.complex128],
+    down: NDArray[np.complex128],
+    out: NDArray[np.complex128],
+) -> None:
+    """Sum lit pixels against plane waves: ``out[x, q] = sum_ts (H - floor)+ down[t, q] across[s, q]``.
+
+    Parameters
+    ----------
+    frames
+        Patterns ``(n, nt, ns)``.
+    floor
+        Only what exceeds it counts: the dark pixels' noise stays out.
+    across, down
+        Waves over columns ``(ns, waves)`` and rows ``(nt, waves)``.
+    out
+        ``(n, waves)``.
+    """
+    n, nt, ns = frames.shape
+    waves = across.shape[1]
+    line = np.empty(waves, np.complex128)
+    for k in range(n):
+        out[k] = 0
+        for t in range(nt):
+            line[:] = 0
+            any_lit = False
+            for s in range(ns):
+                v = frames[k, t, s]
+                if v > floor and math.isfinite(v):
+                    any_lit = True
+                    w = v - floor
+                    for q in range(waves):
+                        line[q] += w * across[s, q]
+            if any_lit:
+                for q in range(waves):
+                    out[k, q] += line[q] * down[t, q]
+
+
+@njit(fastmath={"reassoc", "contract"})
+def step_pass(a: NDArray[np.float32], b: NDArray[np.float32], rows: int, columns: int) -> float:
+    """Return the summed squared difference of pattern ``b`` and pattern ``a`` one step on.
+
+    The lenslets stand still on the sensor while the cutout moves by ``(rows, columns)``, so ``b[t, s]`` is held
+    against ``a[t + rows, s + columns]``.
+    """
+    nt, ns = a.shape
+    total = 0.0
+    for t in range(nt - rows):
+        line = np.float32(0.0)
+        for s in range(ns - columns):
+            d = b[t, s] - a[t + rows, s + columns]
+            line += d * d
+        total += float(line)
+    return total

@@ -1,0 +1,122 @@
+"""The verdict on an H: all metrics, ranked, and the positions to record again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.psf.aperture import Aperture, FNumber
+from lfcal.psf.quality.metric import Merit, Metric
+
+__all__ = ["QualityReport"]
+
+_ORDER = {"bad": 0, "fair": 1, "good": 2, "unknown": 3}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class QualityReport:
+    """What the inspection of an H found.
+
+    Attributes
+    ----------
+    shape
+        ``(nz, ny, nx, nt, ns)``.
+    depths
+        Depth of each plane (µm).
+    metrics
+        All metrics, ranked: bad ones first, and among equals what costs most in a reconstruction.
+    apertures
+        The iris seen from each plane.
+    virtual_depths
+        Virtual depth of each plane from its spots' spacing; NaN where it cannot be told.
+    f_number
+        Working f-number by the slope of aperture diameters over depth, where camera and planes allow it.
+    noise, peak, energy
+        Noise of a dark pixel, median peak of the patterns and their mean energy, per plane.
+    seconds
+        Time it took.
+    """
+
+    shape: tuple[int, int, int, int, int]
+    depths: NDArray[np.float64]
+    metrics: tuple[Metric, ...]
+    apertures: tuple[Aperture, ...]
+    virtual_depths: NDArray[np.float64]
+    f_number: FNumber | None
+    noise: NDArray[np.float64]
+    peak: NDArray[np.float64]
+    energy: NDArray[np.float64]
+    seconds: float
+
+    def __getitem__(self, key: str) -> Metric:
+        """Return the metric named ``key``."""
+        for metric in self.metrics:
+            if metric.key == key:
+                return metric
+        raise KeyError(key)
+
+    @property
+    def alarms(self) -> tuple[Metric, ...]:
+        """The bad metrics, costliest first."""
+        return tuple(m for m in self.metrics if m.merit == "bad")
+
+    @property
+    def merit(self) -> Merit:
+        """The worst merit of any metric."""
+        return min((m.merit for m in self.metrics if m.merit != "unknown"), key=_ORDER.__getitem__, default="unknown")
+
+    @property
+    def cost(self) -> float:
+        """Estimated reconstruction error of all faults together (NRMSE)."""
+        return math.sqrt(sum(m.cost**2 for m in self.metrics))
+
+    @property
+    def verdict(self) -> str:
+        """One sentence for people."""
+        alarms = self.alarms
+        if alarms:
+            names = ", ".join(m.spec.title.lower() for m in alarms[:3])
+            more = f" and {len(alarms) - 3} more" if len(alarms) > 3 else ""
+            return f"This PSF should not be used as it is: {names}{more}."
+        fair = [m.spec.title.lower() for m in self.metrics if m.merit == "fair"]
+        if fair:
+            return f"This PSF can be used; worth a look: {', '.join(fair[:4])}."
+        return "This PSF is good."
+
+    def redo(self) -> list[tuple[tuple[int, int, int], str]]:
+        """Return positions (z, y, x) to record again with the reasons, in scan order."""
+        reasons: dict[tuple[int, int, int], list[str]] = {}
+        for metric in self.metrics:
+            if metric.spec.redo and metric.merit in ("bad", "fair"):
+                for z, y, x in metric.positions.tolist():
+                    reasons.setdefault((z, y, x), []).append(metric.spec.title.lower())
+        return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return everything but the maps as plain values."""
+        return {
+            "format": "lfcal-quality",
+            "version": 1,
+            "shape": list(self.shape),
+            "merit": self.merit,
+            "verdict": self.verdict,
+            "cost": self.cost,
+            "metrics": [m.to_dict() for m in self.metrics],
+            "planes": [self._plane(z) for z in range(self.shape[0])],
+            "working_f_number": self.f_number,
+            "redo": [list(place) for place, _ in self.redo()],
+            "seconds": self.seconds,
+        }
+
+    def _plane(self, z: int) -> dict[str, object]:
+        return {
+            "depth_um": float(self.depths[z]),
+            "virtual_depth": float(self.virtual_depths[z]),
+            "noise": float(self.noise[z]),
+            "peak": float(self.peak[z]),
+            "energy": float(self.energy[z]),
+            "aperture": self.apertures[z],
+        }
