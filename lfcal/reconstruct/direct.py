@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.reconstruct._kernels import gather_windows, overlap_add
 from lfcal.reconstruct.grid import Grid
 from lfcal.reconstruct.planes import trim
 from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
@@ -106,6 +105,8 @@ class Direct:
 
     def _spread(self, sources: NDArray[Any], operand: NDArray[Any], y: int, image: NDArray[Any]) -> None:
         """Add the patterns of row phase ``y``, weighted by ``sources`` (cells, nx), to the padded ``image``."""
+        from lfcal.reconstruct._kernels import overlap_add
+
         (ny, nx), cells_x = self.grid.period, self.grid.cells[1]
         for rows, band in self._bands(operand, y):
             for first, stop in self._blocks(len(sources), band.shape[1:]):
@@ -115,6 +116,8 @@ class Direct:
 
     def _collect(self, packed: NDArray[Any], operand: NDArray[Any], y: int, cells: NDArray[Any]) -> None:
         """Write the patterns' products with the padded image into ``cells`` (cells, nx): transpose of `_spread`."""
+        from lfcal.reconstruct._kernels import gather_windows
+
         (ny, nx), cells_x = self.grid.period, self.grid.cells[1]
         cells[:] = 0
         for rows, band in self._bands(operand, y):

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError, expectation
-from lfcal.reconstruct._kernels import count_entries, fill_entries, gather_sums
 from lfcal.reconstruct.grid import Grid
 from lfcal.threads import for_each_chunk, worker_count
 
@@ -66,6 +65,8 @@ class Sparse:
 
     def prepare(self, plane: NDArray[Any]) -> SparseOperand:
         """Return the entries of a plane of H that are not zero."""
+        from lfcal.reconstruct._kernels import count_entries, fill_entries
+
         n = self.grid.phases
         by_source, by_pixel = np.zeros(n, np.int64), np.zeros(n, np.int64)
         count_entries(plane, self.keep, by_source, by_pixel)
@@ -116,6 +117,8 @@ class Sparse:
         return out.reshape(-1)
 
     def _add(self, rows: _Rows, values: NDArray[Any], out: NDArray[Any]) -> None:
+        from lfcal.reconstruct._kernels import gather_sums
+
         def work(low: int, high: int) -> None:
             gather_sums(rows.start, rows.offset, rows.value, values, out, self.base, low, high)
 

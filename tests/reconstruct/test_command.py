@@ -68,8 +68,10 @@ def test_one_frame_to_a_stack(files, run, tmp_path):
 
 def test_a_series_to_hdf5_as_json(files, run, tmp_path):
     folder, _, P = files
-    code, out, err = run(folder / "H.h5", "--batch", folder / "frames", "-o", tmp_path / "out",
-                         "--format", ".h5", "--dark", folder / "dark.png", "--solver", "rl-biggs", "-n", 4, "--warm", "--json")  # fmt: skip
+    code, out, err = run(
+        folder / "H.h5", "--batch", folder / "frames", "-o", tmp_path / "out", "--format", ".h5", "--warm", "--json",
+        "--dark", folder / "dark.png", "--solver", "rl-biggs", "-n", 4,
+    )  # fmt: skip
     assert code == 0, err
     answer = json.loads(out)
     assert [v["name"] for v in answer["volumes"]] == ["t0", "t1", "t2"]

@@ -1,0 +1,63 @@
+"""A real light field of a vesicle (napari-LF example data): corrected, resampled, reconstructed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lfcal.camera import ScanPlan, preset
+from lfcal.frames import CorrectionChain, Dark, White, read_image
+from lfcal.frames.lattice_fit import fit_lattice
+from lfcal.reconstruct import Projector
+from lfcal.reconstruct.em import richardson_lucy
+from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
+from lfcal.simulate.planner import plan_effects
+from lfcal.simulate.simulate import simulate_psf
+
+DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "lfm_guv"
+
+
+def ring_profile(plane, centre):
+    """Return the mean of ``plane`` at each whole distance from ``centre``."""
+    r, c = np.indices(plane.shape)
+    distance = np.hypot(r - centre[0], c - centre[1]).round().astype(int).ravel()
+    return np.bincount(distance, plane.ravel()) / np.bincount(distance)
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"needs the measured light field in {DATA}")
+def test_vesicle_appears_as_a_shell():
+    frame, white, dark = (read_image(DATA / f"{n}_GUVExperim1.tif") for n in ("Lightfield", "Radiometry", "DarkFrame"))
+    fit = fit_lattice(white.astype(float), dark=dark.astype(float), kind="square")
+    camera = preset("lfm_60x12")
+    pitch = 100.1
+    camera = replace(
+        camera,
+        lattice=replace(camera.lattice, pitch_um=pitch),
+        sensor=replace(camera.sensor, shape=(435, 435), pixel_um=pitch / 15),
+    )
+    plan = ScanPlan.for_camera(camera, depths_um=(-3.0, 3.0), cutout=151)
+    H = simulate_psf(camera, plan, plan_effects(camera, plan, 0.3), tolerance=0.3)
+    corner = lattice_anchor_of(H)
+    view = Resampling.of_fit(fit, H.period, corner)
+    chain = CorrectionChain((Dark(dark), White(white, dark)))
+    image = view.apply(chain.apply(frame))
+    P = Projector(H, view.shape, view.anchor(corner), threshold=0.01, memory_limit=10**9)
+    result = richardson_lucy(P, image, 6, weights=view.inside(frame.shape), read_noise=20)
+    assert result.history[-1].residual < 0.7 * result.history[0].residual
+    for plane in result.volume:
+        rows, columns = np.indices(plane.shape)
+        bright = np.where(plane > np.percentile(plane[40:-40, 40:-40], 92), plane, 0)[40:-40, 40:-40]
+        centre = [float((i[40:-40, 40:-40] * bright).sum() / bright.sum()) for i in (rows, columns)]
+        profile = ring_profile(plane, centre)[:180]
+        edge = int(np.argmax(profile[60:])) + 60
+        # A vesicle of 24 to 30 um: bright on its rim, dark within and without.
+        assert 95 < edge < 140
+        assert profile[edge] > 2 * profile[: edge - 40].mean()
+        assert profile[edge] > 2 * profile[edge + 30 :].mean()
+    # With the lattice half a lenslet off, H explains the image less well.
+    wrong = Projector(H, view.shape, np.add(view.anchor(corner), 7), threshold=0.01, memory_limit=10**9)
+    off = richardson_lucy(wrong, image, 6, weights=view.inside(frame.shape), read_noise=20)
+    assert off.history[-1].residual > 1.2 * result.history[-1].residual
