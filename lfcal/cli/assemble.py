@@ -27,6 +27,9 @@ def command(
     order: str = typer.Option("", "--order", help="Positions from the order of names: serpentine or raster."),
     dark: Path = typer.Option(None, "--dark", help="Dark frame, or a folder of them to average."),
     white: Path = typer.Option(None, "--white", help="White frame, or a folder of them to average."),
+    white_mode: str = typer.Option(
+        "field", "--white-mode", help="field: the smooth fall of light, micro-images stay; pixels: pixel by pixel."
+    ),
     white_floor: float = typer.Option(0.05, "--white-floor", help="Lowest relative brightness divided by."),
     defects: bool = typer.Option(False, "--defects", help="Find defect pixels over the frames and repair them."),
     background: str = typer.Option("none", "--background", help="none, border, plane, or a number of counts."),
@@ -66,7 +69,9 @@ def command(
         )  # fmt: skip
         if channel:
             source = channel_source(source, channel)
-        recipe = CorrectionRecipe(dark or "", white or "", white_floor, defects, background, reference, saturation)
+        recipe = CorrectionRecipe(
+            dark or "", white or "", white_mode, white_floor, defects, background, reference, saturation
+        )
         chain = build_chain(source, recipe)
         window = Cutout.for_plan(scan, interpolation=interpolation, outside="zero" if pad else "error")
         if cutout:

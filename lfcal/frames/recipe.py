@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.camera._checks import check_choice
 from lfcal.errors import InputError, StorageError, expectation
 from lfcal.frames.background import Background
 from lfcal.frames.corrections import CorrectionChain, Step
@@ -28,6 +29,10 @@ class CorrectionRecipe:
     ----------
     dark, white
         A frame, or a folder of frames that are averaged; empty: not corrected.
+    white_mode
+        ``"field"``: divide by the smooth fall of light over the field, found from the lenslets of the white
+        frame, which leaves micro-images as they are; ``"pixels"``: divide by the white frame itself, pixel by
+        pixel, for white frames without micro-images.
     white_floor
         Lowest relative brightness divided by.
     defects
@@ -42,6 +47,7 @@ class CorrectionRecipe:
 
     dark: str | os.PathLike[str] = ""
     white: str | os.PathLike[str] = ""
+    white_mode: str = "field"
     white_floor: float = 0.05
     defects: bool = False
     background: str = "none"
@@ -89,7 +95,7 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
     if recipe.white:
         white = _of_channel(source, read_average(recipe.white))
         level = black if dark is None else dark
-        steps.append(White(white, level, floor=recipe.white_floor, cfa=cfa, saturation=saturation))
+        steps.append(_white(white, level, recipe, cfa, saturation))
     if recipe.defects:
         from lfcal.frames.defect_search import find_defects
 
@@ -99,6 +105,23 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
     if recipe.reference_s is not None:
         steps.append(Exposure(recipe.reference_s))
     return CorrectionChain(tuple(steps), saturation=saturation)
+
+
+def _white(
+    white: NDArray[np.float32], dark: NDArray[np.float32] | float, recipe: CorrectionRecipe, cfa: str,
+    saturation: float | None,
+) -> White:  # fmt: skip
+    check_choice("white correction", recipe.white_mode, ("field", "pixels"))
+    if recipe.white_mode == "pixels":
+        return White(white, dark, floor=recipe.white_floor, cfa=cfa, saturation=saturation)
+    from lfcal.frames.lattice_fit import fit_lattice
+    from lfcal.frames.vignetting import vignetting_map
+
+    try:
+        field = vignetting_map(fit_lattice(white, dark=dark)).frame()
+    except InputError as error:
+        raise InputError(f"{error}; or divide by the white frame itself (white mode pixels)") from None
+    return White(field, 0.0, floor=recipe.white_floor)
 
 
 def _of_channel(source: FrameSource, frame: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -161,7 +161,11 @@ def _dark_shape(session: Path) -> list[object]:
 
 
 def _blank_white(session: Path) -> list[object]:
-    return [session / "frames", "--dark", session / "dark", "--white", session / "dark"]
+    return [session / "frames", "--dark", session / "dark", "--white", session / "dark", "--white-mode", "pixels"]
+
+
+def _frames_with_white(session: Path) -> list[object]:
+    return [session / "frames", "--dark", session / "dark", "--white", session / "white"]
 
 
 CASES: dict[str, tuple[Spoil, str]] = {
@@ -204,6 +208,8 @@ CASES: dict[str, tuple[Spoil, str]] = {
     "cutout of words": (_frames("--cutout", "big"), "--cutout"),
     "dark of another sensor": (_dark_shape, "shape"),
     "white without light": (_blank_white, "light"),
+    "white without lenslets": (_frames_with_white, "white"),
+    "unknown white mode": (_frames("--white", "white.png", "--white-mode", "soft"), "white"),
     "unknown interpolation": (_frames("--interpolation", "sharp"), "nearest"),
     "unknown background": (_frames("--background", "blue"), "plane"),
     "pattern that fits nothing": (_frames("--pattern", "img_{z}_{y}_{x}.tif"), "img_"),

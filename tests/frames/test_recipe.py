@@ -34,7 +34,7 @@ def source(**metadata: object) -> ArraySource:
 def test_calibration_frames_are_averaged(folder: Path) -> None:
     mean = DARKS.mean(axis=0)
     np.testing.assert_allclose(read_average(folder / "dark"), mean, rtol=1e-6)
-    recipe = CorrectionRecipe(folder / "dark", folder / "white.tif", background="3.5", reference_s=0.1)
+    recipe = CorrectionRecipe(folder / "dark", folder / "white.tif", "pixels", background="3.5", reference_s=0.1)
     chain = build_chain(source(bit_depth=12), recipe)
     by_hand = CorrectionChain((Dark(mean), White(WHITE, mean), Background("constant", 3.5), Exposure(0.1)), 4095.0)
     np.testing.assert_allclose(corrected(source(), chain).read(1), corrected(source(), by_hand).read(1), atol=1e-3)
@@ -42,7 +42,7 @@ def test_calibration_frames_are_averaged(folder: Path) -> None:
 
 
 def test_channel_of_a_mosaic_takes_the_channel_of_its_calibration_frames(folder: Path) -> None:
-    recipe = CorrectionRecipe(folder / "dark", folder / "white.tif")
+    recipe = CorrectionRecipe(folder / "dark", folder / "white.tif", "pixels")
     mosaic = source(cfa="GRBG", saturation=4000.0, black_level=(7.0,) * 4)
     red = channel_source(mosaic, "R")
     single = corrected(red, build_chain(red, recipe))
@@ -67,4 +67,4 @@ def test_unusable_recipes(folder: Path) -> None:
     with pytest.raises(InputError, match="at least one image, got none"):
         build_chain(source(), CorrectionRecipe(white=folder / "empty"))
     with pytest.raises(InputError, match=r"at most 0\.1 % saturated, got 100 %"):
-        build_chain(source(saturation=3000.0), CorrectionRecipe(white=folder / "white.tif"))
+        build_chain(source(saturation=3000.0), CorrectionRecipe(white=folder / "white.tif", white_mode="pixels"))

@@ -1,0 +1,57 @@
+"""The sample session is what its script makes, and it is small, complete and good."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+from types import ModuleType
+
+import cv2
+import numpy as np
+import pytest
+
+from lfcal.camera import Camera, ScanPlan
+from lfcal.frames import open_frames
+
+FOLDER = Path(__file__).resolve().parents[2] / "sample_data"
+SESSION = FOLDER / "session"
+
+
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("sample_make", FOLDER / "make.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_script_makes_these_frames(script: ModuleType) -> None:
+    """Two frames and a dark frame anew: the same counts, but for single roundings on another processor."""
+    source = script.sample_source()
+    made = {f"frames/{script.frame_name(source, k)}": source.read(k) for k in (7, 700)}
+    made["dark/dark_3.png"] = source.dark_frame(3)
+    for name, frame in made.items():
+        kept = cv2.imread(str(SESSION / name), cv2.IMREAD_UNCHANGED)
+        assert kept.dtype == np.uint16 and kept.shape == frame.shape
+        difference = np.abs(kept.astype(int) - frame.astype(int))
+        assert difference.max() <= 1 and (difference > 0).mean() < 1e-3, name
+
+
+def test_descriptions_fit(script: ModuleType) -> None:
+    plan = ScanPlan.from_json((SESSION / "plan.json").read_text())
+    assert plan == script.sample_plan()
+    assert Camera.from_json((SESSION / "camera.json").read_text()) == plan.camera
+    assert json.loads((SESSION / "truth.json").read_text())["seed"] == script.SEED
+    with open_frames(SESSION / "frames", plan_shape=plan.shape[:3]) as source:
+        assert len(source) == plan.n_positions
+        assert sorted(source.position(k) for k in range(len(source))) == sorted(plan.positions())
+
+
+def test_it_is_small_and_16_bit() -> None:
+    files = [p for p in SESSION.rglob("*") if p.is_file()]
+    assert sum(p.stat().st_size for p in files) < 10e6
+    assert len(list((SESSION / "dark").glob("*.png"))) >= 4 and len(list((SESSION / "white").glob("*.png"))) >= 2
+    frame = cv2.imread(str(SESSION / "frames" / "z1_y09_x16.png"), cv2.IMREAD_UNCHANGED)
+    assert frame.dtype == np.uint16 and frame.max() < 4095, "nothing saturated"
