@@ -9,7 +9,8 @@ import time
 from pathlib import Path
 
 SIZES = ((1280, 800), (1920, 1080))
-SETTLE_S = 2.0
+SETTLE_S = 0.5
+IDLE_S = 60.0
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -36,6 +37,10 @@ def main(arguments: list[str] | None = None) -> int:
             if options.stage and stage.key not in options.stage:
                 continue
             window.go(stage.key)
+            wait(app, 0.3)
+            end = time.monotonic() + IDLE_S
+            while window.jobs.busy and time.monotonic() < end:
+                wait(app, 0.1)
             wait(app, options.settle)
             for theme in options.theme or ("light", "dark"):
                 window.set_theme(theme)

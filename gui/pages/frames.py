@@ -21,7 +21,6 @@ from PySide6.QtWidgets import (
     QPushButton,
     QScrollArea,
     QSlider,
-    QSplitter,
     QVBoxLayout,
     QWidget,
 )
@@ -91,25 +90,22 @@ class Page(StagePage):
         self.map.chosen.connect(lambda y, x: self.go_to(Position(self.position.z, y, x)))
         self.histogram = LinePlot("sample value (counts)", "pixels")
         self.histogram.plot.setLogMode(False, True)
-        self.histogram.setMinimumHeight(150)
+        self.histogram.setFixedHeight(180)
         self.numbers = QLabel()
         self.numbers.setTextFormat(Qt.TextFormat.RichText)
         self.readout = QLabel(" ")
         self.readout.setProperty("role", "hint")
-        splitter = QSplitter(Qt.Orientation.Horizontal)
-        splitter.addWidget(self._left())
+        row = QHBoxLayout(self.body)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(10)
+        row.addWidget(self._left())
         middle = QWidget()
         column = QVBoxLayout(middle)
         column.setContentsMargins(0, 0, 0, 0)
         column.addLayout(self._bar())
         column.addWidget(self.view, 1)
         column.addWidget(self.readout)
-        splitter.addWidget(middle)
-        splitter.setStretchFactor(1, 1)
-        splitter.setCollapsible(1, False)
-        layout = QVBoxLayout(self.body)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(splitter)
+        row.addWidget(middle, 1)
 
     def _bar(self) -> QHBoxLayout:
         row = QHBoxLayout()
@@ -155,8 +151,8 @@ class Page(StagePage):
         self.play_button.toggled.connect(self._play)
         row.addWidget(self.play_button)
         column.addLayout(row)
-        self.map.setMinimumHeight(180)
-        column.addWidget(self.map, 2)
+        self.map.setFixedHeight(190)
+        column.addWidget(self.map)
         heading = QLabel("Corrections")
         heading.setProperty("role", "heading")
         column.addWidget(heading)
@@ -181,12 +177,13 @@ class Page(StagePage):
         heading = QLabel("Histogram of the frame as recorded")
         heading.setProperty("role", "heading")
         column.addWidget(heading)
-        column.addWidget(self.histogram, 1)
+        column.addWidget(self.histogram)
         column.addWidget(self.numbers)
+        column.addStretch()
         area = QScrollArea()
         area.setWidgetResizable(True)
         area.setWidget(panel)
-        area.setMinimumWidth(290)
+        area.setFixedWidth(320)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         return area
 
