@@ -31,6 +31,7 @@ from gui.models.frame_view import FrameNumbers, frame_numbers
 from gui.models.session import FrameSettings, SessionState
 from gui.models.stages import Stage
 from gui.pages._base import StagePage
+from gui.theme import current_theme
 from gui.widgets.frame_view import FrameView
 from gui.widgets.period_map import PeriodMap
 from gui.widgets.plots import LinePlot
@@ -93,6 +94,7 @@ class Page(StagePage):
         self.histogram.setFixedHeight(180)
         self.numbers = QLabel()
         self.numbers.setTextFormat(Qt.TextFormat.RichText)
+        self.numbers.setWordWrap(True)
         self.readout = QLabel(" ")
         self.readout.setProperty("role", "hint")
         row = QHBoxLayout(self.body)
@@ -344,9 +346,10 @@ class Page(StagePage):
         numbers = loaded.numbers
         middle = (numbers.edges[1:] + numbers.edges[:-1]) / 2
         self.histogram.set_curve("pixels", middle, np.maximum(numbers.counts, 0.5))
-        colour = "#c62828" if numbers.saturated else "inherit"
+        theme = current_theme()
+        colour = theme.bad if numbers.saturated else theme.text
         self.numbers.setText(
-            f"maximum <b>{numbers.high:g}</b>, minimum <b>{numbers.low:g}</b>, "
+            f"maximum <b>{numbers.high:g}</b> counts<br>minimum <b>{numbers.low:g}</b>, "
             f"mean <b>{numbers.mean:.1f}</b> counts<br>"
             f"<span style='color:{colour}'>saturated pixels: <b>{numbers.saturated}</b></span>"
         )
