@@ -14,9 +14,8 @@ import numpy as np
 from lfcal.acquire.durable import FolderLock
 from lfcal.acquire.recording import RecordingSource
 from lfcal.acquire.recording_file import RecordingFile
-from lfcal.acquire.records import Kind
+from lfcal.acquire.records import Kind, file_name
 from lfcal.acquire.session_file import SessionFile
-from lfcal.acquire.store import file_name
 from lfcal.errors import FileFormatError, expectation
 from lfcal.files import replace_whole, require_space
 from lfcal.progress import Clock, Work

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.recording_file import RecordingFile
-from lfcal.acquire.records import Kind
+from lfcal.acquire.records import Kind, file_name
 from lfcal.acquire.session_file import SessionFile
-from lfcal.acquire.store import file_name
 from lfcal.errors import InputError, expectation
 from lfcal.frames.source import Position
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.devices import Point
 
-__all__ = ["RECORD", "Kind", "Note", "frame_crc", "intact", "pack"]
+__all__ = ["FILES", "RECORD", "Kind", "Note", "file_name", "frame_crc", "intact", "pack"]
 
 
 class Kind(IntEnum):
@@ -23,6 +23,15 @@ class Kind(IntEnum):
     DARK = 1
     REFERENCE = 2
     CONTROL = 3
+
+
+FILES = {Kind.POSITION: "recording", Kind.REFERENCE: "checks", Kind.CONTROL: "checks", Kind.DARK: "darks"}
+"""Which file each kind of frame goes to."""
+
+
+def file_name(kind: Kind, run: int) -> str:
+    """Return the name of the file for ``kind`` in recording number ``run`` (from 0)."""
+    return f"{FILES[kind]}.h5" if run == 0 else f"{FILES[kind]}-{run + 1:03d}.h5"
 
 
 RECORD = np.dtype(

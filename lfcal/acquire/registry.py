@@ -106,8 +106,10 @@ def find_backends() -> list[Finding]:
     return findings
 
 
-def open_rig(plan: ScanPlan, name: str, options: Mapping[str, str] | None = None, *, stage: str = "") -> Rig:
-    """Return the devices of backend ``name``, with the stage of backend ``stage`` where that is given.
+def open_rig(
+    plan: ScanPlan, backend: str | Backend, options: Mapping[str, str] | None = None, *, stage: str = ""
+) -> Rig:
+    """Return the devices of ``backend`` (or its name), with the stage of backend ``stage`` where that is given.
 
     Options of the stage's backend are given with its name in front: ``micromanager.config=…``.
 
@@ -118,8 +120,9 @@ def open_rig(plan: ScanPlan, name: str, options: Mapping[str, str] | None = None
     DeviceError
         If a device is not there.
     """
-    backend = get_backend(name)
-    if stage and stage != name:
+    if isinstance(backend, str):
+        backend = get_backend(backend)
+    if stage and stage != backend.name:
         own, other = _split(options or {}, stage)
         mover = get_backend(stage)
         if stage == "sim":
@@ -135,7 +138,9 @@ def open_rig(plan: ScanPlan, name: str, options: Mapping[str, str] | None = None
         others = (rig.stage, carrier.camera)
         return Rig(rig.camera, carrier.stage, rig.light or carrier.light, rig.time, others)
     if not backend.has_stage:
-        raise InputError(expectation("stage", f"one for the camera of {name}", "none", "name its backend, e.g. sim"))
+        raise InputError(
+            expectation("stage", f"one for the camera of {backend.name}", "none", "name its backend, e.g. sim")
+        )
     return _open(backend, plan, dict(options or {}))
 
 

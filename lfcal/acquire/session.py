@@ -21,11 +21,11 @@ from lfcal.acquire.journal import read_layout
 from lfcal.acquire.options import Options
 from lfcal.acquire.origin import check_origin
 from lfcal.acquire.preview import Preview
-from lfcal.acquire.records import Kind
+from lfcal.acquire.records import Kind, file_name
 from lfcal.acquire.runner import Observer, Outcome, Runner
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, Run, SessionFile
-from lfcal.acquire.store import Store, file_name
+from lfcal.acquire.store import Store
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError, LfcalError, StorageError, expectation
 from lfcal.files import storage_errors

@@ -8,8 +8,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from lfcal.acquire.devices import Rig, Roi
+from lfcal.acquire.devices import Rig
 from lfcal.acquire.options import Options
+from lfcal.acquire.records import Kind, file_name
 from lfcal.camera import ScanPlan
 from lfcal.camera.description import build
 from lfcal.errors import FileFormatError, InputError, StorageError, expectation
@@ -117,6 +118,11 @@ class SessionFile:
             session = build(cls, body, "session")
         except KeyError as error:
             raise FileFormatError(expectation(str(path), f"entry {error}", "none", "restore the file")) from None
+        names = tuple(file_name(Kind.POSITION, run) for run in range(len(session.recordings)))
+        if not names or session.recordings != names or len(session.redo) != len(names):
+            raise FileFormatError(
+                expectation(f"{path}: recordings", names or "recording.h5", session.recordings, "restore the file")
+            )
         return replace(
             session,
             redo=tuple(tuple(tuple(int(v) for v in p) for p in positions) for positions in session.redo),
@@ -150,8 +156,3 @@ def _difference(old: Any, new: Any, what: str) -> tuple[str, Any, Any] | None:
                 return found
         return None
     return None if old == new else (what, old, new)
-
-
-def region_attributes(roi: Roi) -> dict[str, Any]:
-    """Return ``roi`` as attributes of a recording."""
-    return {"roi": [roi.row, roi.column, roi.rows, roi.columns]}

@@ -9,22 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.journal import Journal
-from lfcal.acquire.records import RECORD, Kind, Note
+from lfcal.acquire.records import FILES, RECORD, Kind, Note, file_name
 from lfcal.acquire.schedule import Schedule, Step
 from lfcal.errors import FileFormatError, expectation
 from lfcal.files import require_space
 
-__all__ = ["FILES", "Store", "file_name"]
-
-FILES = {Kind.POSITION: "recording", Kind.REFERENCE: "checks", Kind.CONTROL: "checks", Kind.DARK: "darks"}
-"""Which file each kind of frame goes to."""
+__all__ = ["Store"]
 
 CHECKS = (Kind.REFERENCE, Kind.CONTROL)
-
-
-def file_name(kind: Kind, run: int) -> str:
-    """Return the name of the file for ``kind`` in recording number ``run`` (from 0)."""
-    return f"{FILES[kind]}.h5" if run == 0 else f"{FILES[kind]}-{run + 1:03d}.h5"
 
 
 class Store:

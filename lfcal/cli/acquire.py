@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lfcal.acquire.options import Options
     from lfcal.acquire.runner import Outcome
     from lfcal.camera import ScanPlan
+    from lfcal.frames import FrameSource
 
 ALARM_EVERY_S = 5.0
 
@@ -59,6 +60,7 @@ def command(
 
     Example: `lfcal acquire plan.json --backend sim --out session/ --assemble H.h5`
     """
+    from lfcal.acquire.backends.sim import SimBackend
     from lfcal.acquire.control import Control
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.registry import open_rig
@@ -71,7 +73,8 @@ def command(
     }  # fmt: skip
     options = _options(out if resume or redo is not None else None, given, check_origin)
     positions = RedoList.read(redo).positions if redo is not None else None
-    with open_rig(scan, backend, _pairs(option), stage=stage) as rig:
+    devices = SimBackend(_simulated_optics) if backend == "sim" else backend
+    with open_rig(scan, devices, _pairs(option), stage=stage) as rig:
         if dry_run:
             _show_forecast(scan, rig, options, out, json)
             return
@@ -84,6 +87,13 @@ def command(
     if outcome.how == "complete":
         result |= _finish(out, assemble, pack, json)
     _report(result, outcome, out, json)
+
+
+def _simulated_optics(plan: ScanPlan, level: str) -> FrameSource:
+    """Return the simulator's camera for the simulated rig, free of noise: the rig adds its own."""
+    from lfcal.simulate.camera_source import SimulatedCamera
+
+    return SimulatedCamera(plan, (), level=level)
 
 
 def _record(

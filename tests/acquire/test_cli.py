@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import pytest
 
 from lfcal.acquire.recording import RecordingSource
 from lfcal.acquire.redo import RedoList
+from lfcal.camera import ScanPlan, preset
 from lfcal.cli import main
 from lfcal.errors import FileFormatError
 from lfcal.psf import open_psf
@@ -55,6 +57,15 @@ def test_from_plan_to_h_without_copying_by_hand(
         assert psf.shape == (2, 4, 5, 21, 21)
         for k in range(40):
             assert np.array_equal(psf[source.position(k)], source.read(k))
+
+
+def test_optics_of_the_simulator_are_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0])
+    plan = replace(plan, period=(2, 3))
+    (tmp_path / "plan.json").write_text(plan.to_json())
+    arguments = ("--out", tmp_path / "s", "--option", "optics=geometric", "--no-check-stage")
+    assert run("acquire", tmp_path / "plan.json", *arguments, monkeypatch=monkeypatch) == 0
+    assert all(frame.max() > 500 for frame in frames_of(tmp_path / "s").values())
 
 
 def test_dry_run_moves_and_writes_nothing(

@@ -238,6 +238,14 @@ def test_damaged_session_files_are_refused(tmp_path: Path, text: str) -> None:
         SessionFile.read(tmp_path)
 
 
+def test_names_that_lead_out_of_the_folder_are_refused(tmp_path: Path, whole: Path) -> None:
+    data = json.loads((whole / "session.json").read_text())
+    for names in (["../../other.h5"], [], ["recording.h5", "recording.h5"]):
+        (tmp_path / "session.json").write_text(json.dumps({**data, "recordings": names, "redo": [[]] * len(names)}))
+        with pytest.raises(FileFormatError, match="recordings"):
+            RecordingSource(tmp_path)
+
+
 def test_a_recording_of_another_session_is_refused(tmp_path: Path, whole: Path) -> None:
     control = Control()
     record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(3, control),))

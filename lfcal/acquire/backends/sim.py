@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 from lfcal import __version__
@@ -64,7 +64,14 @@ def simulated_rig(
 
 
 class SimBackend:
-    """The simulator as a backend."""
+    """The simulator as a backend.
+
+    Parameters
+    ----------
+    optics
+        Makes the frames for a plan and a level of simulation, such as `lfcal.simulate.SimulatedCamera`;
+        None leaves the light, quick pattern only.
+    """
 
     name = "sim"
     title = "simulated camera and stage"
@@ -81,6 +88,9 @@ class SimBackend:
         "seed": "of the camera's noise",
     }
 
+    def __init__(self, optics: Callable[[ScanPlan, str], FrameSource] | None = None) -> None:
+        self._optics = optics
+
     def probe(self) -> str:
         """Return the version; the simulator is always there."""
         return __version__
@@ -93,9 +103,9 @@ class SimBackend:
         check_choice("option optics", level, OPTICS)
         optics: FrameSource | None = None
         if level != "pattern":
-            from lfcal.simulate.camera_source import SimulatedCamera
-
-            optics = SimulatedCamera(plan, (), level=level)
+            if self._optics is None:
+                raise InputError(expectation("option optics", "pattern", level, "open it where a simulator is given"))
+            optics = self._optics(plan, level)
         return simulated_rig(
             plan, model=_stage_model(plan, options), faults=_faults(options.get("faults", "")),
             axes=_axes(plan, options.get("axes")), optics=optics, seed=int(number_option(options, "seed", 0, low=0)),
