@@ -1,0 +1,139 @@
+"""One light field recorded through several modulators with the same exposure and the same camera (figure 7)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera._checks import check_number
+from lfcal.errors import InputError, expectation
+from lfcal.multiplex.demultiplexing import demultiplex, multiplex
+from lfcal.multiplex.modulator import Modulator
+from lfcal.progress import Clock, Work, drain
+
+__all__ = ["Acquisition", "acquire_light_field", "iter_acquire_light_field"]
+
+
+@dataclass(frozen=True, eq=False)
+class Acquisition:
+    """What one modulator makes of a scene.
+
+    Attributes
+    ----------
+    modulator
+        The modulator.
+    frame
+        Recorded frame with noise, unmodulated light being one.
+    views
+        Demultiplexed samples ``(N, rows, columns)``, one per super-pixel.
+    clean
+        The same without noise.
+    truth
+        The scene at the middle of each super-pixel.
+    noise
+        Rms of ``views - clean``.
+    error
+        Rms of ``views - truth``: noise, and what the modulator loses in resolution.
+    """
+
+    modulator: Modulator
+    frame: NDArray[np.float64] = field(repr=False)
+    views: NDArray[Any] = field(repr=False)
+    clean: NDArray[Any] = field(repr=False)
+    truth: NDArray[np.float64] = field(repr=False)
+    noise: float
+    error: float
+
+    @property
+    def snr_db(self) -> float:
+        """Mean sample over the rms of its noise, 10 log10 as in equation 13 (dB)."""
+        return 10 * math.log10(float(self.truth.mean()) / self.noise) if self.noise > 0 else math.inf
+
+
+def iter_acquire_light_field(
+    light: ArrayLike,
+    modulators: Sequence[Modulator],
+    *,
+    chi2: float,
+    signal_e: float = 1000.0,
+    rng: np.random.Generator,
+    route: str = "spatial",
+    filter: str = "cubic",
+) -> Work[list[Acquisition]]:
+    """Record and demultiplex modulator by modulator; parameters and result as in `acquire_light_field`."""
+    scene = np.asarray(light, float)
+    check_number("electrons of unmodulated light", signal_e, above=0)
+    if not chi2 > 0:
+        raise InputError(expectation("chi^2", "a number above 0, or inf", chi2, "correct it"))
+    clock = Clock("acquire", len(modulators))
+    results = []
+    for k, modulator in enumerate(modulators):
+        yield clock.at(k, modulator.name)
+        pure = multiplex(scene, modulator)
+        # variance s_c^2 + i s_p^2 with s_p^2 = 1/signal: equation 12 per pixel
+        read = 0.0 if math.isinf(chi2) else math.sqrt(1 / (signal_e * chi2))
+        frame = rng.poisson(np.maximum(pure, 0) * signal_e) / signal_e + read * rng.standard_normal(pure.shape)
+        views, clean = (demultiplex(f, modulator, route=route, filter=filter) for f in (frame, pure))
+        results.append(_compared(modulator, frame, views, clean, _sampled(scene, modulator, views.shape[1:])))
+    yield clock.at(len(modulators))
+    return results
+
+
+def acquire_light_field(
+    light: ArrayLike,
+    modulators: Sequence[Modulator],
+    *,
+    chi2: float,
+    signal_e: float = 1000.0,
+    rng: np.random.Generator,
+    route: str = "spatial",
+    filter: str = "cubic",
+) -> list[Acquisition]:
+    """Return what each modulator makes of the same scene, exposure and camera.
+
+    Parameters
+    ----------
+    light
+        Plenoptic samples at every pixel ``(N, rows, columns)``; their sum over N is the unmodulated light.
+    modulators
+        Of N samples each.
+    chi2
+        s_p^2 / s_c^2 of the camera; inf for one without read noise.
+    signal_e
+        Electrons a pixel collects from unmodulated light of one.
+    rng
+        Source of the shot and read noise.
+    route, filter
+        Of the reconstruction, as in `demultiplex`.
+
+    Raises
+    ------
+    InputError
+        If chi2 is not above 0 or the scene is not one of these modulators.
+    """
+    return drain(
+        iter_acquire_light_field(light, modulators, chi2=chi2, signal_e=signal_e, rng=rng, route=route, filter=filter)
+    )
+
+
+def _sampled(scene: NDArray[np.float64], modulator: Modulator, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    (py, px), (my, mx) = modulator.side, modulator.natural_samples
+    y, x = (np.arange(n) * p // m + (p // m - 1) // 2 for n, p, m in zip(shape, (py, px), (my, mx), strict=True))
+    return scene[:, np.minimum(y, scene.shape[1] - 1)][:, :, np.minimum(x, scene.shape[2] - 1)]
+
+
+def _compared(
+    modulator: Modulator,
+    frame: NDArray[np.float64],
+    views: NDArray[Any],
+    clean: NDArray[Any],
+    truth: NDArray[np.float64],
+) -> Acquisition:
+    noise = float(np.sqrt(np.mean((views - clean) ** 2)))
+    error = float(np.sqrt(np.mean((views - truth) ** 2)))
+    return Acquisition(modulator, frame, views, clean, truth, noise, error)

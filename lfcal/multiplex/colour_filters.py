@@ -1,0 +1,114 @@
+"""Colour filter arrays as modulators: the known ones and any pattern a user types."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera._checks import check_tuple
+from lfcal.errors import InputError, expectation
+from lfcal.multiplex.modulator import Modulator
+
+__all__ = ["CFA_PATTERNS", "FILTERS", "cfa", "parse_pattern", "pattern_letters"]
+
+FILTERS: Mapping[str, tuple[float, float, float]] = {
+    "R": (1, 0, 0),
+    "G": (0, 1, 0),
+    "B": (0, 0, 1),
+    "C": (0, 1, 1),
+    "M": (1, 0, 1),
+    "Y": (1, 1, 0),
+    "W": (1, 1, 1),
+    "E": (0, 1, 1),
+}
+"""Ideal filters as shares of red, green and blue they let through; emerald is taken as the ideal cyan."""
+
+CFA_PATTERNS: Mapping[str, str] = {
+    "Bayer": "RG/GB",
+    "CYMG": "CY/MG",
+    "CYYM": "CY/YM",
+    "RGBE": "RG/EB",
+    "RGBW": "RG/BW",
+    "RGBW 4x4": "WBWG/BWGW/WGWR/GWRW",
+    "CMYW": "CM/YW",
+    "X-Trans": "GBGGRG/RGRBGB/GBGGRG/GRGGBG/BGBRGR/GRGGBG",
+}
+"""Patterns by rows, rows parted by a slash. ``RGBW 4x4`` is Kodak's, half of it clear."""
+
+MAX_SIDE = 16
+
+
+def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS) -> list[str]:
+    """Return the rows of a pattern: a name of `CFA_PATTERNS`, rows parted by slashes, or letters of a square.
+
+    Raises
+    ------
+    InputError
+        If a letter is no filter or the rows are not of one length.
+    """
+    if not isinstance(pattern, str):
+        raise InputError(expectation("colour filter pattern", "letters", repr(pattern)[:60], 'for example "RG/GB"'))
+    wanted = "".join(pattern.lower().split()).replace("-", "").replace("×", "x")
+    known = {"".join(name.lower().split()).replace("-", ""): rows for name, rows in CFA_PATTERNS.items()}
+    known |= {"rgbw2x2": CFA_PATTERNS["RGBW"], "rgbw4": CFA_PATTERNS["RGBW 4x4"]}
+    text = known.get(wanted) or "".join(pattern.upper().split())
+    rows = text.split("/")
+    if len(rows) == 1:
+        side = math.isqrt(len(text))
+        if side * side == len(text):
+            rows = [text[k : k + side] for k in range(0, len(text), side or 1)]
+    letters = set("".join(rows))
+    square = len(rows) > 1 or len(rows[0] if rows else "") == 1
+    if not rows or not letters <= set(filters) or len({len(r) for r in rows}) != 1 or not rows[0] or not square:
+        raise InputError(
+            expectation("colour filter pattern", f"{', '.join(CFA_PATTERNS)}, or equal rows of {''.join(filters)}",
+                        repr(pattern), 'for example "RG/GB" or "GRBG"')
+        )  # fmt: skip
+    if max(len(rows), len(rows[0])) > MAX_SIDE:
+        raise InputError(
+            expectation("colour filter pattern", f"up to {MAX_SIDE} x {MAX_SIDE} filters",
+                        f"{len(rows)} x {len(rows[0])}", "give one period of it")
+        )  # fmt: skip
+    return rows
+
+
+def cfa(pattern: str, *, filters: Mapping[str, Sequence[float]] | None = None) -> Modulator:
+    """Return the modulator of a colour filter array over red, green and blue (Ihrke et al., section 4.1).
+
+    Sigma holds one column per kind of filter, one at its places; Pi the filters' shares of red, green and blue.
+
+    Parameters
+    ----------
+    pattern
+        ``"Bayer"``, ``"CYMG"``, ``"CYYM"``, ``"RGBE"``, ``"RGBW"``, ``"RGBW 4x4"``, ``"CMYW"``, ``"X-Trans"``, or
+        letters of `FILTERS` by rows: ``"GRBG"``, ``"RGB/GBR"``.
+    filters
+        Other or further filters by letter: transmissions (red, green, blue) in 0 … 1.
+
+    Raises
+    ------
+    InputError
+        If the pattern cannot be read or a filter is not three transmissions.
+    """
+    known = dict(FILTERS)
+    for letter, shares in (filters or {}).items():
+        known[str(letter).upper()] = check_tuple(f"filter {letter}", tuple(shares), 3, at_least=0, at_most=1)
+    rows = parse_pattern(pattern, known)
+    letters = "".join(rows)
+    kinds = sorted(set(letters), key=letters.index)
+    spatial = np.array([[float(letter == kind) for kind in kinds] for letter in letters])
+    plenoptic = np.array([known[kind] for kind in kinds], float).T
+    return Modulator(_name(pattern, rows), (len(rows), len(rows[0])), spatial, plenoptic, colours=("R", "G", "B"))
+
+
+def _name(pattern: str, rows: list[str]) -> str:
+    text = "/".join(rows)
+    return next((name for name, known in CFA_PATTERNS.items() if known == text), pattern)
+
+
+def pattern_letters(pattern: str) -> NDArray[np.str_]:
+    """Return the letters of a pattern as an array ``(rows, columns)``."""
+    return np.array([list(row) for row in parse_pattern(pattern)])

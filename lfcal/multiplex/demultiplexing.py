@@ -1,0 +1,187 @@
+"""From a frame to its plenoptic samples and back: one call for every modulator, route and filter."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera._checks import check_choice, check_number, check_tuple
+from lfcal.errors import InputError, expectation
+from lfcal.multiplex.filters import SPATIAL_FILTERS
+from lfcal.multiplex.modulator import Modulator
+
+__all__ = ["ROUTES", "arrange", "demultiplex", "multiplex"]
+
+ROUTES = ("spatial", "fourier")
+
+
+def demultiplex(
+    frame: ArrayLike,
+    modulator: Modulator,
+    *,
+    route: str = "spatial",
+    filter: str = "cubic",
+    samples: int | tuple[int, int] | None = None,
+    origin: tuple[int, int] = (0, 0),
+    rcond: float | None = None,
+    out: NDArray[Any] | None = None,
+    workers: int | None = None,
+) -> NDArray[Any]:
+    """Return the plenoptic samples of a frame, ``(N, rows, columns)``: colours, views, or both.
+
+    The spatial route interpolates each measurement channel and decorrelates them at every place (theorem 1); the
+    Fourier route crops and re-weighs tiles of the spectrum (theorem 2), which is the spatial route with a sinc filter.
+    Where the pseudo-inverse is needed, what is not measured comes out as zero (`Modulator.lost` says how much).
+
+    Parameters
+    ----------
+    frame
+        ``(rows, columns)``, background subtracted. A frame that does not end with a whole super-pixel is continued
+        by the pixels of the super-pixel before.
+    modulator
+        What its pixels measured, see `lfcal.multiplex.colour_filters` and `lfcal.multiplex.masks`.
+    route
+        ``"spatial"`` or ``"fourier"``.
+    filter
+        Of the spatial route: ``"nearest"``, ``"linear"``, ``"cubic"``, ``"lanczos"``, ``"sinc"`` (periodic) or
+        ``"bilateral"`` (edge-preserving, guided by the mean over a super-pixel).
+    samples
+        Output samples per super-pixel, one number or (rows, columns); by default one per pixel for colours and one
+        per lenslet or mask period for light fields.
+    origin
+        Pixel ``(row, column)`` of the frame at which a super-pixel begins.
+    rcond
+        Singular values up to this share of the largest count as zero; None: rounding.
+    out
+        Array to write to, float32 or float64; without it float64 for float64 frames and float32 for others.
+    workers
+        Threads; None takes every processor.
+
+    Returns
+    -------
+    NDArray
+        Ordered as `Modulator.sample_names`; `arrange` parts views from colours. With one sample per pixel it is
+        cropped to the frame.
+
+    Raises
+    ------
+    InputError
+        If the frame is smaller than a super-pixel or not finite, or an option is not known.
+    """
+    from lfcal.multiplex.fourier import reconstruct_fourier
+    from lfcal.multiplex.spatial import reconstruct_spatial
+
+    check_choice("route", route, ROUTES)
+    check_choice("filter", filter, SPATIAL_FILTERS)
+    image = check_frame(frame, modulator.side)
+    counts = _samples(samples, modulator)
+    at = check_tuple("origin of the super-pixels (px)", origin, 2, integer=True)
+    placed = modulator.shifted(*at) if at != (0, 0) else modulator
+    whole = _whole(image, placed.side)
+    shape = tuple(n // side * m for n, side, m in zip(whole.shape, placed.side, counts, strict=True))
+    cut = tuple(n if m == side else s for n, side, m, s in zip(image.shape, placed.side, counts, shape, strict=True))
+    final = (placed.count, *cut)
+    result = _output(out, final, image.dtype)
+    target = result if cut == shape else np.empty((placed.count, *shape), result.dtype)
+    if route == "fourier":
+        reconstruct_fourier(whole, placed, counts, target, rcond)
+    else:
+        reconstruct_spatial(whole, placed, placed.inverse(rcond), counts, filter, target, workers)
+    if target is not result:
+        result[:] = target[:, : cut[0], : cut[1]]
+    return result
+
+
+def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:
+    """Return ``frame`` as an array of uint16, float32 or float64 of at least one super-pixel, or raise."""
+    image = np.asarray(frame)
+    if image.ndim != 2 or image.dtype.kind not in "uif":
+        raise InputError(expectation("frame", "numbers in rows and columns", f"{image.dtype} {image.shape}",
+                                     "give one plane, not a colour image"))  # fmt: skip
+    if image.shape[0] < side[0] or image.shape[1] < side[1]:
+        raise InputError(expectation("frame", f"at least one super-pixel of {side} px", f"{image.shape} px",
+                                     "give a larger frame or a modulator of a shorter period"))  # fmt: skip
+    if image.dtype.kind == "f":
+        if not np.isfinite(image).all():
+            raise InputError(expectation("frame", "finite values", "NaN or infinity", "correct defect pixels first"))
+        image = image if image.dtype == np.float64 else image.astype(np.float32, copy=False)
+    elif image.dtype != np.uint16:
+        image = image.astype(np.float32 if image.dtype.itemsize <= 2 else np.float64)
+    return np.ascontiguousarray(image)
+
+
+def _samples(samples: int | tuple[int, int] | None, modulator: Modulator) -> tuple[int, int]:
+    if samples is None:
+        return modulator.natural_samples
+    pair = (samples, samples) if isinstance(samples, int | np.integer) else samples
+    for n in check_tuple("samples per super-pixel", pair, 2, at_least=1, at_most=256, integer=True):
+        check_number("samples per super-pixel", n, integer=True)
+    return int(pair[0]), int(pair[1])
+
+
+def _whole(image: NDArray[Any], side: tuple[int, int]) -> NDArray[Any]:
+    """Return the frame continued to whole super-pixels by the pixels one period before."""
+    missing = [-n % s for n, s in zip(image.shape, side, strict=True)]
+    if not any(missing):
+        return image
+    rows, columns = (
+        np.where(np.arange(n + m) < n, np.arange(n + m), np.arange(n + m) - s)
+        for n, m, s in zip(image.shape, missing, side, strict=True)
+    )
+    continued: NDArray[Any] = image[np.ix_(rows, columns)]
+    return continued
+
+
+def _output(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    if out is None:
+        return np.empty(shape, np.float64 if dtype == np.float64 else np.float32)
+    if out.shape != shape or out.dtype not in (np.float32, np.float64) or not out.flags.c_contiguous:
+        raise InputError(expectation("output array", f"contiguous float32 or float64 {shape}",
+                                     f"{out.dtype} {out.shape}", "allocate it like this"))  # fmt: skip
+    return out
+
+
+def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
+    """Return the frame ``(rows, columns)`` a sensor behind ``modulator`` records, free of noise (equation 3).
+
+    Parameters
+    ----------
+    samples
+        Plenoptic samples at every pixel ``(N, rows, columns)``. A lenslet gives each pixel behind it the mean over
+        its area.
+    modulator
+        Its super-pixels begin at the first pixel.
+
+    Raises
+    ------
+    InputError
+        If the samples are not those of the modulator.
+    """
+    light = np.asarray(samples, float)
+    if light.ndim != 3 or len(light) != modulator.count:
+        raise InputError(expectation(f"samples for {modulator.name}", f"({modulator.count}, rows, columns)",
+                                     light.shape, "give one plane per sample"))  # fmt: skip
+    rows, columns = light.shape[1:]
+    if modulator.lenslets:
+        light = _gathered(light, modulator.cell)
+    (py, px), frame = modulator.side, np.zeros((rows, columns))
+    for k, weights in enumerate(modulator.matrix):
+        part = (slice(k // px, None, py), slice(k % px, None, px))
+        frame[part] = np.tensordot(weights, light[:, part[0], part[1]], 1)
+    return frame
+
+
+def _gathered(light: NDArray[np.float64], cell: tuple[int, int]) -> NDArray[np.float64]:
+    """Return the mean over each cell, at every pixel of it."""
+    starts = [np.arange(0, n, c) for n, c in zip(light.shape[1:], cell, strict=True)]
+    total = np.add.reduceat(np.add.reduceat(light, starts[0], 1), starts[1], 2)
+    sizes = [np.diff([*s, n]) for s, n in zip(starts, light.shape[1:], strict=True)]
+    mean = total / (sizes[0][:, None] * sizes[1])
+    return np.repeat(np.repeat(mean, sizes[0], 1), sizes[1], 2)
+
+
+def arrange(samples: NDArray[Any], modulator: Modulator) -> NDArray[Any]:
+    """Return `demultiplex`'s result as ``(views down, views across, colours, rows, columns)``, not copied."""
+    return samples.reshape(*modulator.views, max(1, len(modulator.colours)), *samples.shape[1:])

@@ -1,0 +1,92 @@
+"""Reconstruction filters: which samples of a measurement channel are weighed for a place between them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera._checks import check_choice
+
+__all__ = ["EDGE_PRESERVING", "LINEAR_FILTERS", "SPATIAL_FILTERS", "dirichlet_table", "kernel", "tap_table"]
+
+Array = NDArray[np.float64]
+
+LINEAR_FILTERS = ("nearest", "linear", "cubic", "lanczos", "sinc")
+EDGE_PRESERVING = "bilateral"
+SPATIAL_FILTERS = (*LINEAR_FILTERS, EDGE_PRESERVING)
+
+_TAPS = {"nearest": 1, "linear": 2, "cubic": 4, "lanczos": 6}
+
+
+def kernel(name: str, x: Array) -> Array:
+    """Return the filter's value at distances ``x`` in samples of a channel.
+
+    ``cubic`` is Keys' kernel with a = -1/2, ``lanczos`` has three lobes a side.
+    """
+    check_choice("filter", name, tuple(_TAPS))
+    d = np.abs(np.asarray(x, float))
+    if name == "nearest":
+        return np.asarray(d <= 0.5, float)
+    if name == "linear":
+        return np.asarray(np.maximum(0.0, 1.0 - d))
+    if name == "cubic":
+        near = (1.5 * d - 2.5) * d * d + 1
+        far = ((-0.5 * d + 2.5) * d - 4) * d + 2
+        return np.where(d <= 1, near, np.where(d < 2, far, 0.0))
+    return np.where(d < 3, np.sinc(d) * np.sinc(d / 3), 0.0)
+
+
+def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDArray[np.intp], Array]:
+    """Return first taps and weights along one axis for output sample n of channel row a.
+
+    Output sample n lies (n + 1/2) side/samples - 1/2 pixels from the super-pixel's first pixel, so that one per
+    pixel falls on the pixels and a single one in the middle.
+
+    Parameters
+    ----------
+    name
+        One of the filters with few taps.
+    side
+        Pixels of the super-pixel along the axis.
+    positions
+        Where each of its rows samples the light ``(side,)`` (pixels).
+    samples
+        Output samples per super-pixel.
+
+    Returns
+    -------
+    tuple
+        Super-pixel of the first tap, relative ``(samples, side)``, and weights ``(samples, side, taps)``; they add
+        up to one.
+    """
+    check_choice("filter", name, tuple(_TAPS))
+    taps = _TAPS[name]
+    wanted = (np.arange(samples) + 0.5) * side / samples - 0.5
+    place = (wanted[:, None] - positions[None, :]) / side
+    place = np.where(np.abs(place - np.rint(place)) < 1e-12, np.rint(place), place)
+    first = np.floor(place + 0.5 if taps == 1 else place).astype(np.intp) - (taps - 1) // 2
+    weights = (
+        kernel(name, place[..., None] - first[..., None] - np.arange(taps)) if taps > 1 else np.ones((*place.shape, 1))
+    )
+    weights[np.abs(weights) < 1e-14] = 0.0
+    return first, weights / weights.sum(-1, keepdims=True)
+
+
+def dirichlet_table(count: int, side: int, positions: Array, samples: int) -> Array:
+    """Return the periodic sinc: weights ``(side, count * samples, count)`` of each channel row's ``count`` samples.
+
+    sin(pi t)/(count tan(pi t/count)) for even counts, with the highest frequency half at each end, and
+    sin(pi t)/(count sin(pi t/count)) for odd ones.
+    """
+    wanted = (np.arange(count * samples) + 0.5) * side / samples - 0.5
+    t = (wanted[None, :, None] - positions[:, None, None]) / side - np.arange(count)
+    frequencies = np.arange(-(count // 2), count // 2 + 1)
+    weight = np.ones(len(frequencies))
+    if count % 2 == 0 and count > 1:
+        weight[[0, -1]] = 0.5
+    table = np.zeros(t.shape)
+    for k, w in zip(frequencies[count // 2 :], weight[count // 2 :], strict=True):
+        table += (1.0 if k == 0 else 2.0) * w * np.cos(2 * math.pi * k * t / count)
+    return table / count

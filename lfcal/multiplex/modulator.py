@@ -1,0 +1,244 @@
+"""Plenoptic modulators as separable bases: what each pixel of a super-pixel measures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera._checks import check_number, check_tuple
+from lfcal.errors import InputError, expectation
+
+__all__ = ["Modulator", "default_rcond", "modulator_from_matrix"]
+
+Array = NDArray[np.float64]
+Basis = NDArray[Any]
+
+MAX_SAMPLES = 4096
+"""Plenoptic samples (and pixels of a super-pixel) up to which dense matrices are kept."""
+
+
+def default_rcond(shape: tuple[int, int]) -> float:
+    """Return the share of the largest singular value below which one counts as zero: larger side times epsilon."""
+    return max(shape) * float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class Modulator:
+    """A plenoptic modulator m(x, p) = sum_j sigma_j(x) pi_j(p) (Ihrke et al., equation 2).
+
+    Conventions: the light at a pixel is one, spread as 1/N over the N plenoptic samples. A pixel that takes a sample
+    whole has entry 1 in `matrix`; a lenslet gathers for its pixel the light of the whole super-pixel and has N.
+
+    Attributes
+    ----------
+    name
+        For tables and plots.
+    side
+        Pixels ``(rows, columns)`` of the super-pixel; K = rows * columns, counted by rows.
+    spatial
+        Sigma ``(K, J)``: columns are the super-pixel periodic spatial basis functions.
+    plenoptic
+        Pi ``(N, J)``: columns are the plenoptic basis functions over the N samples.
+    views
+        Directions ``(rows, columns)`` among the samples.
+    colours
+        Names of the colour samples of each direction; empty for a light field of one colour.
+    cell
+        Pixels ``(rows, columns)`` of one super-pixel of the light field; (1, 1) for a colour filter array.
+    lenslets
+        Whether all pixels of a cell sample the light where its lenslet is, not each at its own place.
+
+    Samples are ordered by view, by rows, and within a view by colour.
+    """
+
+    name: str
+    side: tuple[int, int]
+    spatial: Basis = field(repr=False)
+    plenoptic: Basis = field(repr=False)
+    views: tuple[int, int] = (1, 1)
+    colours: tuple[str, ...] = ()
+    cell: tuple[int, int] = (1, 1)
+    lenslets: bool = False
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit together."""
+        for what in ("side", "views", "cell"):
+            value = check_tuple(f"{what} of {self.name}", getattr(self, what), 2, at_least=1, integer=True)
+            object.__setattr__(self, what, value)
+        if any(s % c for s, c in zip(self.side, self.cell, strict=True)):
+            raise InputError(expectation(f"cell of {self.name}", f"a divisor of {self.side}", self.cell, "correct it"))
+        for what, rows in (("spatial", math.prod(self.side)), ("plenoptic", self.count)):
+            array = np.array(getattr(self, what))
+            wanted = (rows, np.shape(self.spatial)[-1])
+            if array.shape != wanted or not np.isfinite(array).all():
+                raise InputError(expectation(f"{what} basis of {self.name}", f"finite values {wanted}", array.shape,
+                                             "correct it"))  # fmt: skip
+            array.setflags(write=False)
+            object.__setattr__(self, what, array)
+
+    @property
+    def count(self) -> int:
+        """Number N of plenoptic samples."""
+        return math.prod(self.views) * max(1, len(self.colours))
+
+    @property
+    def pixels(self) -> int:
+        """Number K of pixels in a super-pixel."""
+        return math.prod(self.side)
+
+    @property
+    def sample_names(self) -> tuple[str, ...]:
+        """Name of each of the N samples, such as ``"G"`` or ``"view 3,5 G"``."""
+        if self.views == (1, 1):
+            return self.colours or ("light",)
+        colours = [f" {c}" for c in self.colours] or [""]
+        return tuple(f"view {v},{u}{c}" for v in range(self.views[0]) for u in range(self.views[1]) for c in colours)
+
+    @property
+    def natural_samples(self) -> tuple[int, int]:
+        """Output samples ``(rows, columns)`` per super-pixel: each pixel for colours, one per cell for light fields."""
+        return self.side[0] // self.cell[0], self.side[1] // self.cell[1]
+
+    @property
+    def positions(self) -> tuple[Array, Array]:
+        """Where the rows and the columns of the super-pixel sample the light (pixels from its first pixel)."""
+        rows, columns = (
+            np.asarray(np.arange(n) // c * c + (c - 1) / 2 if self.lenslets else np.arange(n), float)
+            for n, c in zip(self.side, self.cell, strict=True)
+        )
+        return rows, columns
+
+    @cached_property
+    def matrix(self) -> Array:
+        """A = Sigma Pi^T ``(K, N)`` of equation 4: measurement channels from plenoptic samples."""
+        product = self.spatial @ self.plenoptic.T
+        if np.iscomplexobj(product):
+            worst = float(np.abs(product.imag).max(initial=0.0))
+            if worst > 1e-9 * max(1.0, float(np.abs(product).max(initial=0.0))):
+                raise InputError(expectation(f"transmission of {self.name}", "real values",
+                                             f"imaginary parts of {worst:.1e}", "correct the bases"))  # fmt: skip
+        return np.ascontiguousarray(product.real)
+
+    @cached_property
+    def _decomposition(self) -> tuple[Array, Array, Array]:
+        left, values, right = np.linalg.svd(self.matrix, full_matrices=False)
+        return left, values, right
+
+    @property
+    def singular_values(self) -> Array:
+        """Singular values of `matrix`, largest first."""
+        return self._decomposition[1]
+
+    def _kept(self, rcond: float | None) -> NDArray[np.bool_]:
+        values = self.singular_values
+        cut = default_rcond(self.matrix.shape) if rcond is None else rcond
+        check_number("cut-off of the pseudo-inverse", cut, at_least=0, below=1)
+        kept: NDArray[np.bool_] = (values > cut * values[0]) & (values > 0)
+        return kept
+
+    def rank(self, rcond: float | None = None) -> int:
+        """Return how many independent combinations of the samples are measured."""
+        return int(self._kept(rcond).sum())
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value over the N samples; infinite where some are not recoverable."""
+        values = self.singular_values
+        return float(values[0] / values[-1]) if self.rank() == self.count else math.inf
+
+    def inverse(self, rcond: float | None = None) -> Array:
+        """Return the pseudo-inverse A^+ ``(N, K)``: least squares, of least norm where something is not measured.
+
+        Parameters
+        ----------
+        rcond
+            Singular values up to this share of the largest count as zero; None: `default_rcond`.
+        """
+        left, values, right = self._decomposition
+        kept = self._kept(rcond)
+        result: Array = (right[kept].T / values[kept]) @ left[:, kept].T
+        result[np.abs(result) < 1e-14 * np.abs(result).max(initial=0.0)] = 0.0  # rounding; zeros are skipped later
+        return result
+
+    def lost(self, rcond: float | None = None) -> Array:
+        """Return for each sample the share ``(N,)`` of it that cannot be recovered: 0 wholly there, 1 not measured."""
+        right = self._decomposition[2][self._kept(rcond)]
+        share: Array = np.clip(1.0 - (right**2).sum(0), 0.0, 1.0)
+        share[share < 1e-12] = 0.0
+        return share
+
+    def spectrum(self) -> NDArray[np.complex128]:
+        """Return Sigma-hat = F Sigma ``(K, J)`` of equation 8: Fourier weights of the spatial basis, by rows."""
+        block = np.asarray(self.spatial).reshape(*self.side, -1)
+        spectrum: NDArray[np.complex128] = np.fft.fft2(block, axes=(0, 1)).reshape(self.pixels, -1)
+        return spectrum
+
+    def pattern(self) -> Array:
+        """Return the transmission ``(rows, columns, colours or 1)`` of a super-pixel for the middle view."""
+        middle = (self.views[0] // 2) * self.views[1] + self.views[1] // 2
+        colours = max(1, len(self.colours))
+        block = self.matrix[:, middle * colours : (middle + 1) * colours]
+        return block.reshape(*self.side, colours).copy()
+
+    def pattern_spectrum(self) -> Array:
+        """Return the magnitude of `pattern`'s Fourier weights per pixel, zero frequency in the middle, same shape."""
+        spectrum = np.fft.fftshift(np.fft.fft2(self.pattern(), axes=(0, 1)), axes=(0, 1))
+        result: Array = np.abs(spectrum) / self.pixels
+        return result
+
+    def shifted(self, rows: int, columns: int) -> Modulator:
+        """Return the same modulator with its pattern moved down and to the right by whole pixels."""
+        if self.lenslets and (rows % self.cell[0] or columns % self.cell[1]):
+            raise InputError(
+                expectation(f"shift of {self.name}", f"whole lenslets of {self.cell} px", (rows, columns),
+                            "crop the frame to whole lenslets")
+            )  # fmt: skip
+        block = np.asarray(self.spatial).reshape(*self.side, -1)
+        moved = np.roll(block, (rows, columns), (0, 1)).reshape(self.pixels, -1)
+        return Modulator(
+            self.name, self.side, moved, self.plenoptic, self.views, self.colours, self.cell, self.lenslets
+        )
+
+    def __mul__(self, other: Modulator) -> Modulator:
+        """Return this modulator in front of ``other``: light passes both, such as lenslets and a Bayer sensor.
+
+        The super-pixel is the least common multiple of both; the bases are products of each pair.
+        """
+        if not isinstance(other, Modulator):
+            return NotImplemented
+        return _product(self, other)
+
+
+def _product(one: Modulator, two: Modulator) -> Modulator:
+    lf, colour = (one, two) if one.views != (1, 1) else (two, one)
+    if colour.views != (1, 1) or (one.colours and two.colours):
+        raise InputError(
+            expectation("product of modulators", "one of views and one of colours", f"{one.name} and {two.name}",
+                        "combine a mask or lenslets with a colour filter array")
+        )  # fmt: skip
+    side = (math.lcm(one.side[0], two.side[0]), math.lcm(one.side[1], two.side[1]))
+    if max(math.prod(side), lf.count * colour.count) > MAX_SAMPLES:
+        raise InputError(
+            expectation("super-pixel of the product", f"up to {MAX_SAMPLES} pixels", math.prod(side),
+                        "choose a smaller mask")
+        )  # fmt: skip
+    r, c = np.divmod(np.arange(math.prod(side)), side[1])
+    rows_lf = lf.spatial[(r % lf.side[0]) * lf.side[1] + c % lf.side[1]]
+    rows_colour = colour.spatial[(r % colour.side[0]) * colour.side[1] + c % colour.side[1]]
+    spatial = (rows_lf[:, :, None] * rows_colour[:, None, :]).reshape(len(r), -1)
+    plenoptic = np.kron(lf.plenoptic, colour.plenoptic)
+    return Modulator(f"{one.name} x {two.name}", side, spatial, plenoptic, lf.views, colour.colours, lf.cell,
+                     lf.lenslets)  # fmt: skip
+
+
+def modulator_from_matrix(name: str, side: tuple[int, int], matrix: Array, **options: object) -> Modulator:
+    """Return a modulator of which only the transmissions ``matrix`` ``(K, N)`` are known: Sigma = A, Pi = identity."""
+    array = np.asarray(matrix, float)
+    if array.ndim != 2:
+        raise InputError(expectation(f"transmissions of {name}", "a matrix (K, N)", array.shape, "correct it"))
+    return Modulator(name, side, array, np.eye(array.shape[1]), **options)  # type: ignore[arg-type]

@@ -1,0 +1,204 @@
+"""Noise of multiplexed acquisition: transmission, amplification, gain of signal to noise (equations 12 to 14)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera import Sensor
+from lfcal.camera._checks import check_choice, check_number
+from lfcal.errors import InputError, expectation
+from lfcal.multiplex.modulator import Modulator
+
+__all__ = ["PAPER_CAMERAS", "GainCurves", "amplification", "camera_chi2", "gain_curves", "monte_carlo_gain", "snr_gain",
+           "transmission"]  # fmt: skip
+
+Array = NDArray[np.float64]
+
+PAPER_CAMERAS: Mapping[str, float] = {"PG Dragonfly": 10**-0.93}
+"""chi^2 of the camera whose value the paper prints (section 5)."""
+
+
+def transmission(modulator: Modulator) -> float:
+    """Return tau: mean share of the light that reaches the sensor, its samples carrying 1/N each (equation 12)."""
+    return float(modulator.matrix.sum() / (modulator.pixels * modulator.count))
+
+
+def amplification(modulator: Modulator, *, rcond: float | None = None, recoverable: bool = False) -> float:
+    """Return alpha = sqrt(trace((Pi Sigma^T Sigma Pi^T)^-1) / N): rms noise of a sample per noise of a pixel.
+
+    Infinite where some combination of samples is not measured at all; with ``recoverable`` the rms over the
+    combinations that are. Singular values up to ``rcond`` of the largest count as zero.
+    """
+    values = modulator.singular_values
+    rank = modulator.rank(rcond)
+    if rank == 0 or (rank < modulator.count and not recoverable):
+        return math.inf
+    return math.sqrt(float((values[:rank] ** -2.0).sum()) / rank)
+
+
+@overload
+def snr_gain(modulator: Modulator, reference: Modulator, chi2: float) -> float: ...
+@overload
+def snr_gain(modulator: Modulator, reference: Modulator, chi2: Sequence[float] | Array) -> Array: ...
+def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[float] | Array) -> float | Array:
+    """Return the gain of signal to noise over ``reference`` (dB), 10 log10(alpha_ref s_ref / (alpha s)) (equation 14).
+
+    s^2 = s_c^2 + tau s_p^2 with chi^2 = s_p^2 / s_c^2 (equation 12). Super-pixels of unlike size are compared per
+    pixel: alpha is taken times sqrt(K), so that a pattern written twice gains nothing; for equal super-pixels this
+    is the printed equation. A modulator that does not recover every sample has gain minus infinity.
+
+    Parameters
+    ----------
+    modulator, reference
+        Of the same number of plenoptic samples.
+    chi2
+        Ratio of signal-dependent to signal-independent noise variance, 0 … inf; a number or an array.
+
+    Raises
+    ------
+    InputError
+        If the two recover unlike samples, the reference does not recover all, or chi2 is negative.
+    """
+    ratios = np.asarray(chi2, float)
+    if np.isnan(ratios).any() or (ratios < 0).any():
+        raise InputError(expectation("chi^2", "numbers from 0 to inf", chi2, "correct it"))
+    if modulator.count != reference.count:
+        raise InputError(
+            expectation(f"reference of {modulator.name}", f"{modulator.count} plenoptic samples", reference.count,
+                        "compare modulators that recover the same samples")
+        )  # fmt: skip
+    if not math.isfinite(amplification(reference)):
+        raise InputError(
+            expectation(f"reference {reference.name}", f"rank {reference.count}", reference.rank(),
+                        "choose one that recovers every sample")
+        )  # fmt: skip
+    result = 5 * (np.log10(_variance(reference, ratios)) - np.log10(_variance(modulator, ratios)))
+    return result if result.ndim else float(result)
+
+
+def _variance(modulator: Modulator, chi2: Array) -> Array:
+    """Variance of a sample per pixel, as a share of s_c^2 + s_p^2."""
+    alpha = amplification(modulator)
+    if not math.isfinite(alpha):
+        return np.full(chi2.shape, math.inf)
+    additive = 1.0 / (1.0 + chi2)
+    variance: Array = modulator.pixels * alpha**2 * (additive + (1.0 - additive) * transmission(modulator))
+    return variance
+
+
+def camera_chi2(sensor: Sensor, *, gain: float = 1.0) -> float:
+    """Return chi^2 of a camera exposed to full scale: electrons of unmodulated light over read noise squared.
+
+    Parameters
+    ----------
+    sensor
+        Its full well and read noise are used; a sensor without read noise has chi^2 = inf.
+    gain
+        Amplifier gain: full scale is reached at full well over gain (electrons).
+    """
+    check_number("gain", gain, above=0)
+    if sensor.read_noise_e == 0:
+        return math.inf
+    return sensor.full_well_e / gain / sensor.read_noise_e**2
+
+
+@dataclass(frozen=True, eq=False)
+class GainCurves:
+    """Gain of several modulators over chi^2: figure 6 of the paper as numbers.
+
+    Attributes
+    ----------
+    names
+        Of the modulators.
+    reference
+        Name of the reference.
+    chi2
+        ``(n,)``.
+    gains
+        ``(len(names), n)`` in dB.
+    alpha, tau
+        Amplification and transmission of each modulator.
+    cameras
+        chi^2 of the cameras to mark.
+    """
+
+    names: tuple[str, ...]
+    reference: str
+    chi2: Array = field(repr=False)
+    gains: Array = field(repr=False)
+    alpha: tuple[float, ...]
+    tau: tuple[float, ...]
+    cameras: Mapping[str, float]
+
+
+def gain_curves(
+    modulators: Sequence[Modulator],
+    reference: Modulator,
+    chi2: ArrayLike | None = None,
+    *,
+    cameras: Mapping[str, float] | None = None,
+) -> GainCurves:
+    """Return `GainCurves` of ``modulators`` over ``reference``; by default chi^2 from 1e-4 to 1e4.
+
+    ``cameras`` adds markers, name to chi^2 (`camera_chi2`), to those of the paper.
+    """
+    ratios = np.logspace(-4, 4, 161) if chi2 is None else np.asarray(chi2, float).ravel()
+    gains = np.array([snr_gain(m, reference, ratios) for m in modulators])
+    return GainCurves(
+        tuple(m.name for m in modulators),
+        reference.name,
+        ratios,
+        gains,
+        tuple(amplification(m) for m in modulators),
+        tuple(transmission(m) for m in modulators),
+        dict(PAPER_CAMERAS) | dict(cameras or {}),
+    )
+
+
+def monte_carlo_gain(
+    modulator: Modulator,
+    reference: Modulator,
+    chi2: float,
+    *,
+    rng: np.random.Generator,
+    trials: int = 4000,
+    noise: str = "mean",
+) -> float:
+    """Return the gain (dB) measured on simulated acquisitions of even light, each decorrelated by least squares.
+
+    Parameters
+    ----------
+    modulator, reference, chi2
+        As in `snr_gain`.
+    rng
+        Source of the noise.
+    trials
+        Super-pixels acquired with each modulator.
+    noise
+        ``"mean"``: every pixel has the variance of equation 12; ``"pixel"``: shot noise of its own light.
+    """
+    errors = [math.sqrt(m.pixels) * _error(m, chi2, rng, trials, noise) for m in (modulator, reference)]
+    return 10 * math.log10(errors[1] / errors[0])
+
+
+def _error(modulator: Modulator, chi2: float, rng: np.random.Generator, trials: int, noise: str) -> float:
+    """Return the rms error of the recovered samples where s_c^2 + s_p^2 = 1."""
+    check_choice("noise", noise, ("mean", "pixel"))
+    even = np.full(modulator.count, 1 / modulator.count)
+    light = modulator.matrix @ even
+    level = np.full_like(light, light.mean()) if noise == "mean" else light
+    additive = 1.0 / (1.0 + chi2)
+    deviation = np.sqrt(additive + (1.0 - additive) * level)
+    inverse = modulator.inverse()
+    total = 0.0
+    for start in range(0, trials, 512):
+        n = min(512, trials - start)
+        seen = light + deviation * rng.standard_normal((n, len(light)))
+        total += float(((seen @ inverse.T - even) ** 2).sum())
+    return math.sqrt(total / (trials * modulator.count))

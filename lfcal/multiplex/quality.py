@@ -1,0 +1,183 @@
+"""How good and how fast: ringing, error and seconds of each reconstruction route and filter."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.errors import InputError, expectation
+from lfcal.multiplex.demultiplexing import demultiplex, multiplex
+from lfcal.multiplex.filters import SPATIAL_FILTERS
+from lfcal.multiplex.modulator import Modulator
+from lfcal.progress import Clock, Work, drain
+
+__all__ = ["WAYS", "FilterTrial", "Ringing", "iter_measure_filters", "measure_filters", "ringing"]
+
+WAYS = (*(("spatial", name) for name in SPATIAL_FILTERS), ("fourier", "sinc"))
+"""Every route with its filters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ringing:
+    """Oscillation about sharp edges, as shares of the scene's range.
+
+    Attributes
+    ----------
+    flat
+        Rms error where the scene is flat over two super-pixels about, averaged over the samples.
+    overshoot
+        Mean over the samples of the farthest excursion beyond the scene's own values.
+    """
+
+    flat: float
+    overshoot: float
+
+
+def ringing(result: ArrayLike, truth: ArrayLike, side: tuple[int, int]) -> Ringing:
+    """Return the `Ringing` of reconstructed samples ``(N, rows, columns)`` against the scene at the same places.
+
+    Parameters
+    ----------
+    result, truth
+        One value per pixel.
+    side
+        Pixels of a super-pixel.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ or the scene has no flat parts.
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    seen, scene = np.asarray(result, float), np.asarray(truth, float)
+    if seen.shape != scene.shape or seen.ndim != 3:
+        raise InputError(
+            expectation("reconstruction", f"the scene's shape {scene.shape}", seen.shape, "give both alike")
+        )
+    size = (1, 4 * side[0] + 1, 4 * side[1] + 1)
+    span = np.ptp(scene, axis=(1, 2))
+    even = (maximum_filter(scene, size) - minimum_filter(scene, size)) <= 1e-9 * max(float(span.max()), 1e-300)
+    inner = _inside(scene.shape[1:], side)
+    even &= inner
+    lit = span > 0
+    if not lit.any() or not even[lit].any():
+        raise InputError(
+            expectation("scene", "edges and flat parts between them", "none", "choose one with flat patches")
+        )
+    flat, over = [], []
+    for one, true, here, reach in zip(seen[lit], scene[lit], even[lit], span[lit], strict=True):
+        flat.append(np.sqrt(np.mean((one - true)[here] ** 2)) / reach if here.any() else 0.0)
+        middle = one[inner]
+        over.append(max(middle.max() - true.max(), true.min() - middle.min(), 0.0) / reach)
+    return Ringing(float(np.mean(flat)), float(np.mean(over)))
+
+
+def _inside(shape: tuple[int, ...], side: tuple[int, int]) -> NDArray[np.bool_]:
+    """Mark the pixels farther than four super-pixels from the border, or a quarter of a small frame."""
+    inside = np.zeros(shape, bool)
+    cut = [min(4 * s, n // 4) for n, s in zip(shape, side, strict=True)]
+    inside[cut[0] : shape[0] - cut[0], cut[1] : shape[1] - cut[1]] = True
+    return inside
+
+
+@dataclass(frozen=True, slots=True)
+class FilterTrial:
+    """One way to reconstruct a scene: error against seconds.
+
+    Attributes
+    ----------
+    route, filter
+        The way.
+    seconds
+        Shortest of the rounds.
+    error
+        Rms error over the scene's range, away from the border.
+    ringing
+        `Ringing`, None where the scene has no flat parts.
+    efficient
+        Whether no other way is both faster and better.
+    """
+
+    route: str
+    filter: str
+    seconds: float
+    error: float
+    ringing: Ringing | None
+    efficient: bool = False
+
+    @property
+    def name(self) -> str:
+        """For tables."""
+        return "Fourier" if self.route == "fourier" else f"spatial, {self.filter}"
+
+
+def iter_measure_filters(
+    scene: ArrayLike,
+    modulator: Modulator,
+    *,
+    ways: Sequence[tuple[str, str]] = WAYS,
+    noise: NDArray[Any] | float = 0.0,
+    rounds: int = 3,
+    workers: int | None = None,
+) -> Work[list[FilterTrial]]:
+    """Try one way after the other; parameters and result as in `measure_filters`."""
+    truth = np.asarray(scene, float)
+    frame = multiplex(truth, modulator) + noise
+    inner = _inside(truth.shape[1:], modulator.side)
+    span = float(np.ptp(truth)) or 1.0
+    clock, trials = Clock("filters", len(ways)), []
+    for k, (route, name) in enumerate(ways):
+        yield clock.at(k, f"{route} {name}")
+        seconds, result = np.inf, truth
+        for _ in range(rounds + 1):  # the first one compiles
+            start = time.perf_counter()
+            result = demultiplex(frame, modulator, route=route, filter=name, samples=modulator.side, workers=workers)
+            seconds = min(seconds, time.perf_counter() - start)
+        error = float(np.sqrt(np.mean((result - truth)[:, inner] ** 2))) / span
+        try:
+            rings: Ringing | None = ringing(result, truth, modulator.side)
+        except InputError:
+            rings = None
+        trials.append(FilterTrial(route, name, seconds, error, rings))
+    yield clock.at(len(ways))
+    return [_marked(trial, trials) for trial in trials]
+
+
+def measure_filters(
+    scene: ArrayLike,
+    modulator: Modulator,
+    *,
+    ways: Sequence[tuple[str, str]] = WAYS,
+    noise: NDArray[Any] | float = 0.0,
+    rounds: int = 3,
+    workers: int | None = None,
+) -> list[FilterTrial]:
+    """Return error and seconds of each way to reconstruct a scene at every pixel.
+
+    Parameters
+    ----------
+    scene
+        Plenoptic samples at every pixel ``(N, rows, columns)``.
+    modulator
+        It is acquired with this.
+    ways
+        Pairs of route and filter.
+    noise
+        Added to the frame.
+    rounds
+        Each way is run as often, after once to compile; the shortest time counts.
+    workers
+        Threads.
+    """
+    return drain(iter_measure_filters(scene, modulator, ways=ways, noise=noise, rounds=rounds, workers=workers))
+
+
+def _marked(trial: FilterTrial, trials: list[FilterTrial]) -> FilterTrial:
+    beaten = any(t.seconds <= trial.seconds and t.error < trial.error for t in trials if t is not trial)
+    return FilterTrial(trial.route, trial.filter, trial.seconds, trial.error, trial.ringing, not beaten)

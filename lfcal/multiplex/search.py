@@ -1,0 +1,250 @@
+"""Beyond the paper: filter sets and masks searched for the best gain at a camera's chi^2."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera._checks import check_number
+from lfcal.errors import InputError, expectation
+from lfcal.multiplex.colour_filters import FILTERS, cfa
+from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern
+from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
+from lfcal.multiplex.noise import amplification, snr_gain
+from lfcal.progress import Clock, Work, drain
+
+__all__ = ["Frontier", "best_filter_set", "best_mask", "filter_set_frontier", "iter_mask_frontier", "mask_frontier"]
+
+Array = NDArray[np.float64]
+
+FREE_LETTERS = "RGBCMYW"
+
+
+@dataclass(frozen=True, eq=False)
+class Frontier:
+    """Candidates, their gain where additive and where photon noise rules, and which of them nothing beats.
+
+    Attributes
+    ----------
+    modulators
+        The candidates.
+    reference
+        Name of the reference.
+    additive, photon, chosen
+        Gain ``(n,)`` at chi^2 = 0, at infinity and at `chi2` (dB).
+    chi2
+        The camera's.
+    efficient
+        ``(n,)``: no other has more gain in both limits.
+    """
+
+    modulators: tuple[Modulator, ...] = field(repr=False)
+    reference: str
+    additive: Array = field(repr=False)
+    photon: Array = field(repr=False)
+    chosen: Array = field(repr=False)
+    chi2: float
+    efficient: NDArray[np.bool_] = field(repr=False)
+
+    @property
+    def best(self) -> Modulator:
+        """The candidate of most gain at `chi2`."""
+        return self.modulators[int(np.argmax(self.chosen))]
+
+
+def _frontier(modulators: Sequence[Modulator], reference: Modulator, chi2: float) -> Frontier:
+    gains = np.array([snr_gain(m, reference, [0.0, math.inf, chi2]) for m in modulators])
+    additive, photon, chosen = gains.T.copy()
+    more = (additive[None] >= additive[:, None]) & (photon[None] >= photon[:, None])
+    better = more & ((additive[None] > additive[:, None] + 1e-9) | (photon[None] > photon[:, None] + 1e-9))
+    return Frontier(tuple(modulators), reference.name, additive, photon, chosen, chi2, ~better.any(1))
+
+
+def filter_set_frontier(
+    chi2: float, *, reference: Modulator | None = None, letters: str = FREE_LETTERS, filters: int = 4
+) -> Frontier:
+    """Return every choice of ``filters`` filters among ``letters`` that recovers all colours, with its gains.
+
+    Parameters
+    ----------
+    chi2
+        The camera's (`camera_chi2`), 0 … inf.
+    reference
+        Bayer by default.
+    letters
+        Filters to choose from, see `lfcal.multiplex.colour_filters.FILTERS`.
+    filters
+        Number in the super-pixel; their places do not matter for the noise.
+    """
+    check_number("filters in the super-pixel", filters, at_least=3, at_most=6, integer=True)
+    if not letters or not set(letters) <= set(FILTERS):
+        raise InputError(expectation("filters", f"letters of {''.join(FILTERS)}", repr(letters), "choose among these"))
+    kinds = sorted(set(letters), key=letters.index)
+    layout = _layout(filters)
+    sets = ("/".join("".join(row) for row in np.reshape(s, layout))
+            for s in itertools.combinations_with_replacement(kinds, filters))  # fmt: skip
+    candidates = [m for m in map(cfa, sets) if math.isfinite(amplification(m))]
+    if not candidates:
+        raise InputError(
+            expectation("filters", "letters that recover red, green and blue", repr(letters), "add filters")
+        )
+    return _frontier(candidates, reference or cfa("Bayer"), chi2)
+
+
+def _layout(filters: int) -> tuple[int, int]:
+    return (2, filters // 2) if filters % 2 == 0 else (filters, 1)
+
+
+def best_filter_set(
+    chi2: float, *, filters: int = 4, starts: int = 12, rng: np.random.Generator | None = None
+) -> Modulator:
+    """Return the filters of any transmission in 0 … 1 for red, green and blue with most gain at ``chi2``.
+
+    Minimises the noise of the recovered colours by projected quasi-Newton steps from the best set of ideal filters
+    and from random ones, with the shot noise of each pixel's own light.
+
+    Parameters
+    ----------
+    chi2
+        The camera's, 0 … inf.
+    filters
+        Pixels of the super-pixel.
+    starts
+        Random starts.
+    rng
+        Source of the starts; seeded by default.
+    """
+    random = rng or np.random.default_rng(0)
+    first = filter_set_frontier(chi2, filters=filters).best.matrix
+    begin = [first] + [random.random(first.shape) for _ in range(starts)]
+    found = min((_descend(_filters_cost, a, chi2) for a in begin), key=lambda pair: pair[0])[1]
+    return modulator_from_matrix("best filters", _layout(filters), found, colours=("R", "G", "B"))
+
+
+def _weights(chi2: float) -> tuple[float, float]:
+    """Share of additive and of photon noise."""
+    if not chi2 >= 0:
+        raise InputError(expectation("chi^2", "a number from 0 to inf", chi2, "correct it"))
+    additive = 1.0 / (1.0 + chi2)
+    return additive, 1.0 - additive
+
+
+def _filters_cost(a: Array, chi2: float) -> tuple[float, Array]:
+    """Return the log of the samples' variance and its gradient for the transmissions ``a`` ``(K, N)``.
+
+    Shot noise is that of each pixel's own light. With equation 12's mean a dark pixel would seem to help, as it
+    lowers the transmission.
+    """
+    additive, photon = _weights(chi2)
+    size = a.shape[1]
+    gram = np.linalg.inv(a.T @ a + 1e-12 * np.eye(size))
+    inverse = gram @ a.T
+    variance = additive + photon * a.mean(1)
+    weighted = inverse * variance
+    total = float((weighted * inverse).sum())
+    rest = np.eye(len(a)) - a @ inverse
+    gradient = 2 * (rest * variance) @ inverse.T @ gram - 2 * inverse.T @ (inverse @ weighted.T)
+    gradient += (photon / size) * (inverse**2).sum(0)[:, None]
+    return math.log(total), gradient / total
+
+
+def _mask_cost(m: Array, chi2: float) -> tuple[float, Array]:
+    """Return log(alpha^2 s^2) and its gradient for the circulant mask ``m`` ``(p, p)``."""
+    additive, photon = _weights(chi2)
+    spectrum = np.fft.fft2(m)
+    power = np.abs(spectrum) ** 2 + 1e-12
+    noise = float((1 / power).sum())
+    level = additive + photon * float(m.mean())
+    step = np.fft.fft2(spectrum.conj() / power**2).real
+    gradient = -2 * step / noise + photon / (m.size * level)
+    return math.log(noise) + math.log(max(level, 1e-300)), gradient
+
+
+def _descend(cost: Any, start: Array, chi2: float) -> tuple[float, Array]:
+    from scipy.optimize import minimize
+
+    def flat(x: Array) -> tuple[float, Array]:
+        value, gradient = cost(x.reshape(start.shape), chi2)
+        return value, gradient.ravel()
+
+    found = minimize(flat, start.ravel(), jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * start.size,
+                     options={"maxiter": 300})  # fmt: skip
+    return float(found.fun), np.clip(found.x, 0.0, 1.0).reshape(start.shape)
+
+
+def best_mask(size: int, chi2: float, *, starts: int = 3, rng: np.random.Generator | None = None) -> Modulator:
+    """Return the attenuation mask ``size`` x ``size`` with most gain at ``chi2`` that the search finds.
+
+    The starts are the known masks, and random ones open to various shares; the result is never worse than the best
+    known mask, and no proof of the optimum.
+
+    Parameters
+    ----------
+    size
+        Pixels along a side, as in `mask`.
+    chi2
+        The camera's, 0 … inf.
+    starts
+        Random starts.
+    rng
+        Source of the starts; seeded by default.
+    """
+    random = rng or np.random.default_rng(0)
+    begin = [mask_pattern(kind, size) for kind in _known(size)]
+    begin += [np.clip(m + 0.05 * random.standard_normal(m.shape), 0, 1) for m in begin]
+    begin += [(random.random((size, size)) < share).astype(float) for share in np.linspace(0.05, 0.5, starts)]
+    found = min((_descend(_mask_cost, m, chi2) for m in begin), key=lambda pair: pair[0])[1]
+    return mask_at_distance(found, 1.0, name=f"best mask at chi^2 = {chi2:.3g}")
+
+
+def _known(size: int) -> list[str]:
+    fits = []
+    for kind in MASKS:
+        try:
+            mask_pattern(kind, size)
+        except InputError:
+            continue
+        if kind != "lenslet":
+            fits.append(kind)
+    return fits
+
+
+def iter_mask_frontier(
+    size: int, chi2: float, *, points: int = 7, starts: int = 3, rng: np.random.Generator | None = None
+) -> Work[Frontier]:
+    """Search mask by mask; parameters and result as in `mask_frontier`."""
+    random = rng or np.random.default_rng(0)
+    ratios = [0.0, *np.logspace(-2, 3, max(0, points - 2)), math.inf, chi2]
+    clock = Clock("masks", len(ratios))
+    found = [mask(kind, size) for kind in _known(size)]
+    for k, ratio in enumerate(ratios):
+        yield clock.at(k, f"chi^2 = {ratio:.3g}")
+        found.append(best_mask(size, float(ratio), starts=starts, rng=random))
+    yield clock.at(len(ratios))
+    usable = [m for m in found if math.isfinite(amplification(m))]
+    return _frontier(usable, mask("pinhole", size), chi2)
+
+
+def mask_frontier(
+    size: int, chi2: float, *, points: int = 7, starts: int = 3, rng: np.random.Generator | None = None
+) -> Frontier:
+    """Return the known masks and those searched for chi^2 from 0 to infinity, with their gains over a pinhole.
+
+    Parameters
+    ----------
+    size
+        Pixels along a side.
+    chi2
+        The camera's; one mask is searched for it.
+    points
+        Values of chi^2 to search at, 0 and infinity among them.
+    starts, rng
+        As in `best_mask`.
+    """
+    return drain(iter_mask_frontier(size, chi2, points=points, starts=starts, rng=rng))

@@ -1,0 +1,110 @@
+"""Spatial reconstruction (theorem 1): measurement channels interpolated, then decorrelated where they stand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.multiplex._kernels import bilateral_rows, linear_rows
+from lfcal.multiplex.filters import EDGE_PRESERVING, dirichlet_table, tap_table
+from lfcal.multiplex.modulator import Modulator
+from lfcal.threads import for_each_chunk, one_blas_thread
+
+__all__ = ["guide_image", "reconstruct_spatial"]
+
+Image = NDArray[Any]
+
+EDGE_SHARE = 0.1
+"""Differences of the guide above this share of its range count as edges."""
+
+
+def reconstruct_spatial(
+    frame: Image,
+    modulator: Modulator,
+    inverse: NDArray[np.float64],
+    samples: tuple[int, int],
+    filter: str,
+    out: Image,
+    workers: int | None = None,
+) -> Image:
+    """Write the plenoptic samples of a frame of whole super-pixels to ``out`` ``(N, rows, columns)`` and return it.
+
+    Parameters
+    ----------
+    frame
+        ``(rows, columns)``, whole super-pixels.
+    modulator, inverse
+        The modulator and its decorrelation ``(N, K)``.
+    samples
+        Output samples per super-pixel ``(rows, columns)``.
+    filter
+        One of `lfcal.multiplex.filters.SPATIAL_FILTERS`.
+    out
+        Float array; its type is that of the arithmetic.
+    workers
+        Threads.
+    """
+    if filter == "sinc":
+        return _by_sinc(frame, modulator, inverse, samples, out)
+    name = "linear" if filter == EDGE_PRESERVING else filter
+    first, weight = zip(*_tables(name, modulator, samples), strict=True)
+    wy, wx = (np.ascontiguousarray(w, out.dtype) for w in weight)
+    table = np.ascontiguousarray(inverse, out.dtype)
+    if filter == EDGE_PRESERVING:
+        guide = guide_image(frame, modulator.side, out.dtype)
+        low, high = np.percentile(guide, (2, 98))
+        sharpness = 0.5 / max(EDGE_SHARE * float(high - low), 1e-30) ** 2
+        for_each_chunk(
+            lambda a, b: bilateral_rows(frame, guide, modulator.side, first[0], wy, first[1], wx, table, sharpness,
+                                        out, a, b),
+            out.shape[1], workers,
+        )  # fmt: skip
+        return out
+    used = (table.reshape(len(table), *modulator.side) != 0).any(1)
+    for_each_chunk(
+        lambda a, b: linear_rows(frame, modulator.side, first[0], wy, first[1], wx, table, used, out, a, b),
+        out.shape[1], workers,
+    )  # fmt: skip
+    return out
+
+
+def _tables(name: str, modulator: Modulator, samples: tuple[int, int]) -> list[tuple[NDArray[np.intp], NDArray[Any]]]:
+    axes = zip(modulator.side, modulator.positions, samples, strict=True)
+    return [tap_table(name, side, positions, m) for side, positions, m in axes]
+
+
+def _by_sinc(
+    frame: Image, modulator: Modulator, inverse: NDArray[np.float64], samples: tuple[int, int], out: Image
+) -> Image:
+    """Interpolate by the periodic sinc, a product with a full matrix along each axis: slow, and exact."""
+    (py, px), (rows, columns) = modulator.side, frame.shape
+    down, across = (
+        dirichlet_table(length // side, side, positions, m)
+        for length, side, positions, m in zip((rows, columns), (py, px), modulator.positions, samples, strict=True)
+    )
+    out[:] = 0
+    with one_blas_thread():
+        for k in range(py * px):
+            a, b = divmod(k, px)
+            users = np.flatnonzero(inverse[:, k])
+            if len(users):
+                channel = down[a] @ frame[a::py, b::px].astype(float) @ across[b].T
+                for j in users:
+                    out[j] += (inverse[j, k] * channel).astype(out.dtype)
+    return out
+
+
+def guide_image(frame: Image, side: tuple[int, int], dtype: np.dtype[Any]) -> Image:
+    """Return the mean over a super-pixel about each pixel, in which every channel has equal weight."""
+    import cv2
+
+    kernels = []
+    for n in side:
+        # an even super-pixel is centred by halving its ends
+        weights = np.ones(n) if n % 2 else np.concatenate([[0.5], np.ones(n - 1), [0.5]])
+        kernels.append(weights / n)
+    image = np.asarray(frame, np.float64 if dtype == np.float64 else np.float32)
+    smooth = cv2.sepFilter2D(image, -1, kernels[1], kernels[0], borderType=cv2.BORDER_REFLECT_101)
+    return np.ascontiguousarray(smooth, dtype)
