@@ -1,0 +1,59 @@
+"""Titled frames, scrolling columns and rows of widgets."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QVBoxLayout, QWidget
+
+__all__ = ["card", "column_area", "heading", "line"]
+
+
+def heading(text: str) -> QLabel:
+    """Return a heading."""
+    label = QLabel(text)
+    label.setProperty("role", "heading")
+    return label
+
+
+def card(title: str | QLabel = "") -> tuple[QFrame, QVBoxLayout]:
+    """Return a framed panel and the column inside it."""
+    frame = QFrame()
+    frame.setProperty("role", "card")
+    column = QVBoxLayout(frame)
+    column.setContentsMargins(10, 7, 10, 9)
+    column.setSpacing(5)
+    if isinstance(title, QLabel):
+        title.setProperty("role", "heading")
+        column.addWidget(title)
+    elif title:
+        column.addWidget(heading(title))
+    return frame, column
+
+
+def column_area(width: int, *cards: QWidget) -> QScrollArea:
+    """Return a column of cards of a fixed width that scrolls when the window is low."""
+    inner = QWidget()
+    column = QVBoxLayout(inner)
+    column.setContentsMargins(0, 0, 6, 0)
+    column.setSpacing(8)
+    for one in cards:
+        column.addWidget(one)
+    column.addStretch()
+    area = QScrollArea()
+    area.setWidgetResizable(True)
+    area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+    area.setWidget(inner)
+    area.setFixedWidth(width)
+    return area
+
+
+def line(*parts: QWidget | str, stretch: int = -1) -> QHBoxLayout:
+    """Return widgets and words side by side; the one numbered ``stretch`` takes the room that is left."""
+    row = QHBoxLayout()
+    row.setSpacing(6)
+    for k, part in enumerate(parts):
+        widget = QLabel(part) if isinstance(part, str) else part
+        row.addWidget(widget, int(k == stretch))
+    if stretch < 0:
+        row.addStretch()
+    return row
