@@ -51,12 +51,19 @@ class WavePlane:
         self.scene = scene
         self.sampling = sampling or Sampling()
         self.mode = mode or choose_mode(scene)
-        wanted = self.sampling.coherent
-        self.coherent = self.mode != "E" if wanted is None else wanted
         self.tables = build_tables(scene, self.sampling, self.mode)
+        wanted = self.sampling.coherent
+        self.coherent = self._overlap() if wanted is None else wanted
         self._dtype = np.dtype(np.float64 if self.sampling.double else np.float32)
         self._ledger = Ledger()
         self._pilot = Pilot(self)
+
+    def _overlap(self) -> bool:
+        """Return whether neighbouring lenslets' spots share so much of their windows that fields must be added."""
+        if self.mode != "E" or self.scene.shadow_radius_um < 0.6 * self.scene.lattice.pitch_um:
+            return True
+        apart = abs(1 - self.tables.ratio) * self.scene.lattice.pitch_um
+        return apart < 0.5 * max(lens.width for lens in self.tables.kinds) * self.scene.reduced_pixel_um
 
     @property
     def certificate(self) -> Certificate:
@@ -148,8 +155,8 @@ class WavePlane:
         (field_re, field_im), (disc_re, disc_im, step) = lens.field, lens.disc
         kernels.respond(
             field_re, field_im, lens.dx_um, disc_re, disc_im, step, lens.cell, lens.cell_step, lens.bend,
-            lens.cosine, lens.sine, lens.bins, np.array([1 / tables.spread_um2, share, 1 - tables.ratio, per]), lens.nodes_um,
-            places, numbers, centre - source[places[:, 0]], out, grids[0], grids[1], grids[2], energies,
+            lens.cosine, lens.sine, lens.bins, np.array([1 / tables.spread_um2, share, 1 - tables.ratio, per]),
+            lens.nodes_um, places, numbers, centre - source[places[:, 0]], out, grids[0], grids[1], grids[2], energies,
         )  # fmt: skip
         self._certify(energies, lens)
 
