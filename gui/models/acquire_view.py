@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.models.camera_form import FieldSpec
+from gui.models.session import SessionState
 from gui.models.station import Look, Station, cut
 from lfcal.acquire.options import Options
 from lfcal.acquire.setup import OpticalAxis, StageFit, check_stage
@@ -31,6 +32,7 @@ __all__ = [
     "predicted_pattern",
 ]
 
+KEY = "acquire"
 BINS = 256
 ORDERS = (("serpentine", "serpentine"), ("raster", "raster"), ("coarse", "coarse grid first"))
 
@@ -43,9 +45,9 @@ FIELDS = (
               "range, 1 among them; 1 alone merges nothing", kind="floats"),
     FieldSpec("darks", "Dark frames", "", "Exposures averaged into each dark frame, light off; 0 records none",
               kind="int"),
-    FieldSpec("dark_every", "Dark every", "positions", "Dark frames again after so many positions; 0: at the start "
+    FieldSpec("dark_every", "Dark every", "pos.", "Dark frames again after so many positions; 0: at the start "
               "only", kind="int"),
-    FieldSpec("reference_every", "Reference every", "positions", "A frame of the same place every so many positions "
+    FieldSpec("reference_every", "Reference every", "pos.", "A frame of the same place every so many positions "
               "shows whether the lamp drifts; 0 records none", kind="int"),
     FieldSpec("controls", "Control frames", "", "Per plane and direction, whole periods away up to the field's edge: "
               "is the PSF periodic? 0 records none", kind="int"),
@@ -53,9 +55,9 @@ FIELDS = (
               kind="int"),
     FieldSpec("margin_px", "Margin", "px", "Kept around the cutout; empty: as interpolation needs", kind="int",
               optional=True),
-    FieldSpec("tolerance_um", "Tolerance x, y, z", "µm", "Largest difference of read-back and target; empty: a tenth "
+    FieldSpec("tolerance_um", "Tolerance xyz", "µm", "Largest difference of read-back and target; empty: a tenth "
               "of a step sideways, a step in depth", kind="floats"),
-    FieldSpec("overshoot_um", "Approach x, y, z", "µm", "Moves in the negative sense go this far beyond first, so "
+    FieldSpec("overshoot_um", "Approach xyz", "µm", "Moves in the negative sense go this far beyond first, so "
               "that the play of the drive is always taken up; 0 for none", kind="floats"),
 )  # fmt: skip
 
@@ -118,6 +120,15 @@ class AcquireSettings:
             settings = replace(self, **{key: value})
         settings.options().motion(plan)
         return settings, plan
+
+    @classmethod
+    def of(cls, state: SessionState) -> AcquireSettings:
+        """Return the settings in a session."""
+        return cls.from_dict(state.extra.get(KEY))
+
+    def into(self, state: SessionState) -> dict[str, Any]:
+        """Return what a session keeps of further stages, with these settings in it."""
+        return {**state.extra, KEY: self.to_dict()}
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain JSON types."""

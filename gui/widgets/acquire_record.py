@@ -47,6 +47,10 @@ BUTTONS = (
 """Key, title and meaning of each button."""
 
 
+FLOORS = {"energy": 1.0, "residual": 0.1, "saturated": 1.0}
+"""The least the curves' axes span, so that noise about zero is not blown up."""
+
+
 class RecordPanel(QWidget):
     """The tab of the session.
 
@@ -76,7 +80,7 @@ class RecordPanel(QWidget):
         self.map.cross.hide()
         self.frame = FrameView(jobs, "acquire record frame")
         style_axes(self.frame.plot, "column in the region read (px)", "row (px)")
-        self.depth_sum = ImageView(value_label="counts")
+        self.depth_sum = ImageView(value_label="10³ counts")
         self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it grows into the shape of the aperture")
         self.curves = {
             "energy": LinePlot("position in order of recording", "energy (counts)"),
@@ -91,7 +95,7 @@ class RecordPanel(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 6, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(286, self._session_card(), self._how_card()))
+        row.addWidget(column_area(300, self._session_card(), self._how_card()))
         row.addLayout(self._pictures(), 1)
 
     # -- building --------------------------------------------------------------------------------------
@@ -117,6 +121,7 @@ class RecordPanel(QWidget):
             button.setToolTip(tip)
             button.clicked.connect(lambda _=False, key=key: self.pressed.emit(key))
             self.buttons[key] = button
+            button.setMinimumWidth(60)
             grid.addWidget(button, k // 2, k % 2)
         self.buttons["start"].setProperty("role", "primary")
         column.addLayout(grid)
@@ -128,6 +133,8 @@ class RecordPanel(QWidget):
 
     def _how_card(self) -> QWidget:
         frame, column = card("How it records")
+        for key in self.form.fields:
+            self.form.editor(key).setMinimumWidth(56)
         column.addWidget(self.form)
         return frame
 
@@ -218,9 +225,11 @@ class RecordPanel(QWidget):
         if not np.isfinite(values).any():
             values = np.where(picture.recorded, 1.0, np.nan) if picture.recorded.any() else np.zeros(values.shape)
         self.map.set_values(values)
-        self.depth_sum.set_image(picture.depth_sum, name="depth_sum")
+        self.depth_sum.set_image(picture.depth_sum / 1e3, name="depth_sum")
         for k, (key, (x, y)) in enumerate(picture.curves.items()):
             self.curves[key].set_curve(key, x, y, colour=LINES[k])
+            top = float(y.max(initial=0.0))
+            self.curves[key].plot.setYRange(0.0, 1.05 * max(top, FLOORS[key]), padding=0)
         words = "<br>".join(picture.alarms)
         self.alarms.setText(f"<b style='color:{theme.bad}'>{words}</b>" if words else "")
         self.alarms.setVisible(bool(words))

@@ -64,7 +64,7 @@ class SetupPanel(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 6, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(286, self.devices, self.stage, self._find_card()))
+        row.addWidget(column_area(300, self.devices, self.stage, self._find_card()))
         row.addWidget(self._view_card(), 3)
         row.addLayout(self._numbers(), 2)
         self.set_connected(False)
@@ -79,6 +79,7 @@ class SetupPanel(QWidget):
         self.exposure = QDoubleSpinBox()
         self.exposure.setRange(0.01, 60_000)
         self.exposure.setDecimals(2)
+        self.exposure.setButtonSymbols(QDoubleSpinBox.ButtonSymbols.NoButtons)
         self.exposure.setSuffix(" ms")
         self.exposure.setKeyboardTracking(False)
         self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
@@ -105,6 +106,7 @@ class SetupPanel(QWidget):
         self.readout.setProperty("role", "hint")
         column.addLayout(line(self.readout, whole, near, stretch=0))
         self._window: tuple[int, int, int, int] | None = None
+        self._waiting = True
         return frame
 
     def _find_card(self) -> QWidget:
@@ -201,6 +203,9 @@ class SetupPanel(QWidget):
         if picture.frame is None:
             self.numbers.setText(picture.numbers)
             return
+        if self._waiting:
+            self._waiting = False
+            self.readout.setText(" ")
         low, high = float(picture.frame.min()), float(picture.frame.max())
         self.view.set_frame(picture.frame, (low, max(high, low + 1)))
         middle = (picture.edges[1:] + picture.edges[:-1]) / 2

@@ -38,7 +38,7 @@ class DevicePanel(QWidget):
         frame, column = card("Devices")
         self.backend = QComboBox()
         self.backend.setToolTip("What reaches the camera; those that are absent here say why")
-        self.backend.setMinimumContentsLength(18)
+        self.backend.setMinimumContentsLength(10)
         self.backend.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.backend.activated.connect(self._backend_chosen)
         self.stage = QComboBox()
@@ -155,6 +155,7 @@ class DevicePanel(QWidget):
             editor.setPlaceholderText(meaning)
             editor.setToolTip(meaning)
             editor.setAccessibleName(key)
+            editor.setMinimumWidth(60)
             editor.editingFinished.connect(self._emit)
             self.options_form.addRow(key, editor)
             self._editors[key] = editor
