@@ -1,0 +1,71 @@
+"""The pupil as it is described: the iris's shape and the main lens's aberrations."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from lfcal.camera._checks import check_number
+from lfcal.errors import InputError, expectation
+
+__all__ = ["Iris", "Wavefront", "seidel"]
+
+Wavefront = tuple[tuple[int, int, float], ...]
+"""Zernike terms ``(n, m, waves)``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Iris:
+    """The main lens's iris, in units of the radius of the disc f/(2 N): its area is that disc's, pi.
+
+    Attributes
+    ----------
+    blades
+        Number of blades; 0 is a circle.
+    curvature
+        Apothem over blade radius: 0 straight edges, 1 a circle.
+    rotation_rad
+        Angle of the first vertex from +x towards +y.
+    stop
+        A second, circular stop ``(x, y, radius)`` that cuts the pupil seen from off axis (mechanical
+        vignetting), or None. It takes light away: what is left has less than the unit energy.
+    """
+
+    blades: int = 0
+    curvature: float = 0.0
+    rotation_rad: float = 0.0
+    stop: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("iris blades", self.blades, at_least=0, at_most=64, integer=True)
+        if self.blades in (1, 2):
+            check_number("iris blades", self.blades, at_least=3, remedy="use 0 for a circular iris")
+        check_number("blade curvature", self.curvature, at_least=0, at_most=1)
+        check_number("blade rotation (rad)", self.rotation_rad)
+        if self.stop is not None:
+            object.__setattr__(self, "stop", tuple(float(v) for v in self.stop))
+            if len(self.stop) != 3:
+                raise InputError(expectation("second stop", "(x, y, radius)", self.stop, "give three numbers"))
+            for value in self.stop:
+                check_number("second stop (pupil radii)", value)
+            check_number("second stop's radius (pupil radii)", self.stop[2], above=0)
+
+    @property
+    def circular(self) -> bool:
+        """Whether the iris is a plain circle."""
+        return (self.blades == 0 or self.curvature == 1) and self.stop is None
+
+
+def seidel(*, spherical: float = 0.0, coma: float = 0.0, angle_rad: float = 0.0) -> Wavefront:
+    """Return the Zernike terms of Seidel W040 rho^4 + W131 rho^3 cos(theta - angle), coefficients in waves.
+
+    rho^4 = (R40 + 3 R20 + 2 R00) / 6 and rho^3 = (R31 + 2 R11) / 3.
+    """
+    terms: list[tuple[int, int, float]] = []
+    if spherical:
+        terms += [(4, 0, spherical / 6), (2, 0, spherical / 2), (0, 0, spherical / 3)]
+    if coma:
+        for m, part in ((1, math.cos(angle_rad)), (-1, math.sin(angle_rad))):
+            terms += [(3, m, coma * part / 3), (1, m, coma * part * 2 / 3)]
+    return tuple(terms)
