@@ -79,7 +79,6 @@ class SetupPanel(QWidget):
         self.exposure = QDoubleSpinBox()
         self.exposure.setRange(0.01, 60_000)
         self.exposure.setDecimals(2)
-        self.exposure.setButtonSymbols(QDoubleSpinBox.ButtonSymbols.NoButtons)
         self.exposure.setSuffix(" ms")
         self.exposure.setKeyboardTracking(False)
         self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)

@@ -58,7 +58,6 @@ class StagePanel(QWidget):
         self.step.setRange(0.01, 1e6)
         self.step.setDecimals(2)
         self.step.setValue(100.0)
-        self.step.setButtonSymbols(QDoubleSpinBox.ButtonSymbols.NoButtons)
         self.step.setMinimumWidth(60)
         self.step.setSuffix(" µm")
         self.step.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
