@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.simulate._lenslets import mask_from_disc, mask_from_table
 from lfcal.threads import njit
 
-__all__ = ["respond", "select", "square_fields"]
+__all__ = ["respond", "square_fields"]
 
 F4 = NDArray[Any]  # single precision, or double where it is asked for
 F8 = NDArray[np.float64]
@@ -31,114 +32,6 @@ def _product(a: F4, b: F4, out: F4) -> None:
     for i in range(0, a.shape[0], rows):
         j = min(i + rows, a.shape[0])
         np.dot(a[i:j], b, out[i:j])
-
-
-@njit(fastmath=True)
-def mask_from_disc(table_re: F4, table_im: F4, step: float, dx: float, x0: float, y0: float, re: F4, im: F4) -> None:
-    """Fill the aperture times its phase from a table over r^2; sample (h, h) lies at (x0, y0) from the centre."""
-    n = re.shape[0]
-    h = n // 2
-    last = table_re.size - 2
-    scale = 1.0 / step
-    for i in range(n):
-        y = (i - h) * dx + y0
-        for j in range(n):
-            x = (j - h) * dx + x0
-            t = (x * x + y * y) * scale
-            k = min(int(t), last)
-            w = re.dtype.type(min(t - k, 1.0))
-            re[i, j] = table_re[k] + w * (table_re[k + 1] - table_re[k])
-            im[i, j] = table_im[k] + w * (table_im[k + 1] - table_im[k])
-
-
-@njit(fastmath=True)
-def mask_from_table(table: F4, step: float, bend: float, dx: float, x0: float, y0: float, re: F4, im: F4) -> None:
-    """Fill the aperture, bilinear in a fine table, times exp(i bend r^2)."""
-    n = re.shape[0]
-    h = n // 2
-    middle = table.shape[0] // 2
-    for i in range(n):
-        y = (i - h) * dx + y0
-        v = min(max(y / step + middle, 0.0), table.shape[0] - 2.0)
-        r = int(v)
-        b = v - r
-        for j in range(n):
-            x = (j - h) * dx + x0
-            u = min(max(x / step + middle, 0.0), table.shape[0] - 2.0)
-            c = int(u)
-            a = u - c
-            value = (1 - b) * ((1 - a) * table[r, c] + a * table[r, c + 1]) + b * (
-                (1 - a) * table[r + 1, c] + a * table[r + 1, c + 1]
-            )
-            phase = bend * (x * x + y * y)
-            re[i, j] = value * math.cos(phase)
-            im[i, j] = value * math.sin(phase)
-
-
-@njit()
-def select(
-    energy: F4,
-    floor: float,
-    dx: float,
-    half: int,
-    centre: F8,
-    source: F8,
-    pixel: I8,
-    optics: F8,
-    cutout: I8,
-    width: int,
-    places: I8,
-    numbers: F8,
-) -> int:
-    """List the positions whose light reaches a lenslet and, behind it, the cutout; return how many.
-
-    Parameters
-    ----------
-    energy
-        What a lenslet at each table sample passes.
-    centre
-        Lenslet centre (x, y); ``source`` (n, 2) and ``pixel`` (n, 2) as (x, y) and (row, column).
-    optics
-        pixel pitch, B'/a' of the phase, pull of the window towards the source, 1/a' for exact rays or 0.
-    places
-        Out: position, table row and column of the centre sample, window's first row and column in the cutout.
-    numbers
-        Out: x0, y0 of the centre sample from the lenslet, ox, oy of the window's middle from the phase's centre,
-        mx, my of the window's middle from the source.
-    """
-    n = energy.shape[0]
-    px, ratio, pull, slant = optics[0], optics[1], optics[2], optics[3]
-    found = 0
-    for p in range(source.shape[0]):
-        dx_, dy_ = centre[0] - source[p, 0], centre[1] - source[p, 1]
-        kx, ky = round(dx_ / dx), round(dy_ / dx)
-        col, row = n // 2 + kx, n // 2 + ky
-        if row - half < 0 or row + half >= n or col - half < 0 or col + half >= n:
-            continue
-        if energy[row, col] < floor:
-            continue
-        stretch = 1.0
-        if slant != 0.0:
-            stretch = 1.0 / math.sqrt(max(1e-6, 1.0 - (dx_ * dx_ + dy_ * dy_) * slant * slant))
-        ax, ay = centre[0] - pull * stretch * dx_, centre[1] - pull * stretch * dy_
-        wx, wy = math.floor(ax / px + 0.5), math.floor(ay / px + 0.5)
-        left = int(wx) - pixel[p, 1] - width // 2 + cutout[1] // 2
-        top = int(wy) - pixel[p, 0] - width // 2 + cutout[0] // 2
-        if left + width <= 0 or top + width <= 0 or left >= cutout[1] or top >= cutout[0]:
-            continue
-        places[found, 0] = p
-        places[found, 1] = row
-        places[found, 2] = col
-        places[found, 3] = top
-        places[found, 4] = left
-        numbers[found, 0] = kx * dx - dx_
-        numbers[found, 1] = ky * dx - dy_
-        numbers[found, 2] = wx * px - (centre[0] - ratio * stretch * dx_)
-        numbers[found, 3] = wy * px - (centre[1] - ratio * stretch * dy_)
-        numbers[found, 4] = wx * px - source[p, 0]
-        numbers[found, 5] = wy * px - source[p, 1]
-        found += 1
-    return found
 
 
 @njit(fastmath=True)
