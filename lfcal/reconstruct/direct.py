@@ -6,6 +6,7 @@ with it yields the windows of all lattice cells, which are added to the image wh
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -20,6 +21,21 @@ __all__ = ["Direct"]
 
 WINDOW_BYTES = 1 << 21
 """Size of the window buffer of a product: about the second-level cache."""
+
+
+class _Scratch:
+    """Arrays a worker uses again and again, zero when first made."""
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self.dtype = dtype
+        self.kept: dict[str, NDArray[Any]] = {}
+
+    def array(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
+        """Return the array ``name`` in ``shape``, larger ones before smaller ones."""
+        size = math.prod(shape)
+        if name not in self.kept or self.kept[name].size < size:
+            self.kept[name] = np.zeros(size, self.dtype)
+        return self.kept[name][:size].reshape(shape)
 
 
 def rows_at_once(nt: int, width: int, itemsize: int) -> int:
@@ -66,9 +82,9 @@ class Direct:
             cells = self._by_row_phase(self.grid.pack(plane, self.dtype))
 
             def work(start: int, stop: int, operand: NDArray[Any] = operand, cells: Any = cells) -> NDArray[Any]:
-                image = self._empty_image(operand)
+                image, scratch = self._empty_image(operand), _Scratch(self.dtype)
                 for y in range(start, stop):
-                    self._spread(cells[y], operand, y, image)
+                    self._spread(cells[y], operand, y, image, scratch)
                 return image
 
             with one_blas_thread():
@@ -85,8 +101,9 @@ class Direct:
             cells = np.empty((ny, cells_y * cells_x, nx), self.dtype)
 
             def work(start: int, stop: int, operand: Any = operand, packed: Any = packed, cells: Any = cells) -> None:
+                scratch = _Scratch(self.dtype)
                 for y in range(start, stop):
-                    self._collect(packed, operand, y, cells[y])
+                    self._collect(packed, operand, y, cells[y], scratch)
 
             with one_blas_thread():
                 for_each_chunk(work, ny, self.workers)
@@ -103,30 +120,34 @@ class Direct:
         (ny, nx), (cells_y, cells_x), (nt, ns) = self.grid.period, self.grid.cells, operand.shape[2:]
         return np.zeros((cells_y * ny + nt - 1, cells_x * nx + ns - 1), self.dtype)
 
-    def _spread(self, sources: NDArray[Any], operand: NDArray[Any], y: int, image: NDArray[Any]) -> None:
+    def _spread(
+        self, sources: NDArray[Any], operand: NDArray[Any], y: int, image: NDArray[Any], scratch: _Scratch
+    ) -> None:
         """Add the patterns of row phase ``y``, weighted by ``sources`` (cells, nx), to the padded ``image``."""
         from lfcal.reconstruct._kernels import overlap_add
 
         (ny, nx), cells_x = self.grid.period, self.grid.cells[1]
-        for rows, band in self._bands(operand, y):
+        for rows, band in self._bands(operand, y, scratch):
             for first, stop in self._blocks(len(sources), band.shape[1:]):
-                windows = sources[first:stop] @ band.reshape(nx, -1)
-                shaped = windows.reshape(stop - first, *band.shape[1:])
-                overlap_add(shaped, image, y + rows.start, first, cells_x, ny, nx)
+                windows = scratch.array("windows", (stop - first, *band.shape[1:]))
+                np.matmul(sources[first:stop], band.reshape(nx, -1), out=windows.reshape(stop - first, -1))
+                overlap_add(windows, image, y + rows.start, first, cells_x, ny, nx)
 
-    def _collect(self, packed: NDArray[Any], operand: NDArray[Any], y: int, cells: NDArray[Any]) -> None:
+    def _collect(
+        self, packed: NDArray[Any], operand: NDArray[Any], y: int, cells: NDArray[Any], scratch: _Scratch
+    ) -> None:
         """Write the patterns' products with the padded image into ``cells`` (cells, nx): transpose of `_spread`."""
         from lfcal.reconstruct._kernels import gather_windows
 
         (ny, nx), cells_x = self.grid.period, self.grid.cells[1]
         cells[:] = 0
-        for rows, band in self._bands(operand, y):
+        for rows, band in self._bands(operand, y, scratch):
             for first, stop in self._blocks(len(cells), band.shape[1:]):
-                windows = np.empty((stop - first, *band.shape[1:]), self.dtype)
+                windows = scratch.array("windows", (stop - first, *band.shape[1:]))
                 gather_windows(windows, packed, y + rows.start, first, cells_x, ny, nx)
                 cells[first:stop] += windows.reshape(stop - first, -1) @ band.reshape(nx, -1).T
 
-    def _bands(self, operand: NDArray[Any], y: int) -> Iterator[tuple[slice, NDArray[Any]]]:
+    def _bands(self, operand: NDArray[Any], y: int, scratch: _Scratch) -> Iterator[tuple[slice, NDArray[Any]]]:
         """Yield runs of pattern rows and the banded matrix ``(nx, rows, nx + ns - 1)`` of each.
 
         Pattern ``x`` lies ``x`` columns to the right: seen through a view whose rows are one longer, that is a
@@ -137,7 +158,8 @@ class Direct:
         step = rows_at_once(nt, width, self.dtype.itemsize)
         for rows in self._row_runs(nt, y, step):
             count = rows.stop - rows.start
-            band = np.zeros(nx * count * width + nx, self.dtype)
+            # What lies beside the patterns is never written, so the zeros of the first use last.
+            band = scratch.array(f"band of {count} rows", (nx * count * width + nx,))
             item = self.dtype.itemsize
             strides = ((count * width + 1) * item, width * item, item)
             np.lib.stride_tricks.as_strided(band, (nx, count, ns), strides)[...] = operand[y, :, rows]

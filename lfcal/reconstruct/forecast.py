@@ -174,7 +174,8 @@ def _direct(problem: Problem) -> Cost:
     add, gather = rates.window_seconds(rows, width, dtype, workers)
     values = block * rows * width
     forward = runs * (rates.gemm_seconds(block, nx, rows * width, dtype, workers) + add * values)
-    adjoint = runs * (rates.gemm_seconds(block, rows * width, nx, dtype, workers) + gather * values)
+    back = rates.gemm_seconds(block, rows * width, nx, dtype, workers, turned=True)
+    adjoint = runs * (back + gather * values)
     bands = problem.planes * ny * nx * nt * (width + ns) / rates.copy_rate(dtype, workers) / 2
     scratch = problem.plane_bytes + 4 * problem.image_bytes + workers * (2 * problem.image_bytes + (8 << 20))
     return Cost("direct", problem.planes * problem.read_s, forward + bands, adjoint + bands,
@@ -187,7 +188,7 @@ def _sparse(problem: Problem) -> Cost:
     positions = grid.cells[0] * (grid.cells[1] + grid.reach[1])
     rate = rates.gather_rate(grid.phases, positions, problem.dtype.str, problem.workers)
     once = problem.planes * entries * positions / rate
-    sorting = grid.phases * grid.cutout[0] * grid.cutout[1] * (1.5e-9 + problem.density * 15e-9)
+    sorting = grid.phases * grid.cutout[0] * grid.cutout[1] * (3e-9 + problem.density * 35e-9)
     operand = int(problem.planes * entries * 2 * (4 + problem.dtype.itemsize))
     scratch = problem.plane_bytes + 8 * problem.image_bytes
     return Cost("sparse", problem.planes * (problem.read_s + sorting), once, once, operand, scratch)
@@ -200,7 +201,8 @@ def _polyphase(problem: Problem, limit: int) -> list[Option]:
     smallest = grid.phases * problem.pixels * complex_type.itemsize
     if smallest > limit or grid.phases * problem.pixels > rates.LIMIT:
         return []
-    fixed, slope = rates.product_seconds(grid.phases, problem.pixels, complex_type.str, workers)
+    ahead = rates.product_seconds(grid.phases, problem.pixels, complex_type.str, workers)
+    back = rates.product_seconds(problem.pixels, grid.phases, complex_type.str, workers, turned=True)
     copies = rates.copy_rate(problem.dtype.str, workers)
     length = 8 * max(1, grid.reach[0])
     dft = rates.gemm_seconds(2 * length, 2 * length, 2 * grid.phases, problem.dtype.str, workers)
@@ -209,14 +211,15 @@ def _polyphase(problem: Problem, limit: int) -> list[Option]:
     down, across = (_tile_counts(c, r) for c, r in zip(grid.cells, grid.reach, strict=True))
     for counts in itertools.product(down, across):
         plan = TilePlan(grid, counts)
-        transform = plan.transform_flops(grid.phases) / flops_s + 2.5 * plan.scratch_bytes(1) / copies / 2
+        transform = plan.transform_flops(grid.phases) / flops_s + 2.5 * plan.scratch_bytes(1) / copies
         image_share = problem.pixels / grid.phases
-        product = plan.frequencies * (fixed + slope * plan.tiles)
-        forward = problem.planes * (transform + product) + image_share * transform
-        adjoint = problem.planes * (transform + product) + image_share * transform
+        forward, adjoint = (
+            problem.planes * (transform + plan.frequencies * (fixed + slope * plan.tiles)) + image_share * transform
+            for fixed, slope in (ahead, back)
+        )
         taps = (2 * grid.reach[0] + 1) * (2 * grid.reach[1] + 1)
         spectra = plan.frequencies * grid.phases * problem.pixels
-        prepare = problem.read_s + (3 * spectra + taps * grid.phases * problem.pixels) / copies
+        prepare = problem.read_s + (12 * spectra + taps * grid.phases * problem.pixels) / copies
         prepare += 8 * spectra * (2 * grid.reach[0] + 1) / flops_s
         whole = plan.scratch_bytes(complex_type.itemsize)
         band = max(1, min(counts[0], int(counts[0] * 0.25 * limit / max(1, whole))))

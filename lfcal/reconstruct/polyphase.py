@@ -70,13 +70,19 @@ class Polyphase:
         n, m = self.grid.phases, len(self.selected)
         fx, fy = self.plan.x.frequencies, self.plan.y.frequencies
         out = np.empty((fx, fy, n, m), self.complex)
+        flat = out.reshape(fx, fy, n * m)
+        step = max(1, (1 << 19) // (m * fx * (2 * self.grid.reach[0] + 1)))  # so that the taps stay in the caches
 
         def work(start: int, stop: int) -> None:
+            for j in range(start, stop, step):
+                transform(j, min(j + step, stop))
+
+        def transform(start: int, stop: int) -> None:
             taps = self._taps(plane, start, stop)  # (kx, ky, sources, pixels)
             kx, ky = taps.shape[:2]
             along_x = self.matrices["kernel_x"] @ taps.reshape(kx, -1).astype(self.complex)
-            both = np.matmul(self.matrices["kernel_y"], along_x.reshape(fx, ky, -1))
-            out[:, :, start:stop] = both.reshape(fx, fy, stop - start, m)
+            part = flat[:, :, start * m : stop * m]
+            np.matmul(self.matrices["kernel_y"], along_x.reshape(fx, ky, -1), out=part)
 
         with one_blas_thread():
             for_each_chunk(work, n, self.workers)
@@ -99,7 +105,7 @@ class Polyphase:
             frame = np.zeros((ky * ny, kx * nx), self.dtype)
             frame[top + t.start : top + t.stop, left + s.start : left + s.stop] = plane[y, x, t, s]
             cells = frame.reshape(ky, ny, kx, nx).transpose(2, 0, 1, 3).reshape(kx, ky, -1)
-            taps[:, :, j - start] = cells[:, :, self.selected]
+            taps[:, :, j - start] = cells if len(self.selected) == self.grid.phases else cells[:, :, self.selected]
         return taps
 
     # -- the pair --------------------------------------------------------------------------------------

@@ -45,23 +45,29 @@ def _threaded(run: Callable[[int], Any], workers: int) -> float:
 
 
 @lru_cache(maxsize=256)
-def gemm_seconds(m: int, k: int, n: int, dtype: str, workers: int) -> float:
-    """Return the seconds of one real product ``(m, k) @ (k, n)`` when all workers are busy with their own."""
+def gemm_seconds(m: int, k: int, n: int, dtype: str, workers: int, *, turned: bool = False) -> float:
+    """Return the seconds of one real product ``(m, k) @ (k, n)`` when all workers are busy with their own.
+
+    ``turned``: the right factor is a transposed view.
+    """
     scale = max(1, (m * k + k * n + m * n) // LIMIT)
     n_run = max(1, n // scale)
     left = [np.ones((m, k), dtype) for _ in range(workers)]
-    right = [np.ones((k, n_run), dtype) for _ in range(workers)]
-    return _threaded(lambda w: left[w] @ right[w], workers) * n / n_run
+    right = [np.ones((n_run, k), dtype).T if turned else np.ones((k, n_run), dtype) for _ in range(workers)]
+    out = [np.empty((m, n_run), dtype) for _ in range(workers)]
+    return _threaded(lambda w: np.matmul(left[w], right[w], out=out[w]), workers) * n / n_run
 
 
 @lru_cache(maxsize=64)
-def product_seconds(phases: int, pixels: int, dtype: str, workers: int) -> tuple[float, float]:
+def product_seconds(phases: int, pixels: int, dtype: str, workers: int, *, turned: bool = False) -> tuple[float, float]:
     """Return (a, b) of ``a + b * columns``: seconds of one complex product ``(columns, phases) @ (phases, pixels)``.
 
-    Measured over more matrices than the caches hold, as in a projection.
+    Measured over more matrices than the caches hold, as in a projection; ``turned`` as in the adjoint.
     """
-    count = max(2, min(64, LIMIT // 4 // (phases * pixels)))
-    stacks = [np.ones((count, phases, pixels), dtype) for _ in range(workers)]
+    count = max(2, min(4096, 2 * LIMIT // 5 // (phases * pixels)))
+    shape = (count, pixels, phases) if turned else (count, phases, pixels)
+    made = [np.ones(shape, dtype) for _ in range(workers)]
+    stacks = [m.swapaxes(1, 2) if turned else m for m in made]
     seconds = []
     few, many = 2, 24
     for columns in (few, many):
