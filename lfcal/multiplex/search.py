@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera._checks import check_number
 from lfcal.errors import InputError, expectation
-from lfcal.multiplex.colour_filters import FILTERS, cfa
+from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 from lfcal.multiplex.noise import amplification, snr_gain
@@ -87,9 +87,11 @@ def filter_set_frontier(
         raise InputError(expectation("filters", f"letters of {''.join(FILTERS)}", repr(letters), "choose among these"))
     kinds = sorted(set(letters), key=letters.index)
     layout = _layout(filters)
+    known = {"".join(sorted(rows.replace("/", ""))): name for name, rows in CFA_PATTERNS.items()}
     sets = ("/".join("".join(row) for row in np.reshape(s, layout))
             for s in itertools.combinations_with_replacement(kinds, filters))  # fmt: skip
-    candidates = [m for m in map(cfa, sets) if math.isfinite(amplification(m))]
+    named = (known.get("".join(sorted(s.replace("/", ""))), s) for s in sets)
+    candidates = [m for m in map(cfa, named) if math.isfinite(amplification(m))]
     if not candidates:
         raise InputError(
             expectation("filters", "letters that recover red, green and blue", repr(letters), "add filters")

@@ -1,0 +1,245 @@
+"""``lfcal multiplex``: modulators compared, frames demultiplexed, the paper's figures drawn."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lfcal.cli import _multiplex_figures as pictures
+from lfcal.cli._common import print_json, print_table, run_work
+from lfcal.errors import InputError, expectation
+
+if TYPE_CHECKING:
+    from lfcal.multiplex import Modulator
+
+__all__ = ["modulator_of", "register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``multiplex`` with its sub-commands."""
+    group = typer.Typer(help="Plenoptic multiplexing: compare modulators, demultiplex frames.", no_args_is_help=True)
+    for name, function in (
+        ("compare", compare),
+        ("show", show),
+        ("demosaic", demosaic),
+        ("views", views),
+        ("search", search),
+        ("filters", filters),
+        ("figures", figures),
+    ):
+        group.command(name)(function)
+    app.add_typer(group, name="multiplex")
+
+
+def modulator_of(text: str) -> Modulator:
+    """Return the modulator written as ``Bayer``, ``RG/GB``, ``MURA:11``, or two of these joined by ``*``."""
+    from lfcal.multiplex import MASKS, cfa, mask
+
+    if "*" in text:
+        first, second = text.split("*", 1)
+        return modulator_of(first) * modulator_of(second)
+    kind, _, size = text.strip().partition(":")
+    found = {m.lower(): m for m in MASKS}.get(kind.strip().lower().replace("-", "_").replace(" ", "_"))
+    if found is None:
+        return cfa(text.strip())
+    if size and not size.isdigit():
+        raise InputError(expectation(f"size of {found} (px)", "a whole number", repr(size), "write it like MURA:11"))
+    return mask(found, int(size or 11))
+
+
+def _chi2(chi2: float | None, camera: str | None, gain: float) -> tuple[float | None, dict[str, float]]:
+    """Return chi^2 from the options, and the camera to mark."""
+    if camera is None:
+        return chi2, {}
+    from lfcal.cli.plan import load_camera
+    from lfcal.multiplex import camera_chi2
+
+    if chi2 is not None:
+        raise InputError(expectation("chi^2", "one of --chi2 and --camera", "both", "leave one out"))
+    description = load_camera(camera)
+    value = camera_chi2(description.sensor, gain=gain)
+    return value, {description.name: value}
+
+
+def _text(value: float | None, form: str = ".4g") -> str:
+    return "—" if value is None else ("∞" if value > 0 else "-∞") if math.isinf(value) else format(value, form)
+
+
+def compare(
+    modulators: list[str] = typer.Argument(help="Such as Bayer CYMG RG/BW, or pinhole:11 MURA:11 lenslet:11."),
+    reference: str | None = typer.Option(None, help="Gains are over this one; the first by default."),
+    chi2: float | None = typer.Option(None, min=0, help="Photon over additive noise variance of the camera."),
+    camera: str | None = typer.Option(None, help="Preset or camera file; its chi^2 is taken from full well and noise."),
+    gain: float = typer.Option(1.0, help="Amplifier gain of the camera."),
+    monte_carlo: int = typer.Option(0, min=0, help="Also measure the gain on this many simulated super-pixels."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="Draw the gain over chi^2 as PNG."),
+    json: bool = typer.Option(False, "--json", help="Print everything as JSON."),
+) -> None:
+    """Tell transmission, noise amplification, rank and gain of modulators.
+
+    Example: `lfcal multiplex compare Bayer CYMG RGBW X-Trans --camera r29 -o gain.png`
+    """
+    import numpy as np
+
+    from lfcal.multiplex import gain_curves, monte_carlo_gain
+    from lfcal.multiplex.summary import describe
+
+    chosen = [modulator_of(name) for name in modulators]
+    base = modulator_of(reference) if reference else chosen[0]
+    ratio, marks = _chi2(chi2, camera, gain)
+    found = [describe(m, base, ratio) for m in chosen]
+    measured = [
+        [_measured(m, base, c, monte_carlo, monte_carlo_gain, np.random.default_rng(1)) for c in (0.0, math.inf)]
+        for m in chosen
+    ] if monte_carlo else []  # fmt: skip
+    if out is not None:
+        pictures.gains(chosen, base, marks, out, gain_curves)
+    if json:
+        print_json({"reference": base.name, "chi2": ratio, "modulators": found, "monte_carlo_gain_db": measured})
+        return
+    headers = ["modulator", "super-pixel (px)", "K", "N", "rank", "condition", "τ", "α", "gain, additive (dB)",
+               "gain, photon (dB)", f"gain at χ² = {_text(ratio)} (dB)", "not recovered whole"]  # fmt: skip
+    rows = [
+        [f.name, f"{f.side[0]} x {f.side[1]}", str(f.pixels), str(f.samples), str(f.rank), _text(f.condition),
+         _text(f.transmission), _text(f.amplification), *(_text(g, "+.3f") for g in
+         (f.gain_additive_db, f.gain_photon_db, f.gain_db)), _lost(f.lost)] for f in found
+    ]  # fmt: skip
+    if measured:
+        headers += ["measured, additive (dB)", "measured, photon (dB)"]
+        rows = [row + [_text(g, "+.3f") for g in pair] for row, pair in zip(rows, measured, strict=True)]
+    print_table(headers, rows, title=f"Gain of SNR over {base.name}; additive χ² = 0, photon χ² = ∞")
+
+
+def _measured(modulator: Modulator, base: Modulator, chi2: float, trials: int, measure: Any, rng: Any) -> float | None:
+    full = modulator.rank() == modulator.count == base.count
+    return measure(modulator, base, chi2, rng=rng, trials=trials) if full else None
+
+
+def _lost(lost: dict[str, float]) -> str:
+    if not lost:
+        return "—"
+    names = [f"{name} ({100 * share:.0f} %)" for name, share in list(lost.items())[:3]]
+    return ", ".join(names) + (f" and {len(lost) - 3} more" if len(lost) > 3 else "")
+
+
+def show(
+    modulator: str = typer.Argument(help="Such as X-Trans, RGB/GBR, MURA:11 or lenslet:5*Bayer."),
+    out: Path = typer.Option(..., "--out", "-o", help="PNG with pattern, spectrum, Sigma and Pi."),
+) -> None:
+    """Draw a modulator: its pattern, spectrum and both bases.
+
+    Example: `lfcal multiplex show MURA:11 -o mura.png`
+    """
+    from lfcal.multiplex.drawing import save_modulator
+
+    save_modulator(modulator_of(modulator), out)
+
+
+def demosaic(
+    frame: Path = typer.Argument(help="RAW, TIFF, PNG, NPY … of a colour mosaic."),
+    out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF of red, green and blue."),
+    pattern: str | None = typer.Option(None, help="Filters, e.g. GRBG; RAW files know theirs."),
+    route: str = typer.Option("spatial", help="spatial or fourier."),
+    filter: str = typer.Option("cubic", help="nearest, linear, cubic, lanczos, sinc or bilateral (spatial route)."),
+    dark: float | None = typer.Option(None, help="Level of no light; RAW files state theirs."),
+    page: int = typer.Option(0, min=0, help="Page of a file of many frames."),
+) -> None:
+    """Demosaic a frame by the spatial or the Fourier route.
+
+    Example: `lfcal multiplex demosaic shot.dng -o shot.tif --filter bilateral`
+    """
+    from lfcal.frames import open_image
+    from lfcal.multiplex import cfa, demultiplex
+
+    image = open_image(frame)
+    mosaic = pattern or str(image.metadata.get("cfa", ""))
+    if not mosaic:
+        raise InputError(expectation(f"colour filters of {frame}", "a pattern", "none", "give --pattern, e.g. GRBG"))
+    levels = image.metadata.get("black_level", 0) if dark is None else dark
+    light = pictures.without_dark(image.read(page), levels)
+    image.close()
+    pictures.write_tiff(out, demultiplex(light, cfa(mosaic), route=route, filter=filter))
+
+
+def views(
+    frame: Path = typer.Argument(help="Light-field frame."),
+    white: Path = typer.Option(..., help="White image of the same camera; the lattice is measured on it."),
+    out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF, one page per view by rows."),
+    size: int = typer.Option(0, min=0, help="Views along a side; as many as fit the pitch by default."),
+    dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
+    filter: str = typer.Option("cubic", help="nearest, linear or cubic."),
+    modulator: str | None = typer.Option(None, help="Mask in place of lenslets, such as MURA:11."),
+) -> None:
+    """Demultiplex the views of a light field on a measured lattice of any pitch.
+
+    Example: `lfcal multiplex views field.tif --white white.tif -o views.tif`
+    """
+    from lfcal.frames import fit_lattice, read_image
+    from lfcal.multiplex import SuperPixelLattice, demultiplex_lattice, lattice_channels
+
+    light, bright = (pictures.less(read_image(p), dark) for p in (frame, white))
+    lattice = SuperPixelLattice.of_fit(fit_lattice(bright))
+    if modulator is not None:
+        found = demultiplex_lattice(light, lattice, modulator_of(modulator), filter=filter)
+    else:
+        count = size or max(1, (int(min(lattice.pitch_px)) - 1) // 2 * 2 + 1)
+        found = lattice_channels(light, lattice, count, filter=filter)
+        found = found.reshape(-1, *found.shape[2:])
+    pictures.write_tiff(out, found)
+
+
+def search(
+    what: str = typer.Argument("filters", help="filters, or a mask's size such as 11."),
+    chi2: float | None = typer.Option(None, min=0, help="Photon over additive noise variance of the camera."),
+    camera: str | None = typer.Option(None, help="Preset or camera file instead of --chi2."),
+    gain: float = typer.Option(1.0, help="Amplifier gain of the camera."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="Draw the frontier as PNG."),
+    json: bool = typer.Option(False, "--json", help="Print everything as JSON."),
+) -> None:
+    """Search filter sets or masks for the best gain at a camera's chi^2.
+
+    Example: `lfcal multiplex search 7 --camera r29 -o masks.png`
+    """
+    from lfcal.multiplex.search import filter_set_frontier, iter_mask_frontier
+
+    ratio = _chi2(chi2, camera, gain)[0]
+    if ratio is None:
+        raise InputError(expectation("chi^2", "--chi2 or --camera", "neither", "say for which camera to search"))
+    if what != "filters" and not what.isdigit():
+        raise InputError(expectation("search", "filters or a mask's size", repr(what), "for example 11"))
+    frontier = (
+        filter_set_frontier(ratio) if what == "filters" else run_work(iter_mask_frontier(int(what), ratio), quiet=json)
+    )
+    if out is not None:
+        from lfcal.multiplex.drawing import save_frontier
+
+        save_frontier(frontier, out)
+    pictures.show_frontier(frontier, json=json)
+
+
+def filters(
+    size: int = typer.Option(256, min=64, max=4096, help="Pixels along a side of the scenes."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="Draw error against time as PNG."),
+    json: bool = typer.Option(False, "--json", help="Print everything as JSON."),
+) -> None:
+    """Compare reconstruction routes and filters: error, ringing and time on a smooth and on a sharp-edged scene.
+
+    Example: `lfcal multiplex filters -o filters.png`
+    """
+    pictures.filter_choice(size, out, json=json)
+
+
+def figures(
+    folder: Path = typer.Argument(help="Folder for the pictures."),
+    raw: Path | None = typer.Option(None, help="RAW frame for figure 3 in place of the drawn scene."),
+    camera: str | None = typer.Option(None, help="Preset or camera file to mark in figure 6."),
+    seed: int = typer.Option(1, help="Seed of the noise in figure 7."),
+) -> None:
+    """Draw figures 3, 5, 6 and 7 of the paper, and the modulators.
+
+    Example: `lfcal multiplex figures pictures/ --camera r29`
+    """
+    run_work(pictures.iter_paper_figures(folder, raw, _chi2(None, camera, 1.0)[1], seed))

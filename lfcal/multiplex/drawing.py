@@ -1,0 +1,133 @@
+"""Plots of modulators, gains and choices (matplotlib, loaded when drawn)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lfcal.figures import COLOURS, LINES, draw_image, figure, save_figure
+from lfcal.multiplex.colour_filters import CFA_PATTERNS
+from lfcal.multiplex.modulator import Modulator
+from lfcal.multiplex.noise import GainCurves
+from lfcal.multiplex.quality import FilterTrial
+from lfcal.multiplex.search import Frontier
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["draw_curves", "save_filter_choice", "save_frontier", "save_gain_curves", "save_modulator"]
+
+Path = str | os.PathLike[str]
+STYLES = ("-", "--", "-.", ":")
+MOST_SHOWN = 64
+
+
+def draw_curves(axes: Axes, curves: GainCurves, title: str = "") -> None:
+    """Draw gain over chi^2 with a marker for each camera (figure 6)."""
+    for k, (name, gain) in enumerate(zip(curves.names, curves.gains, strict=True)):
+        if np.isfinite(gain).any():
+            style = STYLES[k // len(LINES) % len(STYLES)]
+            axes.semilogx(curves.chi2, gain, style, color=LINES[k % len(LINES)], label=name.replace("_", " "))
+    axes.axhline(0, color=COLOURS["muted"], lw=0.8)
+    low, high = float(curves.chi2.min()), float(curves.chi2.max())
+    for name, chi2 in curves.cameras.items():
+        if low <= chi2 <= high:
+            axes.axvline(chi2, color=COLOURS["muted"], lw=0.8, ls=":")
+            axes.annotate(name, (chi2, 0.02), xycoords=("data", "axes fraction"), rotation=90, fontsize=7,
+                          color=COLOURS["muted"], ha="right", va="bottom")  # fmt: skip
+    axes.set_xlabel("χ² = photon over additive noise variance (dimensionless)")
+    axes.set_ylabel(f"gain of SNR over {curves.reference} (dB)")
+    axes.set_title(title)
+    axes.legend(loc="best", ncols=2 if len(curves.names) > 4 else 1)
+
+
+def save_gain_curves(parts: Sequence[tuple[str, GainCurves]], path: Path) -> None:
+    """Write figure 6: one plot per title and curves, side by side."""
+    with figure(5.2 * len(parts), 4.0) as fig:
+        for axes, (title, curves) in zip(np.ravel(fig.subplots(1, len(parts))), parts, strict=True):
+            draw_curves(axes, curves, title)
+        save_figure(fig, path)
+
+
+def save_modulator(modulator: Modulator, path: Path) -> None:
+    """Write a modulator as its pattern, the pattern's spectrum, Sigma and Pi."""
+    pattern, spectrum = modulator.pattern(), modulator.pattern_spectrum()
+    with figure(12.0, 3.2) as fig:
+        one, two, three, four = np.ravel(fig.subplots(1, 4))
+        if pattern.shape[2] == 3:
+            one.imshow(np.clip(pattern / max(1.0, pattern.max()), 0, 1))
+            one.grid(False)
+            one.set(title=f"{modulator.name}: pattern", xlabel="column (px)", ylabel="row (px)")
+        else:
+            draw_image(one, pattern[..., 0], title=f"{modulator.name}: pattern", unit="transmission",
+                       xlabel="column (px)", ylabel="row (px)")  # fmt: skip
+        rows, columns = modulator.side
+        extent = (-(columns // 2) - 0.5, (columns - 1) // 2 + 0.5, (rows - 1) // 2 + 0.5, -(rows // 2) - 0.5)
+        draw_image(two, spectrum.mean(2), title="spectrum", unit="magnitude", extent=extent,
+                   xlabel="cycles per super-pixel, x", ylabel="cycles per super-pixel, y")  # fmt: skip
+        _basis(three, modulator.spatial, "spatial basis Σ", "basis function j", "pixel k of the super-pixel")
+        _basis(four, modulator.plenoptic, "plenoptic basis Π", "basis function j", "plenoptic sample")
+        save_figure(fig, path)
+
+
+def _basis(axes: Axes, basis: Any, title: str, xlabel: str, ylabel: str) -> None:
+    """Draw the real part of a basis; of a large one its first rows and columns."""
+    part = np.real(basis[:MOST_SHOWN, :MOST_SHOWN])
+    words = " (real part)" if np.iscomplexobj(basis) else ""
+    cut = f", first {MOST_SHOWN}" if max(basis.shape) > MOST_SHOWN else ""
+    draw_image(axes, part, title=f"{title}{words}{cut}", unit="value", signed=bool((part < 0).any()), xlabel=xlabel,
+               ylabel=ylabel)  # fmt: skip
+    axes.set_aspect("auto")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.get_major_locator().set_params(integer=True)
+
+
+def save_frontier(frontier: Frontier, path: Path, *, named: int = 8) -> None:
+    """Write the candidates by their gain in both limits, the efficient ones joined, the best at the camera marked."""
+    with figure(6.4, 4.4) as fig:
+        axes = fig.subplots()
+        axes.plot(frontier.photon, frontier.additive, ".", color=COLOURS["muted"], ms=4, label="candidates")
+        order = np.flatnonzero(frontier.efficient)
+        order = order[np.argsort(frontier.photon[order])]
+        axes.step(frontier.photon[order], frontier.additive[order], where="post", color=COLOURS["accent"], marker="o",
+                  ms=4, label="nothing better in both")  # fmt: skip
+        best = int(np.argmax(frontier.chosen))
+        axes.plot(frontier.photon[best], frontier.additive[best], "*", ms=13, color=LINES[1],
+                  label=f"best at χ² = {frontier.chi2:.3g}: {frontier.chosen[best]:+.2f} dB")  # fmt: skip
+        seen: set[tuple[float, float]] = set()
+        for k in sorted(order, key=lambda k: frontier.modulators[k].name not in CFA_PATTERNS):
+            place = (round(float(frontier.photon[k]), 1), round(float(frontier.additive[k]), 1))
+            if place not in seen and len(seen) < named:
+                seen.add(place)
+                axes.annotate(frontier.modulators[k].name, (frontier.photon[k], frontier.additive[k]), fontsize=7,
+                              xytext=(5, -9), textcoords="offset points")  # fmt: skip
+        axes.set_xlabel(f"gain over {frontier.reference} at χ² = ∞, photon noise (dB)")
+        axes.set_ylabel(f"gain over {frontier.reference} at χ² = 0, additive noise (dB)")
+        axes.margins(x=0.12)
+        axes.legend(loc="best")
+        save_figure(fig, path)
+
+
+def save_filter_choice(parts: Sequence[tuple[str, Sequence[FilterTrial]]], path: Path) -> None:
+    """Write error against seconds for each titled list of trials, side by side."""
+    with figure(5.2 * len(parts), 4.0) as fig:
+        for axes, (title, trials) in zip(np.ravel(fig.subplots(1, len(parts))), parts, strict=True):
+            for k, trial in enumerate(trials):
+                marker, fill = "s" if trial.route == "fourier" else "o", None if trial.efficient else "white"
+                axes.semilogx(
+                    1e3 * trial.seconds,
+                    100 * trial.error,
+                    marker,
+                    color=LINES[k % len(LINES)],
+                    mfc=fill,
+                    label=trial.name,
+                )
+            axes.set_ylim(bottom=0)
+            axes.set_xlabel("time (ms)")
+            axes.set_ylabel("rms error (% of the scene's range)")
+            axes.set_title(f"{title} (filled: nothing faster is better)")
+            axes.legend(loc="best")
+        save_figure(fig, path)
