@@ -12,22 +12,18 @@ z > 0 is away from the objective, where the image lies before the array. Energy 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
-from scipy.special import j0
 
 from lfcal.camera import Microscope
 from lfcal.errors import InputError, expectation
 from lfcal.simulate.quadrature import gauss_legendre
+from lfcal.simulate.radial import SPARE_NODES, Radial, even_spline, hankel_sum
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.zernike import zernike_radial
 
 __all__ = ["debye_field", "debye_nodes", "radial_field"]
-
-SPARE_NODES = 30
 
 
 def _objective(scene: Scene) -> Microscope:
@@ -74,27 +70,12 @@ def debye_field(scene: Scene, r_um: NDArray[np.float64], nodes: int | None = Non
     g = weight * np.sqrt(np.cos(theta)) * np.sin(theta) * np.exp(1j * phase)
     level = math.sqrt(2 * math.pi * 2) * math.sin(alpha / 2) * optics.magnification / k
     rate = k / optics.magnification * np.sin(theta)
-    flat = np.asarray(r_um, np.float64).ravel()
-    two = np.stack([g.real, g.imag], axis=1) / level
-    parts = np.array_split(flat, 1 + flat.size * rate.size // 1_000_000)
-    # einsum, not a BLAS product: those start threads that wait for one another where many engines are built
-    sums = np.concatenate([np.einsum("rt,tc->rc", j0(np.outer(part, rate)), two) for part in parts])
-    field: NDArray[np.complex128] = (sums[:, 0] + 1j * sums[:, 1]).reshape(np.shape(r_um))
-    return field
+    return hankel_sum(np.asarray(r_um, np.float64), rate, g / level)
 
 
-def radial_field(scene: Scene, reach_um: float) -> Callable[[NDArray[np.float64]], NDArray[np.complex128]]:
+def radial_field(scene: Scene, reach_um: float) -> Radial:
     """Return a function of r, exact to 1e-5 of the largest value, out to ``reach_um``: a spline of `debye_field`."""
     optics = _objective(scene)
     step = scene.wavelength_um * optics.magnification / optics.numerical_aperture / 10
     n = math.ceil(reach_um / step) + 8
-    values = debye_field(scene, step * np.arange(n, dtype=np.float64))
-    even = np.concatenate([values[8:0:-1], values])  # the field is even in r: no end at r = 0
-    spline = make_interp_spline(step * np.arange(-8, n), np.stack([even.real, even.imag], axis=1), k=5)
-
-    def field(radius: NDArray[np.float64]) -> NDArray[np.complex128]:
-        parts = spline(radius)
-        whole: NDArray[np.complex128] = parts[..., 0] + 1j * parts[..., 1]
-        return whole
-
-    return field
+    return even_spline(debye_field(scene, step * np.arange(n, dtype=np.float64)), step)

@@ -23,6 +23,7 @@ from lfcal.errors import InputError, expectation
 from lfcal.simulate.debye import radial_field
 from lfcal.simulate.masks import taper
 from lfcal.simulate.polygon import Points, area, clip, disc_transform, iris_outline, spectrum
+from lfcal.simulate.radial import Radial, even_spline, focus_integral
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.zernike import zernike_radial
 
@@ -173,22 +174,21 @@ def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> FieldTab
 
 
 def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> FieldTable:
-    """U-mode: the in-focus field, known in closed form, tapered far out, is taken to the pupil, defocused, and back."""
+    """U-mode: the in-focus field, known in closed form, tapered far out, goes to the pupil, is defocused, and back."""
     a, lam, fc = scene.reduced_image_um, scene.wavelength_um, 1 / (2 * scene.wavelength_um * scene.f_number)
     if dx > 0.98 / (2 * fc * float(np.abs(outline).max())):
         raise InputError(
             expectation("samples near the native plane", f"at most {0.98 / (2 * fc):.3g} µm apart", f"{dx:.3g} µm",
                         "raise the samples per pixel")
         )  # fmt: skip
+    if scene.iris.circular and all(m == 0 for _, m, _ in scene.wavefront):
+        return _round_near_field(scene, dx, half)
     blur = abs(a) / (2 * scene.f_number)
     valid = half + blur + 4 * math.sqrt(lam * abs(a))
     n = _side(2 * valid / 0.75, dx)
     x = (np.arange(n, dtype=np.float64) - n // 2) * dx
     r = np.hypot(x[None, :], x[:, None])
-    if scene.iris.circular:
-        focus = disc_transform(fc, r).astype(np.complex128)
-    else:
-        focus = spectrum(-fc * outline, -x, -x)  # a pupil point u sends light to f = -u fc
+    focus = spectrum(-fc * outline, -x, -x)  # a pupil point u sends light to f = -u fc
     focus *= taper(r, 0.75 * (n // 2) * dx, n // 2 * dx)
     pupil = sf.fft2(focus, overwrite_x=True)
     f = sf.fftfreq(n, dx)
@@ -201,11 +201,33 @@ def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> FieldT
     return FieldTable("U", dx, values, half)
 
 
+def _round_near_field(scene: Scene, dx: float, half: float) -> FieldTable:
+    """U-mode of a round pupil: its radial integral, exact at any distance."""
+    lam, nw = scene.wavelength_um, scene.f_number
+    u = -2 * math.pi * scene.reduced_image_um / (4 * nw**2 * lam)
+
+    def waves(rho: NDArray[np.float64]) -> NDArray[np.float64]:
+        found = wavefront_waves(scene, rho, np.zeros(1))
+        return np.zeros_like(rho) if found is None else found
+
+    step = lam * nw / 8
+    count = math.ceil((half + 4 * dx) * math.sqrt(2) / step) + 8
+    v = np.pi / (lam * nw) * step * np.arange(count, dtype=np.float64)
+    steep = sum(2 * math.pi * abs(w) * n * n for n, _, w in scene.wavefront)
+    nodes = int((abs(u) / 2 + float(v[-1]) + steep) / 2) + 40
+    level = math.sqrt(math.pi) / (2 * lam * nw)
+    return _turned("U", even_spline(level * focus_integral(u, v, waves, nodes), step), dx, half)
+
+
 def _debye(scene: Scene, dx: float, half: float) -> FieldTable:
     """D-mode: the microscope's radial field on the grid."""
+    return _turned("D", radial_field(scene, (half + 8 * dx) * math.sqrt(2)), dx, half)
+
+
+def _turned(mode: str, field: Radial, dx: float, half: float) -> FieldTable:
+    """Return a radial field on the grid."""
     n = _side(2 * half, dx)
-    x = (np.arange(n // 2 + 1)) * dx
-    r = np.hypot(x[None, :], x[:, None])
-    quarter = radial_field(scene, float(r.max()))(r)
+    x = dx * np.arange(n // 2 + 1, dtype=np.float64)
+    quarter = field(np.hypot(x[None, :], x[:, None]))
     index = np.abs(np.arange(n) - n // 2)
-    return FieldTable("D", dx, quarter[np.ix_(index, index)], half)
+    return FieldTable(mode, dx, quarter[np.ix_(index, index)], half)
