@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from gui.models.reconstruct_view import ReconstructSettings, projector_for
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
+from lfcal.reconstruct.metrics import nrmse
 from lfcal.reconstruct.records import SolverProgress, SolverState
 from lfcal.reconstruct.solvers import iter_reconstruct
+from lfcal.units import format_seconds
 
 __all__ = ["Solving"]
 
@@ -31,10 +33,14 @@ class Solving:
         The whole light field ``(rows, columns)``.
     settings
         What to do.
+    truth
+        The volume ``(nz, rows, columns)`` behind the whole light field, where it was made from one.
     """
 
-    def __init__(self, psf: str, image: NDArray[Any], settings: ReconstructSettings) -> None:
-        self.psf, self.image, self.settings = psf, image, settings
+    def __init__(
+        self, psf: str, image: NDArray[Any], settings: ReconstructSettings, truth: NDArray[np.float32] | None = None
+    ) -> None:
+        self.psf, self.image, self.settings, self._truth = psf, image, settings, truth
         self.history: tuple[SolverProgress, ...] = ()
         self.state: SolverState | None = None
         self.notes: tuple[str, ...] = ()
@@ -43,6 +49,37 @@ class Solving:
         self._projector: Any = None
         self._matrix: PSFMatrix | None = None
         self._stop = threading.Event()
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the light field that are used."""
+        return self.settings.window((self.image.shape[0], self.image.shape[1]))
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels used."""
+        return int(self.image[self.window].size)
+
+    @property
+    def truth(self) -> NDArray[np.float32] | None:
+        """What the volume should be, or None where nobody knows."""
+        if self._truth is None or self.state is None:
+            return None
+        cropped: NDArray[np.float32] = self._truth[(slice(None), *self.window)]
+        return cropped if cropped.shape == self.state.volume.shape else None
+
+    def words(self) -> str:
+        """Return how it went, in lines of rich text; empty before the first iteration."""
+        if not self.history or self.state is None:
+            return ""
+        last, truth = self.history[-1], self.truth
+        lines = [
+            f"{last.iteration} iterations in {format_seconds(last.seconds)}",
+            f"residual {100 * last.residual:.3g} % of the image",
+        ]
+        if truth is not None and truth.any():
+            lines.append(f"error against the truth: NRMSE {nrmse(self.state.volume, truth):.3f}")
+        return "<br>".join((*lines, *self.notes))
 
     def stop(self) -> None:
         """End after the iteration under way; what there is stays, and `work` goes on from it."""
@@ -57,9 +94,8 @@ class Solving:
         self._stop.clear()
         count = self.settings.iterations if iterations is None else iterations
         yield from self._prepare()
-        rows, columns = self.settings.window((self.image.shape[0], self.image.shape[1]))
         choice = self.settings.changed("iterations", count).choice()
-        running = iter_reconstruct(self._projector, self.image[rows, columns], choice, resume=self.state)
+        running = iter_reconstruct(self._projector, self.image[self.window], choice, resume=self.state)
         try:
             while True:
                 record = next(running)

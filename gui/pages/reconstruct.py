@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtWidgets import QFileDialog, QVBoxLayout
@@ -40,6 +39,7 @@ class Page(StagePage):
         self.image: NDArray[Any] | None = None
         self.solving: Solving | None = None
         self.synthetic: Synthetic | None = None
+        self.saved: NDArray[Any] | None = None
         self._opened = ""
         self._job = 0
         self._shown_iteration = -1
@@ -60,6 +60,7 @@ class Page(StagePage):
         context.on_close(self._close)
         self._show(context.state)
         self._load()
+        self._load_volume()
 
     # -- session ---------------------------------------------------------------------------------------
     @property
@@ -75,6 +76,8 @@ class Page(StagePage):
                 self._load()
             else:
                 self._forecast()
+            if old.volume != new.volume:
+                self._load_volume()
 
     def _matrix(self) -> PSFMatrix | None:
         try:
@@ -128,7 +131,7 @@ class Page(StagePage):
             widget.setEnabled(not running)
         if not running:
             self.panel.show_solver(self.settings.solver)
-        if not done and not running:
+        if not done and not running and self.saved is None:
             self.panel.show_hint(
                 "Press Reconstruct."
                 if ready
@@ -238,7 +241,9 @@ class Page(StagePage):
         if self.image is None or self._job:
             return
         self._close()
-        self.solving = Solving(self.context.state.psf, self.image, self.settings)
+        made = self.synthetic
+        truth = made.truth if made is not None and made.path == self._opened else None
+        self.solving = Solving(self.context.state.psf, self.image, self.settings, truth)
         self._shown_iteration = -1
         self._run()
 
@@ -272,32 +277,21 @@ class Page(StagePage):
         solving = self.solving
         if solving is None or not solving.history or solving.history[-1].iteration == self._shown_iteration:
             return
-        history = solving.history
-        self._shown_iteration = history[-1].iteration
-        rows, columns = solving.settings.window((solving.image.shape[0], solving.image.shape[1]))
-        self.panel.show_history(history, (rows.stop - rows.start) * (columns.stop - columns.start))
+        self._shown_iteration = solving.history[-1].iteration
+        self.panel.show_history(solving.history, solving.pixels)
         self._show_volume()
 
     def _show_volume(self) -> None:
         solving = self.solving
         if solving is None or solving.state is None:
             return
-        truth = self._truth()
+        truth = solving.truth
         self.panel.shown.setVisible(truth is not None)
         if truth is not None and self.panel.shown.currentData() == "truth":
             self.panel.show_volume(truth, solving.depths, "Truth of the made light field")
             return
         title = f"Volume after {solving.state.iteration} iterations, {format_seconds(solving.state.seconds)}"
         self.panel.show_volume(solving.state.volume, solving.depths, title)
-
-    def _truth(self) -> NDArray[np.float32] | None:
-        """Return the phantom the light field was made from, cut to the region; None if it is not known."""
-        solving, made = self.solving, self.synthetic
-        if solving is None or solving.state is None or made is None or made.path != self._opened:
-            return None
-        rows, columns = solving.settings.window((solving.image.shape[0], solving.image.shape[1]))
-        truth: NDArray[np.float32] = made.truth[:, rows, columns]
-        return truth if truth.shape == solving.state.volume.shape else None
 
     def _job_finished(self, job: Job) -> None:
         if job.number != self._job:
@@ -308,16 +302,7 @@ class Page(StagePage):
         if job.state is JobState.FAILED:
             self.panel.show_status(job.error, 0.0, bad=True)
         elif solving is not None and solving.history:
-            last = solving.history[-1]
-            lines = [
-                f"{last.iteration} iterations in {format_seconds(last.seconds)}, residual {100 * last.residual:.3g} %"
-            ]
-            truth = self._truth()
-            if truth is not None and solving.state is not None:
-                from lfcal.reconstruct.metrics import nrmse
-
-                lines.append(f"error against the truth: NRMSE {nrmse(solving.state.volume, truth):.3f}")
-            self.panel.show_status("<br>".join((*lines, *solving.notes)), 1.0)
+            self.panel.show_status(solving.words(), 1.0)
         else:
             self.panel.show_status("stopped", 0.0)
         self._show_controls()
@@ -343,6 +328,22 @@ class Page(StagePage):
     def _saved(self, path: str) -> None:
         self.context.message.emit(f"volume saved as {path}")
         self.context.session.update("reconstruction", volume=path)
+
+    def _load_volume(self) -> None:
+        """Show the volume of the session until there is a newer one."""
+        from lfcal.reconstruct.volumes import load_volume
+
+        path = self.context.state.volume
+        if path and Path(path).is_file() and self.solving is None:
+            self.context.jobs.compute(
+                "reconstruct volume", lambda: load_volume(path), lambda volume: self._volume_loaded(path, volume),
+                self.context.message.emit,
+            )  # fmt: skip
+
+    def _volume_loaded(self, path: str, volume: NDArray[Any]) -> None:
+        if self.solving is None:
+            self.saved = volume
+            self.panel.show_volume(volume, None, f"Volume {Path(path).name}")
 
     def _close(self) -> None:
         if self.solving is not None:

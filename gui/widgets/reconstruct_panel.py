@@ -72,7 +72,7 @@ class ReconstructPanel(QWidget):
         self.light_field.setToolTip("The light field; the frame shows the region that is used")
         self.residual = LinePlot("iteration", "residual (%)")
         self.residual.setToolTip("Weighted rms of image minus model, over that of the image")
-        self.likelihood = LinePlot("iteration", "log-likelihood / pixel")
+        self.likelihood = LinePlot("iteration", "log-lik. / px")
         self.likelihood.setToolTip("Log-likelihood of the image less its largest possible value, per pixel: 0 is a "
                                    "perfect fit; it never falls but by rounding")  # fmt: skip
         row = QHBoxLayout(self)
@@ -163,7 +163,10 @@ class ReconstructPanel(QWidget):
     def _side(self) -> QVBoxLayout:
         column = QVBoxLayout()
         column.setSpacing(8)
-        top, inner = card("Light field")
+        self.pixel = QLabel("Light field")
+        top, inner = card(self.pixel)
+        self.light_field.graphics.removeItem(self.light_field.bar)
+        self.light_field.hovered.connect(self._hovered)
         self.light_field.setMinimumSize(150, 110)
         inner.addWidget(self.light_field, 1)
         column.addWidget(top, 5)
@@ -209,6 +212,9 @@ class ReconstructPanel(QWidget):
         self.bar.setRange(0, 0 if fraction is None else 1000)
         if fraction is not None:
             self.bar.setValue(round(1000 * fraction))
+
+    def _hovered(self, row: int, column: int, value: float) -> None:
+        self.pixel.setText("Light field" if row < 0 else f"row {row}, column {column}: {value:.4g} counts")
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

@@ -49,6 +49,7 @@ class VolumeView(QWidget):
         self.xy.setAspectLocked(True)
         self.bar = pg.ColorBarItem(values=(0, 1), width=12, interactive=False, label="brightness (counts)",
                                    orientation="h")  # fmt: skip
+        self.bar.axis.enableAutoSIPrefix(False)
         self.graphics.addItem(self.bar, row=1, col=1)
         layout = self.graphics.ci.layout
         for index, share in ((0, 5), (1, 2)):
