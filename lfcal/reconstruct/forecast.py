@@ -202,7 +202,7 @@ def _polyphase(problem: Problem, limit: int) -> list[Option]:
     if smallest > limit or grid.phases * problem.pixels > rates.LIMIT:
         return []
     ahead = rates.product_seconds(grid.phases, problem.pixels, complex_type.str, workers)
-    back = rates.product_seconds(problem.pixels, grid.phases, complex_type.str, workers, turned=True)
+    back = rates.product_seconds(grid.phases, problem.pixels, complex_type.str, workers, turned=True)
     copies = rates.copy_rate(problem.dtype.str, workers)
     length = 8 * max(1, grid.reach[0])
     dft = rates.gemm_seconds(2 * length, 2 * length, 2 * grid.phases, problem.dtype.str, workers)

@@ -117,14 +117,14 @@ class Polyphase:
             for operand, plane in planes:
                 packed = self._pack(plane)
                 for k, band in enumerate(bands):
-                    spectrum = self._analyse(packed, self.all_phases, band, conjugate=False)
-                    totals[k] = self._multiply(spectrum, operand, totals[k])
+                    slabs = self._analyse_x(packed, self.all_phases, band, conjugate=False)
+                    totals[k] = self._spread(slabs, operand, totals[k])
             if totals[0] is None:  # no plane holds anything
                 return np.zeros(self.grid.image_shape, self.dtype)
             cells = self._cells(self.selected)
             for total, band in zip(totals, bands, strict=True):
                 if total is not None:
-                    self._synthesise(total, band, cells, self.selected, conjugate=False)
+                    self._synthesise_x(self._synthesise_y(total), band, cells, self.selected, conjugate=False)
         return self._image(cells)
 
     def adjoint(self, image: NDArray[Any], operands: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
@@ -136,10 +136,11 @@ class Polyphase:
             cells = self._cells(self.all_phases)
             with one_blas_thread():
                 if not spectra:
-                    spectra = [self._analyse(packed, self.selected, band, conjugate=True) for band in bands]
+                    slabs = (self._analyse_x(packed, self.selected, band, conjugate=True) for band in bands)
+                    spectra = [self._spread(slab, None, None) for slab in slabs]
                 for spectrum, band in zip(spectra, bands, strict=True):
-                    product = self._multiply(spectrum, operand.swapaxes(2, 3), None)
-                    self._synthesise(product, band, cells, self.all_phases, conjugate=True)
+                    collected = self._synthesise_y(spectrum, operand)
+                    self._synthesise_x(collected, band, cells, self.all_phases, conjugate=True)
             yield self._image(cells)
 
     # -- steps -----------------------------------------------------------------------------------------
@@ -163,57 +164,83 @@ class Polyphase:
         columns[...] = packed
         return columns.reshape(len(columns), -1)
 
-    def _analyse(
+    def _analyse_x(
         self, packed: NDArray[Any], phases: NDArray[np.intp], band: tuple[int, int], *, conjugate: bool
     ) -> NDArray[Any]:
-        """Return the tiles' spectra ``(fx, fy, tiles, phases)`` of a band of tile rows."""
+        """Return the tile columns ``(tiles in x, fx, rows, phases)`` of a band of tile rows, transformed along x.
+
+        Conjugate spectra turn the product with K into that with its conjugate: data are real. From here to
+        `_synthesise_x` the sign of the transform along y does the same.
+        """
         x, y = self.plan.x, self.plan.y
         first, rows = band[0] * y.valid, (band[1] - band[0] - 1) * y.valid + y.taken
-        along_x, along_y = self._matrix("analysis_x", conjugate), self._matrix("analysis_y", conjugate)
+        along = self.matrices["analysis_x"].conj() if conjugate else self.matrices["analysis_x"]
         slabs = np.empty((x.count, x.frequencies, rows, len(phases)), self.complex)
 
-        def transform_x(start: int, stop: int) -> None:
+        def transform(start: int, stop: int) -> None:
             columns = self._columns(packed[:, first + start : first + stop], phases)
             inside = slice(start * len(phases), stop * len(phases))
             for k in range(x.count):
                 window = columns[k * x.valid : k * x.valid + x.taken]
-                np.matmul(along_x, window, out=slabs[k].reshape(x.frequencies, -1)[:, inside])
+                np.matmul(along, window, out=slabs[k].reshape(x.frequencies, -1)[:, inside])
 
-        for_each_chunk(transform_x, rows, self.workers, parts_per_worker=2)
-        count = band[1] - band[0]
-        out = np.empty((x.frequencies, y.frequencies, count, x.count, len(phases)), self.complex)
+        for_each_chunk(transform, rows, self.workers, parts_per_worker=2)
+        return slabs
 
-        def transform_y(start: int, stop: int) -> None:
-            for f in range(start, stop):
-                for k in range(count):
-                    window = slabs[:, f, k * y.valid : k * y.valid + y.taken]
-                    np.matmul(along_y, window, out=out[f, :, k].swapaxes(0, 1))
-
-        for_each_chunk(transform_y, x.frequencies, self.workers)
-        return out.reshape(x.frequencies, y.frequencies, count * x.count, len(phases))
-
-    def _multiply(self, spectrum: NDArray[Any], operand: NDArray[Any], total: NDArray[Any] | None) -> NDArray[Any]:
-        """Return ``total`` plus the products of all frequencies, ``(fx, fy, tiles, phases)``."""
-        out = np.empty((*spectrum.shape[:3], operand.shape[3]), self.complex) if total is None else total
+    def _spread(self, slabs: NDArray[Any], operand: NDArray[Any] | None, total: NDArray[Any] | None) -> NDArray[Any]:
+        """Return the tiles' spectra ``(fx, fy, tiles, phases)``, times ``operand`` and added to ``total`` if given."""
+        x, y = self.plan.x, self.plan.y
+        count, phases = (slabs.shape[2] - y.taken) // y.valid + 1, slabs.shape[3]
+        along = self.matrices["analysis_y"] if operand is not None else self.matrices["analysis_y"].conj()
+        tiles = (count, x.count)
+        wide = phases if operand is None else operand.shape[3]
+        out = np.empty((x.frequencies, y.frequencies, count * x.count, wide), self.complex) if total is None else total
 
         def work(start: int, stop: int) -> None:
             for f in range(start, stop):
+                own = np.empty((y.frequencies, *tiles, phases), self.complex) if operand is not None else None
+                spectrum = out[f].reshape(y.frequencies, *tiles, phases) if own is None else own
+                for k in range(count):
+                    window = slabs[:, f, k * y.valid : k * y.valid + y.taken]
+                    np.matmul(along, window, out=spectrum[:, k].swapaxes(0, 1))
+                if operand is None:
+                    continue
+                flat = spectrum.reshape(y.frequencies, -1, phases)
                 if total is None:
-                    np.matmul(spectrum[f], operand[f], out=out[f])
+                    np.matmul(flat, operand[f], out=out[f])
                 else:
-                    out[f] += np.matmul(spectrum[f], operand[f])
+                    out[f] += np.matmul(flat, operand[f])
 
-        for_each_chunk(work, len(spectrum), self.workers)
+        for_each_chunk(work, x.frequencies, self.workers)
         return out
 
-    def _cells(self, phases: NDArray[np.intp]) -> NDArray[Any]:
+    def _synthesise_y(self, spectrum: NDArray[Any], operand: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Return tile columns ``(tiles in x, fx, rows, phases)`` of spectra, times ``operand`` where given."""
         x, y = self.plan.x, self.plan.y
-        make = np.empty if len(phases) == self.grid.phases else np.zeros
-        return make((x.count * x.valid, y.count * y.valid, self.grid.phases), self.dtype)
+        count = spectrum.shape[2] // x.count
+        phases = spectrum.shape[3] if operand is None else operand.shape[2]
+        along = self.matrices["synthesis_y"] if operand is None else self.matrices["synthesis_y"].conj()
+        slabs = np.empty((x.count, x.frequencies, count * y.valid, phases), self.complex)
 
-    def _synthesise(
+        def work(start: int, stop: int) -> None:
+            for f in range(start, stop):
+                if operand is not None:
+                    # K times a transposed view is faster than that times K transposed; phases come before tiles then.
+                    turned = np.matmul(operand[f], spectrum[f].swapaxes(1, 2)).reshape(y.frequencies, -1)
+                    valid = (along @ turned).reshape(y.valid, phases, count, x.count)
+                    slabs[:, f].reshape(x.count, count, y.valid, phases)[...] = valid.transpose(3, 2, 0, 1)
+                    continue
+                tiles = spectrum[f].reshape(y.frequencies, count, x.count, phases)
+                for k in range(count):
+                    rows = slice(k * y.valid, (k + 1) * y.valid)
+                    np.matmul(along, tiles[:, k].swapaxes(0, 1), out=slabs[:, f, rows])
+
+        for_each_chunk(work, x.frequencies, self.workers)
+        return slabs
+
+    def _synthesise_x(
         self,
-        spectrum: NDArray[Any],
+        slabs: NDArray[Any],
         band: tuple[int, int],
         cells: NDArray[Any],
         phases: NDArray[np.intp],
@@ -222,38 +249,31 @@ class Polyphase:
     ) -> None:
         """Write the valid cells of a band's tiles into ``cells`` ``(Lx, Ly, phases)``."""
         x, y = self.plan.x, self.plan.y
-        count = band[1] - band[0]
-        along_x, along_y = self._matrix("synthesis_x", conjugate), self._matrix("synthesis_y", conjugate)
-        tiles = spectrum.reshape(x.frequencies, y.frequencies, count, x.count, len(phases))
-        slabs = np.empty((x.count, x.frequencies, count * y.valid, len(phases)), self.complex)
+        along = self.matrices["synthesis_x"].conj() if conjugate else self.matrices["synthesis_x"]
 
-        def transform_y(start: int, stop: int) -> None:
-            for f in range(start, stop):
-                for k in range(count):
-                    rows = slice(k * y.valid, (k + 1) * y.valid)
-                    np.matmul(along_y, tiles[f, :, k].swapaxes(0, 1), out=slabs[:, f, rows])
-
-        def transform_x(start: int, stop: int) -> None:
+        def transform(start: int, stop: int) -> None:
             rows = slice(band[0] * y.valid + start, band[0] * y.valid + stop)
             for k in range(x.count):
-                part = along_x @ slabs[k, :, start:stop].reshape(x.frequencies, -1)
+                part = along @ slabs[k, :, start:stop].reshape(x.frequencies, -1)
                 block = part.real.reshape(x.valid, stop - start, -1)
+                columns = slice(k * x.valid, (k + 1) * x.valid)
                 if len(phases) == self.grid.phases:
-                    cells[k * x.valid : (k + 1) * x.valid, rows] = block
+                    cells[columns, rows] = block
                 else:
-                    cells[k * x.valid : (k + 1) * x.valid, rows, phases] = block
+                    cells[columns, rows, phases] = block
 
-        for_each_chunk(transform_y, x.frequencies, self.workers)
-        for_each_chunk(transform_x, count * y.valid, self.workers, parts_per_worker=2)
+        for_each_chunk(transform, slabs.shape[2], self.workers, parts_per_worker=2)
+
+    def _cells(self, phases: NDArray[np.intp]) -> NDArray[Any]:
+        x, y = self.plan.x, self.plan.y
+        make = np.empty if len(phases) == self.grid.phases else np.zeros
+        return make((x.count * x.valid, y.count * y.valid, self.grid.phases), self.dtype)
 
     def _image(self, cells: NDArray[Any]) -> NDArray[Any]:
         """Return the image of cells ``(Lx, Ly, phases)``."""
         (ny, nx), (cy, cx) = self.grid.period, self.grid.cells
         whole = cells[:cx, :cy].reshape(cx, cy, ny, nx).transpose(1, 2, 0, 3).reshape(cy * ny, cx * nx)
         return np.ascontiguousarray(self.grid.unpack(whole))
-
-    def _matrix(self, name: str, conjugate: bool) -> NDArray[Any]:
-        return self.matrices[name].conj() if conjugate else self.matrices[name]
 
 
 def _inside(start: int, length: int, limit: int) -> slice:

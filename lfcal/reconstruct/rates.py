@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -62,21 +62,28 @@ def gemm_seconds(m: int, k: int, n: int, dtype: str, workers: int, *, turned: bo
 def product_seconds(phases: int, pixels: int, dtype: str, workers: int, *, turned: bool = False) -> tuple[float, float]:
     """Return (a, b) of ``a + b * columns``: seconds of one complex product ``(columns, phases) @ (phases, pixels)``.
 
-    Measured over more matrices than the caches hold, as in a projection; ``turned`` as in the adjoint.
+    ``turned``: of ``(phases, pixels) @ (columns, pixels).T``, as in the adjoint. Measured over more matrices than
+    the caches hold, as in a projection.
     """
     count = max(2, min(4096, 2 * LIMIT // 5 // (phases * pixels)))
-    shape = (count, pixels, phases) if turned else (count, phases, pixels)
-    made = [np.ones(shape, dtype) for _ in range(workers)]
-    stacks = [m.swapaxes(1, 2) if turned else m for m in made]
+    stacks = [np.ones((count, phases, pixels), dtype) for _ in range(workers)]
     seconds = []
     few, many = 2, 24
     for columns in (few, many):
-        source = np.ones((count, columns, phases), dtype)
-        out = [np.empty((count, columns, pixels), dtype) for _ in range(workers)]
-        took = _threaded(lambda w, s=source, o=out: np.matmul(s, stacks[w], out=o[w]), workers)  # type: ignore[misc]
+        source = np.ones((count, columns, pixels if turned else phases), dtype)
+        result = (count, phases, columns) if turned else (count, columns, pixels)
+        out = [np.empty(result, dtype) for _ in range(workers)]
+        took = _threaded(partial(_multiply, source, stacks, out, turned), workers)
         seconds.append(took / count)
     slope = max((seconds[1] - seconds[0]) / (many - few), seconds[1] / many / 8)
     return max(0.0, seconds[0] - few * slope), slope
+
+
+def _multiply(source: Any, stacks: list[Any], out: list[Any], turned: bool, worker: int) -> None:
+    if turned:
+        np.matmul(stacks[worker], source.swapaxes(1, 2), out=out[worker])
+    else:
+        np.matmul(source, stacks[worker], out=out[worker])
 
 
 @lru_cache(maxsize=8)
