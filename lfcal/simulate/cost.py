@@ -1,7 +1,8 @@
 """What a simulation costs, foretold from the description and one short timing of this machine.
 
-Counts are complex multiply-adds; the machine's rate is that of a small matrix product on one thread. The constants
-were fitted to the engines of this package and hold within a factor of about 2; `predict_seconds` measures instead.
+The constants were fitted to the engines of this package on a machine that does 2e10 complex multiply-adds per
+second and thread in a small product, and scale with that rate. They hold within a factor of about 2;
+`lfcal.simulate.ladder.predict_seconds` runs the engine for a moment instead and holds within 1.5.
 """
 
 from __future__ import annotations
@@ -13,15 +14,19 @@ from functools import lru_cache
 import numpy as np
 
 from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.engine import Sampling
+from lfcal.simulate.sampling import sampling_for
 from lfcal.threads import one_blas_thread
 
 __all__ = ["engine_seconds", "frame_seconds", "machine_rate", "table_seconds"]
 
-NODES = 3
-"""Sensor nodes per pixel and axis that a usual tolerance takes."""
+FITTED_RATE = 2e10
+"""Complex multiply-adds per second of the machine the constants come from."""
 
-MARGIN = 4
-"""Pixels of window around a geometric spot."""
+PER_LENSLET = 2.6e-5
+PER_NODE = 1.4e-8
+PER_COHERENT_NODE = 7.5e-9
+REFERENCE_OVER_WAVE = 3000.0
 
 
 @lru_cache(maxsize=1)
@@ -38,34 +43,39 @@ def machine_rate() -> float:
     return n**3 / best
 
 
-def engine_seconds(outlook: Outlook, level: str) -> float:
-    """Return CPU-seconds of one whole plane at a level: ``geometric``, ``wave``, ``microscope`` or ``reference``."""
+def _slower() -> float:
+    return FITTED_RATE / machine_rate()
+
+
+def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> float:
+    """Return CPU-seconds of one whole plane at a level of `lfcal.simulate.engine.LEVELS`, tables included."""
     positions = outlook.period[0] * outlook.period[1]
-    pixels = outlook.pixels
     if level == "geometric":
-        per_response = 1.5e-6 + 4e-9 * (2 * max(outlook.geometric_px) + 2) ** 2
-        return positions * (outlook.lenslets * per_response + pixels * 1.0e-10)
-    if level in ("debye", "microscope"):
-        side = 2.2 * math.sqrt(pixels) * 3
-        return positions / 4 * side**2 * math.log2(side) * 4 / machine_rate()
-    macs = sum(_macs(outlook, radius) for radius in outlook.geometric_px) / len(outlook.defocus)
-    wave = positions * 1.3 * outlook.lenslets * (2.0 * macs / machine_rate() + 6e-6)
-    return wave if level == "wave" else 800 * wave
+        return _slower() * (0.005 + positions * (2.5e-6 * outlook.lenslets + 1e-9 * outlook.pixels + 1e-5))
+    sampling = sampling_for(outlook, "wave" if level == "reference" else level, tolerance)
+    if level == "debye":
+        return _slower() * (0.02 + positions / 6 * outlook.pixels * sampling.nodes_per_px**2 * 1e-8)
+    wave = positions * _wave_seconds(outlook, sampling)
+    return _slower() * wave * REFERENCE_OVER_WAVE if level == "reference" else _slower() * (0.15 + wave)
 
 
-def _macs(outlook: Outlook, spot_px: float) -> float:
-    """Return multiply-adds of one lenslet's response: two matrix products between aperture and sensor nodes."""
-    half = math.ceil(spot_px + MARGIN)
-    finest = 2 * (half + 0.5) * outlook.pixel_um**2 / (outlook.wavelength_um * outlook.gap_um)
-    n = 2 * outlook.lit_px * max(1.0, finest) + 3
-    m = (2 * half + 1) * NODES
-    return n * n * m + n * m * m
+def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
+    """Return the seconds of one position: per lenslet, per sample on it, per node of its window and of the cutout."""
+    nodes = 0.0
+    for spot in outlook.geometric_px:
+        half = math.ceil(spot + sampling.margin_px)
+        need = 2 * (half + 0.5) * outlook.pixel_um**2 / (outlook.wavelength_um * outlook.gap_um)
+        samples = 2 * outlook.lit_px * max(1.0, math.ceil(2 * need) / 2) + 3
+        window = (2 * half + 1) * sampling.nodes_per_px + 2
+        nodes += (samples**2 + window**2) / len(outlook.defocus)
+    coherent = PER_COHERENT_NODE * outlook.pixels * sampling.nodes_per_px**2 if sampling.coherent else 0.0
+    return outlook.lenslets * (PER_LENSLET + PER_NODE * nodes) + coherent
 
 
 def table_seconds(outlook: Outlook) -> float:
     """Return CPU-seconds of the Fourier transform that makes a plane's table of the main iris's fringes."""
-    side = 2 * (2 * outlook.shadow_px + 4 * outlook.camera.pitch_px)
-    return side**2 * math.log2(max(2.0, side)) * 20 / machine_rate()
+    side = 4 * (outlook.shadow_px + 4 * outlook.camera.pitch_px)
+    return _slower() * 2.5e-7 * side**2
 
 
 def frame_seconds(outlook: Outlook, effect: str) -> float:

@@ -154,7 +154,7 @@ def plan_effects(
     candidates = tuple({e.name: e for e in (*catalogue(), *effects)}.values())
     settings = _settings(overrides or {}, candidates)
     known = {effect.name for effect in effects}
-    costs = _Costs(planes, "debye" if isinstance(camera.optics, Microscope) else "wave")
+    costs = _Costs(planes, "debye" if isinstance(camera.optics, Microscope) else "wave", tolerance)
     drafts = [_draft(effect, settings[effect.name], planes, costs) for effect in candidates]
     left = tolerance
     rows: dict[str, PlannedEffect] = {}
@@ -193,10 +193,10 @@ def _settings(overrides: Mapping[str, str], candidates: Sequence[Effect]) -> dic
 class _Costs:
     """Foretold CPU-seconds of the whole plan."""
 
-    def __init__(self, planes: Sequence[Outlook], waves: str) -> None:
+    def __init__(self, planes: Sequence[Outlook], waves: str, tolerance: float) -> None:
         self.planes, self.waves = planes, waves
         self.rays = sum(engine_seconds(o, "geometric") for o in planes)
-        self.full = sum(engine_seconds(o, waves) for o in planes)
+        self.full = sum(engine_seconds(o, waves, tolerance) for o in planes)
 
     def level_of(self, effects: Iterable[Effect]) -> str:
         """Return the level that the effects call for."""

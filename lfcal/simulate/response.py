@@ -15,6 +15,7 @@ from lfcal.simulate.engine import Certificate, PlaneEngine, Sampling, engine_for
 from lfcal.simulate.sampling import checked_engine, sampling_for
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, light_samples, outlook_of, resolve_level, scene_for
+from lfcal.simulate.symmetry import mirrored_rows
 
 __all__ = ["PlaneResponse", "filtered"]
 
@@ -115,10 +116,11 @@ class PlaneResponse:
         done = 0
         for sample in self.samples:
             engine = self._engine_of(sample)
+            order = _pairs_together(engine.scene, ys)
             for start in range(0, len(ys), block):
-                stop = min(start + block, len(ys))
-                self._add(out[start:stop], engine, sample.weight, ys[start:stop], xs, workers)
-                done += stop - start
+                part = order[start : start + block]
+                self._add(out, part, engine, sample.weight, ys, xs, workers)
+                done += part.size
                 yield done
             if engine not in self._engines.values():
                 self._spent.append(engine.certificate)
@@ -126,16 +128,18 @@ class PlaneResponse:
     def _add(
         self,
         out: NDArray[np.float32],
+        part: NDArray[np.intp],
         engine: PlaneEngine,
         weight: float,
         ys: NDArray[np.intp],
         xs: NDArray[np.intp],
         workers: int | None,
     ) -> None:
-        if self.runs == 1 and self.kernel is None and out.flags.c_contiguous:
-            engine.rows(ys, xs, out=out, workers=workers)
+        in_order = bool((np.diff(part) == 1).all())
+        if self.runs == 1 and self.kernel is None and in_order and out.flags.c_contiguous:
+            engine.rows(ys[part], xs, out=out[part[0] : part[-1] + 1], workers=workers)
         else:
-            out += np.float32(weight) * self._filter(engine.rows(ys, xs, workers=workers))
+            out[part] += np.float32(weight) * self._filter(engine.rows(ys[part], xs, workers=workers))
 
     def _engine_of(self, sample: LightSample) -> PlaneEngine:
         if not (sample.rows or sample.columns):
@@ -170,6 +174,13 @@ class PlaneResponse:
             return values
         h = self.halo
         return filtered(values, self.kernel)[..., h:-h, h:-h]
+
+
+def _pairs_together(scene: Scene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the order of rows in which those that mirror each other follow each other: engines compute one."""
+    twins = mirrored_rows(scene, ys)
+    order = [i for k in range(len(ys)) if k not in twins for i in (k, *(t for t, of in twins.items() if of == k))]
+    return np.array(order, np.intp)
 
 
 def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,8 +20,7 @@ from lfcal.simulate.effects import (
     DepthError,
     Drift,
     Effect,
-    ExactDefocus,
-    ExactRays,
+    ExactAngles,
     FiniteSource,
     IrisDiffraction,
     IrisShape,
@@ -39,6 +39,7 @@ from lfcal.simulate.effects.aberrations import wavefront_rms
 from lfcal.simulate.effects.field import overlap
 from lfcal.simulate.effects.light import disc_rule
 from lfcal.simulate.effects.outlook import share_moved, share_widened
+from lfcal.simulate.engine import engine_for
 from lfcal.simulate.response import PlaneResponse, filtered
 from lfcal.simulate.staging import outlook_of
 from tests.simulate.common import BASE, FAST, difference, responses, small_camera, small_plan, some_positions, switched
@@ -52,8 +53,7 @@ EVERYWHERE: list[Effect] = [
     IrisDiffraction(),
     IrisShape(),
     Telecentricity(),
-    ExactDefocus(),
-    ExactRays(),
+    ExactAngles(),
     Spherical(0.25),
     Coma(0.25, 0.7),
     LensletGap(5.0),
@@ -119,13 +119,27 @@ def test_estimates_of_the_r29() -> None:
     """The table of the r29 at v = 4: every optical effect that matters there, within a factor of two."""
     camera = preset("r29")
     plan = ScanPlan.for_camera(camera, virtual_depths=[4.0])
-    for effect in (LensTypes(), IrisDiffraction(), ExactRays()):
+    for effect in (LensTypes(), IrisDiffraction(), ExactAngles()):
         others = tuple(e for e in BASE if e.name != effect.name)
         ys, xs = [20], [10, 60]
         on = PlaneResponse(plan, 0, (*others, effect), sampling=FAST).rows(ys, xs)
         off = PlaneResponse(plan, 0, others, sampling=FAST).rows(ys, xs)
         estimate = effect.estimate(outlook_of(plan, 0)).error
         assert 0.5 * estimate <= difference(off, on) <= 2 * estimate, effect.name
+
+
+def test_exact_angles_keep_the_chief_rays(plans: dict[float, ScanPlan]) -> None:
+    """Half of the effect alone displaces spots by more than both halves together change the image."""
+    plan = plans[4.0]
+    ys, xs = some_positions(plan)
+    scene = PlaneResponse(plan, 0, BASE).scene
+
+    def image(**flags: bool) -> np.ndarray:
+        return engine_for(replace(scene, **flags), "wave", FAST).rows(ys, xs)
+
+    plain, both = image(), image(exact_defocus=True, exact_rays=True)
+    halves = [difference(plain, image(exact_defocus=True)), difference(plain, image(exact_rays=True))]
+    assert difference(plain, both) < 0.8 * min(halves)
 
 
 def test_vignetting_is_measured_off_axis() -> None:

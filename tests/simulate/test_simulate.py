@@ -72,6 +72,20 @@ def test_light_samples_are_a_weighted_sum() -> None:
     assert difference(response.rows(range(3), range(4)), total) < 1e-5
 
 
+def test_mirrored_rows_are_computed_together() -> None:
+    camera = small_camera()
+    plan = replace(small_plan(camera=camera), cutout=(31, 31), anchor=(70.0, 64.0))
+    middle = replace(camera, lattice=replace(camera.lattice, offset_um=tuple(camera.sensor_um([79.0, 80.0]))))
+    plan = replace(plan, camera=middle)
+    upright = PlaneResponse(plan, 0, (*BASE[:3], BASE[4]), sampling=FAST)
+    ys = np.arange(19)
+    out = np.zeros((19, 2, 31, 31), np.float32)
+    steps = list(upright.accumulate(out, ys, np.array([3, 20]), block=2))
+    assert steps[-1] == 19
+    each = np.concatenate([upright.rows([y], [3, 20]) for y in ys])
+    assert difference(out, each) < 1e-5
+
+
 def test_certificate_is_passed_on() -> None:
     response = PlaneResponse(corner(small_plan(cutout=41)), 0, (*BASE, Bandwidth(0.02)), sampling=FAST)
     response.rows([0], [0, 1])

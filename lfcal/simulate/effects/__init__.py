@@ -31,8 +31,7 @@ from lfcal.simulate.effects.field import CosFourth, Vignetting
 from lfcal.simulate.effects.light import Bandwidth, FiniteSource
 from lfcal.simulate.effects.motion import Backlash, DepthError, Drift, StageError
 from lfcal.simulate.effects.optics import (
-    ExactDefocus,
-    ExactRays,
+    ExactAngles,
     IrisDiffraction,
     IrisShape,
     LensletDiffraction,
@@ -65,8 +64,7 @@ __all__ = [
     "Drift",
     "Effect",
     "Estimate",
-    "ExactDefocus",
-    "ExactRays",
+    "ExactAngles",
     "FiniteSource",
     "FixedPattern",
     "FrameEffect",
@@ -103,8 +101,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     IrisDiffraction,
     IrisShape,
     Telecentricity,
-    ExactDefocus,
-    ExactRays,
+    ExactAngles,
     CosFourth,
     Vignetting,
     Spherical,

@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from lfcal.camera import Camera, MainLens, Microscope
+from lfcal.camera import Camera, MainLens
 from lfcal.simulate.effects.base import Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook, share_widened
 from lfcal.simulate.scene import Iris, Scene
 
-__all__ = ["ExactDefocus", "ExactRays", "IrisDiffraction", "IrisShape", "LensTypes", "LensletDiffraction"]
+__all__ = ["ExactAngles", "IrisDiffraction", "IrisShape", "LensTypes", "LensletDiffraction"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,37 +120,27 @@ class IrisShape(SceneEffect):
 
 
 @dataclass(frozen=True, slots=True)
-class ExactDefocus(SceneEffect):
-    """The main lens's defocus beyond the paraxial term, a (1 - cos theta): W040 = a / (8 lambda (2 Nw)^4)."""
+class ExactAngles(SceneEffect):
+    """Angles beyond the paraxial: the main lens's defocus as a (1 - cos theta), lenslet rays by tan theta.
 
-    name: ClassVar[str] = "exact_defocus"
-    title: ClassVar[str] = "non-paraxial main defocus"
+    The two belong together. Either alone displaces spots, by 8 Nw W lambda/v with W = a/(8 lambda (2 Nw)^4) and by
+    B/(2 (2 Nw)³) at the rim; with both, the ray through a lenslet's centre lands where the paraxial one does, as a
+    straight line to the image must, and what is left is a shadow larger by 1/(8 Nw²) and second-order shifts.
+    The rays beside the centre follow the lenslet's figure, which no description holds: they are left as they are.
+    """
 
-    def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the wavefront term and the mean spot shift 0.4 * 8 Nw W lambda / v."""
-        n = outlook.f_number
-        waves = abs(outlook.shift_um) / (8 * outlook.wavelength_um * (2 * n) ** 4)
-        shift = 0.4 * 8 * n * waves * outlook.wavelength_um / (abs(outlook.virtual_depth) * outlook.pixel_um)
-        return Estimate(waves, "waves", outlook.moved(shift), "a/(8 lambda (2 Nw)^4); shift 0.4 * 8 Nw W lambda/v")
-
-    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the exact defocus."""
-        del outlook
-        return replace(scene, exact_defocus=True)
-
-
-@dataclass(frozen=True, slots=True)
-class ExactRays(SceneEffect):
-    """Rays between lenslet and sensor beyond the paraxial term: a rim ray lands B / (2 (2 Nw)³) farther out."""
-
-    name: ClassVar[str] = "exact_rays"
-    title: ClassVar[str] = "non-paraxial lenslet gap"
+    name: ClassVar[str] = "exact_angles"
+    title: ClassVar[str] = "angles beyond the paraxial"
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the mean displacement 0.4 B / (2 (2 Nw)³)."""
-        shift = 0.4 * outlook.gap_um / (2 * (2 * outlook.f_number) ** 3) / outlook.pixel_um
-        return Estimate(shift, "px", outlook.moved(shift), "0.4 B/(2 (2 Nw)³)")
+        """Return the rim's displacement B/(2 (2 Nw)³), and the error from the shadow's growth and a 1/v of it."""
+        if not outlook.has_lens:
+            return Estimate(0.0, "px", 0.0, "in the Debye integral")
+        rim = outlook.gap_um / (2 * (2 * outlook.f_number) ** 3) / outlook.pixel_um
+        grown = 1.2 / (2 * outlook.f_number) ** 2
+        error = grown + 0.9 * outlook.moved(0.4 * rim) / max(1.0, abs(outlook.virtual_depth))
+        return Estimate(rim, "px", min(2.0, error), "B/(2 (2 Nw)³); 1.2/(2 Nw)² + a shift of 0.4 of it over v")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with exact rays; a microscope's relay is followed by waves anyway."""
-        return scene if isinstance(outlook.camera.optics, Microscope) else replace(scene, exact_rays=True)
+        """Return the scene with exact defocus and exact rays."""
+        return replace(scene, exact_defocus=True, exact_rays=True) if outlook.has_lens else scene
