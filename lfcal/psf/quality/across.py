@@ -20,6 +20,9 @@ DARK_PLANE = 0.1
 NOVEL = 0.05
 """A plane that differs from another by less than this share of what neighbours differ by is its copy."""
 
+BLIND = 0.02
+"""Where noise alone makes two recordings differ by more than this, copies cannot be told."""
+
 NEAR = 0.6
 """Nearer to v = 1 than this the shadow is too small to be measured."""
 
@@ -45,7 +48,8 @@ def compare_planes(planes: list[PlaneMeasures], depths: NDArray[np.float64], cam
     if pairs:
         details["plane_copies"] = ", ".join(f"planes {a} and {b} are alike" for a, b in pairs)
     sizes = shadow_sizes(planes, camera)
-    values |= _in_order(planes, depths) if camera is None else _at_depth(planes, sizes, depths, camera)
+    found = _in_order(planes, depths) if camera is None else _at_depth(planes, sizes, depths, camera)
+    values |= {key: np.where(copies == 1, math.nan, value) for key, value in found.items()}
     return Across(values, details)
 
 
@@ -87,7 +91,8 @@ def _copies(planes: list[PlaneMeasures], lit: NDArray[np.bool_]) -> tuple[NDArra
     pairs = []
     for b in range(1, len(chosen)):
         for a in range(b):
-            if apart[a, b] < max(NOVEL * min(max(step, 0.02), 0.2), 3 * noisy[a] * noisy[b]):
+            chance = 3 * noisy[a] * noisy[b]
+            if chance < BLIND and apart[a, b] < max(NOVEL * min(max(step, 0.02), 0.2), chance):
                 pairs.append((chosen[a], chosen[b]))
                 out[chosen[b]] = 1
                 break

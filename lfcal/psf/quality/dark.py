@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,12 +24,15 @@ class Dark:
     noise
         Standard deviation of a pixel.
     clipped
-        Share of exact zeros among pixels none of which is negative while some are positive; else 0.
+        Share of exact zeros where noise was cut off at zero; else 0.
+    chance
+        Standard error of the background.
     """
 
     background: float
     noise: float
     clipped: float
+    chance: float
 
 
 def dark_corners(plane: NDArray[np.float32]) -> Dark:
@@ -37,16 +41,31 @@ def dark_corners(plane: NDArray[np.float32]) -> Dark:
     b = max(2, round(0.06 * min(nt, ns)))
     every = max(1, plane.shape[0] * plane.shape[1] * 4 * b * b // MOST_SAMPLES)
     frames = plane.reshape(-1, nt, ns)[::every]
-    corners = [frames[:, t, s].ravel() for t in (slice(b), slice(-b, None)) for s in (slice(b), slice(-b, None))]
-    corners = [c[np.isfinite(c)].astype(np.float64) for c in corners]
+    blocks = [frames[:, t, s] for t in (slice(b), slice(-b, None)) for s in (slice(b), slice(-b, None))]
+    corners = [c[np.isfinite(c)].astype(np.float64) for c in blocks]
     if not all(c.size for c in corners):
-        return Dark(0.0, 0.0, 0.0)
+        return Dark(0.0, 0.0, 0.0, 0.0)
     means = np.array([c.mean() for c in corners])
-    pixels = np.concatenate(corners)
-    noise = float(np.median([1.4826 * np.median(np.abs(c - np.median(c))) for c in corners]))
-    if noise == 0:  # more than half the pixels are equal: clipped or rounded noise, or none
-        noise = float(np.median([c[np.abs(c - np.median(c)) <= np.quantile(np.abs(c - np.median(c)), 0.98)].std()
-                                 for c in corners]))  # fmt: skip
-    zeros = float(np.mean(pixels == 0))
-    clipped = zeros if pixels.min() >= 0 and 0.02 < zeros < 0.9 and noise > 0 else 0.0
-    return Dark(float(np.median(means)), noise, clipped)
+    noise = float(np.median([_spread(c) for c in corners]))
+    chance = 1.25 * noise / math.sqrt(sum(c.size for c in corners))
+    return Dark(float(np.median(means)), noise, _cut_off(np.stack(blocks)) if noise > 0 else 0.0, chance)
+
+
+def _spread(values: NDArray[np.float64]) -> float:
+    """Return the standard deviation by the median deviation, or without the farthest where that is zero."""
+    away = np.abs(values - np.median(values))
+    half = 1.4826 * float(np.median(away))
+    return half if half > 0 else float(values[away <= np.quantile(away, 0.98)].std())
+
+
+def _cut_off(pixels: NDArray[np.float32]) -> float:
+    """Return the share of exact zeros among dark ``pixels (..., columns)`` if they are noise cut off at zero, else 0.
+
+    Noise is cut off where no pixel is negative and zeros fall at random: in a noise-free matrix they lie together.
+    """
+    zero = pixels == 0
+    share = float(zero.mean())
+    if not 0.02 < share < 0.9 or float(np.nanmin(pixels)) < 0:
+        return 0.0
+    together = float((zero[..., 1:] & zero[..., :-1]).mean())
+    return share if (together - share**2) / (share - share**2) < 0.3 else 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ SHARE = 0.12
 """Harmonics of the cell that count as the lattice's own ripple, as a share of the positions."""
 
 MOST_TERMS = 90
-ROUNDS = 4
+ROUNDS = 10
 HUBER = 2.5
 
 
@@ -28,6 +29,8 @@ class Parts:
         Robust mean.
     ramp
         Change over the whole cell along (y, x): what cannot repeat from cell to cell.
+    ramp_error
+        Standard errors of the ramps.
     ripple
         The smooth part that repeats, ``(ny, nx)``: a lattice makes one.
     residual
@@ -36,8 +39,13 @@ class Parts:
 
     mean: float
     ramp: tuple[float, float]
+    ramp_error: tuple[float, float]
     ripple: NDArray[np.float64]
     residual: NDArray[np.float64]
+
+    def sure_ramp(self, axis: int) -> float:
+        """Return the size of a ramp less what chance may make of it: two standard errors, in quadrature."""
+        return math.sqrt(max(0.0, self.ramp[axis] ** 2 - (2 * self.ramp_error[axis]) ** 2))
 
     @property
     def rms(self) -> float:
@@ -57,22 +65,36 @@ class Parts:
         return abs(float(np.nanmean(rows * sign)))
 
 
+@dataclass(frozen=True, slots=True)
+class _Basis:
+    """One, the ramps, and low harmonics of a cell: ``terms = smooth @ inverse(solve)`` with orthonormal columns.
+
+    ``error`` is the standard error of each coefficient per unit of noise, ``ramps`` the axes that have a ramp.
+    """
+
+    terms: NDArray[np.float64]
+    smooth: NDArray[np.float64]
+    solve: NDArray[np.float64]
+    error: NDArray[np.float64]
+    ramps: tuple[int, ...]
+
+
 @functools.lru_cache(maxsize=8)
-def _terms(ny: int, nx: int) -> NDArray[np.float64]:
-    """Return the basis ``(ny * nx, terms)``: one, two ramps, low harmonics of the cell."""
+def _basis(ny: int, nx: int) -> _Basis:
     y, x = np.meshgrid(np.arange(ny), np.arange(nx), indexing="ij")
-    terms = [np.ones(ny * nx)]
-    for index, n in ((y, ny), (x, nx)):
-        if n > 1:
-            terms.append(((index + 0.5) / n - 0.5).ravel())
+    columns = [np.ones(ny * nx)]
+    ramps = tuple(axis for axis, n in enumerate((ny, nx)) if n > 1)
+    for axis in ramps:
+        columns.append((((y, x)[axis] + 0.5) / (ny, nx)[axis] - 0.5).ravel())
     waves = [(my, mx) for my in range(-(ny // 3), ny // 3 + 1) for mx in range(nx // 3 + 1) if (mx, my) > (0, 0)]
     waves.sort(key=lambda m: ((m[0] / ny) ** 2 + (m[1] / nx) ** 2, m))
     for my, mx in waves[: max(0, int(min(SHARE * ny * nx, MOST_TERMS)) // 2)]:
         phase = (2 * np.pi * (my * y / ny + mx * x / nx)).ravel()
-        terms += [np.cos(phase), np.sin(phase)]
-    basis = np.stack(terms, 1)
-    basis.setflags(write=False)
-    return basis
+        columns += [np.cos(phase), np.sin(phase)]
+    terms = np.stack(columns, 1)
+    smooth, triangle = np.linalg.qr(terms)
+    solve = np.linalg.inv(triangle)
+    return _Basis(terms, smooth, solve, np.sqrt((solve**2).sum(1)), ramps)
 
 
 def split(field: NDArray[np.float64], use: NDArray[np.bool_] | None = None) -> Parts:
@@ -90,30 +112,29 @@ def split(field: NDArray[np.float64], use: NDArray[np.bool_] | None = None) -> P
         Positions to use; the others do not enter and have a residual of NaN.
     """
     ny, nx = field.shape
-    basis = _terms(ny, nx)
     good = np.isfinite(field) if use is None else use & np.isfinite(field)
     keep = good.ravel()
-    ramps = [k for k, n in ((0, ny), (1, nx)) if n > 1]
-    if keep.sum() < max(4, basis.shape[1]):  # too few positions to know a ripple
-        basis = basis[:, : 1 + len(ramps)] if keep.sum() > 8 else basis[:, :1]
-        ramps = ramps if basis.shape[1] > 1 else []
-    values = np.where(good, field, 0.0).ravel()
-    weight = keep.astype(float)
-    p = np.zeros(basis.shape[1])
+    basis = _basis(ny, nx)
+    if keep.sum() < max(4, basis.terms.shape[1]):  # too few positions to know a ripple
+        mean = float(np.median(field[good])) if good.any() else math.nan
+        return Parts(mean, (0.0, 0.0), (0.0, 0.0), np.zeros((ny, nx)), np.where(good, field - mean, np.nan))
+    values = np.where(good, field, np.median(field[good])).ravel()
+    fit = np.full(values.size, values[keep].mean())
+    scale = 0.0
     for _ in range(ROUNDS):
-        weighted = basis * weight[:, None]
-        normal = basis.T @ weighted
-        normal[np.diag_indices_from(normal)] += 1e-9 * max(1.0, float(weight.sum()))
-        p = np.linalg.solve(normal, weighted.T @ values)
-        residual = values - basis @ p
-        scale = 1.4826 * float(np.median(np.abs(residual[keep]))) if keep.any() else 0.0
-        if scale <= 1e-12 * max(1e-300, float(np.abs(values).max())):
+        # Huber by modified residuals: far values are drawn in, unused ones take the fit's
+        left = np.where(keep, values - fit, 0.0)
+        scale = 1.4826 * float(np.median(np.abs(left[keep])))
+        if scale <= 1e-12 * float(np.abs(values).max()):
             break
-        weight = keep / np.maximum(1.0, np.abs(residual) / (HUBER * scale)) ** 2
-    first = 1 + len(ramps)
-    ramp = [0.0, 0.0]
-    for k, axis in enumerate(ramps):
-        ramp[axis] = float(p[1 + k])
-    ripple = (basis[:, first:] @ p[first:]).reshape(ny, nx)
-    left = np.where(keep, values - basis @ p, np.nan).reshape(ny, nx)
-    return Parts(float(p[0]), (ramp[0], ramp[1]), ripple, left)
+        drawn = np.clip(left, -HUBER * scale, HUBER * scale)
+        fit = basis.smooth @ (basis.smooth.T @ (fit + drawn))
+    p = basis.solve @ (basis.smooth.T @ fit)
+    left = np.where(keep, values - fit, np.nan)
+    noise = float(np.sqrt(np.nanmean(np.clip(left, -3 * scale, 3 * scale) ** 2))) if scale else 0.0
+    ramp, error = [0.0, 0.0], [0.0, 0.0]
+    for k, axis in enumerate(basis.ramps):
+        ramp[axis], error[axis] = float(p[1 + k]), noise * float(basis.error[1 + k])
+    first = 1 + len(basis.ramps)
+    ripple = (basis.terms[:, first:] @ p[first:]).reshape(ny, nx)
+    return Parts(float(p[0]), (ramp[0], ramp[1]), (error[0], error[1]), ripple, left.reshape(ny, nx))

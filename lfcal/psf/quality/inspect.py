@@ -60,13 +60,12 @@ def iter_inspect(matrix: PSFMatrix | ArrayLike, *, workers: int | None = None) -
         planes.append((yield from _iter_plane(H, z, waves, clock, workers)))
     across = compare_planes(planes, H.depths, H.camera)
     metrics = sorted((_metric(s, H, planes, across) for s in SPECS), key=_rank)
-    found = np.array([p.spots.virtual_depth if p.spots is not None else math.nan for p in planes])
     return QualityReport(
         shape=H.shape,
         depths=H.depths,
         metrics=tuple(metrics),
         apertures=tuple(p.aperture for p in planes),
-        virtual_depths=found,
+        virtual_depths=_virtual_depths(H, planes),
         f_number=_f_number(H, planes),
         noise=np.array([p.dark.noise for p in planes]),
         peak=np.array([p.peak for p in planes]),
@@ -144,6 +143,18 @@ def _period_error(H: PSFMatrix) -> float:
     for recorded, lattice in zip(H.period, H.camera.period_px, strict=True):
         errors.append(abs(recorded - max(1, round(recorded / lattice)) * lattice))
     return max(errors)
+
+
+def _virtual_depths(H: PSFMatrix, planes: list[PlaneMeasures]) -> NDArray[np.float64]:
+    """Return the virtual depth of each plane: from the shadow's size (v - 1) B / N, else from the spots' spacing."""
+    found = np.array([p.spots.virtual_depth if p.spots is not None else math.nan for p in planes])
+    if H.camera is not None:
+        unit = H.camera.lattice.gap_um / H.camera.optics.working_f_number / H.camera.sensor.pixel_um
+        beyond = np.array([1.0 if p.spots is None or p.spots.scale > 1 else -1.0 for p in planes])
+        sized = 1 + beyond * shadow_sizes(planes, H.camera) / unit
+        told = np.isfinite(found) & np.isfinite(sized)
+        found = np.where(told, sized, found)
+    return found
 
 
 def _f_number(H: PSFMatrix, planes: list[PlaneMeasures]) -> FNumber | None:

@@ -150,18 +150,31 @@ def spot_pass(
 
 
 @njit(fastmath={"reassoc", "contract"})
-def step_pass(a: NDArray[np.float32], b: NDArray[np.float32], rows: int, columns: int) -> float:
-    """Return the summed squared difference of pattern ``b`` and pattern ``a`` one step on.
+def step_pass(
+    a: NDArray[np.float32], b: NDArray[np.float32], rows: int, columns: int, out: NDArray[np.float64]
+) -> None:
+    """Sum the squares of two patterns and their product, where ``b`` is one step on from ``a``, to ``out (3,)``.
 
-    The lenslets stand still on the sensor while the cutout moves by ``(rows, columns)``, so ``b[t, s]`` is held
-    against ``a[t + rows, s + columns]``.
+    The lenslets stand still on the sensor while the cutout moves by ``(rows, columns)``, so ``b[t, s]`` belongs to
+    ``a[t + rows, s + columns]``.
     """
     nt, ns = a.shape
-    total = 0.0
+    aa = 0.0
+    bb = 0.0
+    ab = 0.0
     for t in range(nt - rows):
-        line = np.float32(0.0)
+        laa = np.float32(0.0)
+        lbb = np.float32(0.0)
+        lab = np.float32(0.0)
         for s in range(ns - columns):
-            d = b[t, s] - a[t + rows, s + columns]
-            line += d * d
-        total += float(line)
-    return total
+            u = a[t + rows, s + columns]
+            v = b[t, s]
+            laa += u * u
+            lbb += v * v
+            lab += u * v
+        aa += float(laa)
+        bb += float(lbb)
+        ab += float(lab)
+    out[0] = aa
+    out[1] = bb
+    out[2] = ab

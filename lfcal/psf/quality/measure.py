@@ -26,6 +26,12 @@ DARK_FRAME = 0.2
 MISPLACED = 0.5
 """Displacement of a frame's pattern that is too much (pixels)."""
 
+CUT_OFF = 10.0
+"""Truncation beyond which the corners are no measure of darkness (per cent)."""
+
+NOISELESS = 3000.0
+"""Peak over noise beyond which a matrix was computed, not recorded: equal peaks are no sign of saturation."""
+
 STAGES = 6
 
 
@@ -104,12 +110,13 @@ def iter_measure(
     yield clock.at(done + 2)
     energies = frames.column("energy")
     bad = (frames.column("nonfinite") > 0) | (frames.column("lit") == 0)
+    energies = energies - dark.background * frames.lit.size
     usual = float(np.median(energies[~bad])) if (~bad).any() else 0.0
-    lit = bool(frames.peak > 6 * dark.noise) and usual > 0
+    lit = bool(frames.peak > 6 * dark.noise) or usual > 3 * dark.noise * math.sqrt(frames.lit.size)
     measures = PlaneMeasures(lit, usual, frames.peak, dark, context.aperture)
     _count_bad(measures, frames, context, bad | (energies < DARK_FRAME * usual) if lit else np.zeros_like(bad))
     if lit:
-        steps = _steps(plane, frames, dark, workers)
+        steps = _steps(plane, dark, workers)
         _duplicates(measures, frames, steps)
         use = ~np.logical_or.reduce([measures.named[k] for k in ("missing", "nonfinite", "duplicates")])
         yield clock.at(done + 3)
@@ -118,8 +125,8 @@ def iter_measure(
         yield clock.at(done + 4)
         _positions(measures, plane, frames, context, use, workers)
         yield clock.at(done + 5)
-        if "scan_order" not in measures.values or measures.values["scan_order"] == 0:
-            _tiling(measures, steps, use)
+        if measures.values.get("scan_order", 0) == 0:
+            _tiling(measures, steps, use & ~measures.named.get("misplaced", np.zeros_like(use)))
         measures.sample = _sample(plane, frames.floor)
     yield clock.at(done + STAGES)
     return measures
@@ -178,29 +185,30 @@ def _count_bad(measures: PlaneMeasures, frames: _Frames, context: PlaneContext, 
     measures.maps["missing"] = missing.astype(float)
 
 
-def _steps(plane: NDArray[np.float32], frames: _Frames, dark: Dark, workers: int | None) -> NDArray[np.float64]:
-    """Return the relative change to the next position along y and x, wrapping, ``(2, ny, nx)``.
+def _steps(plane: NDArray[np.float32], dark: Dark, workers: int | None) -> NDArray[np.float64]:
+    """Return how unlike each pattern and the next along y and x are, wrapping, ``(2, ny, nx)``.
 
-    The squared difference after the cutout's move, less that of the noise, over the squares of both patterns;
-    exactly zero only for the very same frame.
+    One less the correlation after the cutout's move, the noise taken out of the norms; 0 for the very same frame
+    alone, else at least what noise makes of it.
     """
     ny, nx, nt, ns = plane.shape
-    change = np.empty((2, ny, nx))
+    sums = np.empty((2, ny, nx, 3))
 
     def rows(start: int, stop: int) -> None:
         for y in range(start, stop):
-            below = (y + 1) % ny
             for x in range(nx):
-                change[0, y, x] = step_pass(plane[y, x], plane[below, x], 1, 0)
-                change[1, y, x] = step_pass(plane[y, x], plane[y, (x + 1) % nx], 0, 1)
+                step_pass(plane[y, x], plane[(y + 1) % ny, x], 1, 0, sums[0, y, x])
+                step_pass(plane[y, x], plane[y, (x + 1) % nx], 0, 1, sums[1, y, x])
 
     for_each_chunk(rows, ny, workers)
-    squares = np.maximum(frames.column("squares") - dark.noise**2 * nt * ns, 1e-300)
-    for axis, pixels in ((0, (nt - 1) * ns), (1, nt * (ns - 1))):
-        both = squares + np.roll(squares, -1, axis)
-        same = change[axis] == 0
-        change[axis] = np.where(same, 0.0, np.maximum(change[axis] - 2 * dark.noise**2 * pixels, 1e-12) / both)
-    return change
+    variance = dark.noise**2
+    noise = variance * np.array([(nt - 1) * ns, nt * (ns - 1)])[:, None, None]
+    aa, bb, ab = np.moveaxis(sums, -1, 0)
+    norms = np.sqrt(np.maximum(aa - noise, 1e-150)) * np.sqrt(np.maximum(bb - noise, 1e-150))
+    chance = np.sqrt(variance * (aa + bb) + variance * noise) / norms
+    unlike = np.maximum(1 - ab / norms, np.maximum(chance, 1e-9))
+    same = (aa == bb) & (aa == ab)
+    return np.where(same, 0.0, unlike)
 
 
 def _duplicates(measures: PlaneMeasures, frames: _Frames, steps: NDArray[np.float64]) -> None:
@@ -222,17 +230,18 @@ def _light(measures: PlaneMeasures, frames: _Frames, context: PlaneContext, use:
     dark, values = measures.dark, measures.values
     values["snr"] = frames.peak / dark.noise if dark.noise > 0 else math.inf
     pixels = frames.lit.size
-    values["background"] = 100 * abs(dark.background) * pixels / max(measures.energy, 1e-300)
+    sure = math.sqrt(max(0.0, dark.background**2 - (2 * dark.chance) ** 2))
+    values["background"] = 100 * sure * pixels / max(measures.energy, 1e-300)
     values["clipped"] = 100 * dark.clipped
     energy = (frames.column("energy") - dark.background * pixels) / max(measures.energy, 1e-300)
     parts = split(100 * energy, use)
-    values["lamp"] = max(abs(r) for r in parts.ramp)
+    values["lamp"] = max(parts.sure_ramp(0), parts.sure_ramp(1))
     values["flicker"] = parts.rms
     measures.maps["flicker"] = parts.residual
     measures.maps["lamp"] = 100 * energy
     if context.saturated is not None:
         piled = context.saturated.astype(float)
-    elif dark.noise > 0:
+    elif frames.peak < NOISELESS * dark.noise:
         top = frames.column("top")
         highest = float(top[use].max()) if use.any() else math.inf
         piled = np.where(top >= highest - frames.tolerance, frames.column("clipped") - 1, 0.0)
@@ -247,13 +256,16 @@ def _sums(measures: PlaneMeasures, frames: _Frames, context: PlaneContext) -> No
     """Read the depth-plane sum and the maps of lit pixels."""
     n = measures.named["missing"].size
     shown = context.depth_sum - n * measures.dark.background
-    measures.values |= sums.edges_and_leaks(shown)
+    measures.values |= sums.edges_and_leaks(shown, measures.dark.noise * math.sqrt(n))
     if measures.values.get("truncation", math.inf) < 2:
         measures.spread = sums.spread(shown)
     measures.values["centring"] = sums.off_centre(shown, measures.aperture)
     hot = sums.stuck_pixels(frames.lit, np.full(frames.lit.shape, n))
     hot += sums.stuck_pixels(frames.sensor, sums.coverage(frames.table.shape[:2], frames.lit.shape))
     measures.values["hot_pixels"] = float(hot)
+    if measures.values.get("truncation", 0) > CUT_OFF:  # the corners are not dark: nothing follows from them
+        for key in ("background", "clipped"):
+            measures.values.pop(key, None)
     total = float(frames.column("energy").sum())
     measures.values["identities"] = abs(float(context.depth_sum.sum()) - total) / max(abs(total), 1e-300)
 
@@ -281,9 +293,8 @@ def _positions(
     away = np.hypot(move[0].residual, move[1].residual)
     swing = max(part.alternation for part in move)
     values["backlash"] = swing
-    values["jitter"] = math.sqrt(max(0.0, sum(p.rms**2 for p in move) - known - swing**2))
-    values["stage_gain"] = max(abs(move[0].ramp[0]), abs(move[1].ramp[1]))
-    values["drift"] = max(abs(move[0].ramp[1]), abs(move[1].ramp[0]))
+    values["stage_gain"] = max(move[0].sure_ramp(0), move[1].sure_ramp(1))
+    values["drift"] = max(move[0].sure_ramp(1), move[1].sure_ramp(0))
     maps["jitter"] = maps["backlash"] = away
     path = np.hypot(*(frames.column(name) - np.median(frames.column(name)[use]) for name in ("row", "column")))
     maps["stage_gain"] = maps["drift"] = path
@@ -292,16 +303,24 @@ def _positions(
         wrong |= _phases(measures, displacements(plane, spots, frames.floor, workers), use)
     measures.named["misplaced"] = wrong & use
     values["misplaced"] = float(measures.named["misplaced"].sum())
+    placed = use & ~wrong
+    if placed.any():
+        rms = math.hypot(*(float(np.sqrt(np.mean(p.residual[placed] ** 2))) for p in move))
+        values["jitter"] = math.sqrt(max(0.0, rms**2 - known - swing**2))
 
 
 def _phases(measures: PlaneMeasures, shift: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Measure the lattice's phases; return which positions are misplaced by them."""
     parts: list[Parts] = [split(s, use) for s in shift]
     away = np.hypot(parts[0].residual, parts[1].residual)
-    measures.values["position"] = math.sqrt(sum(p.rms**2 for p in parts))
-    measures.values["pitch"] = max(abs(r) for p in parts for r in p.ramp)
+    wrong: NDArray[np.bool_] = away > max(MISPLACED, 8 * math.hypot(*(p.spread for p in parts)))
+    placed = use & ~wrong
+    if placed.any():
+        measures.values["position"] = float(np.sqrt(np.mean(away[placed] ** 2)))
+    measures.values["pitch"] = max(p.sure_ramp(axis) for p in parts for axis in (0, 1))
     measures.maps["position"] = measures.maps["misplaced"] = away
     measures.maps["pitch"] = np.hypot(*shift)
-    return away > max(MISPLACED, 8 * math.hypot(*(p.spread for p in parts)))
+    return wrong
 
 
 def _tiling(measures: PlaneMeasures, steps: NDArray[np.float64], use: NDArray[np.bool_]) -> None:

@@ -74,11 +74,11 @@ class _Patch:
         return _Patch(top, float(distance[patch].max()), distance)
 
 
-def edges_and_leaks(shown: NDArray[np.float64]) -> dict[str, float]:
+def edges_and_leaks(shown: NDArray[np.float64], noise: float = 0.0) -> dict[str, float]:
     """Return truncation and stray light of a background-free depth-plane sum (per cent).
 
     Truncation is the brightest side's mean over two pixels, over the plateau. Stray light is what lies outside
-    1.25 radii of the lit patch, over all.
+    1.25 radii of the lit patch, over all, less what the ``noise`` of its pixels may make.
     """
     patch = _Patch.of(shown)
     if patch is None:
@@ -87,7 +87,8 @@ def edges_and_leaks(shown: NDArray[np.float64]) -> dict[str, float]:
     values = {"truncation": 100 * max(0.0, max(float(side.mean()) for side in sides)) / patch.plateau}
     outside = patch.distance > REACH * patch.radius + MARGIN
     if outside.mean() > 0.02:
-        values["leak"] = 100 * max(0.0, float(shown[outside].sum())) / float(shown.sum())
+        chance = 2 * noise * math.sqrt(outside.sum())
+        values["leak"] = 100 * max(0.0, float(shown[outside].sum()) - chance) / float(shown.sum())
     return values
 
 

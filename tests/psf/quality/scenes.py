@@ -54,16 +54,16 @@ def splat(
                         continue
                     u = cx + (sx - cx) * shift + points[i, 0] * spread[k] - left
                     v = cy + (sy - cy) * shift + points[i, 1] * spread[k] - top
-                    j, l = int(math.floor(u)), int(math.floor(v))
-                    if j < 0 or l < 0 or j >= ns - 1 or l >= nt - 1:
+                    j, r = math.floor(u), math.floor(v)
+                    if j < 0 or r < 0 or j >= ns - 1 or r >= nt - 1:
                         continue
                     u -= j
-                    v -= l
+                    v -= r
                     a = gain[y, x]
-                    out[y, x, l, j] += a * (1 - u) * (1 - v)
-                    out[y, x, l, j + 1] += a * u * (1 - v)
-                    out[y, x, l + 1, j] += a * (1 - u) * v
-                    out[y, x, l + 1, j + 1] += a * u * v
+                    out[y, x, r, j] += a * (1 - u) * (1 - v)
+                    out[y, x, r, j + 1] += a * u * (1 - v)
+                    out[y, x, r + 1, j] += a * (1 - u) * v
+                    out[y, x, r + 1, j + 1] += a * u * v
 
 
 @dataclass(frozen=True)
@@ -104,14 +104,14 @@ class Scene:
         stage: NDArray[np.float64] | None = None,
         cutouts: NDArray[np.float64] | None = None,
         gain: NDArray[np.float64] | None = None,
-        shadow_gain: float = 1.0,
+        depth_gain: float = 1.0,
     ) -> NDArray[np.float64]:
         """Return plane ``z``, ``(ny, nx, nt, ns)``, noise-free.
 
         ``stage`` and ``cutouts``, ``(ny, nx, 2)`` as (y, x) in pixels, misplace the source and the cutout; ``gain``
-        ``(ny, nx)`` scales the light; ``shadow_gain`` scales the virtual depth.
+        ``(ny, nx)`` scales the light; ``depth_gain`` scales the virtual depth.
         """
-        return _plane(self, self.virtual_depths[z] * shadow_gain, stage, cutouts, gain)
+        return _plane(self, self.virtual_depths[z] * depth_gain, stage, cutouts, gain)
 
     @functools.cached_property
     def planes(self) -> NDArray[np.float32]:
@@ -164,7 +164,7 @@ def recorded(
 
 @functools.cache
 def hexagonal() -> Scene:
-    """A three-type hexagonal camera, 33 x 19 positions."""
+    """Return a three-type hexagonal camera, 33 x 19 positions."""
     pixel, pitch = 5.5, 11.0
     gap = pitch * pixel * 4.8
     types = tuple(LensType.focused_at(v, gap) for v in (2.0, 3.0, 5.0))
@@ -175,7 +175,7 @@ def hexagonal() -> Scene:
 
 @functools.cache
 def square() -> Scene:
-    """A light-field microscope with a square array, 15 x 15 positions."""
+    """Return a light-field microscope with a square array, 15 x 15 positions."""
     pixel = 125.0 / 15
     lattice = LensletLattice("square", 125.0, 2500.0, (LensType.focused_at(math.inf, 2500.0),), offset_um=(31.0, 8.0))
     camera = Camera("lfm", Microscope(20.0, 0.5, 1.0), lattice, Sensor((600, 600), pixel), 0.525)
@@ -184,7 +184,7 @@ def square() -> Scene:
 
 @functools.cache
 def single() -> Scene:
-    """A one-type hexagonal camera with unequal periods, 19 x 11 (a row pitch that is not the ideal one)."""
+    """Return a one-type hexagonal camera, 11 x 19 positions, its lattice a little turned."""
     pixel, pitch = 5.5, 11.0
     gap = pitch * pixel * 4.8
     lattice = LensletLattice("hexagonal", pitch * pixel, gap, (LensType.focused_at(3.0, gap),), rotation_rad=0.002)
