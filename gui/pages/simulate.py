@@ -39,7 +39,7 @@ __all__ = ["Page"]
 
 LEVELS = (("auto", "auto: what the effects call for"), ("geometric", "geometric: rays, instant"),
           ("wave", "wave: per lenslet"), ("microscope", "microscope: coherent"))  # fmt: skip
-COLUMNS = ("Effect", "Choice", "Size", "Error if left out", "Costs", "Why")
+COLUMNS = ("Effect", "Choice", "Size", "Error if left out", "Costs")
 Z_STEPS = 200
 
 
@@ -63,16 +63,24 @@ class Page(StagePage):
         self.table = QTableWidget(0, len(COLUMNS))
         self.table.setHorizontalHeaderLabels(COLUMNS)
         self.table.verticalHeader().hide()
-        self.table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
+        self.table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+        self.table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.table.itemSelectionChanged.connect(self._explain)
         self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.table.setWordWrap(False)
         header = self.table.horizontalHeader()
         for column in range(len(COLUMNS) - 1):
             header.setSectionResizeMode(column, QHeaderView.ResizeMode.ResizeToContents)
-        header.setSectionResizeMode(len(COLUMNS) - 1, QHeaderView.ResizeMode.Stretch)
+        header.setSectionResizeMode(2, QHeaderView.ResizeMode.Stretch)
+        header.setSectionResizeMode(len(COLUMNS) - 1, QHeaderView.ResizeMode.ResizeToContents)
+        self.why = QLabel("Choose an effect to see why it is on or off.")
+        self.why.setProperty("role", "hint")
+        self.why.setWordWrap(True)
+        self.why.setMinimumHeight(54)
+        self.why.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.summary = QLabel()
         self.summary.setWordWrap(True)
-        self.view = ImageView(value_label="share of the light per pixel")
+        self.view = ImageView(value_label="share of the light")
         self.preview_label = QLabel()
         self.preview_label.setProperty("role", "heading")
         self.z_slider = QSlider(Qt.Orientation.Horizontal)
@@ -81,6 +89,7 @@ class Page(StagePage):
         self.z_slider.valueChanged.connect(self._drag)
         self.curve = LinePlot("processor time for the whole H (s)", "relative L1 error (%)", legend=True)
         self.curve.plot.setLogMode(True, True)
+        self.curve.setMaximumHeight(250)
         grid = QGridLayout(self.body)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(10)
@@ -89,8 +98,8 @@ class Page(StagePage):
         grid.addWidget(self._curve_card(), 1, 1)
         grid.setColumnStretch(0, 3)
         grid.setColumnStretch(1, 2)
-        grid.setRowStretch(0, 3)
-        grid.setRowStretch(1, 2)
+        grid.setRowStretch(0, 1)
+        grid.setRowStretch(1, 0)
 
     def _effects_card(self) -> QFrame:
         frame, column = _card("Effects")
@@ -111,6 +120,7 @@ class Page(StagePage):
         row.addWidget(self.level_box)
         column.addLayout(row)
         column.addWidget(self.table, 1)
+        column.addWidget(self.why)
         column.addWidget(self.summary)
         return frame
 
@@ -164,7 +174,7 @@ class Page(StagePage):
         self.summary.setText(verdict.summary)
         self.table.setRowCount(len(verdict.rows))
         for k, row in enumerate(verdict.rows):
-            texts = (row.name, "", row.size, row.error, row.seconds, row.reason)
+            texts = (row.name.replace("_", " "), "", row.size, row.error, row.seconds)
             for column, text in enumerate(texts):
                 item = QTableWidgetItem(text)
                 item.setToolTip(f"{row.reason}\n{row.formula}")
@@ -172,6 +182,12 @@ class Page(StagePage):
                 self.table.setItem(k, column, item)
             self.table.setCellWidget(k, 1, self._choice(row.name, row.setting, row.on))
         self._preview(fine=True)
+
+    def _explain(self) -> None:
+        row = self.table.currentRow()
+        if self.verdict is not None and 0 <= row < len(self.verdict.rows):
+            chosen = self.verdict.rows[row]
+            self.why.setText(f"{chosen.name.replace('_', ' ')}: {chosen.reason}\nEstimate: {chosen.formula}")
 
     def _choice(self, name: str, setting: str, on: bool) -> QComboBox:
         box = QComboBox()
