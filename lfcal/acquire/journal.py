@@ -2,7 +2,7 @@
 
 ``frames[N, h, w]`` and ``records[N]`` are contiguous, allocated early and never filled, so that the HDF5
 file is complete before the first frame. Each frame is written where HDF5 put its dataset, then its record,
-then one ``fdatasync``; only then is it acknowledged. A frame torn by a crash fails its CRC-32 and counts
+then ``fdatasync``; only then is it acknowledged. A frame torn by a crash fails its CRC-32 and counts
 as not taken. Any reader may open the file meanwhile.
 """
 
@@ -133,10 +133,14 @@ class Journal:
         return cls(path)
 
     def write(self, slot: int, frame: NDArray[Any], note: Note, sequence: int) -> None:
-        """Write ``frame`` and its record into ``slot``; on return both are on the disk.
+        """Write ``frame`` and its record into ``slot``; on return both are on the disk: `put` and `sync`."""
+        self.put(slot, frame, note, sequence)
+        self.sync()
 
-        ``frame`` is ``(h, w)`` of the recording's dtype, C-contiguous. Raises `StorageError` if the disk
-        refuses, or if the file was removed meanwhile.
+    def put(self, slot: int, frame: NDArray[Any], note: Note, sequence: int) -> None:
+        """Hand ``frame`` and its record to the operating system; they are safe after the next `sync`.
+
+        ``frame`` is ``(h, w)`` of the recording's dtype. Raises `StorageError` if the disk refuses.
         """
         layout = self.layout
         if frame.shape != layout.shape or frame.dtype != layout.dtype or not 0 <= slot < layout.count:
@@ -149,6 +153,13 @@ class Journal:
         try:
             write_at(self._descriptor, data, layout.frames_at + slot * layout.frame_bytes)
             write_at(self._descriptor, record, layout.records_at + slot * RECORD.itemsize)
+        except OSError:
+            with storage_errors(self.path):
+                raise
+
+    def sync(self) -> None:
+        """Return when everything put is on the disk; raises `StorageError` if it is not, or the file is gone."""
+        try:
             sync_data(self._descriptor)
             links = os.fstat(self._descriptor).st_nlink
         except OSError:

@@ -130,8 +130,7 @@ class Runner:
             self._acknowledge(writer.flush())
         except (LfcalError, OSError) as error:
             self._halt()
-            with suppress(LfcalError, OSError):
-                self._acknowledge(writer.flush())
+            self._acknowledge(writer.salvage())
             raise AcquisitionStopped(self._report(step, error), self._done, error) from error
         except BaseException:
             self._halt()

@@ -235,6 +235,10 @@ def _now() -> str:
 class _Nowhere:
     """A sink that takes nothing."""
 
-    def write(self, *_: Any) -> None:
+    def put(self, *_: Any) -> None:
         """Refuse."""
         raise StorageError("no recording is open; begin a session first")
+
+    def sync(self, *_: Any) -> None:
+        """Refuse."""
+        self.put()

@@ -91,11 +91,16 @@ class Store:
                 journal.close()
             raise
 
-    def write(self, step: Step, frame: NDArray[Any], note: Note) -> None:
-        """Write a frame with its note and return when both are on the disk."""
+    def put(self, step: Step, frame: NDArray[Any], note: Note) -> None:
+        """Hand a frame with its note to the operating system."""
         journal = self._journals[step.kind]
-        journal.write(step.slot, frame.astype(journal.layout.dtype, copy=False), note, self._sequence)
+        journal.put(step.slot, frame.astype(journal.layout.dtype, copy=False), note, self._sequence)
         self._sequence += 1
+
+    def sync(self, kinds: set[Kind]) -> None:
+        """Return when all frames of these kinds that were put are on the disk."""
+        for journal in {id(self._journals[kind]): self._journals[kind] for kind in kinds}.values():
+            journal.sync()
 
     def todo(self) -> NDArray[np.bool_]:
         """Return for each step of the schedule whether it has no acknowledged frame."""

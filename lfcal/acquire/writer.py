@@ -1,28 +1,35 @@
-"""A thread that writes one frame while the next is being taken.
+"""A thread that waits for the disk while the next frame is being taken.
 
-The disk's time and the stage's and camera's time then overlap. Nothing is acknowledged before it is on the
-disk; what is in flight when the program dies is simply taken again.
+The disk's time and the stage's and camera's time then overlap, and a disk that is slower than the camera makes
+several frames safe at once. Nothing is acknowledged before it is on the disk; what is in flight when the
+program dies is simply taken again.
 """
 
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import NDArray
 
-from lfcal.acquire.records import Note
+from lfcal.acquire.records import Kind, Note
 from lfcal.acquire.schedule import Step
+from lfcal.errors import LfcalError
 
 __all__ = ["Acknowledged", "Sink", "Writer"]
 
 
 class Sink(Protocol):
-    """Where frames go; returns only when they are safe."""
+    """Where frames go."""
 
-    def write(self, step: Step, frame: NDArray[Any], note: Note) -> None:
-        """Write a frame with its note and return when both are on the disk."""
+    def put(self, step: Step, frame: NDArray[Any], note: Note) -> None:
+        """Hand a frame with its note to the operating system."""
+        ...
+
+    def sync(self, kinds: set[Kind]) -> None:
+        """Return when all frames of these kinds that were put are on the disk."""
         ...
 
 
@@ -35,65 +42,83 @@ class Acknowledged(NamedTuple):
 
 
 class Writer:
-    """Hand frames to a `Sink` in a thread of its own, at most ``depth`` at a time.
+    """Put frames into a `Sink` and have a thread make them safe, at most ``depth`` in flight.
 
-    All methods are for one thread. An error of the sink is raised there by the next call; frames after it
-    are not written.
+    All methods are for one thread. An error of the disk is raised there, at the latest by the next call but
+    ``depth``; nothing is acknowledged after it.
     """
 
-    def __init__(self, sink: Sink, *, depth: int = 2) -> None:
+    def __init__(self, sink: Sink, *, depth: int = 4) -> None:
         self._sink, self._depth = sink, depth
         self._jobs: SimpleQueue[Acknowledged | None] = SimpleQueue()
-        self._answers: SimpleQueue[tuple[Acknowledged, BaseException | None]] = SimpleQueue()
+        self._answers: SimpleQueue[list[Acknowledged] | BaseException] = SimpleQueue()
         self._in_flight = 0
+        self._safe: list[Acknowledged] = []
         self._thread = threading.Thread(target=self._work, name="frame writer", daemon=True)
         self._thread.start()
 
     def submit(self, step: Step, frame: NDArray[Any], note: Note) -> list[Acknowledged]:
-        """Hand over a frame, waiting while ``depth`` others are in flight; return what became safe meanwhile."""
-        done = self.collect()
+        """Put a frame, waiting while ``depth`` others are in flight; return what became safe meanwhile."""
         while self._in_flight >= self._depth:
-            done.append(self._take(self._answers.get()))
+            self._take(self._answers.get())
+        self._sink.put(step, frame, note)
         self._in_flight += 1
         self._jobs.put(Acknowledged(step, note, frame))
-        return done
+        return self.collect()
 
     def collect(self) -> list[Acknowledged]:
         """Return what became safe since the last call, without waiting."""
-        done = []
         while self._in_flight:
             try:
                 answer = self._answers.get_nowait()
             except Empty:
                 break
-            done.append(self._take(answer))
-        return done
+            self._take(answer)
+        return self._handed_out()
 
     def flush(self) -> list[Acknowledged]:
-        """Wait until everything handed over is safe; return what became so."""
-        done = []
+        """Wait until everything put is safe; return what became so."""
         while self._in_flight:
-            done.append(self._take(self._answers.get()))
-        return done
+            self._take(self._answers.get())
+        return self._handed_out()
+
+    def salvage(self) -> list[Acknowledged]:
+        """Wait for what can still become safe after an error and return it; raises nothing of the disk's."""
+        with suppress(LfcalError, OSError):
+            while self._in_flight:
+                self._take(self._answers.get())
+        return self._handed_out()
 
     def close(self) -> None:
         """End the thread after what is in flight; may be called twice."""
         self._jobs.put(None)
         self._thread.join()
 
-    def _take(self, answer: tuple[Acknowledged, BaseException | None]) -> Acknowledged:
-        self._in_flight -= 1
-        item, error = answer
-        if error is not None:
-            raise error
-        return item
+    def _take(self, answer: list[Acknowledged] | BaseException) -> None:
+        if isinstance(answer, BaseException):
+            self._in_flight = 0  # what was in flight will never be acknowledged
+            raise answer
+        self._in_flight -= len(answer)
+        self._safe += answer
+
+    def _handed_out(self) -> list[Acknowledged]:
+        safe, self._safe = self._safe, []
+        return safe
 
     def _work(self) -> None:
-        failed: BaseException | None = None
         while (job := self._jobs.get()) is not None:
-            if failed is None:
-                try:
-                    self._sink.write(*(job.step, job.frame, job.note))
-                except BaseException as error:  # it belongs to the thread that records
-                    failed = error
-            self._answers.put((job, failed))
+            batch, last = [job], False
+            while not self._jobs.empty():
+                more = self._jobs.get()
+                if more is None:
+                    last = True
+                    break
+                batch.append(more)
+            try:
+                self._sink.sync({item.step.kind for item in batch})
+            except BaseException as error:  # it belongs to the thread that records
+                self._answers.put(error)
+                return
+            self._answers.put(batch)
+            if last:
+                return

@@ -144,7 +144,7 @@ def test_a_removed_folder_stops_at_once(tmp_path: Path) -> None:
 
     with pytest.raises(AcquisitionStopped, match=r"removed while recording|folder is gone"):
         record(folder, PLAN, rig_for(PLAN), CAREFUL, observers=(watch,))
-    assert taken <= 7
+    assert taken <= 5 + 2 * 4  # those in flight were safe before the folder went
     assert not folder.exists()
 
 
