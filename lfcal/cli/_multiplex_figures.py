@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 LEFT = ("CYMG", "CYYM", "RGBE", "RGBW", "RGBW 4x4", "CMYW", "X-Trans", "Bayer")
 RIGHT = ("lenslet", "MURA", "pinhole", "sum_of_sinusoids")
+PICTURED = ("Bayer", "X-Trans", "MURA:11", "sum_of_sinusoids:11", "lenslet:3*Bayer")
+SIDE = 11
+"""Super-pixel of figures 6 and 7."""
+
 DRAGONFLY = 10**-0.93
 """chi^2 of the paper's figure 7."""
 
@@ -126,7 +130,7 @@ def iter_paper_figures(folder: Path, raw: Path | None, marks: Mapping[str, float
         ("figure6.png", lambda p: _figure6(p, marks)),
         ("figure7.png", lambda p: _figure7(p, seed)),
         *((f"modulator_{name.replace(':', '')}.png", lambda p, n=name: _modulator(p, n))
-          for name in ("Bayer", "X-Trans", "MURA:11", "sum_of_sinusoids:11", "lenslet:3*Bayer")),
+          for name in PICTURED),
     ]  # fmt: skip
     clock, written = Clock("figures", len(works)), []
     for k, (name, draw) in enumerate(works):
@@ -180,8 +184,8 @@ def _figure6(path: Path, marks: Mapping[str, float]) -> None:
     from lfcal.multiplex.drawing import save_gain_curves
 
     left = gain_curves([cfa(name) for name in LEFT], cfa("Bayer"), cameras=marks)
-    right = gain_curves([mask(kind, 11) for kind in RIGHT], mask("pinhole", 11), cameras=marks)
-    save_gain_curves([("colour filter arrays", left), ("light-field modulators, 11 x 11", right)], path)
+    right = gain_curves([mask(kind, SIDE) for kind in RIGHT], mask("pinhole", SIDE), cameras=marks)
+    save_gain_curves([("colour filter arrays", left), (f"light-field modulators, {SIDE} x {SIDE}", right)], path)
 
 
 def _figure7(path: Path, seed: int) -> None:
@@ -192,6 +196,6 @@ def _figure7(path: Path, seed: int) -> None:
     from lfcal.multiplex.scenes import filament_light_field
 
     rng = np.random.default_rng(seed)
-    scene = filament_light_field(11, (40, 48), rng)
-    results = acquire_light_field(scene, [mask(kind, 11) for kind in RIGHT], chi2=DRAGONFLY, signal_e=1e7, rng=rng)
+    scene = filament_light_field(SIDE, (40, 48), rng)
+    results = acquire_light_field(scene, [mask(kind, SIDE) for kind in RIGHT], chi2=DRAGONFLY, signal_e=1e7, rng=rng)
     save_acquisition(results, path)

@@ -2,7 +2,7 @@
 
 - ``modulator``: separable bases Sigma and Pi, rank, pseudo-inverse; ``colour_filters`` and ``masks`` make them
 - ``demultiplexing``: frames to samples and back; ``spatial`` (theorem 1), ``fourier`` (theorem 2), ``filters``
-- ``lattice``: super-pixels of any pitch and angle; ``colour_source``: mosaics as full frames of one colour
+- ``lattice``: super-pixels of any pitch and angle; ``colours``: mosaics as full frames of one colour
 - ``noise``: transmission, amplification, gain over chi^2 (equations 12 to 14)
 - ``scenes``, ``acquisition``: a light field recorded with each modulator (figure 7)
 - ``quality``: ringing, error and time of each route and filter
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
     from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
-    from lfcal.multiplex.colour_source import ColourSource, colour_source
+    from lfcal.multiplex.colours import ColourSource, colour_source
     from lfcal.multiplex.demultiplexing import arrange, demultiplex, multiplex
     from lfcal.multiplex.lattice import SuperPixelLattice, demultiplex_lattice, lattice_channels
     from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern, shadow_shift_px
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 _HOME = {
     "Acquisition": "acquisition",
     "CFA_PATTERNS": "colour_filters",
-    "ColourSource": "colour_source",
+    "ColourSource": "colours",
     "FilterTrial": "quality",
     "Frontier": "search",
     "GainCurves": "noise",
@@ -52,7 +52,7 @@ _HOME = {
     "best_mask": "search",
     "camera_chi2": "noise",
     "cfa": "colour_filters",
-    "colour_source": "colour_source",
+    "colour_source": "colours",
     "demultiplex": "demultiplexing",
     "demultiplex_lattice": "lattice",
     "filter_set_frontier": "search",

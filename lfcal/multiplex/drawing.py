@@ -66,7 +66,9 @@ def save_modulator(modulator: Modulator, path: Path) -> None:
                        xlabel="column (px)", ylabel="row (px)")  # fmt: skip
         rows, columns = modulator.side
         extent = (-(columns // 2) - 0.5, (columns - 1) // 2 + 0.5, (rows - 1) // 2 + 0.5, -(rows // 2) - 0.5)
-        draw_image(two, spectrum.mean(2), title="spectrum", unit="magnitude", extent=extent,
+        weights = spectrum.mean(2)
+        levels = np.log10(np.maximum(weights / max(float(weights.max()), 1e-300), 1e-3))
+        draw_image(two, levels, title="spectrum", unit="log10 of the magnitude, relative", extent=extent,
                    xlabel="cycles per super-pixel, x", ylabel="cycles per super-pixel, y")  # fmt: skip
         _basis(three, modulator.spatial, "spatial basis Σ", "basis function j", "pixel k of the super-pixel")
         _basis(four, modulator.plenoptic, "plenoptic basis Π", "basis function j", "plenoptic sample")
@@ -75,6 +77,8 @@ def save_modulator(modulator: Modulator, path: Path) -> None:
 
 def _basis(axes: Axes, basis: Any, title: str, xlabel: str, ylabel: str) -> None:
     """Draw the real part of a basis; of a large one its first rows and columns."""
+    from matplotlib.ticker import MaxNLocator
+
     part = np.real(basis[:MOST_SHOWN, :MOST_SHOWN])
     words = " (real part)" if np.iscomplexobj(basis) else ""
     cut = f", first {MOST_SHOWN}" if max(basis.shape) > MOST_SHOWN else ""
@@ -82,7 +86,7 @@ def _basis(axes: Axes, basis: Any, title: str, xlabel: str, ylabel: str) -> None
                ylabel=ylabel)  # fmt: skip
     axes.set_aspect("auto")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.get_major_locator().set_params(integer=True)
+        axis.set_major_locator(MaxNLocator(integer=True))
 
 
 def save_frontier(frontier: Frontier, path: Path, *, named: int = 8) -> None:

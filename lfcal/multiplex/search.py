@@ -162,10 +162,10 @@ def _mask_cost(m: Array, chi2: float) -> tuple[float, Array]:
     spectrum = np.fft.fft2(m)
     power = np.abs(spectrum) ** 2 + 1e-12
     noise = float((1 / power).sum())
-    level = additive + photon * float(m.mean())
+    level = additive + photon * float(m.mean()) + 1e-12
     step = np.fft.fft2(spectrum.conj() / power**2).real
     gradient = -2 * step / noise + photon / (m.size * level)
-    return math.log(noise) + math.log(max(level, 1e-300)), gradient
+    return math.log(noise) + math.log(level), gradient
 
 
 def _descend(cost: Any, start: Array, chi2: float) -> tuple[float, Array]:

@@ -1,0 +1,148 @@
+"""Modulators as separable bases: what each pixel measures, and what cannot be recovered."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lfcal.errors import InputError
+from lfcal.multiplex import cfa, mask, mask_at_distance, mask_pattern, modulator_from_matrix, shadow_shift_px
+from lfcal.multiplex.masks import dirichlet_minimum
+from lfcal.multiplex.summary import describe
+
+FILTERS = {"R": (1, 0, 0), "G": (0, 1, 0), "B": (0, 0, 1), "C": (0, 1, 1), "M": (1, 0, 1), "Y": (1, 1, 0),
+           "W": (1, 1, 1), "E": (0, 1, 1)}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "rows"),
+    [("Bayer", "RGGB"), ("CYMG", "CYMG"), ("cyym", "CYYM"), ("RGBE", "RGEB"), ("RGBW 2x2", "RGBW"), ("CMYW", "CMYW"),
+     ("RGBW 4x4", "WBWGBWGWWGWRGWRW"), ("x-trans", "GBGGRGRGRBGBGBGGRGGRGGBGBGBRGRGRGGBG"), ("grbg", "GRBG"),
+     ("RGB/GBR", "RGBGBR")],
+)  # fmt: skip
+def test_each_pixel_of_a_cfa_sees_its_filter(name: str, rows: str) -> None:
+    m = cfa(name)
+    np.testing.assert_array_equal(m.matrix, [FILTERS[letter] for letter in rows])
+    np.testing.assert_allclose(m.matrix, m.spatial @ m.plenoptic.T)
+    assert set(np.unique(m.spatial)) == {0, 1}
+    assert m.natural_samples == m.side
+
+
+def test_the_4x4_and_6x6_patterns_have_their_makers_shares() -> None:
+    letters = cfa("RGBW 4x4").spatial.sum(0)
+    assert sorted(letters.tolist()) == [2, 2, 4, 8]
+    assert cfa("X-Trans").matrix.sum(0).tolist() == [8, 20, 8]
+
+
+@pytest.mark.parametrize("kind", ["MURA", "sum_of_sinusoids"])
+@pytest.mark.parametrize("p", [3, 5, 11])
+def test_mask_at_one_pixel_per_view_is_the_shifted_pattern(kind: str, p: int) -> None:
+    pattern, m = mask_pattern(kind, p), mask(kind, p)
+    y, x = np.divmod(np.arange(p * p), p)
+    shifted = pattern[(y[:, None] - y[None]) % p, (x[:, None] - x[None]) % p]
+    np.testing.assert_allclose(m.matrix, shifted, atol=1e-12)
+    # Pi^T is the Fourier basis and Sigma the weighted inverse one
+    dft = np.fft.fft(np.eye(p))
+    np.testing.assert_allclose(m.plenoptic.T, np.kron(dft, dft), atol=1e-9)
+    np.testing.assert_allclose(m.spectrum(), np.diag(np.fft.fft2(pattern).ravel()), atol=1e-9)
+    np.testing.assert_allclose(m.pattern()[p // 2, p // 2, 0], pattern[0, 0], atol=1e-12)
+
+
+def test_mask_at_a_distance_by_its_integral() -> None:
+    """Equation 9 for a band-limited mask, evaluated at x - s v."""
+    p, s = 7, 1.6
+    harmonics = np.arange(-3, 4)
+    weight = np.array([0.02, 0.05, 0.1, 0.5, 0.1, 0.05, 0.02])
+    profile = lambda t: (weight * np.exp(2j * np.pi * harmonics * t[..., None] / p)).sum(-1).real  # noqa: E731
+    grid = np.arange(p, dtype=float)
+    pattern = np.outer(profile(grid), profile(grid))
+    one = profile(grid[:, None] - s * grid[None])
+    np.testing.assert_allclose(mask_at_distance(pattern, s).matrix, np.kron(one, one), atol=1e-12)
+    wrong = profile(grid[:, None] + s * grid[None])
+    assert not np.allclose(mask_at_distance(pattern, s).matrix, np.kron(wrong, wrong), atol=1e-3)
+    assert shadow_shift_px(1000.0, 0.01, 5.0) == pytest.approx(2.0)
+
+
+def test_mask_on_the_sensor_cannot_tell_the_views() -> None:
+    flat = mask_at_distance(mask_pattern("MURA", 5), 0.0)
+    assert flat.rank() == 1 and flat.condition == math.inf
+    assert (flat.lost() > 0.9).all()
+    # what is recovered is the mean
+    light = np.random.default_rng(0).random(25)
+    np.testing.assert_allclose(flat.inverse() @ flat.matrix @ light, light.mean(), atol=1e-12)
+
+
+def test_lenslet_is_n_times_the_pinhole() -> None:
+    np.testing.assert_array_equal(mask("pinhole", 4).matrix, np.eye(16))
+    np.testing.assert_array_equal(mask("lenslet", 4).matrix, 16 * np.eye(16))
+
+
+def test_sinusoids_are_scaled_on_the_continuous_profile() -> None:
+    p = 11
+    x = np.linspace(0, p, 200_001)[1:-1]
+    profile = np.sin(np.pi * x) / np.sin(np.pi * x / p)
+    assert dirichlet_minimum(p) == pytest.approx(profile.min(), abs=1e-6)
+    pattern = mask_pattern("sum_of_sinusoids", p)
+    low = p * profile.min()
+    assert pattern[0, 0] == pytest.approx(1) and pattern[3, 4] == pytest.approx(-low / (p * p - low), abs=1e-7)
+
+
+@pytest.mark.parametrize("size", [3, 4, 6])
+def test_bayer_behind_lenslets(size: int) -> None:
+    product = mask("lenslet", size) * cfa("GRBG")
+    side = math.lcm(size, 2)
+    assert product.side == (side, side) and product.count == 3 * size * size
+    lens, colours = mask("lenslet", size).matrix, cfa("GRBG").matrix
+    for k in range(side * side):
+        y, x = divmod(k, side)
+        row = np.kron(lens[(y % size) * size + x % size], colours[(y % 2) * 2 + x % 2])
+        np.testing.assert_array_equal(product.matrix[k], row)
+    # an even lenslet has each view always behind the same filter: one colour of three
+    wanted = product.count if size % 2 else size * size
+    assert product.rank() == wanted
+    assert (product.lost() > 0.5).any() == (size % 2 == 0)
+    assert product.sample_names[4] == "view 0,1 G"
+
+
+def test_missing_primary_is_reported() -> None:
+    numbers = describe(cfa("RRGG"), cfa("Bayer"), 1.0)
+    assert numbers.rank == 2 and numbers.lost == {"B": pytest.approx(1.0)}
+    assert numbers.gain_db == -math.inf and numbers.condition == math.inf
+    np.testing.assert_array_equal(cfa("RRGG").inverse()[2], 0)
+
+
+def test_shifting_moves_the_pattern() -> None:
+    moved = cfa("RGGB").shifted(0, 1)
+    np.testing.assert_array_equal(moved.matrix, cfa("GRBG").matrix)
+    with pytest.raises(InputError, match="whole lenslets"):
+        mask("lenslet", 5).shifted(1, 0)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: cfa("RGX"),
+        lambda: cfa("RGB"),
+        lambda: cfa("RG/B"),
+        lambda: cfa(""),
+        lambda: cfa("R" * 17 + "/" + "G" * 17),
+        lambda: cfa("RGGB", filters={"R": (2, 0, 0)}),
+        lambda: mask("MURA", 9),
+        lambda: mask("MURA", 2),
+        lambda: mask("sum_of_sinusoids", 4),
+        lambda: mask("grid", 5),
+        lambda: mask("pinhole", 0),
+        lambda: mask("pinhole", 101),
+        lambda: mask_at_distance([[2.0]], 1),
+        lambda: mask_at_distance([[np.nan]], 1),
+        lambda: cfa("Bayer") * cfa("Bayer"),
+        lambda: mask("MURA", 5) * mask("MURA", 3),
+        lambda: modulator_from_matrix("odd", (2, 2), np.ones((3, 3))),
+    ],
+)
+def test_bad_modulators_are_refused_in_one_line(make) -> None:
+    with pytest.raises(InputError) as error:
+        make()
+    assert "\n" not in str(error.value) and "expected" in str(error.value)
