@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
 import sys
-from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
 import typer
 
 import lfcal.cli
 from lfcal import __version__
+from lfcal.plain import plain
 from lfcal.progress import Progress, Work, drain
 from lfcal.units import format_seconds
 
@@ -74,25 +71,6 @@ def run_work(work: Work[R], *, quiet: bool = False) -> R:
             bar.update(tasks[record.stage], completed=record.done, total=record.total or None, note=record.note)
 
         return drain(work, show)
-
-
-def plain(value: Any) -> Any:
-    """Return ``value`` as JSON types: arrays as lists, dataclasses as objects, NaN and infinity as null."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(v) for v in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Path):
-        return str(value)
-    return value
 
 
 def print_json(value: Any) -> None:
