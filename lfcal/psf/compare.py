@@ -159,7 +159,8 @@ def _compare_plane(
             shift[y, used] = _centroids(p, a.shape[2:]) - _centroids(q, a.shape[2:])
         return sums
 
-    return np.sum(for_each_chunk(rows, wanted.shape[0], workers), axis=0)
+    total: NDArray[np.float64] = np.sum(for_each_chunk(rows, wanted.shape[0], workers), axis=0)
+    return total
 
 
 def _centroids(patterns: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:

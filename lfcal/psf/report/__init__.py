@@ -1,6 +1,10 @@
 """The quality report: one HTML page with its pictures, and lists that programs read.
 
-- ``page``: the page as text, from ``style`` and ``sections``
-- ``pictures``: every picture on it
 - ``write``: all of it into a folder
+- ``page``: the page as text, ``style`` its look
+- ``pictures``: every picture on it
 """
+
+from lfcal.psf.report.write import iter_report, redo_list, report
+
+__all__ = ["iter_report", "redo_list", "report"]

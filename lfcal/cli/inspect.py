@@ -1,0 +1,118 @@
+"""``lfcal inspect``: is this H any good?"""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from lfcal.psf import PSFMatrix
+    from lfcal.psf.compare import Comparison
+    from lfcal.psf.quality import QualityReport
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``inspect`` to the app."""
+    app.command("inspect")(command)
+
+
+def command(
+    source: Path = typer.Argument(help="H file (.h5), MATLAB v7.3 file (.mat) or .npy array."),
+    report: Path | None = typer.Option(None, "--report", help="Folder for an HTML report with redo.json."),
+    reference: Path | None = typer.Option(None, "--reference", help="H of the same shape to compare with."),
+    strict: bool = typer.Option(False, "--strict", help="End with exit code 1 when a metric is bad."),
+    workers: int | None = typer.Option(None, help="Threads; every processor by default."),
+    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+) -> None:
+    """Measure the quality of H: every metric with its merit, the aperture of each plane, what to do.
+
+    Example: `lfcal inspect H.h5 --report report/`
+    """
+    from lfcal.cli._common import print_json, run_work
+    from lfcal.errors import StorageError, expectation
+    from lfcal.psf.compare import iter_compare
+    from lfcal.psf.quality import iter_inspect
+    from lfcal.psf.store import open_psf
+
+    if report is not None and report.exists() and not report.is_dir():
+        raise StorageError(expectation(str(report), "a folder for the report", "a file", "name a folder"))
+    with ExitStack() as files:
+        H = files.enter_context(open_psf(source))
+        H = H.T if H.is_transposed else H
+        other = None if reference is None else files.enter_context(open_psf(reference))
+        comparison = None
+        if other is not None:
+            comparison = run_work(iter_compare(H, other, workers=workers), quiet=json)
+        quality = run_work(iter_inspect(H, workers=workers), quiet=json)
+        if not json:
+            _show(H, quality, comparison)
+        page = _write(H, quality, other, report, workers, quiet=json)
+    if json:
+        extra = {} if comparison is None else {"comparison": comparison.to_dict()}
+        print_json(quality.to_dict() | extra | ({} if page is None else {"report": page}))
+    elif page is not None:
+        typer.echo(f"report: {page}")
+    if strict and quality.merit == "bad":
+        raise typer.Exit(1)
+
+
+def _write(
+    H: PSFMatrix,
+    quality: QualityReport,
+    reference: PSFMatrix | None,
+    folder: Path | None,
+    workers: int | None,
+    *,
+    quiet: bool,
+) -> Path | None:
+    from lfcal.cli._common import run_work
+    from lfcal.psf.report import iter_report
+
+    if folder is None:
+        return None
+    work = iter_report(H, folder, reference=reference, quality=quality, workers=workers)
+    return run_work(work, quiet=quiet)
+
+
+def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -> None:
+    """Print verdict, metrics, apertures and the comparison."""
+    from lfcal.cli._common import print_table
+    from lfcal.units import format_length, format_seconds
+
+    typer.echo(f"H (z, y, x, t, s) = {quality.shape}, inspected in {format_seconds(quality.seconds)}")
+    colour = {"good": typer.colors.GREEN, "fair": typer.colors.YELLOW, "bad": typer.colors.RED}.get(quality.merit)
+    typer.secho(quality.verdict, fg=colour, bold=True)
+    print_table(
+        ["merit", "metric", "value", "limits", "cost (NRMSE)"],
+        [[m.merit, m.spec.title, m.text, m.limits, f"{m.cost:.3f}" if m.cost else "—"] for m in quality.metrics],
+    )
+    print_table(
+        ["depth z", "aperture"],
+        [[format_length(float(quality.depths[z])), a.describe()] for z, a in enumerate(quality.apertures)],
+    )
+    _show_f_number(H, quality)
+    for metric in quality.metrics:
+        if metric.merit in ("bad", "fair"):
+            detail = f" ({metric.detail})" if metric.detail else ""
+            typer.echo(f"{metric.merit}: {metric.spec.title.lower()}, {metric.text}{detail}: {metric.spec.advice}")
+    redo = quality.redo()
+    if redo:
+        typer.echo(f"{len(redo)} positions to record again; --report writes them to redo.json")
+    if comparison is not None:
+        typer.echo(
+            f"against the reference: correlation {comparison.correlation:.5f}, error {100 * comparison.rms_error:.2f} %, "
+            f"centroid shift {comparison.rms_shift_px:.3f} px rms, {comparison.max_shift_px:.3f} px at most"
+        )
+
+
+def _show_f_number(H: PSFMatrix, quality: QualityReport) -> None:
+    f = quality.f_number
+    if f is None:
+        return
+    error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
+    stated = f"; the camera states {H.camera.optics.working_f_number:.2f}" if H.camera is not None else ""
+    typer.echo(f"working f-number from the shadow over depth: {f.value:.2f}{error}{stated}")

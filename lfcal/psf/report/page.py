@@ -1,0 +1,247 @@
+"""The page as text: HTML with everything in it."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import math
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lfcal import __version__
+from lfcal.psf.compare import Comparison
+from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.quality import Metric, QualityReport
+from lfcal.psf.report.pictures import Picture
+from lfcal.psf.report.style import stylesheet
+from lfcal.units import format_bytes, format_length, format_seconds
+
+__all__ = ["page"]
+
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+"""What a browser may do for this page: show what is in it, nothing else."""
+
+LISTED = 24
+"""Positions written out; the file redo.json has all."""
+
+
+def page(
+    H: PSFMatrix,
+    quality: QualityReport,
+    pictures: Sequence[Picture],
+    comparison: Comparison | None = None,
+    reference: str = "",
+) -> str:
+    """Return the report of ``H`` as one HTML document without scripts or links to anything outside."""
+    name = Path(H.path).name or "PSF matrix"
+    sections = [
+        _verdict(quality),
+        _facts(H, quality),
+        _actions(quality),
+        _section("Metrics", _metrics(quality)),
+        _section("Aperture", _apertures(H, quality) + _figures(pictures, "aperture")),
+        _section("H and its transpose", _figures(pictures, "slices")),
+        _section("Maps over source positions", _figures(pictures, "maps")),
+    ]
+    if comparison is not None:
+        sections.append(_section("Against the reference", _compared(H, comparison, reference, pictures)))
+    sections.append(_section("Provenance", _provenance(H)))
+    when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        f'<meta name="viewport" content="width=device-width"><title>{_text(name)}: PSF quality</title>'
+        f"<style>{stylesheet()}</style></head>\n<body><main>\n"
+        f"<header><h1>{_text(name)}</h1><p>PSF quality report, {_text(when)}</p></header>\n"
+        + "\n".join(sections)
+        + f"\n<footer>lfcal {_text(__version__)}; inspected in {format_seconds(quality.seconds)}.</footer>"
+        "</main></body></html>\n"
+    )
+
+
+def _text(value: object) -> str:
+    return html.escape(str(value))
+
+
+def _section(title: str, body: str) -> str:
+    return f"<section><h2>{_text(title)}</h2>\n{body}</section>" if body else ""
+
+
+def _table(headers: Iterable[str], rows: Iterable[Iterable[str]], numeric: Iterable[int] = ()) -> str:
+    """Return a table of cells that are HTML already; columns ``numeric`` stand to the right."""
+    right = set(numeric)
+
+    def line(tag: str, cells: Iterable[str]) -> str:
+        marks = (' class="n"' if k in right else "" for k in range(100))
+        return "<tr>" + "".join(f"<{tag}{m}>{c}</{tag}>" for m, c in zip(marks, cells, strict=False)) + "</tr>"
+
+    body = "\n".join(line("td", row) for row in rows)
+    return f"<table><thead>{line('th', map(_text, headers))}</thead><tbody>\n{body}</tbody></table>\n"
+
+
+def _figures(pictures: Sequence[Picture], section: str) -> str:
+    parts = []
+    for p in pictures:
+        if p.section == section:
+            data = base64.b64encode(p.png).decode("ascii")
+            caption = _text(p.caption)
+            parts.append(f'<figure><img alt="{caption}" src="data:image/png;base64,{data}">'
+                         f"<figcaption>{caption}</figcaption></figure>\n")  # fmt: skip
+    return "".join(parts)
+
+
+def _merit(merit: str) -> str:
+    return f'<span class="merit {merit}">{merit}</span>'
+
+
+def _number(value: float, digits: int = 3) -> str:
+    return f"{value:.{digits}g}" if math.isfinite(value) else "—"
+
+
+def _verdict(quality: QualityReport) -> str:
+    cost = f"Estimated error of a reconstruction from these faults: {quality.cost:.2f} NRMSE." if quality.cost else ""
+    more = cost or "No fault found that would cost a reconstruction anything."
+    return f'<section class="verdict {quality.merit}">{_text(quality.verdict)}<p>{more}</p></section>'
+
+
+def _facts(H: PSFMatrix, quality: QualityReport) -> str:
+    nz, ny, nx, nt, ns = quality.shape
+    counts = {m: sum(k.merit == m for k in quality.metrics) for m in ("good", "fair", "bad", "unknown")}
+    depths = " to ".join(format_length(float(v)) for v in (quality.depths[0], quality.depths[-1])[: min(2, nz)])
+    facts = [
+        ("source positions y × x", f"{ny} × {nx}"),
+        (f"depth planes, {depths}", str(nz)),
+        ("cutout t × s", f"{nt} × {ns} px"),
+        (f"values, {H.dtype}", format_bytes(H.nbytes)),
+        ("metrics good / fair / bad", f"{counts['good']} / {counts['fair']} / {counts['bad']}"),
+        ("not measured", str(counts["unknown"])),
+        ("positions to record again", str(len(quality.redo()))),
+    ]
+    return (
+        '<div class="facts">'
+        + "".join(f"<div><b>{_text(v)}</b><span>{_text(k)}</span></div>" for k, v in facts)
+        + ("</div>")
+    )
+
+
+def _actions(quality: QualityReport) -> str:
+    """Return what to do about what is not good, costliest first."""
+    items = [
+        f'<li class="{m.merit}"><b class="advice">{_text(m.spec.title)}</b>, {_text(m.text)}: '
+        f"{_text(m.spec.advice)}</li>"
+        for m in quality.metrics
+        if m.merit in ("bad", "fair")
+    ]
+    redo = quality.redo()
+    if not items:
+        return ""
+    body = f"<ol>{''.join(items)}</ol>"
+    if redo:
+        places = ", ".join(f"({z}, {y}, {x})" for (z, y, x), _ in redo[:LISTED])
+        more = f" and {len(redo) - LISTED} more" if len(redo) > LISTED else ""
+        body += f"<p>Record again (z, y, x): {places}{more}. <code>redo.json</code> holds the list for "
+        body += "<code>lfcal acquire --redo redo.json</code>.</p>"
+    return _section("What to do", body)
+
+
+def _metrics(quality: QualityReport) -> str:
+    def row(m: Metric) -> list[str]:
+        words = _text(m.spec.meaning) + (f" <b>{_text(m.detail)}.</b>" if m.detail else "")
+        if m.merit in ("bad", "fair"):
+            words += f' <span class="advice {m.merit}">{_text(m.spec.advice)}</span>'
+        cost = f"{m.cost:.3f}" if m.cost else "—"
+        return [
+            _merit(m.merit),
+            f'<b class="nb">{_text(m.spec.title)}</b>',
+            _text(m.text),
+            _text(m.limits),
+            cost,
+            words,
+        ]
+
+    note = '<p class="note">Cost: the reconstruction error (NRMSE) that a fault of this size made in simulation.</p>'
+    headers = ("merit", "metric", "value", "limits", "cost", "meaning and advice")
+    return _table(headers, map(row, quality.metrics), (2, 4)) + note
+
+
+def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
+    rows = []
+    for z, a in enumerate(quality.apertures):
+        dim = a.refusal == "too dim"
+        rows.append([
+            _text(format_length(float(quality.depths[z]))), _number(float(quality.virtual_depths[z])),
+            str(a.blades) if a.blades else "—", "—" if dim else f"{a.diameter_px:.2f}",
+            "—" if dim else f"{a.centre[0]:.2f}, {a.centre[1]:.2f}",
+            f"{math.degrees(a.rotation_rad):.1f}" if a.blades else "—", f"{a.curvature:.2f}" if a.blades else "—",
+            "—" if dim else f"{100 * a.ellipticity:.1f}", f"{a.confidence:.2f}",
+            _merit("good") + " certain" if a.confident else _text(a.reason or "not certain"),
+        ])  # fmt: skip
+    headers = ("depth z", "virtual depth", "blades", "diameter (px)", "centre row, column (px)", "rotation (°)",
+               "curvature", "ellipticity (%)", "confidence", "answer")  # fmt: skip
+    return _table(headers, rows, range(9)) + _f_number(H, quality)
+
+
+def _f_number(H: PSFMatrix, quality: QualityReport) -> str:
+    f = quality.f_number
+    stated = f" The camera's description states {H.camera.optics.working_f_number:.2f}." if H.camera else ""
+    if f is None:
+        return f"<p>The working f-number cannot be told from these planes.{stated}</p>"
+    error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
+    return f"<p>Working f-number from the shadow's size over depth: <b>{f.value:.2f}{error}</b>.{stated}</p>"
+
+
+def _compared(H: PSFMatrix, c: Comparison, reference: str, pictures: Sequence[Picture]) -> str:
+    name = f" with {_text(Path(reference).name)}" if reference else ""
+    left = int(np.prod(H.shape[:3])) - c.compared
+    words = (
+        f"<p>Correlation{name}: <b>{c.correlation:.5f}</b>; error at equal energy {100 * c.rms_error:.2f} % (rms of "
+        f"positions); centroid shift {_number(c.rms_shift_px)} px rms, {_number(c.max_shift_px)} px at most; "
+        f"{c.compared} positions compared, {left} left out.</p>"
+    )
+    rows = [
+        [_text(format_length(float(H.depths[z]))), f"{c.per_plane[z]:.5f}", _number(float(c.scale[z]), 4)]
+        for z in range(len(H))
+    ]
+    return (
+        words
+        + _table(("depth z", "correlation", "energy over the reference's"), rows, (0, 1, 2))
+        + _figures(pictures, "comparison")
+    )
+
+
+def _provenance(H: PSFMatrix) -> str:
+    history: dict[str, Any] = H.provenance
+    missing = H.missing
+    places = ", ".join(f"({z}, {y}, {x})" for z, y, x in missing[:LISTED].tolist())
+    more = " …" if len(missing) > LISTED else ""
+    corrections = history.get("corrections")
+    steps = corrections.get("steps", []) if isinstance(corrections, dict) else []
+    kinds = ", ".join(str(s.get("kind", "?")) for s in steps if isinstance(s, dict))
+    rows = [
+        ("file", H.path or "in memory"),
+        ("camera", _camera(H)),
+        ("cutout", f"{H.cutout[0]} × {H.cutout[1]} px, anchor row {H.anchor[0]:g}, column {H.anchor[1]:g} px"),
+        ("corrections", kinds or "none recorded"),
+        ("missing", f"{len(missing)}: {places}{more}" if len(missing) else "none"),
+    ]
+    table = _table(("", ""), [[f'<span class="nb">{k}</span>', _text(v)] for k, v in rows])
+    if not history:
+        return table
+    return f"{table}<pre>{_text(json.dumps(history, ensure_ascii=False, default=str))}</pre>"
+
+
+def _camera(H: PSFMatrix) -> str:
+    if H.camera is None:
+        return "not stated"
+    c = H.camera
+    kinds = len(c.lattice.types)
+    return (
+        f"{c.name}: {c.lattice.kind} lattice, pitch {format_length(c.lattice.pitch_um)}, {kinds} lenslet "
+        f"type{'s' if kinds > 1 else ''}, pixel {format_length(c.sensor.pixel_um)}, working f-number "
+        f"{c.optics.working_f_number:.2f}"
+    )

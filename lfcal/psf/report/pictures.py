@@ -1,0 +1,231 @@
+"""The pictures of a quality report, as PNG in memory."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.figures import LINES, draw_image, figure
+from lfcal.psf.compare import Comparison
+from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.quality import Metric, QualityReport
+from lfcal.psf.transpose import depth_sum
+from lfcal.units import format_length
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["Picture", "pictures"]
+
+PANELS = 12
+"""Planes shown of a deep H, evenly chosen."""
+
+MAIN = ("position", "jitter", "flicker", "seam")
+"""Maps that are shown even where all is well."""
+
+WIDTH = 9.2
+"""Width of every picture (inches)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture of the report: where it stands, what it is called and what it shows."""
+
+    section: str
+    name: str
+    caption: str
+    png: bytes = field(repr=False)
+
+
+def pictures(
+    H: PSFMatrix, quality: QualityReport, reference: PSFMatrix | None, comparison: Comparison | None
+) -> list[Callable[[], Picture]]:
+    """Return what draws each picture, in the page's order."""
+    draw: list[Callable[[], Picture]] = [
+        lambda: _depth_sums(H, quality),
+        lambda: _transposed_sum(H),
+        lambda: _over_depth(quality),
+        lambda: _slices(H),
+    ]
+    shown = [m for m in quality.metrics if m.map is not None and m.merit in ("bad", "fair")]
+    shown += [m for m in quality.metrics if m.map is not None and m.key in MAIN and m not in shown]
+    draw += [lambda m=m: _metric_map(m, quality) for m in shown]  # type: ignore[misc]
+    if reference is not None and comparison is not None:
+        draw += [lambda: _against(H, reference, comparison), lambda: _shifts(H, comparison)]
+    return draw
+
+
+class _Sheet:
+    """A figure that becomes PNG when its block ends."""
+
+    def __init__(self, fig: Figure) -> None:
+        self.fig = fig
+        self.png = b""
+
+    def grid(self, n: int, columns: int) -> Iterator[Axes]:
+        """Give ``n`` axes in rows of ``columns``."""
+        rows = -(-n // columns)
+        for k in range(n):
+            yield self.fig.add_subplot(rows, columns, k + 1)
+
+
+@contextmanager
+def _sheet(height: float) -> Iterator[_Sheet]:
+    with figure(WIDTH, height) as fig:
+        sheet = _Sheet(fig)
+        yield sheet
+        buffer = io.BytesIO()
+        fig.savefig(buffer, format="png")
+        sheet.png = buffer.getvalue()
+
+
+def chosen(n: int, most: int) -> list[int]:
+    """Return at most ``most`` of ``n`` planes, first and last among them."""
+    return sorted({round(k) for k in np.linspace(0, n - 1, min(n, most))})
+
+
+def _layout(n: int, shape: tuple[int, int], most: int) -> tuple[int, float]:
+    """Return columns and height of a sheet of ``n`` images of ``shape`` (inches)."""
+    columns = min(n, most)
+    panel = WIDTH / columns
+    image = (panel - 1.5) * shape[0] / shape[1]
+    return columns, max(1, -(-n // columns)) * min(max(image, 0.8) + 0.85, 4.2)
+
+
+def _depth(depth: float) -> str:
+    return f"z = {format_length(depth)}"
+
+
+def _depth_sums(H: PSFMatrix, quality: QualityReport) -> Picture:
+    planes = chosen(len(H), PANELS)
+    columns, height = _layout(len(planes), H.cutout, 3)
+    with _sheet(height) as sheet:
+        for z, axes in zip(planes, sheet.grid(len(planes), columns), strict=True):
+            aperture = quality.apertures[z]
+            words = f"{aperture.blades} blades" if aperture.blades else aperture.refusal or "circle"
+            draw_image(axes, H.depth_sum(z), title=f"{_depth(quality.depths[z])}: {words}", unit="sum of H")
+            if aperture.refusal != "too dim":
+                line = aperture.outline()
+                style = "-" if aperture.confident else ":"
+                axes.plot(np.r_[line[:, 1], line[0, 1]], np.r_[line[:, 0], line[0, 0]], style, color="white", lw=1.3)
+                corners = aperture.vertices()
+                axes.plot(corners[:, 1], corners[:, 0], "o", color=LINES[1], ms=3.5)
+    text = "Depth-plane sums: the aperture seen from each depth, with the fitted iris (dotted where it is not certain)"
+    return Picture("aperture", "depth_sums.png", f"{text}{_of(len(planes), len(H))}.", sheet.png)
+
+
+def _of(shown: int, there: int) -> str:
+    return "" if shown == there else f"; {shown} of {there} planes"
+
+
+def _transposed_sum(H: PSFMatrix) -> Picture:
+    """Draw the sum of the transposed plane itself, not the stored one turned."""
+    z = len(H) // 2
+    straight = np.nan_to_num(H.depth_sum(z))
+    turned = np.nan_to_num(depth_sum(H.T.plane(z)))[::-1, ::-1]
+    apart = (turned - straight) / (np.abs(straight).max() or 1.0)
+    with _sheet(_layout(2, H.cutout, 2)[1]) as sheet:
+        left, right = sheet.grid(2, 2)
+        draw_image(left, turned, title=f"sum of HT turned by 180°, {_depth(H.depths[z])}", unit="sum of HT")
+        draw_image(right, apart, title="minus sum of H", unit="of peak", signed=True)
+    caption = "The sum of the transposed matrix must be that of H turned by 180°: largest difference here "
+    return Picture("aperture", "transposed_sum.png", f"{caption}{np.abs(apart).max():.1e} of the peak.", sheet.png)
+
+
+def _over_depth(quality: QualityReport) -> Picture:
+    depths, unit = (quality.depths / 1e3, "mm") if np.abs(quality.depths).max() >= 1e3 else (quality.depths, "µm")
+    sizes = np.array([a.diameter_px if a.refusal != "too dim" else np.nan for a in quality.apertures])
+    curves = ((sizes, "aperture diameter (px)"), (quality.energy, "mean energy of a pattern"),
+              (quality.peak / np.where(quality.noise > 0, quality.noise, np.nan), "peak over noise"))  # fmt: skip
+    with _sheet(2.5) as sheet:
+        for (values, label), axes in zip(curves, sheet.grid(3, 3), strict=True):
+            axes.plot(depths, values, "o-", color=LINES[0], ms=4)
+            axes.set_xlabel(f"depth z ({unit})")
+            axes.set_ylabel(label)
+            axes.ticklabel_format(useOffset=False, axis="y", scilimits=(-3, 5))
+            top = np.nanmax(values, initial=0.0)
+            axes.set_ylim(0, 1.15 * top if top > 0 else 1)
+    return Picture("aperture", "over_depth.png", "Size, energy and signal over depth.", sheet.png)
+
+
+def _slices(H: PSFMatrix) -> Picture:
+    planes = chosen(len(H), 3)
+    y, x = (n // 2 for n in H.period)
+    with _sheet(len(planes) * min(_layout(2, H.cutout, 2)[1], 3.6)) as sheet:
+        grid = sheet.grid(2 * len(planes), 2)
+        for z in planes:
+            draw_image(next(grid), H[z, y, x], title=f"H: point at {_depth(H.depths[z])}", unit="value")
+            draw_image(next(grid), H.T[z, y, x], title=f"HT: pixel, voxels at {_depth(H.depths[z])}", unit="value",
+                       xlabel="voxel column s (px)", ylabel="voxel row t (px)")  # fmt: skip
+    caption = f"Slices at position y {y}, x {x}: where a point's light goes, and where a pixel's light comes from."
+    return Picture("slices", "slices.png", caption, sheet.png)
+
+
+def _metric_map(metric: Metric, quality: QualityReport) -> Picture:
+    if metric.map is None:
+        raise ValueError("a metric without a map has no picture")
+    planes = chosen(len(metric.map), PANELS)
+    if len(metric.positions):  # planes in which positions are named come first
+        counts = np.bincount(metric.positions[:, 0], minlength=len(metric.map))
+        named = np.argsort(-counts, kind="stable")[: min(PANELS, np.count_nonzero(counts))]
+        planes = sorted(set(named.tolist()) | set(planes[: PANELS - len(named)]))
+    columns, height = _layout(len(planes), quality.shape[1:3], 3)
+    with _sheet(height) as sheet:
+        for z, axes in zip(planes, sheet.grid(len(planes), columns), strict=True):
+            _positions_map(axes, metric.map[z], _depth(quality.depths[z]), _map_unit(metric))
+            here = metric.positions[metric.positions[:, 0] == z]
+            axes.plot(here[:, 2], here[:, 1], "s", mfc="none", mec=LINES[1], ms=6, mew=1.2)
+    marked = " Squares: positions named." if len(metric.positions) else ""
+    words = f"{metric.spec.title} ({metric.text}, {metric.merit}). {metric.spec.meaning}{marked}"
+    return Picture("maps", f"map_{metric.key}.png", f"{words}{_of(len(planes), len(metric.map))}", sheet.png)
+
+
+def _map_unit(metric: Metric) -> str:
+    """Return the unit of one position's value, from that of the overall value."""
+    if metric.key == "misplaced":
+        return "px"
+    unit = metric.spec.unit
+    for end in (" over the cell", " rms"):
+        unit = unit.removesuffix(end)
+    return {"planes off": "off", "frames": "yes / no", "x": "times the usual"}.get(unit, unit)
+
+
+def _positions_map(axes: Axes, values: NDArray[np.floating], title: str, unit: str, *, signed: bool = False) -> None:
+    axes.set_facecolor("#d1d5db")
+    draw_image(axes, values, title=title, unit=unit, xlabel="position x (px)", ylabel="position y (px)", signed=signed)
+
+
+def _against(H: PSFMatrix, reference: PSFMatrix, comparison: Comparison) -> Picture:
+    """Draw the position in the middle of each plane beside the reference's, at equal energy."""
+    planes = chosen(len(H), 3)
+    y, x = (n // 2 for n in H.period)
+    with _sheet(len(planes) * _layout(3, H.cutout, 3)[1]) as sheet:
+        grid = sheet.grid(3 * len(planes), 3)
+        for z in planes:
+            ours, theirs = (np.asarray(m[z, y, x], float) for m in (H, reference))
+            energy = float(ours.sum())
+            scaled = ours * (float(theirs.sum()) / energy) if energy else ours
+            draw_image(next(grid), scaled, title=f"H, {_depth(H.depths[z])}", unit="at the reference's energy")
+            draw_image(next(grid), theirs, title="reference", unit="value")
+            draw_image(next(grid), scaled - theirs, title="difference", unit="value", signed=True)
+    return Picture("comparison", "against_reference.png", f"Position y {y}, x {x} and the reference's.", sheet.png)
+
+
+def _shifts(H: PSFMatrix, comparison: Comparison) -> Picture:
+    planes = chosen(len(H), 4)
+    with _sheet(len(planes) * _layout(3, H.period, 3)[1]) as sheet:
+        grid = sheet.grid(3 * len(planes), 3)
+        for z in planes:
+            where = _depth(H.depths[z])
+            _positions_map(next(grid), 100 * comparison.error[z], f"error, {where}", "% (L2)")
+            _positions_map(next(grid), comparison.shift_px[z, ..., 0], "shift of the centroid, rows", "px", signed=True)
+            _positions_map(next(grid), comparison.shift_px[z, ..., 1], "columns", "px", signed=True)
+    text = "Error at equal energy and centroid shift over positions (grey: not compared)"
+    return Picture("comparison", "shifts.png", f"{text}{_of(len(planes), len(H))}.", sheet.png)

@@ -1,0 +1,62 @@
+"""The page's look: inline, without scripts, fit for the screen and for paper."""
+
+from __future__ import annotations
+
+from lfcal.figures import COLOURS
+
+__all__ = ["stylesheet"]
+
+_SHEET = """
+:root { --good: %(good)s; --fair: %(fair)s; --bad: %(bad)s; --unknown: %(muted)s; --muted: %(muted)s;
+        --accent: %(accent)s; --line: #e5e7eb; }
+* { box-sizing: border-box; }
+body { font: 14px/1.45 "Segoe UI", "Helvetica Neue", Arial, "DejaVu Sans", sans-serif; color: #1f2937;
+       background: #f3f4f6; margin: 0; }
+main { max-width: 1120px; margin: 0 auto; padding: 24px; }
+header h1 { font-size: 22px; margin: 0; overflow-wrap: anywhere; }
+header p { margin: 2px 0 14px; color: var(--muted); }
+section { background: #fff; border: 1px solid var(--line); border-radius: 8px; padding: 14px 18px; margin: 14px 0; }
+h2 { font-size: 16px; margin: 0 0 8px; }
+h3 { font-size: 14px; margin: 14px 0 4px; }
+p { margin: 4px 0 8px; }
+.verdict { border-left: 6px solid var(--tone); font-size: 17px; font-weight: 600; }
+.verdict p { font-size: 14px; font-weight: 400; margin-bottom: 0; }
+.good { --tone: var(--good); } .fair { --tone: var(--fair); } .bad { --tone: var(--bad); }
+.unknown { --tone: var(--unknown); }
+.facts { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); gap: 10px; margin: 14px 0; }
+.facts div { background: #fff; border: 1px solid var(--line); border-radius: 8px; padding: 8px 12px; }
+.facts b { display: block; font-size: 17px; font-variant-numeric: tabular-nums; }
+.facts span, .note, figcaption { color: var(--muted); font-size: 12.5px; }
+table { border-collapse: collapse; width: 100%%; font-size: 13px; }
+th { text-align: left; color: var(--muted); font-weight: 600; border-bottom: 2px solid var(--line); }
+th, td { padding: 4px 10px 4px 0; vertical-align: top; }
+td { border-bottom: 1px solid var(--line); }
+tr:last-child td { border-bottom: 0; }
+.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.nb { white-space: nowrap; }
+.merit { display: inline-block; min-width: 62px; text-align: center; border-radius: 9px; padding: 0 8px; color: #fff;
+         background: var(--tone); font-size: 12px; font-weight: 600; }
+.advice { color: var(--tone); }
+ol { margin: 4px 0; padding-left: 22px; } li { margin: 3px 0; }
+figure { margin: 10px 0 0; } figure img { max-width: 100%%; height: auto; display: block; }
+pre { font-size: 11.5px; white-space: pre-wrap; overflow-wrap: anywhere; background: #f9fafb; padding: 10px;
+      border: 1px solid var(--line); border-radius: 6px; margin: 6px 0 0; }
+footer { color: var(--muted); font-size: 12px; padding: 0 4px 20px; }
+@page { size: A4; margin: 14mm 12mm; }
+@media print {
+  body { background: #fff; font-size: 10.5px; print-color-adjust: exact; -webkit-print-color-adjust: exact; }
+  main { max-width: none; padding: 0; }
+  section { border: 0; border-radius: 0; padding: 0; margin: 12px 0; }
+  .verdict { border-left: 6px solid var(--tone); padding-left: 10px; }
+  .facts { grid-template-columns: repeat(4, 1fr); }
+  table { font-size: 9.5px; } .merit { font-size: 9px; min-width: 48px; }
+  .facts span, .note, figcaption { font-size: 9.5px; } .facts b { font-size: 13px; } pre { font-size: 7.5px; }
+  tr, figure, .facts div { break-inside: avoid; } h2, h3 { break-after: avoid; } thead { display: table-header-group; }
+  figure img { max-height: 235mm; }
+}
+"""
+
+
+def stylesheet() -> str:
+    """Return the CSS of the page."""
+    return _SHEET % COLOURS

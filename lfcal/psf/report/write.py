@@ -1,0 +1,118 @@
+"""The report into a folder: the page, its pictures, and lists for programs."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from lfcal.errors import InputError, StorageError, expectation
+from lfcal.files import replace_whole
+from lfcal.plain import plain
+from lfcal.progress import Clock, Work, drain
+from lfcal.psf.compare import Comparison, iter_compare
+from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.quality import QualityReport, iter_inspect
+from lfcal.psf.report.page import page
+from lfcal.psf.report.pictures import pictures
+
+__all__ = ["iter_report", "redo_list", "report"]
+
+PAGE = "index.html"
+
+
+def report(
+    matrix: PSFMatrix | ArrayLike,
+    folder: str | os.PathLike[str],
+    *,
+    reference: PSFMatrix | ArrayLike | None = None,
+    quality: QualityReport | None = None,
+    workers: int | None = None,
+) -> Path:
+    """Write the quality report of H and return its page: see `iter_report`."""
+    return drain(iter_report(matrix, folder, reference=reference, quality=quality, workers=workers))
+
+
+def iter_report(
+    matrix: PSFMatrix | ArrayLike,
+    folder: str | os.PathLike[str],
+    *,
+    reference: PSFMatrix | ArrayLike | None = None,
+    quality: QualityReport | None = None,
+    workers: int | None = None,
+) -> Work[Path]:
+    """Inspect H and write ``index.html``, its pictures, ``quality.json`` and ``redo.json`` into ``folder``.
+
+    Everything is drawn before the first file is written; each file appears whole or not at all, the page last.
+
+    Parameters
+    ----------
+    matrix
+        H; of a transposed view, the H behind it.
+    folder
+        Where to write; made if need be. Files of an earlier report are replaced.
+    reference
+        H of the same shape to compare with.
+    quality
+        The inspection of this H, where it was done already.
+    workers
+        Threads; every processor by default.
+
+    Raises
+    ------
+    InputError
+        If ``quality`` or ``reference`` is of another shape.
+    StorageError
+        If the folder cannot be written to.
+    """
+    target = Path(folder)
+    if target.exists() and not target.is_dir():
+        raise StorageError(expectation(str(target), "a folder for the report", "a file", "name a folder"))
+    H = _straight(matrix)
+    other = None if reference is None else _straight(reference)
+    if quality is not None and quality.shape != H.shape:
+        raise InputError(expectation("quality", f"that of H {H.shape}", quality.shape, "inspect this H"))
+    comparison: Comparison | None = None
+    if other is not None:
+        comparison = yield from iter_compare(H, other, workers=workers)
+    if quality is None:
+        quality = yield from iter_inspect(H, workers=workers)
+    draws = pictures(H, quality, other, comparison)
+    clock = Clock("drawing the report", len(draws) + 1)
+    drawn = []
+    for k, draw in enumerate(draws):
+        yield clock.at(k)
+        drawn.append(draw())
+    yield clock.at(len(draws))
+    text = page(H, quality, drawn, comparison, other.path if other is not None else "")
+    files = {p.name: p.png for p in drawn}
+    result = quality.to_dict() | ({} if comparison is None else {"comparison": comparison.to_dict()})
+    files |= {"quality.json": _json(result), "redo.json": _json(redo_list(quality)), PAGE: text.encode()}
+    for name, content in files.items():
+        with replace_whole(target / name) as part:
+            part.write_bytes(content)
+    yield clock.at(len(draws) + 1)
+    return target / PAGE
+
+
+def redo_list(quality: QualityReport) -> dict[str, Any]:
+    """Return the positions to record again as ``lfcal acquire --redo`` takes them."""
+    redo = quality.redo()
+    return {
+        "format": "lfcal-redo",
+        "version": 1,
+        "positions": [list(place) for place, _ in redo],
+        "reasons": [why for _, why in redo],
+    }
+
+
+def _straight(matrix: PSFMatrix | ArrayLike) -> PSFMatrix:
+    H = matrix if isinstance(matrix, PSFMatrix) else PSFMatrix(matrix)
+    return H.T if H.is_transposed else H
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(plain(value), indent=1, ensure_ascii=False).encode()
