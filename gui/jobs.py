@@ -19,6 +19,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
+from gui.garbage import Collector
 from lfcal.errors import Cancelled, LfcalError
 from lfcal.progress import Progress, Work
 
@@ -93,6 +94,7 @@ class Jobs(QObject):
         self._timer.setInterval(POLL_MS)
         self._timer.timeout.connect(self._take)
         self._closed = False
+        self._collector = Collector(self)  # threads must not destroy widgets
 
     # -- long work -------------------------------------------------------------------------------------
     def start(
@@ -257,3 +259,4 @@ class Jobs(QObject):
             thread.join(timeout=30)
         self._pool.shutdown(wait=True, cancel_futures=True)
         self._timer.stop()
+        self._collector.close()
