@@ -25,6 +25,7 @@ __all__ = ["Look", "Station", "in_limits", "open_station"]
 
 R = TypeVar("R")
 MOVE_TIMEOUT_S = 60.0
+SETTLE_S = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,6 +108,7 @@ class Station:
                                                      "check for an obstacle"))  # fmt: skip
                     break
                 clock.sleep(0.005)
+            clock.sleep(SETTLE_S)
             return stage.position()
 
     def jog(self, axis: int, by_um: float) -> Point:

@@ -21,6 +21,7 @@ from lfcal.psf import PSFMatrix
 __all__ = ["SetupTab"]
 
 LIVE_MS = 30
+QUICK = "the simulator's quick blob knows no lenslets: set optics under Options"
 MEASURING = "measuring …"
 
 
@@ -171,7 +172,9 @@ class SetupTab(QObject):
             return None
 
     def _looked(self, picture: LivePicture) -> None:
-        self.panel.show_live(picture, self.context.state.camera)
+        chosen = AcquireSettings.of(self.context.state)
+        quick = chosen.backend == "sim" and "optics" not in dict(chosen.device_options)
+        self.panel.show_live(picture, self.context.state.camera, QUICK if quick else "")
         if self.panel.live.isChecked() and self.free:
             self.live_timer.start()
 

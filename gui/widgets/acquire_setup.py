@@ -195,8 +195,8 @@ class SetupPanel(QWidget):
         self.exposure.setValue(1e3 * seconds)
         self.exposure.blockSignals(False)
 
-    def show_live(self, picture: LivePicture, camera: Camera) -> None:
-        """Show a live frame."""
+    def show_live(self, picture: LivePicture, camera: Camera, note: str = "") -> None:
+        """Show a live frame; ``note`` is put beside the likeness."""
         self.stage.set_position(picture.stage_um)
         self._window = picture.window
         if picture.frame is None:
@@ -221,7 +221,8 @@ class SetupPanel(QWidget):
             self.view.clear_cutout()
         self.seen.set_image(picture.seen, name="seen")
         self.predicted.set_image(picture.predicted, name="predicted")
-        self.likeness.setText("likeness –" if math.isnan(picture.likeness) else f"likeness {picture.likeness:.2f}")
+        words = "likeness –" if math.isnan(picture.likeness) else f"likeness {picture.likeness:.2f}"
+        self.likeness.setText(f"{words}; {note}" if note else words)
 
     def show_result(self, key: str, words: str, *, good: bool = True, usable: bool = False) -> None:
         """Show what was found; what is bad is red."""
