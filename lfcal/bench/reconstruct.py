@@ -78,8 +78,9 @@ def command(
     phantom_name: str = typer.Option("vesicle", "--phantom", help="points, vesicle or plume."),
     psf: Path = typer.Option(None, "--psf", help="H file; by default the bench preset is simulated, 5 planes."),
     chart: Path = typer.Option(Path("bench_reconstruct.png"), "--chart", help="Where to draw error against seconds."),
+    two_point: bool = typer.Option(False, "--two-point", help="Resolution of two points against depth instead."),
     workers: int = typer.Option(None, "--workers", help="Threads; every processor by default."),
-    json: bool = typer.Option(False, "--json", help="Print the curves as JSON."),
+    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
 ) -> None:
     """Reconstruct a known volume in many ways; print and draw the error against the seconds it took.
 
@@ -91,6 +92,9 @@ def command(
 
     count = worker_count(workers)
     H = simulated() if psf is None else _opened(psf)
+    if two_point:
+        show_resolution(H, image, iterations, photons, chart, json)
+        return
     reference = against_reference(H, image, count)
     truth, frame = scene(H, image, photons, phantom_name, count)
     curves = [measure(setting, H, truth, frame, iterations, count) for setting in SETTINGS]
@@ -202,6 +206,33 @@ def show(curves: list[Curve], reference: dict[str, float], title: str) -> None:
         f"{reference['ratio']:.2f} times one per-position reference projection of the volume "
         f"({seconds(reference['reference_projection_s'])})"
     )
+
+
+def show_resolution(H: PSFMatrix, image: int, iterations: int, photons: float, chart: Path, json: bool) -> None:
+    """Print and draw the least distance at which two points are seen apart, plane by plane."""
+    from lfcal.cli._common import print_json, print_table, run_work
+    from lfcal.figures import LINES, figure, save_figure
+    from lfcal.reconstruct import Projector, iter_two_point
+
+    P = Projector(H, (image, image))
+    found = run_work(iter_two_point(P, iterations=iterations, photons=photons * 100), quiet=json)
+    if json:
+        print_json(found)
+        return
+    limit = [f"{r.distance:.0f}" if r.distance < float("inf") else "none tried" for r in found]
+    rows = [
+        [str(r.plane), f"{r.depth_um:.1f}", d, " ".join(f"{v:.2f}" for v in r.dips)]
+        for r, d in zip(found, limit, strict=True)
+    ]
+    print_table(["plane", "depth (µm)", "resolved from (voxels)", "dip at 2 3 4 6 8 12 16 24 voxels"], rows)
+    with figure() as fig:
+        axes = fig.add_subplot()
+        resolved = [r for r in found if r.distance < float("inf")]
+        axes.plot([r.depth_um for r in resolved], [r.distance for r in resolved], "o-", color=LINES[0])
+        axes.set_xlabel("depth z (µm)")
+        axes.set_ylabel("least resolved distance (voxels)")
+        save_figure(fig, chart)
+    typer.echo(f"resolution against depth: {chart}")
 
 
 def draw(curves: list[Curve], chart: Path) -> None:

@@ -56,7 +56,7 @@ def command(
     """
     from dataclasses import asdict
 
-    from lfcal.cli._common import print_json, print_table, run_work
+    from lfcal.cli._common import print_json, print_table, report, run_work
     from lfcal.psf import open_psf
     from lfcal.reconstruct.projector import Projector
     from lfcal.reconstruct.series import iter_series
@@ -93,6 +93,8 @@ def command(
         weights = None if view is None else view.inside(frames[0][1]().shape)
         cleaned = [(name, partial(_cleaned, read, clean)) for name, read in frames]
         work = iter_series(P, cleaned, len(frames), choice, save, weights=weights, warm=warm)
+        if not json:
+            report(str(P.forecast()))
         run_work(P.iter_prepare(), quiet=json)
         results = run_work(work, quiet=json)
     if json:

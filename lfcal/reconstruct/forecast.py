@@ -159,7 +159,7 @@ def _fft(problem: Problem) -> Cost:
     one = rates.fft_seconds(rows, columns, problem.dtype.str, problem.workers)
     copies = 2 * rows * columns / rates.copy_rate(problem.dtype.str, 1)
     pair = problem.planes * grid.phases * (2 * one + copies)
-    scratch = problem.plane_bytes + 8 * rows * columns * problem.dtype.itemsize
+    scratch = 8 * rows * columns * problem.dtype.itemsize
     return Cost("fft", problem.planes * problem.read_s, pair, pair, problem.planes * problem.plane_bytes, scratch)
 
 
@@ -177,7 +177,7 @@ def _direct(problem: Problem) -> Cost:
     back = rates.gemm_seconds(block, rows * width, nx, dtype, workers, turned=True)
     adjoint = runs * (back + gather * values)
     bands = problem.planes * ny * nx * nt * (width + ns) / rates.copy_rate(dtype, workers) / 2
-    scratch = problem.plane_bytes + 4 * problem.image_bytes + workers * (2 * problem.image_bytes + (8 << 20))
+    scratch = 4 * problem.image_bytes + workers * (2 * problem.image_bytes + (8 << 20))
     return Cost("direct", problem.planes * problem.read_s, forward + bands, adjoint + bands,
                 problem.planes * problem.plane_bytes, scratch)  # fmt: skip
 
