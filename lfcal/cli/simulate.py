@@ -1,0 +1,173 @@
+"""``lfcal simulate``: H of a described camera, or the frames of a simulated session."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lfcal.cli._common import print_json, print_table, report, run_work
+from lfcal.errors import InputError, expectation
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+    from lfcal.progress import Work
+    from lfcal.simulate import EffectPlan
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``simulate`` to the app."""
+
+    @app.command()
+    def simulate(
+        camera: str = typer.Argument(..., help="Preset, camera JSON, Raytrix XML, or the JSON of a scan plan."),
+        depths: str = typer.Option("", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
+        virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B."),
+        cutout: str = typer.Option("", help="Pixels kept, odd: 181 or ROWS,COLUMNS; by default by geometry."),
+        effects: list[str] = typer.Option([], help="NAME=on, NAME=off or NAME=auto; may be repeated."),
+        tolerance: float = typer.Option(0.03, help="Relative L1 error allowed for what is left out."),
+        level: str = typer.Option("auto", help="auto, geometric, wave, microscope or reference."),
+        out: Path | None = typer.Option(None, "-o", "--out", help="H file to write."),
+        frames: Path | None = typer.Option(None, help="Folder for the frames of a simulated session."),
+        seed: int = typer.Option(0, help="Seed of noise and stage errors in frames."),
+        peak: float = typer.Option(0.8, help="Share of the full well that the brightest pixel reaches in frames."),
+        workers: int | None = typer.Option(None, help="Threads; by default all processors."),
+        plan_only: bool = typer.Option(False, help="Only show which effects matter and what they cost."),
+        json: bool = typer.Option(False, "--json", help="Print JSON."),
+    ) -> None:
+        """Simulate the PSF matrix of a camera, with the effects that matter for it and no others.
+
+        Example: `lfcal simulate bench --virtual-depths 3,4 -o H.h5`
+        """
+        from lfcal.simulate import plan_effects
+
+        planned = _plan(camera, depths, virtual_depths, cutout)
+        found = plan_effects(
+            planned.camera, planned, tolerance, _settings(effects), frames=frames is not None, peak=peak
+        )
+        if plan_only:
+            _show(found, json)
+            return
+        if (out is None) == (frames is None):
+            raise InputError("output: give -o H.h5 for the matrix or --frames DIR for a session, or --plan-only")
+        if out is not None:
+            made = _write_h(planned, found, level, tolerance, out, workers, json)
+        else:
+            assert frames is not None
+            made = _write_frames(planned, found, level, tolerance, frames, seed, peak, json)
+        if json:
+            print_json(made)
+        else:
+            typer.echo(f"written: {made['path']} ({made['what']})")
+
+
+def _plan(camera: str, depths: str, virtual_depths: str, cutout: str) -> ScanPlan:
+    from lfcal.camera import ScanPlan
+    from lfcal.cli.plan import load_camera, parse_depths, parse_pair
+
+    if camera.endswith(".json") and (ready := _ready_plan(Path(camera))) is not None:
+        if depths or virtual_depths or cutout:
+            raise InputError("planes and cutout: expected those of the plan, got others; leave the options out")
+        return ready
+    if bool(depths) == bool(virtual_depths):
+        raise InputError("planes: give --depths (µm) or --virtual-depths, for example --virtual-depths 2:5.5:0.5")
+    window = parse_pair(cutout, "cutout") if cutout else None
+    if window is not None and not all(value.is_integer() for value in window):
+        raise InputError(expectation("cutout", "whole numbers of pixels", cutout, "correct it"))
+    return ScanPlan.for_camera(
+        load_camera(camera),
+        depths_um=parse_depths(depths, lengths=True) if depths else None,
+        virtual_depths=parse_depths(virtual_depths, lengths=False) if virtual_depths else None,
+        cutout=(int(window[0]), int(window[1])) if window else None,
+    )
+
+
+def _ready_plan(path: Path) -> ScanPlan | None:
+    """Return the scan plan in a JSON file, or None where it is something else."""
+    from lfcal.camera import ScanPlan
+    from lfcal.files import storage_errors
+
+    with storage_errors(path):
+        text = path.read_text(encoding="utf-8", errors="replace")[: 1 << 24]
+    return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None
+
+
+def _settings(effects: Sequence[str]) -> dict[str, str]:
+    settings = {}
+    for item in effects:
+        name, sign, setting = item.partition("=")
+        if not sign:
+            raise InputError(
+                expectation("effect", "NAME=on, NAME=off or NAME=auto", repr(item), "for example bandwidth=on")
+            )
+        settings[name.strip()] = setting.strip()
+    return settings
+
+
+def _show(found: EffectPlan, json: bool) -> None:
+    from lfcal.units import format_seconds
+
+    if json:
+        print_json({
+            "level": found.level, "tolerance": found.tolerance, "seconds": found.seconds,
+            "ideal_seconds": found.ideal_seconds,
+            "effects": [
+                {"name": r.name, "on": r.on, "setting": r.setting, "size": r.estimate.size, "unit": r.estimate.unit,
+                 "error": r.estimate.error, "formula": r.estimate.formula, "z_um": r.z_um, "seconds": r.seconds,
+                 "reason": r.reason}
+                for r in found.rows
+            ],
+        })  # fmt: skip
+        return
+    rows = [["on" if r.on else "off", r.effect.title, r.reason] for r in found.rows]
+    title = f"effects for a tolerance of {100 * found.tolerance:g} %, level {found.level}"
+    print_table(["", "effect", "why"], rows, title=title)
+    typer.echo(
+        f"whole H: about {format_seconds(found.seconds)} of processor time (ideal camera: "
+        f"{format_seconds(found.ideal_seconds)})"
+    )
+
+
+def _write_h(
+    planned: ScanPlan, found: EffectPlan, level: str, tolerance: float, out: Path, workers: int | None, quiet: bool
+) -> dict[str, Any]:
+    from lfcal.simulate import iter_simulate_psf
+    from lfcal.simulate.ladder import predict_seconds
+    from lfcal.units import format_seconds
+
+    foretold = predict_seconds(planned, found, level, tolerance=tolerance)
+    if not quiet:
+        report(f"about {format_seconds(foretold)} of processor time ahead")
+    work: Work[Any] = iter_simulate_psf(
+        planned.camera, planned, found, level, tolerance=tolerance, out=out, workers=workers,
+        provenance={"plan": planned.to_dict()},
+    )  # fmt: skip
+    with run_work(work, quiet=quiet) as matrix:
+        shape = matrix.shape
+    return {"path": out, "what": f"H {shape}", "shape": shape, "level": found.level, "predicted_seconds": foretold,
+            "effects": [e.name for e in found.effects]}  # fmt: skip
+
+
+def _write_frames(
+    planned: ScanPlan,
+    found: EffectPlan,
+    level: str,
+    tolerance: float,
+    folder: Path,
+    seed: int,
+    peak: float,
+    quiet: bool,
+) -> dict[str, Any]:
+    from lfcal.simulate.camera_source import SimulatedCamera
+    from lfcal.simulate.session import iter_write_session
+
+    if folder.exists() and any(folder.iterdir()):
+        raise InputError(expectation(str(folder), "a new or empty folder", "one with files in it", "choose another"))
+    source = SimulatedCamera(planned, found, level=level, tolerance=tolerance, seed=seed, peak=peak)
+    count = run_work(iter_write_session(source, folder), quiet=quiet)
+    return {"path": folder, "what": f"{count} frames, dark and white frames, plan", "frames": count,
+            "effects": [e.name for e in found.effects]}  # fmt: skip

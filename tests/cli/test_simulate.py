@@ -1,0 +1,83 @@
+"""``lfcal simulate`` and ``lfcal bench accuracy`` as a user runs them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from lfcal.camera import ScanPlan, preset
+from lfcal.frames import open_frames
+from lfcal.psf import open_psf
+from tests.cli.conftest import Run
+
+Lfcal = Callable[..., Run]
+
+
+@pytest.fixture
+def plan_file(tmp_path: Path) -> Path:
+    camera = preset("bench")
+    camera = replace(camera, sensor=replace(camera.sensor, shape=(90, 100)))
+    plan = replace(ScanPlan.for_camera(camera, virtual_depths=[4.0], cutout=41), period=(2, 3))
+    path = tmp_path / "plan.json"
+    path.write_text(plan.to_json())
+    return path
+
+
+def test_plan_only_shows_every_effect(lfcal: Lfcal) -> None:
+    run = lfcal("simulate", "r29", "--virtual-depths", "4", "--plan-only", "--json")
+    assert run.code == 0, run.err
+    rows = {row["name"]: row for row in run.json["effects"]}  # type: ignore[index, call-overload]
+    assert rows["lens_types"]["on"] and not rows["bandwidth"]["on"] and len(rows) >= 28
+    table = lfcal("simulate", "bench", "--virtual-depths", "4", "--plan-only", "--effects", "crosstalk=on")
+    assert "asked for" in table.out and "whole H" in table.out
+
+
+def test_h_from_a_plan(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:
+    run = lfcal("simulate", plan_file, "-o", tmp_path / "H.h5", "--level", "geometric", "--json")
+    assert run.code == 0, run.err
+    with open_psf(tmp_path / "H.h5") as H:
+        assert H.shape == (1, 2, 3, 41, 41) and H[0, 0, 0].sum() > 0.5
+        assert H.provenance["plan"]["period"] == [2, 3]
+
+
+def test_frames_of_a_session(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    run = lfcal("simulate", plan_file, "--frames", folder, "--level", "geometric", "--seed", 3)
+    assert run.code == 0, run.err
+    assert {p.name for p in folder.iterdir()} == {
+        "frames", "dark", "white", "camera.json", "plan.json", "truth.json"
+    }  # fmt: skip
+    with open_frames(folder / "frames", plan_shape=(1, 2, 3)) as source:
+        assert len(source) == 6 and source.shape == (90, 100)
+    again = lfcal("simulate", plan_file, "--frames", folder)
+    assert again.code == 2 and "empty folder" in again.err
+    assembled = lfcal("assemble", folder / "frames", "--dark", folder / "dark", "--plan", folder / "plan.json",
+                      "-o", tmp_path / "H.h5", "--strict")  # fmt: skip
+    assert assembled.code == 0, assembled.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (("bench",), "virtual-depths"),
+        (("bench", "--virtual-depths", "4"), "output"),
+        (("nikon", "--virtual-depths", "4"), "camera"),
+        (("bench", "--virtual-depths", "4", "--plan-only", "--effects", "bandwidth"), "NAME=on"),
+        (("bench", "--virtual-depths", "4", "--plan-only", "--effects", "magic=on"), "magic"),
+        (("bench", "--virtual-depths", "4", "--plan-only", "--tolerance", "0"), "tolerance"),
+        (("bench", "--virtual-depths", "4", "--cutout", "40.5", "--plan-only"), "cutout"),
+        (("missing.json", "--virtual-depths", "4", "--plan-only"), "missing.json"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(lfcal: Lfcal, arguments: tuple[str, ...], word: str) -> None:
+    run = lfcal("simulate", *arguments)
+    assert run.code == 2 and word in run.err and run.err.count("\n") == 1
+
+
+def test_accuracy_bench(lfcal: Lfcal, tmp_path: Path) -> None:
+    run = lfcal("bench", "accuracy", "bench", "--virtual-depth", "2.2", "--positions", "1", "-o", tmp_path / "c.png")
+    assert run.code == 0, run.err
+    assert "picked" in run.out and "reference" in run.out and (tmp_path / "c.png").exists()

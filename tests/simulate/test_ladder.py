@@ -1,0 +1,100 @@
+"""Accuracy against time: rungs, what the tolerance picks, the picture, and the forecast of seconds."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lfcal.camera import ScanPlan, preset
+from lfcal.errors import InputError
+from lfcal.simulate.engine import Sampling
+from lfcal.simulate.ladder import Ladder, Rung, _marked, _places, draw_ladder, iter_ladder, ladder, predict_seconds
+from lfcal.simulate.simulate import simulate_psf
+from tests.simulate.common import BASE, small_camera, small_plan
+
+COARSE_TO_FINE = [
+    Sampling(nodes_per_px=2, margin_px=3),
+    Sampling(nodes_per_px=4, margin_px=5),
+    Sampling(nodes_per_px=5, margin_px=12, coherent=True),
+]
+
+
+@pytest.fixture(scope="module")
+def measured() -> Ladder:
+    plan = small_plan()
+    return ladder(plan.camera, plan, 0.05, positions=2, samplings=COARSE_TO_FINE)
+
+
+def test_finer_samplings_come_closer_to_the_reference(measured: Ladder) -> None:
+    errors = {r.label: r.error for r in measured.rungs}
+    assert errors["geometric"] > 0.2
+    ordered = [errors[label] for label in errors if label.startswith("wave")]
+    assert sorted(ordered, reverse=True) == ordered and ordered[-1] < 0.015
+    assert measured.refused == () and measured.positions == 2
+    assert measured.virtual_depth == pytest.approx(4.0)
+
+
+def test_the_picked_rung_is_the_fastest_within_the_tolerance(measured: Ladder) -> None:
+    picked = measured.chosen
+    assert picked is not None and picked.error <= 0.05
+    for rung in measured.rungs:
+        assert rung.error > 0.05 or rung.whole_seconds >= picked.whole_seconds
+    assert picked.efficient and measured.reference_seconds > 20 * picked.whole_seconds
+    assert replace(measured, tolerance=1e-9).chosen == min(measured.rungs, key=lambda r: r.error)
+    assert replace(measured, rungs=()).chosen is None
+
+
+def test_efficient_rungs_are_beaten_by_no_other() -> None:
+    points = [(1.0, 0.5), (2.0, 0.1), (2.5, 0.2), (3.0, 0.05), (3.0, 0.04), (9.0, 0.04)]
+    rungs = _marked([Rung("wave", None, str(k), e, 0.0, 0.0, t) for k, (t, e) in enumerate(points)])
+    assert [r.label for r in rungs if r.efficient] == ["0", "1", "4"]
+
+
+def test_places_are_spread_over_the_period() -> None:
+    places = np.array(_places((55, 95), 40))
+    assert len({tuple(p) for p in places}) == 40
+    assert (places >= 0).all() and (places < (55, 95)).all()
+    assert np.abs(places.mean(0) / (55, 95) - 0.5).max() < 0.06
+
+
+def test_picture(measured: Ladder, tmp_path: Path) -> None:
+    draw_ladder(measured, tmp_path / "ladder.png")
+    assert (tmp_path / "ladder.png").stat().st_size > 10_000
+
+
+def test_progress_and_bad_input() -> None:
+    plan = small_plan()
+    work = iter_ladder(plan.camera, plan, samplings=COARSE_TO_FINE[:1])
+    assert next(work).total == 3
+    work.close()
+    with pytest.raises(InputError, match="plane"):
+        ladder(plan.camera, plan, z=3)
+    with pytest.raises(InputError, match="one camera"):
+        ladder(preset("r29"), plan)
+
+
+def test_too_coarse_a_sampling_is_refused_by_its_energy() -> None:
+    plan = small_plan(cutout=41)
+    found = ladder(plan.camera, plan, positions=1, samplings=[Sampling(nodes_per_px=1, margin_px=2)])
+    assert len(found.refused) == 1 and [r.level for r in found.rungs] == ["geometric"]
+
+
+@pytest.mark.parametrize("case", ["microscope", "two planes"])
+def test_seconds_are_foretold(case: str) -> None:
+    """Within 1.5 on a quiet machine (`lfcal bench accuracy --check`); here within 4, for processors are shared."""
+    if case == "microscope":
+        camera = preset("lfm_20x05")
+        plan = ScanPlan.for_camera(camera, depths_um=[15.0], cutout=91)
+    else:
+        plan = ScanPlan.for_camera(small_camera(), virtual_depths=[4.0, 2.5])
+    effects = BASE if case != "microscope" else "auto"
+    simulate_psf(plan.camera, replace(plan, period=(1, 2)), effects, tolerance=0.12)  # compile
+    foretold = predict_seconds(plan, effects, tolerance=0.12)
+    start = time.process_time()
+    simulate_psf(plan.camera, plan, effects, tolerance=0.12, workers=1)
+    spent = time.process_time() - start
+    assert spent / 4 < foretold < 4 * spent + 0.1
