@@ -162,11 +162,24 @@ def _figure3(path: Path, raw: Path | None) -> None:
 
     image = open_image(raw)
     frame = without_dark(image.read(), image.metadata.get("black_level", 0))
-    modulator = cfa(str(image.metadata.get("cfa", "")))
+    pattern = str(image.metadata.get("cfa", ""))
     image.close()
     rows, columns = (n // 2 for n in frame.shape)
     zoom = (slice(rows - rows // 8, rows + rows // 8), slice(columns - columns // 8, columns + columns // 8))
-    save_colour_routes(frame, modulator, path, zoom=zoom)
+    ways = (("spatial", "cubic"), ("spatial", "bilateral"), ("fourier", "sinc"))
+    save_colour_routes(frame, cfa(pattern), path, zoom=zoom, others=_opencv(frame, pattern), ways=ways)
+
+
+def _opencv(frame: NDArray[Any], pattern: str) -> list[tuple[str, NDArray[Any]]]:
+    """Return OpenCV's bilinear demosaic of a Bayer frame, nothing for other patterns."""
+    import cv2
+    import numpy as np
+
+    code = getattr(cv2, f"COLOR_Bayer{pattern}2RGB", None) if len(pattern) == 4 else None
+    if code is None:
+        return []
+    whole = np.clip(np.rint(frame), 0, 65535).astype(np.uint16)
+    return [("OpenCV, bilinear", cv2.demosaicing(whole, code).transpose(2, 0, 1))]
 
 
 def _figure5(path: Path) -> None:

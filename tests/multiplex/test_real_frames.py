@@ -18,7 +18,6 @@ from lfcal.frames import (
     open_frames,
     open_image,
     read_image,
-    read_region,
 )
 from lfcal.multiplex import SuperPixelLattice, cfa, colour_source, demultiplex, lattice_channels, multiplex
 from lfcal.psf import Cutout, assemble
@@ -97,35 +96,51 @@ def test_views_of_a_measured_light_field() -> None:
     assert even.std() / even.mean() < 0.1 < 3 * even.std() / even.mean() < uneven.std() / uneven.mean()
 
 
-def bayer_session() -> tuple[ArraySource, ArraySource, tuple[int, int, int]]:
-    """Return frames of the sample session as a mono and as a Bayer sensor see them, one depth, a part of the period."""
+def bayer_session(step: int, blur_px: float) -> tuple[ArraySource, ArraySource, tuple[int, int, int]]:
+    """Return frames of the sample session, every ``step``-th position, as a mono and as a Bayer sensor see them."""
     folder = ROOT / "sample_data" / "session"
     if not folder.exists():
         pytest.skip("needs sample_data/session")
     recorded = open_frames(folder / "frames")
     shape = (1, 2, 3)
-    frames = np.empty((*shape, 80, 96))
+    frames = np.empty((*shape, *recorded.shape))
     for k in range(len(recorded)):
         z, y, x = recorded.position(k)
-        if z == 0 and y < 2 and x < 3:
-            frames[z, y, x] = read_region(recorded, k, slice(0, 80), slice(0, 96))
+        if z == 0 and y % step == x % step == 0 and y < 2 * step and x < 3 * step:
+            frame = recorded.read(k) - 64.0
+            frames[z, y // step, x // step] = cv2.GaussianBlur(frame, (0, 0), blur_px) if blur_px else frame
     mosaics = np.empty_like(frames)
     for at in np.ndindex(shape):
         mosaics[at] = multiplex(COLOURS[:, None, None] * frames[at], cfa("GRBG"))
     return ArraySource(frames), ArraySource(mosaics, metadata={"cfa": "GRBG"}), shape
 
 
-def test_bayer_plenoptic_frames_feed_the_core() -> None:
-    mono, mosaic, shape = bayer_session()
+def test_bayer_plenoptic_frames_feed_the_core_by_channel() -> None:
+    """Steps of two pixels are steps of one in a channel: H of each channel is that of the mono sensor, thinned."""
+    mono, mosaic, shape = bayer_session(2, 0.0)
+    for k, (channel, row, column) in {1: ("G1", 0, 0), 0: ("R", 0, 1), 2: ("B", 1, 0)}.items():
+        H = np.asarray(assemble(channel_source(mosaic, channel), shape, Cutout((21, 21), anchor=(20, 22))).matrix)
+        for y, x in np.ndindex(2, 3):
+            frame = mono.read(3 * y + x)[row::2, column::2]
+            cut = frame[20 + y - 10 : 20 + y + 11, 22 + x - 10 : 22 + x + 11]
+            np.testing.assert_allclose(H[0, y, x], COLOURS[k] * cut, rtol=1e-5, atol=1e-3)
+
+
+@pytest.mark.parametrize(("blur_px", "most"), [(1.5, 0.1), (2.0, 0.045)])
+def test_bayer_plenoptic_frames_feed_the_core_demosaiced(blur_px: float, most: float) -> None:
+    """At every pixel by the spatial route: right where spots are wider than the pattern, not for sharp ones."""
     cutout = Cutout((41, 41), anchor=(39, 47))
-    truth = np.asarray(assemble(mono, shape, cutout).matrix)
-    for k, colour in enumerate("RGB"):
-        H = np.asarray(assemble(colour_source(mosaic, colour), shape, cutout).matrix)
-        error = np.linalg.norm(H / COLOURS[k] - truth) / np.linalg.norm(truth)
-        assert error < (0.05 if colour == "G" else 0.1)
-    # the recorded samples alone, at half the pitch
-    half = channel_source(mosaic, "R")
-    np.testing.assert_allclose(half.read(0), COLOURS[0] * mono.read(0)[0::2, 1::2])
+
+    def errors(blur: float) -> list[float]:
+        mono, mosaic, shape = bayer_session(1, blur)
+        truth = np.asarray(assemble(mono, shape, cutout).matrix)
+        found = (np.asarray(assemble(colour_source(mosaic, c), shape, cutout).matrix) for c in "RGB")
+        return [
+            float(np.linalg.norm(H / w - truth) / np.linalg.norm(truth)) for H, w in zip(found, COLOURS, strict=True)
+        ]
+
+    assert max(errors(blur_px)) < most
+    assert min(errors(0.0)) > 0.5, "spots of one pixel fall between the samples of a colour"
 
 
 def test_regions_of_a_colour_are_parts_of_its_frame() -> None:
