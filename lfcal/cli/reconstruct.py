@@ -35,7 +35,7 @@ def command(
     threshold: float = typer.Option(0.0, "--threshold", help="Take entries of H below this share of the peak as 0."),
     dark: Path = typer.Option(None, "--dark", help="Dark frame, or a folder of them to average."),
     white: Path = typer.Option(None, "--white", help="White frame, or a folder of them to average."),
-    resample: bool = typer.Option(False, "--resample", help="Fit the lattice in --white; resample to H's period."),
+    resample: bool = typer.Option(False, "--resample", help="Resample to H's period by the lattice in --white."),
     anchor: str = typer.Option("", "--anchor", help="Pixel ROW,COLUMN of H's position (0, 0); H's own by default."),
     background: float = typer.Option(0.0, "--background", help="Counts of a pixel without any source."),
     read_noise: float = typer.Option(0.0, "--read-noise", help="Rms read noise (counts)."),
@@ -160,14 +160,17 @@ def _anchor(text: str, view: Resampling | None, H: Any) -> tuple[float, float] |
 
 
 def _view(H: Any, white: Path | None) -> Resampling:
-    """Return the map of frames onto H's period by the lattice of the white frame."""
+    """Return the map of frames onto H's period, by the lattice of the white frame or the one H's camera states."""
     from lfcal.errors import InputError, expectation
-    from lfcal.frames.lattice_fit import fit_lattice
-    from lfcal.frames.recipe import read_average
     from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
 
+    if white is None and H.camera is not None:
+        return Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H))
     if white is None:
-        raise InputError(expectation("--resample", "a white frame to fit the lattice in", "none", "give --white"))
+        raise InputError(expectation("--resample", "a white frame, or a camera with H", "neither", "give --white"))
+    from lfcal.frames.lattice_fit import fit_lattice
+    from lfcal.frames.recipe import read_average
+
     types = len(H.camera.lattice.types) if H.camera is not None else 1
     fit = fit_lattice(read_average(white), kind=None if H.camera is None else H.camera.lattice.kind)
     return Resampling.of_fit(fit, H.period, lattice_anchor_of(H), types)

@@ -101,14 +101,36 @@ class Resampling:
         types
             Lens types: three on a hexagonal array make the period three lenslets wide.
         """
-        a, b = np.asarray(fit.basis_px(), float)
-        across = a * (3 if fit.kind == "hexagonal" and types == 3 else 1)
-        down = 2 * b - a if fit.kind == "hexagonal" else b
+        return cls._of_lattice(fit.kind, fit.basis_px(), fit.origin_px, fit.shape, period, lattice_anchor, types)
+
+    @classmethod
+    def of_camera(
+        cls, camera: Any, period: tuple[int, int] | None = None, lattice_anchor: Pair = (0.0, 0.0)
+    ) -> Resampling:
+        """Return the map for the lattice that a `lfcal.camera.Camera` states; arguments as in `of_fit`."""
+        lattice, sensor = camera.lattice, camera.sensor
+        x, y = lattice.offset_um
+        origin = (sensor.centre_px[0] + y / sensor.pixel_um, sensor.centre_px[1] + x / sensor.pixel_um)
+        basis = np.asarray(lattice.basis_um(), float) / sensor.pixel_um
+        return cls._of_lattice(lattice.kind, basis, origin, sensor.shape, period, lattice_anchor, len(lattice.types))
+
+    @classmethod
+    def _of_lattice(
+        cls,
+        kind: str,
+        basis: ArrayLike,
+        origin: Pair,
+        shape: tuple[int, int],
+        period: tuple[int, int] | None,
+        lattice_anchor: Pair,
+        types: int,
+    ) -> Resampling:
+        a, b = np.asarray(basis, float)
+        across = a * (3 if kind == "hexagonal" and types == 3 else 1)
+        down = 2 * b - a if kind == "hexagonal" else b
         whole = (max(1, round(float(np.hypot(*down)))), max(1, round(float(np.hypot(*across)))))
-        rows, columns = fit.shape
-        row, column = (float(v) for v in fit.origin_px)
         return cls.to_period(
-            (int(rows), int(columns)), (row, column), (float(down[1]), float(down[0])),
+            (int(shape[0]), int(shape[1])), (float(origin[0]), float(origin[1])), (float(down[1]), float(down[0])),
             (float(across[1]), float(across[0])), period or whole, lattice_anchor,
         )  # fmt: skip
 

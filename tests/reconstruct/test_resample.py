@@ -91,6 +91,17 @@ def test_lattice_anchor_is_that_of_the_plan(name):
     assert np.allclose(off, np.round(off), atol=1e-6) or np.allclose(2 * off, np.round(2 * off), atol=1e-6)
 
 
+def test_a_camera_states_its_lattice():
+    camera = preset("lfm_60x12")
+    lattice = camera.lattice
+    view = Resampling.of_camera(camera)
+    assert view.period == (15, 15)
+    assert view.scale == pytest.approx((15 / camera.period_px[0], 15 / camera.period_px[1]))
+    centre = view.places(np.array(view.centre[0] + 30), np.array(view.centre[1] - 15))
+    expected = camera.pixels(lattice.centres_um(-1, 2))
+    assert np.allclose(centre, expected)
+
+
 def test_bad_lattices_are_refused():
     with pytest.raises(InputError, match="two directions"):
         Resampling.to_period((9, 9), (4, 4), (1.0, 1.0), (2.0, 2.0), (3, 3))
