@@ -19,7 +19,9 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    frames: Path = typer.Argument(help="Folder of frames, manifest (.csv, .json), or one file of many frames."),
+    frames: Path = typer.Argument(
+        help="Folder of frames, manifest (.csv, .json), one file of many frames, or a recorded session."
+    ),
     out: Path = typer.Option(..., "--out", "-o", help="H file to write (.h5)."),
     plan: Path = typer.Option(None, "--plan", "-p", help="Scan plan (.json); plan.json beside the frames by default."),
     manifest: Path = typer.Option(None, "--manifest", help="Manifest of the frames, if it does not lie with them."),
@@ -61,6 +63,10 @@ def command(
     from lfcal.psf.cutout import Cutout
 
     start = time.perf_counter()
+    if (frames / "session.json").is_file():
+        _assemble_recording(frames, out, start, json, interpolation=interpolation, dtype=dtype,
+                            compression=compression, strict=strict, workers=workers)  # fmt: skip
+        return
     scan = read_plan(frames, plan)
     with ExitStack() as stack:
         source: Any = stack.enter_context(
@@ -82,6 +88,18 @@ def command(
             provenance={"plan": scan.to_dict()},
         )  # fmt: skip
         report = run_work(work, quiet=json)
+    with report.matrix:
+        _show(report, out, time.perf_counter() - start, json)
+
+
+def _assemble_recording(folder: Path, out: Path, start: float, json: bool, **options: Any) -> None:
+    """Assemble the session of ``lfcal acquire``: it brings its plan, cutouts and dark frames itself."""
+    import time
+
+    from lfcal.acquire.finish import iter_assemble_session
+    from lfcal.cli._common import run_work
+
+    report = run_work(iter_assemble_session(folder, out, **options), quiet=json)
     with report.matrix:
         _show(report, out, time.perf_counter() - start, json)
 

@@ -1,0 +1,144 @@
+"""``lfcal demo``: the main job, end to end, on the recorded sample session."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+    from lfcal.psf import PSFMatrix
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``demo`` to the app."""
+    app.command("demo")(command)
+
+
+@dataclass
+class _Steps:
+    """What was made, and how long each step took."""
+
+    rows: list[tuple[str, str, float]] = field(default_factory=list)
+
+    @contextmanager
+    def step(self, title: str) -> Iterator[list[str]]:
+        """Time a step; the block puts what it made into the list it is given."""
+        start = time.perf_counter()
+        made: list[str] = []
+        yield made
+        self.rows.append((title, ", ".join(made), time.perf_counter() - start))
+
+
+def command(
+    out: Path = typer.Argument(Path("demo_out"), help="Folder to write into."),
+    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+) -> None:
+    """Run the main job on the sample session: frames, H, its transpose, pictures, a report, a MATLAB file.
+
+    Example: `lfcal demo demo_out`
+    """
+    from lfcal.cli._common import print_json, print_table
+    from lfcal.cli._sample import sample_session
+    from lfcal.cli.assemble import read_plan
+    from lfcal.units import format_seconds
+
+    session = sample_session()
+    plan = read_plan(session / "frames", session / "plan.json")
+    steps = _Steps()
+    with _assembled(session, plan, out, steps, quiet=json) as matrix:
+        _pictures(matrix, out, steps)
+        check = _against_truth(matrix, session, plan, out, steps)
+        _report(matrix, out, steps, quiet=json)
+        _export(matrix, out, steps, quiet=json)
+    if json:
+        print_json({"out": out, "shape": plan.shape, "steps": [
+            {"step": title, "made": made, "seconds": seconds} for title, made, seconds in steps.rows
+        ], **check})  # fmt: skip
+        return
+    print_table(
+        ["step", "made", "time"],
+        [[title, made, format_seconds(seconds)] for title, made, seconds in steps.rows],
+        title=f"H (z, y, x, t, s) = {plan.shape} from {plan.camera.name}, written to {out}/",
+    )
+    typer.echo(f"check: {check['words']}")
+    typer.echo(f"next: open {out / 'report' / 'index.html'} in a browser, or run lfcal-gui --demo")
+
+
+@contextmanager
+def _assembled(session: Path, plan: ScanPlan, out: Path, steps: _Steps, *, quiet: bool) -> Iterator[PSFMatrix]:
+    from lfcal.cli._common import run_work
+    from lfcal.frames import open_frames
+    from lfcal.frames.recipe import CorrectionRecipe, build_chain
+    from lfcal.psf import Cutout, iter_assemble
+
+    with steps.step("frames, corrected and cropped with the shifting cutout") as made:
+        with open_frames(session / "frames", plan_shape=plan.shape[:3]) as source:
+            recipe = CorrectionRecipe(session / "dark", session / "white")
+            work = iter_assemble(
+                source, plan.shape[:3], Cutout.for_plan(plan), out / "H.h5", corrections=build_chain(source, recipe),
+                depths=plan.depths_um, camera=plan.camera, strict=True, provenance={"plan": plan.to_dict()},
+            )  # fmt: skip
+            report = run_work(work, quiet=quiet)
+        made.append(f"H.h5 from {report.frames} frames")
+    with report.matrix as matrix:
+        yield matrix
+
+
+def _pictures(matrix: PSFMatrix, out: Path, steps: _Steps) -> None:
+    from lfcal.figures import draw_image, figure, save_figure
+    from lfcal.units import format_length
+
+    z, y, x = len(matrix) // 2, matrix.period[0] // 2, matrix.period[1] // 2
+    with steps.step("one slice of the transposed matrix, without building it") as made, figure(9, 3.4) as fig:
+        left, right = fig.subplots(1, 2)
+        where = f"z = {format_length(float(matrix.depths[z]))}, y {y}, x {x}"
+        draw_image(left, matrix[z, y, x], title=f"H: a point on the sensor ({where})", unit="counts")
+        draw_image(right, matrix.T[z, y, x], title="HT: a pixel in the volume", unit="counts",
+                   xlabel="voxel column s (px)", ylabel="voxel row t (px)")  # fmt: skip
+        save_figure(fig, out / "H_and_HT.png")
+        made.append("H_and_HT.png")
+    with steps.step("depth-plane sums: the aperture from every depth") as made, figure(3.2 * len(matrix), 3) as fig:
+        for k, axes in enumerate(fig.subplots(1, len(matrix), squeeze=False)[0]):
+            draw_image(axes, matrix.depth_sum(k), title=f"z = {format_length(float(matrix.depths[k]))}", unit="counts")
+        save_figure(fig, out / "depth_sums.png")
+        made.append("depth_sums.png")
+
+
+def _against_truth(matrix: PSFMatrix, session: Path, plan: ScanPlan, out: Path, steps: _Steps) -> dict[str, Any]:
+    """Simulate the same H directly and compare: the sample camera's truth is known."""
+    from lfcal.psf.compare import compare
+    from lfcal.simulate import simulate_psf
+
+    with steps.step("the same H simulated directly, and compared") as made:
+        truth = simulate_psf(plan.camera, plan, "auto", tolerance=0.05, out=out / "truth.h5")
+        with truth:
+            found = compare(matrix, truth)
+        made.append("truth.h5")
+    words = f"correlation with the simulated truth {found.correlation:.4f}, largest centroid shift "
+    words += f"{found.max_shift_px:.2f} px"
+    return {"correlation": found.correlation, "max_shift_px": found.max_shift_px, "words": words}
+
+
+def _report(matrix: PSFMatrix, out: Path, steps: _Steps, *, quiet: bool) -> None:
+    from lfcal.cli._common import run_work
+    from lfcal.psf.report import iter_report
+
+    with steps.step("quality report") as made:
+        run_work(iter_report(matrix, out / "report"), quiet=quiet)
+        made.append("report/index.html")
+
+
+def _export(matrix: PSFMatrix, out: Path, steps: _Steps, *, quiet: bool) -> None:
+    from lfcal.cli._common import run_work
+    from lfcal.psf import iter_export
+
+    with steps.step("export for the published codes") as made:
+        run_work(iter_export(matrix, out / "H.mat"), quiet=quiet)
+        made.append("H.mat (H, Ht, Nnum, CAindex, x3objspace)")

@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import h5py
+import numpy as np
+
+from lfcal.psf import open_psf
+from tests.cli.conftest import Run
+
+
+def test_the_main_job_on_the_sample_session(lfcal: Callable[..., Run], tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    run = lfcal("demo", out, "--json")
+    assert run.code == 0, run.err
+    found: Any = run.json
+    assert found["correlation"] > 0.999, "H from frames equals H simulated directly"
+    assert found["max_shift_px"] < 0.3
+    assert len(found["steps"]) == 6 and all(step["made"] and step["seconds"] > 0 for step in found["steps"])
+    with open_psf(out / "H.h5") as H, open_psf(out / "H.mat") as exported:
+        assert list(H.shape) == found["shape"]
+        np.testing.assert_array_equal(H[1, 9, 16], exported[1, 9, 16])
+        iris = H.aperture(1)
+        assert iris.blades == 7 and iris.confident
+    with h5py.File(out / "H.mat") as file:
+        assert {"H", "Ht", "Nnum", "CAindex", "x3objspace"} <= set(file)
+    for name in ("H_and_HT.png", "depth_sums.png"):
+        assert cv2.imread(str(out / name)).std() > 10, "a picture, not an empty page"
+    assert "<html" in (out / "report" / "index.html").read_text(encoding="utf-8")[:200]
