@@ -204,7 +204,7 @@ def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None) -> Liv
     step = max(1, -(-len(histogram) // BINS))
     padded = np.pad(histogram, (0, -len(histogram) % step))
     counts = padded.reshape(-1, step).sum(axis=1).astype(float)
-    edges = np.arange(len(counts) + 1) * float(step)
+    edges = np.arange(len(counts) + 1, dtype=np.float64) * step
     levels = state.levels
     mean = float((histogram * np.arange(len(histogram))).sum()) / frame.size
     numbers = f"maximum <b>{levels.maximum}</b>, median <b>{levels.quantile(0.5)}</b>, mean <b>{mean:.1f}</b> counts"

@@ -142,7 +142,7 @@ class ReconstructSettings:
         if not isinstance(data, Mapping):
             return cls()
         known = {f.name for f in fields(cls)}
-        given = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items() if k in known}
+        given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items() if k in known}
         try:
             settings = cls(**given)
             settings.choice()

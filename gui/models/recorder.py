@@ -189,11 +189,11 @@ def record_picture(
         "residual": quality.residual_px.astype(float),
         "saturated": np.where(seen, quality.saturated, np.nan),
     }
-    curves = {}
+    curves: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
     for key, values in arrays.items():
         line = values.ravel()[order]
         at = np.flatnonzero(np.isfinite(line))
-        curves[key] = (at + 1.0, line[at])
+        curves[key] = (np.asarray(at + 1.0, np.float64), line[at])
     there = seen if earlier is None or earlier.shape != seen.shape else seen | earlier
     alarms = tuple(f"{a.what}: {a.value:.3g} (limit {a.limit:g}): {a.advice}" for a in quality.alarms)
     return RecordPicture(

@@ -83,7 +83,7 @@ class RecordTab(QObject):
 
     # -- session folder --------------------------------------------------------------------------------
     def _choose_folder(self) -> None:
-        path = QFileDialog.getExistingDirectory(self, "Folder of the session")
+        path = QFileDialog.getExistingDirectory(self.panel, "Folder of the session")
         if path:
             self.set_folder(path)
 
@@ -277,7 +277,7 @@ class RecordTab(QObject):
     def assemble(self, path: str = "") -> None:
         """Assemble H as a job."""
         folder = Path(self.context.state.recording)
-        path = path or QFileDialog.getSaveFileName(self, "Assemble H", str(folder / "H.h5"), "H file (*.h5)")[0]
+        path = path or QFileDialog.getSaveFileName(self.panel, "Assemble H", str(folder / "H.h5"), "H file (*.h5)")[0]
         if path:
             self._assemble(Path(path))
 

@@ -188,15 +188,16 @@ class SetupTab(QObject):
     # -- stage -----------------------------------------------------------------------------------------
     def jog(self, axis: int, by_um: float) -> None:
         """Move one axis by a step; steps asked for in a hurry are all made, one after the other."""
-        if self.station is not None:
-            self._queue_move(lambda station=self.station: station.jog(axis, by_um))
+        station = self.station
+        if station is not None:
+            self._queue_move(lambda: station.jog(axis, by_um))
 
     def go_plane(self, z: int) -> None:
         """Go to the middle of the cell in plane ``z``."""
-        plan = self.context.state.plan
-        if self.station is not None and plan is not None:
+        station, plan = self.station, self.context.state.plan
+        if station is not None and plan is not None:
             target = view.target_of(plan, z)
-            self._queue_move(lambda station=self.station: station.move(target))
+            self._queue_move(lambda: station.move(target))
             self.panel.set_exposure(plan.exposures[z])
 
     def _queue_move(self, move: Callable[[], Any]) -> None:

@@ -251,8 +251,10 @@ class RecordPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.map, self.frame, self.depth_sum, *self.curves.values()):
+        for widget in (self.map, self.frame, self.depth_sum):
             widget.apply_theme()
+        for plot in self.curves.values():
+            plot.apply_theme()
 
     def _plane_moved(self, _: int) -> None:
         self.follow.setChecked(False)

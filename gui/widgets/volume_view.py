@@ -55,7 +55,8 @@ class VolumeView(QWidget):
         for index, share in ((0, 5), (1, 2)):
             layout.setColumnStretchFactor(index, share)
             layout.setRowStretchFactor(index, share)
-        self.items, self.lines = {}, {}
+        self.items: dict[str, pg.ImageItem] = {}
+        self.lines: dict[tuple[str, str], pg.InfiniteLine] = {}
         for name, plot in (("xy", self.xy), ("xz", self.xz), ("yz", self.yz)):
             self._add_image(name, plot)
         self.graphics.scene().sigMouseClicked.connect(self._clicked)
@@ -158,7 +159,7 @@ class VolumeView(QWidget):
         """The volume shown."""
         return self._volume
 
-    def set_cross(self, **place: int) -> None:
+    def set_cross(self, **place: Any) -> None:
         """Move the cross hair along any of ``z``, ``y``, ``x``."""
         if self._volume is None:
             return
