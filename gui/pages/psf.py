@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QPushButton,
+    QSizePolicy,
     QSlider,
     QVBoxLayout,
     QWidget,
@@ -119,7 +120,7 @@ class Page(StagePage):
     def _controls(self) -> QWidget:
         panel = QFrame()
         panel.setProperty("role", "card")
-        panel.setFixedWidth(250)
+        panel.setFixedWidth(244)
         column = QVBoxLayout(panel)
         column.setContentsMargins(12, 10, 12, 12)
         column.setSpacing(7)
@@ -178,7 +179,7 @@ class Page(StagePage):
         left.addWidget(title)
         left.addWidget(self.sum_view, 1)
         row.addLayout(left, 3)
-        self.aperture_text.setMinimumWidth(168)
+        self.aperture_text.setMinimumWidth(150)
         row.addWidget(self.aperture_text)
         return panel
 
@@ -437,8 +438,8 @@ def aperture_words(aperture: Aperture) -> str:
     lines = (
         ("Blades", f"{aperture.blades}"),
         ("Rotation", f"{np.degrees(aperture.rotation_rad):.1f}°"),
-        ("Centre row", f"{row:.2f} px"),
-        ("Centre column", f"{column:.2f} px"),
+        ("Centre t", f"{row:.2f} px"),
+        ("Centre s", f"{column:.2f} px"),
         ("Apothem", f"{aperture.apothem_px:.2f} px"),
         ("Area", f"{aperture.area_px2:.0f} px²"),
         ("Curvature", f"{aperture.curvature:.2f}"),
@@ -460,6 +461,7 @@ def _titled(title: QLabel, content: QWidget) -> QFrame:
     layout.setContentsMargins(8, 6, 8, 6)
     layout.setSpacing(4)
     title.setProperty("role", "heading")
+    title.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
     layout.addWidget(title)
     layout.addWidget(content, 1)
     return frame
