@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication, QLineEdit
+from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit, QWidget
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
@@ -265,3 +265,25 @@ def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qap
 def test_a_changed_stage_is_a_changed_plan(page: Page, context: Context) -> None:
     context.session.update("axes", plan=replace(PLAN, stage=StageAxes("-x", "+y", "+z")))
     assert page.setup.panel.stage.plane.count() == 2
+
+
+def test_dialogs_choose_folder_and_file(
+    page: Page, context: Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
+) -> None:
+    asked: list[Any] = []
+
+    def answer(parent: Any, *_: Any) -> Any:
+        assert isinstance(parent, QWidget)
+        asked.append(parent)
+        return ""
+
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", answer)
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *a: (answer(*a), ""))
+    page.record.start()
+    assert len(asked) == 1 and not page.record.recording, "no folder chosen: nothing begins"
+    page.record.panel.folder_asked.emit()
+    page.record.assemble()
+    assert len(asked) == 3 and context.state.recording == ""
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path / "chosen"))
+    page.record.panel.folder_asked.emit()
+    assert context.state.recording == str(tmp_path / "chosen")
