@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-COMMON = {"errors", "axes", "progress", "files", "units", "threads", "figures"}
+COMMON = {"errors", "axes", "progress", "files", "units", "threads", "figures", "plain"}
 ALLOWED = {
     "errors": set(),
     "units": set(),
+    "plain": set(),
     "axes": {"errors"},
     "progress": set(),
     "threads": set(),
