@@ -1,4 +1,4 @@
-"""``lfcal inspect``: is this H any good?"""
+"""``lfcal inspect``: how good an H is."""
 
 from __future__ import annotations
 
@@ -81,14 +81,15 @@ def _write(
 def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -> None:
     """Print verdict, metrics, apertures and the comparison."""
     from lfcal.cli._common import print_table
+    from lfcal.psf.report.page import limits
     from lfcal.units import format_length, format_seconds
 
     typer.echo(f"H (z, y, x, t, s) = {quality.shape}, inspected in {format_seconds(quality.seconds)}")
     colour = {"good": typer.colors.GREEN, "fair": typer.colors.YELLOW, "bad": typer.colors.RED}.get(quality.merit)
     typer.secho(quality.verdict, fg=colour, bold=True)
     print_table(
-        ["merit", "metric", "value", "limits", "cost (NRMSE)"],
-        [[m.merit, m.spec.title, m.text, m.limits, f"{m.cost:.3f}" if m.cost else "—"] for m in quality.metrics],
+        ["merit", "metric", "value", "good", "bad", "cost (NRMSE)"],
+        [[m.merit, m.spec.title, m.text, *limits(m), f"{m.cost:.3f}" if m.cost else "—"] for m in quality.metrics],
     )
     print_table(
         ["depth z", "aperture"],
@@ -101,12 +102,12 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -
             typer.echo(f"{metric.merit}: {metric.spec.title.lower()}, {metric.text}{detail}: {metric.spec.advice}")
     redo = quality.redo()
     if redo:
-        typer.echo(f"{len(redo)} positions to record again; --report writes them to redo.json")
+        places = "1 position" if len(redo) == 1 else f"{len(redo)} positions"
+        typer.echo(f"{places} to record again; --report writes the list to redo.json")
     if comparison is not None:
-        typer.echo(
-            f"against the reference: correlation {comparison.correlation:.5f}, error {100 * comparison.rms_error:.2f} %, "
-            f"centroid shift {comparison.rms_shift_px:.3f} px rms, {comparison.max_shift_px:.3f} px at most"
-        )
+        words = f"correlation {comparison.correlation:.5f}, error {100 * comparison.rms_error:.2f} %, centroid shift "
+        words += f"{comparison.rms_shift_px:.3f} px rms, {comparison.max_shift_px:.3f} px at most"
+        typer.echo(f"against the reference: {words}")
 
 
 def _show_f_number(H: PSFMatrix, quality: QualityReport) -> None:

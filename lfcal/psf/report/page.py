@@ -21,7 +21,7 @@ from lfcal.psf.report.pictures import Picture
 from lfcal.psf.report.style import stylesheet
 from lfcal.units import format_bytes, format_length, format_seconds
 
-__all__ = ["page"]
+__all__ = ["limits", "page"]
 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 """What a browser may do for this page: show what is in it, nothing else."""
@@ -72,7 +72,7 @@ def _section(title: str, body: str) -> str:
     return f"<section><h2>{_text(title)}</h2>\n{body}</section>" if body else ""
 
 
-def _table(headers: Iterable[str], rows: Iterable[Iterable[str]], numeric: Iterable[int] = ()) -> str:
+def _table(headers: Sequence[str], rows: Iterable[Iterable[str]], numeric: Iterable[int] = ()) -> str:
     """Return a table of cells that are HTML already; columns ``numeric`` stand to the right."""
     right = set(numeric)
 
@@ -81,7 +81,8 @@ def _table(headers: Iterable[str], rows: Iterable[Iterable[str]], numeric: Itera
         return "<tr>" + "".join(f"<{tag}{m}>{c}</{tag}>" for m, c in zip(marks, cells, strict=False)) + "</tr>"
 
     body = "\n".join(line("td", row) for row in rows)
-    return f"<table><thead>{line('th', map(_text, headers))}</thead><tbody>\n{body}</tbody></table>\n"
+    head = f"<thead>{line('th', map(_text, headers))}</thead>" if any(headers) else ""
+    return f"<table>{head}<tbody>\n{body}</tbody></table>\n"
 
 
 def _figures(pictures: Sequence[Picture], section: str) -> str:
@@ -117,9 +118,8 @@ def _facts(H: PSFMatrix, quality: QualityReport) -> str:
         ("source positions y × x", f"{ny} × {nx}"),
         (f"depth planes, {depths}", str(nz)),
         ("cutout t × s", f"{nt} × {ns} px"),
-        (f"values, {H.dtype}", format_bytes(H.nbytes)),
-        ("metrics good / fair / bad", f"{counts['good']} / {counts['fair']} / {counts['bad']}"),
-        ("not measured", str(counts["unknown"])),
+        (f"of values, {H.dtype}", format_bytes(H.nbytes)),
+        (f"metrics good / fair / bad, {counts['unknown']} not measured", "{good} / {fair} / {bad}".format(**counts)),
         ("positions to record again", str(len(quality.redo()))),
     ]
     return (
@@ -155,18 +155,19 @@ def _metrics(quality: QualityReport) -> str:
         if m.merit in ("bad", "fair"):
             words += f' <span class="advice {m.merit}">{_text(m.spec.advice)}</span>'
         cost = f"{m.cost:.3f}" if m.cost else "—"
-        return [
-            _merit(m.merit),
-            f'<b class="nb">{_text(m.spec.title)}</b>',
-            _text(m.text),
-            _text(m.limits),
-            cost,
-            words,
-        ]
+        best, worst = limits(m)
+        name = f'<b class="nb">{_text(m.spec.title)}</b>'
+        return [_merit(m.merit), name, _text(m.text), _text(best), _text(worst), cost, words]
 
     note = '<p class="note">Cost: the reconstruction error (NRMSE) that a fault of this size made in simulation.</p>'
-    headers = ("merit", "metric", "value", "limits", "cost", "meaning and advice")
-    return _table(headers, map(row, quality.metrics), (2, 4)) + note
+    headers = ("merit", "metric", "value", "good", "bad", "cost", "meaning and advice")
+    return _table(headers, map(row, quality.metrics), (2, 3, 4, 5)) + note
+
+
+def limits(metric: Metric) -> tuple[str, str]:
+    """Return where a metric is good and where it is bad, in the unit of its value."""
+    better, worse = ("≥", "<") if metric.spec.higher_is_better else ("≤", ">")
+    return f"{better} {metric.spec.good:g}", f"{worse} {metric.spec.bad:g}"
 
 
 def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
@@ -179,7 +180,7 @@ def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
             "—" if dim else f"{a.centre[0]:.2f}, {a.centre[1]:.2f}",
             f"{math.degrees(a.rotation_rad):.1f}" if a.blades else "—", f"{a.curvature:.2f}" if a.blades else "—",
             "—" if dim else f"{100 * a.ellipticity:.1f}", f"{a.confidence:.2f}",
-            _merit("good") + " certain" if a.confident else _text(a.reason or "not certain"),
+            '<b class="advice good">certain</b>' if a.confident else _text(a.reason or "not certain"),
         ])  # fmt: skip
     headers = ("depth z", "virtual depth", "blades", "diameter (px)", "centre row, column (px)", "rotation (°)",
                "curvature", "ellipticity (%)", "confidence", "answer")  # fmt: skip
@@ -229,7 +230,7 @@ def _provenance(H: PSFMatrix) -> str:
         ("corrections", kinds or "none recorded"),
         ("missing", f"{len(missing)}: {places}{more}" if len(missing) else "none"),
     ]
-    table = _table(("", ""), [[f'<span class="nb">{k}</span>', _text(v)] for k, v in rows])
+    table = _table((), [[f'<span class="nb">{k}</span>', _text(v)] for k, v in rows])
     if not history:
         return table
     return f"{table}<pre>{_text(json.dumps(history, ensure_ascii=False, default=str))}</pre>"

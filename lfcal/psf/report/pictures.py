@@ -30,8 +30,8 @@ PANELS = 12
 MAIN = ("position", "jitter", "flicker", "seam")
 """Maps that are shown even where all is well."""
 
-WIDTH = 9.2
-"""Width of every picture (inches)."""
+PANEL = 3.05
+"""Width of a panel with its colour bar (inches)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +77,8 @@ class _Sheet:
 
 
 @contextmanager
-def _sheet(height: float) -> Iterator[_Sheet]:
-    with figure(WIDTH, height) as fig:
+def _sheet(columns: int, height: float) -> Iterator[_Sheet]:
+    with figure(columns * PANEL, height) as fig:
         sheet = _Sheet(fig)
         yield sheet
         buffer = io.BytesIO()
@@ -91,12 +91,14 @@ def chosen(n: int, most: int) -> list[int]:
     return sorted({round(k) for k in np.linspace(0, n - 1, min(n, most))})
 
 
-def _layout(n: int, shape: tuple[int, int], most: int) -> tuple[int, float]:
-    """Return columns and height of a sheet of ``n`` images of ``shape`` (inches)."""
-    columns = min(n, most)
-    panel = WIDTH / columns
-    image = (panel - 1.5) * shape[0] / shape[1]
-    return columns, max(1, -(-n // columns)) * min(max(image, 0.8) + 0.85, 4.2)
+def _row_height(shape: tuple[int, int]) -> float:
+    """Return the height of a row of images of ``shape`` with their titles and labels (inches)."""
+    return min(max((PANEL - 1.2) * shape[0] / shape[1], 0.7) + 0.8, 3.6)
+
+
+def _columns(n: int) -> tuple[int, int]:
+    """Return columns and rows of a sheet of ``n`` images."""
+    return min(n, 3), -(-n // 3)
 
 
 def _depth(depth: float) -> str:
@@ -105,12 +107,13 @@ def _depth(depth: float) -> str:
 
 def _depth_sums(H: PSFMatrix, quality: QualityReport) -> Picture:
     planes = chosen(len(H), PANELS)
-    columns, height = _layout(len(planes), H.cutout, 3)
-    with _sheet(height) as sheet:
+    columns, rows = _columns(len(planes))
+    with _sheet(columns, rows * _row_height(H.cutout)) as sheet:
         for z, axes in zip(planes, sheet.grid(len(planes), columns), strict=True):
             aperture = quality.apertures[z]
             words = f"{aperture.blades} blades" if aperture.blades else aperture.refusal or "circle"
-            draw_image(axes, H.depth_sum(z), title=f"{_depth(quality.depths[z])}: {words}", unit="sum of H")
+            shown, unit = _unspoilt(H.depth_sum(z))
+            draw_image(axes, shown, title=f"{_depth(quality.depths[z])}: {words}", unit=f"sum of H{unit}")
             if aperture.refusal != "too dim":
                 line = aperture.outline()
                 style = "-" if aperture.confident else ":"
@@ -125,18 +128,28 @@ def _of(shown: int, there: int) -> str:
     return "" if shown == there else f"; {shown} of {there} planes"
 
 
+def _unspoilt(image: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
+    """Return the image with hot pixels cut to the level of the rest, and a word on it where that was needed."""
+    level = 1.5 * float(np.nanpercentile(image, 99)) if np.isfinite(image).any() else 0.0
+    if level <= 0 or not np.nanmax(image) > level:
+        return image, ""
+    return np.minimum(image, level), ", hot pixels cut"
+
+
 def _transposed_sum(H: PSFMatrix) -> Picture:
     """Draw the sum of the transposed plane itself, not the stored one turned."""
     z = len(H) // 2
     straight = np.nan_to_num(H.depth_sum(z))
     turned = np.nan_to_num(depth_sum(H.T.plane(z)))[::-1, ::-1]
     apart = (turned - straight) / (np.abs(straight).max() or 1.0)
-    with _sheet(_layout(2, H.cutout, 2)[1]) as sheet:
+    with _sheet(2, _row_height(H.cutout)) as sheet:
         left, right = sheet.grid(2, 2)
-        draw_image(left, turned, title=f"sum of HT turned by 180°, {_depth(H.depths[z])}", unit="sum of HT")
-        draw_image(right, apart, title="minus sum of H", unit="of peak", signed=True)
+        draw_image(left, turned, title=f"HT turned, {_depth(H.depths[z])}", unit="sum of HT")
+        draw_image(right, apart, title="difference from H", unit="of peak", signed=True)
+        top = max(float(np.abs(apart).max()), 1e-6)
+        right.images[0].set_clim(-top, top)
     caption = "The sum of the transposed matrix must be that of H turned by 180°: largest difference here "
-    return Picture("aperture", "transposed_sum.png", f"{caption}{np.abs(apart).max():.1e} of the peak.", sheet.png)
+    return Picture("aperture", "transposed_sum.png", f"{caption}{np.abs(apart).max():.2g} of the peak.", sheet.png)
 
 
 def _over_depth(quality: QualityReport) -> Picture:
@@ -144,7 +157,7 @@ def _over_depth(quality: QualityReport) -> Picture:
     sizes = np.array([a.diameter_px if a.refusal != "too dim" else np.nan for a in quality.apertures])
     curves = ((sizes, "aperture diameter (px)"), (quality.energy, "mean energy of a pattern"),
               (quality.peak / np.where(quality.noise > 0, quality.noise, np.nan), "peak over noise"))  # fmt: skip
-    with _sheet(2.5) as sheet:
+    with _sheet(3, 2.5) as sheet:
         for (values, label), axes in zip(curves, sheet.grid(3, 3), strict=True):
             axes.plot(depths, values, "o-", color=LINES[0], ms=4)
             axes.set_xlabel(f"depth z ({unit})")
@@ -158,11 +171,11 @@ def _over_depth(quality: QualityReport) -> Picture:
 def _slices(H: PSFMatrix) -> Picture:
     planes = chosen(len(H), 3)
     y, x = (n // 2 for n in H.period)
-    with _sheet(len(planes) * min(_layout(2, H.cutout, 2)[1], 3.6)) as sheet:
+    with _sheet(2, len(planes) * _row_height(H.cutout)) as sheet:
         grid = sheet.grid(2 * len(planes), 2)
         for z in planes:
             draw_image(next(grid), H[z, y, x], title=f"H: point at {_depth(H.depths[z])}", unit="value")
-            draw_image(next(grid), H.T[z, y, x], title=f"HT: pixel, voxels at {_depth(H.depths[z])}", unit="value",
+            draw_image(next(grid), H.T[z, y, x], title=f"HT: pixel at {_depth(H.depths[z])}", unit="value",
                        xlabel="voxel column s (px)", ylabel="voxel row t (px)")  # fmt: skip
     caption = f"Slices at position y {y}, x {x}: where a point's light goes, and where a pixel's light comes from."
     return Picture("slices", "slices.png", caption, sheet.png)
@@ -176,15 +189,28 @@ def _metric_map(metric: Metric, quality: QualityReport) -> Picture:
         counts = np.bincount(metric.positions[:, 0], minlength=len(metric.map))
         named = np.argsort(-counts, kind="stable")[: min(PANELS, np.count_nonzero(counts))]
         planes = sorted(set(named.tolist()) | set(planes[: PANELS - len(named)]))
-    columns, height = _layout(len(planes), quality.shape[1:3], 3)
-    with _sheet(height) as sheet:
+    columns, rows = _columns(len(planes))
+    low, high = _range(metric)
+    with _sheet(columns, rows * _row_height(quality.shape[1:3])) as sheet:
         for z, axes in zip(planes, sheet.grid(len(planes), columns), strict=True):
-            _positions_map(axes, metric.map[z], _depth(quality.depths[z]), _map_unit(metric))
+            where, unit = _depth(quality.depths[z]), _map_unit(metric)
+            _positions_map(axes, metric.map[z], where, unit, signed=low < 0)
+            axes.images[0].set_clim(low, high)
             here = metric.positions[metric.positions[:, 0] == z]
             axes.plot(here[:, 2], here[:, 1], "s", mfc="none", mec=LINES[1], ms=6, mew=1.2)
     marked = " Squares: positions named." if len(metric.positions) else ""
     words = f"{metric.spec.title} ({metric.text}, {metric.merit}). {metric.spec.meaning}{marked}"
     return Picture("maps", f"map_{metric.key}.png", f"{words}{_of(len(planes), len(metric.map))}", sheet.png)
+
+
+def _range(metric: Metric) -> tuple[float, float]:
+    """Return the range that the maps of all planes share: about zero where values have a sign."""
+    known = np.zeros(0) if metric.map is None else metric.map[np.isfinite(metric.map)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    if low < 0:
+        high = max(-low, high)
+        return -high, high
+    return (low, high) if high > low else (0.0, high or 1.0)
 
 
 def _map_unit(metric: Metric) -> str:
@@ -206,7 +232,7 @@ def _against(H: PSFMatrix, reference: PSFMatrix, comparison: Comparison) -> Pict
     """Draw the position in the middle of each plane beside the reference's, at equal energy."""
     planes = chosen(len(H), 3)
     y, x = (n // 2 for n in H.period)
-    with _sheet(len(planes) * _layout(3, H.cutout, 3)[1]) as sheet:
+    with _sheet(3, len(planes) * _row_height(H.cutout)) as sheet:
         grid = sheet.grid(3 * len(planes), 3)
         for z in planes:
             ours, theirs = (np.asarray(m[z, y, x], float) for m in (H, reference))
@@ -220,7 +246,7 @@ def _against(H: PSFMatrix, reference: PSFMatrix, comparison: Comparison) -> Pict
 
 def _shifts(H: PSFMatrix, comparison: Comparison) -> Picture:
     planes = chosen(len(H), 4)
-    with _sheet(len(planes) * _layout(3, H.period, 3)[1]) as sheet:
+    with _sheet(3, len(planes) * _row_height(H.period)) as sheet:
         grid = sheet.grid(3 * len(planes), 3)
         for z in planes:
             where = _depth(H.depths[z])

@@ -48,7 +48,7 @@ footer { color: var(--muted); font-size: 12px; padding: 0 4px 20px; }
   main { max-width: none; padding: 0; }
   section { border: 0; border-radius: 0; padding: 0; margin: 12px 0; }
   .verdict { border-left: 6px solid var(--tone); padding-left: 10px; }
-  .facts { grid-template-columns: repeat(4, 1fr); }
+  .facts { grid-template-columns: repeat(3, 1fr); }
   table { font-size: 9.5px; } .merit { font-size: 9px; min-width: 48px; }
   .facts span, .note, figcaption { font-size: 9.5px; } .facts b { font-size: 13px; } pre { font-size: 7.5px; }
   tr, figure, .facts div { break-inside: avoid; } h2, h3 { break-after: avoid; } thead { display: table-header-group; }

@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lfcal.acquire.redo import RedoList
+from lfcal.psf import PSFMatrix, save
+from tests.cli.conftest import Run
+
+Lfcal = Callable[..., Run]
+MISSING = (0, 1, 2)
+
+
+@pytest.fixture
+def H(tmp_path: Path) -> Path:
+    """Write an H with one position missing."""
+    rows, columns = np.mgrid[:21, :21]
+    values = np.empty((1, 3, 4, 21, 21), np.float32)
+    for place in np.ndindex(values.shape[:3]):
+        values[place] = 500 * np.exp(-((rows - 10) ** 2 + (columns - 10 - 0.1 * place[2]) ** 2) / 9)
+    values += np.random.default_rng(0).normal(0, 1, values.shape).astype(np.float32)
+    values[MISSING] = 0
+    recorded = np.ones(values.shape[:3], int)
+    recorded[MISSING] = 0
+    save(PSFMatrix(values, depths=[-20e3], recorded=recorded), tmp_path / "H.h5")
+    return tmp_path / "H.h5"
+
+
+def test_numbers_then_report(lfcal: Lfcal, H: Path, tmp_path: Path) -> None:
+    run = lfcal("inspect", H, "--report", tmp_path / "out")
+    assert run.code == 0, run.err
+    verdict, table, page = (run.out.index(w) for w in ("This PSF should not", "Missing frames", "report: "))
+    assert verdict < table < page
+    assert "-20 mm" in run.out and "1 position to record again" in run.out
+    assert (tmp_path / "out" / "index.html").exists()
+    assert MISSING in RedoList.read(tmp_path / "out" / "redo.json").positions
+
+
+def test_reference(lfcal: Lfcal, H: Path) -> None:
+    assert "correlation 1.00000, error 0.00 %" in lfcal("inspect", H, "--reference", H).out
+    found = lfcal("inspect", H, "--reference", H, "--json").json
+    assert isinstance(found, dict) and found["comparison"]["compared"] == 11
+
+
+def test_json(lfcal: Lfcal, H: Path) -> None:
+    run = lfcal("inspect", H, "--json")
+    assert run.code == 0, run.err
+    found = run.json
+    assert isinstance(found, dict)
+    assert found["merit"] == "bad" and list(MISSING) in found["redo"] and "report" not in found
+
+
+def test_strict_ends_with_one(lfcal: Lfcal, H: Path) -> None:
+    assert lfcal("inspect", H, "--strict", "--json").code == 1
+
+
+@pytest.mark.parametrize("case", ["absent", "other shape", "not a folder", "text"])
+def test_bad_input_is_one_line(lfcal: Lfcal, H: Path, tmp_path: Path, case: str) -> None:
+    (tmp_path / "text.h5").write_text("no HDF5")
+    np.save(tmp_path / "R.npy", np.ones((1, 3, 4, 19, 21)))
+    options = {
+        "absent": (tmp_path / "none.h5",),
+        "other shape": (H, "--reference", tmp_path / "R.npy", "--report", tmp_path / "out"),
+        "not a folder": (H, "--report", tmp_path / "text.h5"),
+        "text": (tmp_path / "text.h5",),
+    }[case]
+    run = lfcal("inspect", *options)
+    assert run.code == 2 and run.out == "" and len(run.err.strip().splitlines()) == 1, run.err
+    assert not (tmp_path / "out").exists()
