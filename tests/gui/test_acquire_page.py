@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ from gui.models.stages import STAGES
 from gui.pages.acquire import Page
 from gui.theme import DARK, LIGHT, apply_theme
 from lfcal.acquire.recording import RecordingSource
-from lfcal.camera import StageAxes
 from lfcal.psf import open_psf
 from tests.acquire.rigs import small_plan
 
@@ -260,11 +258,6 @@ def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qap
     context.theme_changed.emit()
     apply_theme(qapp, LIGHT)
     context.theme_changed.emit()
-
-
-def test_a_changed_stage_is_a_changed_plan(page: Page, context: Context) -> None:
-    context.session.update("axes", plan=replace(PLAN, stage=StageAxes("-x", "+y", "+z")))
-    assert page.setup.panel.stage.plane.count() == 2
 
 
 def test_dialogs_choose_folder_and_file(
