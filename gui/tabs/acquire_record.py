@@ -262,9 +262,11 @@ class RecordTab(QObject):
         self._poll()
         self._look_into_folder()
         words = {JobState.FAILED: "Stopped by a fault.", JobState.CANCELLED: "Interrupted."}.get(job.state, "")
+        fraction = job.progress.fraction if job.progress is not None else 0.0
         if job.state is JobState.DONE:
+            fraction = job.result.acknowledged / max(1, job.result.total)
             words = f"{job.result.how.capitalize()}: {job.result.acknowledged} of {job.result.total} positions."
-        self.panel.show_status(words, "", job.progress.fraction if job.progress is not None else 0.0)
+        self.panel.show_status(words, "", fraction)
         if job.error:
             self.panel.why.setText(job.error)
 
