@@ -125,9 +125,15 @@ class Modulator:
         return np.ascontiguousarray(product.real)
 
     @cached_property
-    def _decomposition(self) -> tuple[Array, Array, Array]:
-        left, values, right = np.linalg.svd(self.matrix, full_matrices=False)
-        return left, values, right
+    def _decomposition(self) -> tuple[Basis, Array, Basis]:
+        """Singular value decomposition of `matrix`, largest value first; the bases themselves where orthogonal."""
+        if not (_orthogonal(self.spatial) and _orthogonal(self.plenoptic)):
+            left, values, right = np.linalg.svd(self.matrix, full_matrices=False)
+            return left, values, right
+        norms = [np.linalg.norm(basis, axis=0) for basis in (self.spatial, self.plenoptic)]
+        order = np.argsort(-norms[0] * norms[1], kind="stable")
+        unit = [basis / np.where(n > 0, n, 1.0) for basis, n in zip((self.spatial, self.plenoptic), norms, strict=True)]
+        return unit[0][:, order], (norms[0] * norms[1])[order], unit[1].T[order]
 
     @property
     def singular_values(self) -> Array:
@@ -161,14 +167,15 @@ class Modulator:
         """
         left, values, right = self._decomposition
         kept = self._kept(rcond)
-        result: Array = (right[kept].T / values[kept]) @ left[:, kept].T
+        product = (right[kept].conj().T / values[kept]) @ left[:, kept].conj().T
+        result: Array = np.ascontiguousarray(product.real)
         result[np.abs(result) < 1e-14 * np.abs(result).max(initial=0.0)] = 0.0  # rounding; zeros are skipped later
         return result
 
     def lost(self, rcond: float | None = None) -> Array:
         """Return for each sample the share ``(N,)`` of it that cannot be recovered: 0 wholly there, 1 not measured."""
         right = self._decomposition[2][self._kept(rcond)]
-        share: Array = np.clip(1.0 - (right**2).sum(0), 0.0, 1.0)
+        share: Array = np.clip(1.0 - (np.abs(right) ** 2).sum(0), 0.0, 1.0)
         share[share < 1e-12] = 0.0
         return share
 
@@ -212,6 +219,13 @@ class Modulator:
         if not isinstance(other, Modulator):
             return NotImplemented
         return _product(self, other)
+
+
+def _orthogonal(basis: Basis) -> bool:
+    gram = np.abs(basis.conj().T @ basis)
+    length = gram.diagonal().copy()
+    np.fill_diagonal(gram, 0.0)
+    return bool(gram.max(initial=0.0) <= 1e-12 * length.max(initial=0.0))
 
 
 def _product(one: Modulator, two: Modulator) -> Modulator:

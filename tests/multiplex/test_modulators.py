@@ -146,3 +146,21 @@ def test_bad_modulators_are_refused_in_one_line(make) -> None:
     with pytest.raises(InputError) as error:
         make()
     assert "\n" not in str(error.value) and "expected" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "m",
+    [cfa("Bayer"), cfa("CYMG"), mask("MURA", 5), mask("lenslet", 4), mask("lenslet", 3) * cfa("X-Trans"),
+     mask_at_distance(np.zeros((3, 3)), 1.0), mask_at_distance(np.eye(4), 1.0), mask_at_distance(np.eye(3), 0.4)],
+    ids=lambda m: m.name,
+)  # fmt: skip
+def test_decomposition_is_that_of_the_matrix(m) -> None:
+    """Orthogonal bases are taken as they are: same values, rank and pseudo-inverse as by numpy."""
+    values = np.linalg.svd(m.matrix, compute_uv=False)
+    found = np.zeros_like(values)
+    found[: len(m.singular_values)] = m.singular_values[: len(values)]
+    np.testing.assert_allclose(found, values, atol=1e-12 * max(1, values[0]))
+    assert m.rank() == np.linalg.matrix_rank(m.matrix)
+    inverse = np.linalg.pinv(m.matrix, rcond=1e-13)
+    np.testing.assert_allclose(m.inverse(), inverse, atol=1e-10 * max(1, np.abs(inverse).max()))
+    np.testing.assert_allclose(m.lost(), 1 - np.diag(inverse @ m.matrix), atol=1e-10)
