@@ -48,11 +48,11 @@ def window(qapp: QApplication, place: Path, qtbot: QtBot) -> Iterator[MainWindow
 
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
-    """Record a session folder with frames, dark, white and plan."""
+    """Record a session folder with frames, dark and plan."""
     import cv2
 
     folder = tmp_path / "recorded"
-    for name in ("frames", "dark", "white"):
+    for name in ("frames", "dark"):
         (folder / name).mkdir(parents=True)
     rows = ["file,z,y,x"]
     for z, y, x in np.ndindex(SHAPE):
@@ -61,7 +61,6 @@ def recorded(tmp_path: Path) -> Path:
         rows.append(f"{name},{z},{y},{x}")
     (folder / "frames" / "manifest.csv").write_text("\n".join(rows) + "\n")
     cv2.imwrite(str(folder / "dark" / "0.png"), np.full((40, 48), 100, np.uint16))
-    cv2.imwrite(str(folder / "white" / "0.png"), np.full((40, 48), 30100, np.uint16))
     (folder / "plan.json").write_text(small_plan().to_json())
     return folder
 
