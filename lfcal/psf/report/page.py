@@ -26,6 +26,9 @@ __all__ = ["limits", "page"]
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 """What a browser may do for this page: show what is in it, nothing else."""
 
+FULL = 1190
+"""Width of a picture of three panels, which fills the page (pixels)."""
+
 LISTED = 24
 """Positions written out; the file redo.json has all."""
 
