@@ -81,7 +81,7 @@ def _write(
 def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -> None:
     """Print verdict, metrics, apertures and the comparison."""
     from lfcal.cli._common import print_table
-    from lfcal.psf.report.page import limits
+    from lfcal.psf.report.page import limits, value_text
     from lfcal.units import format_length, format_seconds
 
     typer.echo(f"H (z, y, x, t, s) = {quality.shape}, inspected in {format_seconds(quality.seconds)}")
@@ -89,7 +89,10 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -
     typer.secho(quality.verdict, fg=colour, bold=True)
     print_table(
         ["merit", "metric", "value", "good", "bad", "cost (NRMSE)"],
-        [[m.merit, m.spec.title, m.text, *limits(m), f"{m.cost:.3f}" if m.cost else "—"] for m in quality.metrics],
+        [
+            [m.merit, m.spec.title, value_text(m), *limits(m), f"{m.cost:.3f}" if m.cost else "—"]
+            for m in quality.metrics
+        ],
     )
     print_table(
         ["depth z", "aperture"],
@@ -99,7 +102,9 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -
     for metric in quality.metrics:
         if metric.merit in ("bad", "fair"):
             detail = f" ({metric.detail})" if metric.detail else ""
-            typer.echo(f"{metric.merit}: {metric.spec.title.lower()}, {metric.text}{detail}: {metric.spec.advice}")
+            typer.echo(
+                f"{metric.merit}: {metric.spec.title.lower()}, {value_text(metric)}{detail}: {metric.spec.advice}"
+            )
     redo = quality.redo()
     if redo:
         places = "1 position" if len(redo) == 1 else f"{len(redo)} positions"

@@ -21,7 +21,7 @@ from lfcal.psf.report.pictures import Picture
 from lfcal.psf.report.style import stylesheet
 from lfcal.units import format_bytes, format_length, format_seconds
 
-__all__ = ["limits", "page"]
+__all__ = ["limits", "page", "value_text"]
 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 """What a browser may do for this page: show what is in it, nothing else."""
@@ -135,7 +135,7 @@ def _facts(H: PSFMatrix, quality: QualityReport) -> str:
 def _actions(quality: QualityReport) -> str:
     """Return what to do about what is not good, costliest first."""
     items = [
-        f'<li class="{m.merit}"><b class="advice">{_text(m.spec.title)}</b>, {_text(m.text)}: '
+        f'<li class="{m.merit}"><b class="advice">{_text(m.spec.title)}</b>, {_text(value_text(m))}: '
         f"{_text(m.spec.advice)}</li>"
         for m in quality.metrics
         if m.merit in ("bad", "fair")
@@ -160,11 +160,18 @@ def _metrics(quality: QualityReport) -> str:
         cost = f"{m.cost:.3f}" if m.cost else "—"
         best, worst = limits(m)
         name = f'<b class="nb">{_text(m.spec.title)}</b>'
-        return [_merit(m.merit), name, _text(m.text), _text(best), _text(worst), cost, words]
+        return [_merit(m.merit), name, _text(value_text(m)), _text(best), _text(worst), cost, words]
 
     note = '<p class="note">Cost: the reconstruction error (NRMSE) that a fault of this size made in simulation.</p>'
     headers = ("merit", "metric", "value", "good", "bad", "cost", "meaning and advice")
     return _table(headers, map(row, quality.metrics), (2, 3, 4, 5)) + note
+
+
+def value_text(metric: Metric) -> str:
+    """Return the value with its unit; infinite where, as in a simulated H, there is no noise to divide by."""
+    if math.isinf(metric.value):
+        return f"∞ {metric.spec.unit}".strip()
+    return metric.text
 
 
 def limits(metric: Metric) -> tuple[str, str]:
