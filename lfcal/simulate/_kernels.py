@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.simulate._lenslets import mask_from_disc, mask_from_table
+from lfcal.simulate._lenslets import mask_from_disc, mask_from_table, straighten
 from lfcal.threads import njit
 
 __all__ = ["respond", "square_fields"]
@@ -217,6 +217,7 @@ def respond(
     sine: F4,
     bins: F4,
     scale: F8,
+    rays: F8,
     nodes_um: F8,
     places: I8,
     numbers: F8,
@@ -235,6 +236,8 @@ def respond(
         Aperture tables: the cell's where ``cell`` is not empty, else the disc's, phase included.
     scale
         1 / (lambda B'), energy in per square of a masked sample, 1 - B'/a', nodes per pixel.
+    rays
+        For `straighten`: 2 pi B/lambda (0: paraxial), 1/a', 1/a' + 1/f.
     nodes_um
         Nodes of the window about its middle.
     places, numbers, offsets
@@ -249,6 +252,7 @@ def respond(
     m, k, count = h + 1, cosine.shape[0], bins.shape[0]
     w = bins.shape[1]
     re, im = np.empty((n, n), field_re.dtype), np.empty((n, n), field_re.dtype)
+    bent_re, bent_im = np.empty_like(re), np.empty_like(im)
     line = np.empty((6, n), field_re.dtype)
     ee, eo = np.empty((m, 2 * m), field_re.dtype), np.empty((m, 2 * m), field_re.dtype)
     oe, oo = np.empty((m, 2 * m), field_re.dtype), np.empty((m, 2 * m), field_re.dtype)
@@ -269,9 +273,14 @@ def respond(
             last_x, last_y = x0, y0
         p, row, col, top, left = places[f, 0], places[f, 1], places[f, 2], places[f, 3], places[f, 4]
         ox, oy = numbers[f, 2], numbers[f, 3]
-        energies[f, 0] = scale[1] * fold(
-            field_re, field_im, row, col, re, im, -rate * dx * ox, -rate * dx * oy, line, ee, eo, oe, oo
-        )
+        if rays[0] != 0:
+            straighten(re, im, dx, x0, y0, offsets[f], rays, bent_re, bent_im)
+            light = fold(
+                field_re, field_im, row, col, bent_re, bent_im, -rate * dx * ox, -rate * dx * oy, line, ee, eo, oe, oo
+            )
+        else:
+            light = fold(field_re, field_im, row, col, re, im, -rate * dx * ox, -rate * dx * oy, line, ee, eo, oe, oo)
+        energies[f, 0] = scale[1] * light
         transform(cosine, sine, cosine_t, sine_t, ee, eo, oe, oo, half, quarters)
         if grid_re.shape[0] == 0:
             energies[f, 1] = add_incoherent(quarters, nodes, bins, bins_t, side, pixels, out[p], top, left)

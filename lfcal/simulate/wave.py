@@ -12,6 +12,8 @@ steep phases have cancelled, so single precision holds. Between lenslets intensi
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -148,11 +150,10 @@ class WavePlane:
     ) -> None:
         scene, tables = self.scene, self.tables
         px, per = scene.reduced_pixel_um, tables.rule.per_px
-        slant = 1 / scene.reduced_image_um if scene.exact_rays and self.mode == "E" else 0.0
         places, numbers = np.empty((len(source), 5), np.int64), np.empty((len(source), 6))
         found = select(
             lens.energy, tables.floor, lens.dx_um, lens.half, centre, source, pixel,
-            np.array([px, tables.ratio, lens.pull, slant]), np.array(scene.cutout), lens.width, places, numbers,
+            np.array([px, tables.ratio, lens.pull]), np.array(scene.cutout), lens.width, places, numbers,
         )  # fmt: skip
         if not found:
             return
@@ -165,9 +166,18 @@ class WavePlane:
         kernels.respond(
             field_re, field_im, lens.dx_um, disc_re, disc_im, step, lens.cell, lens.cell_step, lens.bend,
             lens.cosine, lens.sine, lens.bins, np.array([1 / tables.spread_um2, share, 1 - tables.ratio, per]),
-            lens.nodes_um, places, numbers, centre - source[places[:, 0]], out, grids[0], grids[1], grids[2], energies,
+            self._rays(lens), lens.nodes_um, places, numbers, centre - source[places[:, 0]], out,
+            grids[0], grids[1], grids[2], energies,
         )  # fmt: skip
         self._certify(energies, lens)
+
+    def _rays(self, lens: LensTable) -> NDArray[np.float64]:
+        """Return what exact rays behind a lenslet need, or zeros near the native plane, where rays cross."""
+        scene = self.scene
+        if not scene.exact_rays or self.mode != "E":
+            return np.zeros(3)
+        gap, sigma = scene.reduced_gap_um, lens.bend * self.tables.spread_um2 / math.pi
+        return np.array([2 * math.pi * gap / scene.wavelength_um, 1 / scene.reduced_image_um, (1 - sigma) / gap])
 
     def _certify(self, energies: NDArray[np.float64], lens: LensTable) -> None:
         """Raise `EnergyError` where a window received more than its lenslet passed."""
