@@ -265,11 +265,13 @@ class Page(StagePage):
             return
         matrix = open_psf(psf)
 
+        measured = self.report if psf == self._measured else None
+
         def done(page: Path) -> None:
             matrix.close()
             self.context.message.emit(f"report written: {page}")
 
-        self.context.jobs.start("Report", "quality", lambda: iter_report(matrix, Path(folder)), done,
+        self.context.jobs.start("Report", "quality", lambda: iter_report(matrix, Path(folder), quality=measured), done,
                                 lambda job: matrix.close())  # fmt: skip
 
     def _apply_theme(self) -> None:
