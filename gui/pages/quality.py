@@ -255,9 +255,8 @@ class Page(StagePage):
 
     def write_report(self, folder: str = "") -> None:
         """Write the report as a job."""
-        from lfcal.psf.report import iter_report
-
         from lfcal.psf import open_psf
+        from lfcal.psf.report import iter_report
 
         psf = self.context.state.psf
         folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the report")
