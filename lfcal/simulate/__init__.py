@@ -7,14 +7,17 @@
 - ``cost``, ``planner``: what a simulation costs, and which effects are worth it
 - ``staging``, ``response``: effects put to work on one plane
 - ``simulate``: H, in memory or straight to a file
-- ``noise``, ``camera_source``: sensor frames of a simulated session
+- ``sampling``: how finely an engine computes for a tolerance
+- ``noise``, ``white``, ``camera_source``, ``session``: sensor frames of a simulated session
 - ``volume``: light fields of extended objects through the same H
 - ``ladder``: what each step of accuracy costs
 """
 
 from lfcal.simulate.camera_source import SimulatedCamera
+from lfcal.simulate.ladder import draw_ladder, iter_ladder, ladder, predict_seconds
 from lfcal.simulate.noise import expose
 from lfcal.simulate.planner import EffectPlan, PlannedEffect, plan_effects
+from lfcal.simulate.session import iter_write_session, write_session
 from lfcal.simulate.simulate import iter_simulate_psf, simulate_psf
 from lfcal.simulate.volume import iter_light_field, light_field, plume, points, vesicle
 
@@ -22,13 +25,19 @@ __all__ = [
     "EffectPlan",
     "PlannedEffect",
     "SimulatedCamera",
+    "draw_ladder",
     "expose",
+    "iter_ladder",
     "iter_light_field",
     "iter_simulate_psf",
+    "iter_write_session",
+    "ladder",
     "light_field",
     "plan_effects",
     "plume",
     "points",
+    "predict_seconds",
     "simulate_psf",
     "vesicle",
+    "write_session",
 ]

@@ -15,7 +15,7 @@ from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError, LfcalError, expectation
 from lfcal.progress import Clock, Work, drain
 from lfcal.simulate.cost import engine_seconds
-from lfcal.simulate.effects import Effect, ExactAngles
+from lfcal.simulate.effects import Effect
 from lfcal.simulate.engine import EnergyError, PlaneEngine, Sampling, engine_for
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.sampling import DEBYE_NODES, STEPS
@@ -122,8 +122,6 @@ def iter_ladder(
     if not 0 <= z < len(plan.depths_um):
         raise InputError(expectation("plane", f"0 … {len(plan.depths_um) - 1}", z, "choose one of the plan"))
     chosen = effects_of(effects, plan, tolerance)
-    if effects == "auto":
-        chosen = tuple(e for e in chosen if not isinstance(e, ExactAngles))
     scene, level = _with_waves(scene_for(plan, z, chosen))
     places = _places(scene.period, positions)
     tasks = [("geometric", None), *((level, s) for s in (samplings or _samplings(level)))]
@@ -157,8 +155,7 @@ def ladder(camera: Camera, plan: ScanPlan, tolerance: float = 0.03, **options: o
     tolerance
         Relative L1 error for which a rung is picked.
     effects
-        As in `simulate_psf`; the same scene is computed by every rung. ``"auto"`` leaves `ExactAngles` out: beyond
-        the paraxial the reference's lenslets have the coma of a parabola, which says nothing of the sampling.
+        As in `simulate_psf`; the same scene is computed by every rung.
     z
         Number of the plane; by default the middle one.
     positions

@@ -158,7 +158,7 @@ def plan_effects(
     drafts = [_draft(effect, settings[effect.name], planes, costs) for effect in candidates]
     left = tolerance
     rows: dict[str, PlannedEffect] = {}
-    for draft in sorted(drafts, key=lambda d: (d.seconds < 0.01 * costs.full, d.estimate.error)):
+    for draft in sorted(drafts, key=lambda d: (d.seconds < 0.2 * costs.full, d.estimate.error)):
         row = _decide(draft, known=draft.name in known, frames=frames, tolerance=tolerance, left=left)
         if not row.on and row.setting == "auto" and _counts(row.effect, draft.name in known, frames):
             left -= row.estimate.error
@@ -213,6 +213,8 @@ class _Costs:
             return self.full * (max(effect.runs(o) for o in self.planes) - 1)
         if isinstance(effect, PsfEffect):
             return 0.02 * self.full
+        if effect.cost == "phase per response":
+            return 0.1 * self.full
         if isinstance(effect, FrameEffect):
             return sum(frame_seconds(o, effect.name) for o in self.planes)
         return sum(table_seconds(o) for o in self.planes) if effect.cost == "FFT per plane" else 0.0
