@@ -67,7 +67,8 @@ def test_r29_plan_reads_like_the_table() -> None:
     plan = ScanPlan.for_camera(preset("r29"), virtual_depths=[4.0])
     found = plan_effects(plan.camera, plan, 0.03)
     on = {row.name for row in found.rows if row.on}
-    assert on == {"lens_types", "lenslet_diffraction", "iris_diffraction", "iris_shape", "telecentricity"}  # fmt: skip
+    optics = {"lens_types", "lenslet_diffraction", "iris_diffraction", "iris_shape", "telecentricity", "exact_angles"}
+    assert on == optics
     assert found.level == "wave" and found.seconds > found.ideal_seconds > 0
     assert len(found.rows) == len(catalogue())
     for row in found.rows:
