@@ -1,0 +1,121 @@
+"""The main lens's field on the array."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.special import j1
+
+from lfcal.errors import InputError
+from lfcal.simulate.field import choose_mode, field_table
+from lfcal.simulate.radial import focus_integral
+from lfcal.simulate.scene import Iris, seidel
+from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene
+
+
+def about(table, half):
+    """Return the values within ``half`` µm and their coordinates."""
+    n, m = table.values.shape[0], int(half / table.dx_um)
+    x = (np.arange(2 * m + 1) - m) * table.dx_um
+    return table.values[n // 2 - m : n // 2 + m + 1, n // 2 - m : n // 2 + m + 1], x
+
+
+def without_phase(a, b):
+    """Return ``a`` turned to the phase of ``b``: a constant phase is nothing seen."""
+    return a * np.exp(1j * np.angle((b * a.conj()).sum()))
+
+
+@pytest.mark.parametrize("iris", [Iris(), Iris(stop=(0.0, 0.0, 50.0))])
+def test_in_focus_it_is_the_airy_pattern(iris):
+    """A plain circle takes the radial route, the same circle with a stop the FFT."""
+    scene = camera_scene(0.0, iris=iris)
+    field, x = about(field_table(scene, PIXEL / 3, 100.0), 60.0)
+    r = np.hypot(x[:, None], x[None, :])
+    k = math.pi * r / (scene.wavelength_um * scene.f_number)
+    airy = (
+        math.sqrt(math.pi)
+        / (2 * scene.wavelength_um * scene.f_number)
+        * np.where(k < 1e-9, 1.0, 2 * j1(np.maximum(k, 1e-9)) / np.maximum(k, 1e-9))
+    )
+    bound = 2e-6 if iris.circular else 3e-4  # a polygon of many sides stands for the circle
+    assert np.abs(field - airy).max() < bound * airy.max()
+
+
+@pytest.mark.parametrize("v", [0.3, -0.3, 0.7])
+def test_near_field_of_a_polygon_route_is_the_radial_integral(v):
+    scene = camera_scene(v, iris=Iris(stop=(0.0, 0.0, 50.0)))
+    field, x = about(field_table(scene, PIXEL / 3, 90.0, "U"), 60.0)
+    r = np.hypot(x[:, None], x[None, :])
+    u = -2 * math.pi * scene.reduced_image_um / (4 * scene.f_number**2 * scene.wavelength_um)
+    level = math.sqrt(math.pi) / (2 * scene.wavelength_um * scene.f_number)
+    wanted = level * focus_integral(u, math.pi * r / (scene.wavelength_um * scene.f_number))
+    assert np.abs(field - wanted).max() < 2e-3 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("iris", [Iris(), Iris(9, 0.0, 0.1)])
+@pytest.mark.parametrize(("number", "bound"), [(11.0, 0.012), (14.0, 0.009), (17.0, 0.007), (-14.0, 0.009)])
+def test_both_modes_agree_where_both_hold(number, bound, iris):
+    unit = 4 * 25 * 0.55 / (5 * 15 * PIXEL)
+    scene = camera_scene(number * unit, iris=iris, wavefront=seidel(spherical=0.1, coma=0.15), exact_defocus=True)
+    assert abs(scene.fresnel_number - abs(number)) < 1e-9
+    u, x = about(field_table(scene, PIXEL / 4, 90.0, "U"), 70.0)
+    e, _ = about(field_table(scene, PIXEL / 4, 90.0, "E"), 70.0)
+    sphere = np.exp(-1j * np.pi / (scene.wavelength_um * scene.reduced_image_um) * (x[:, None] ** 2 + x[None, :] ** 2))
+    e = without_phase(e * sphere, u)
+    light = np.abs(u) ** 2
+    assert np.abs(np.abs(e) ** 2 - light).sum() < bound * light.sum()
+    assert (np.abs(e - u) ** 2).sum() < (3 * bound) ** 2 * light.sum()
+    mirrored = np.abs(e[:, ::-1]) ** 2  # coma the other way round would show
+    assert np.abs(mirrored - light).sum() > 5 * bound * light.sum()
+
+
+def test_modes_are_chosen_by_the_fresnel_number():
+    assert choose_mode(camera_scene(0.0)) == "U"
+    assert choose_mode(camera_scene(4.0)) == "E"
+    assert choose_mode(camera_scene(-4.0)) == "E"
+    assert choose_mode(microscope_scene()) == "D"
+
+
+@pytest.mark.parametrize("v", [5.0, -5.0])
+def test_shadow_is_the_iris_seen_from_the_image(v):
+    """Behind the array the shadow stands upright, before it upside down."""
+    scene = camera_scene(v, iris=Iris(3, 0.0, 0.0), main_diffraction=False)
+    field, x = about(field_table(scene, PIXEL / 2, 300.0), 290.0)
+    light = np.abs(field) ** 2
+    vertex = (np.abs(x) > 1.2 * scene.shadow_radius_um) & (np.sign(x) == np.sign(v))
+    middle = np.abs(x) < 15
+    assert light[np.ix_(middle, vertex)].max() > 50 * light[np.ix_(middle, vertex[::-1])].max()
+    assert light.sum() * (PIXEL / 2) ** 2 == pytest.approx(1.0, rel=0.02)
+
+
+@pytest.mark.parametrize("v", [3.0, 0.2, -6.0])
+def test_energy_is_one_through_the_iris_and_less_past_a_second_stop(v):
+    whole = field_table(camera_scene(v), PIXEL / 3, 500.0)
+    assert (np.abs(whole.values) ** 2).sum() * whole.dx_um**2 == pytest.approx(1.0, abs=5e-3)
+    cut = field_table(camera_scene(v, iris=Iris(9, 0.0, 0.1, stop=(1.0, 0.0, 1.0))), PIXEL / 3, 500.0)
+    assert (np.abs(cut.values) ** 2).sum() * cut.dx_um**2 == pytest.approx(0.391, abs=0.02)
+
+
+@pytest.mark.parametrize("corner", [0.0, 1.0])
+def test_part_of_a_large_shadow_is_the_part_of_the_whole(corner):
+    """Where an edge is in sight the part is the same; far from any, the ripple of far edges averages out."""
+    whole = camera_scene(60.0, iris=Iris(5, 0.0, 0.2, stop=(0.96 * corner, 0.0, 1.0) if corner else None))
+    small, _ = about(field_table(whole, 5.0, 300.0), 280.0)
+    large, _ = about(field_table(whole, 5.0, 0.95 * whole.shadow_radius_um), 280.0)
+    light = np.abs(large) ** 2
+    smooth = [np.abs(f) ** 2 @ np.ones(light.shape[1]) for f in (small, large)]
+    assert np.abs(smooth[0] - smooth[1]).max() < 0.02 * smooth[1].max()
+    assert np.abs(np.abs(small) ** 2 - light).sum() < 0.03 * light.sum()
+
+
+def test_tables_that_cannot_be_are_refused():
+    with pytest.raises(InputError, match="switch it on"):
+        field_table(camera_scene(0.1, main_diffraction=False), 2.0, 100.0)
+    with pytest.raises(InputError, match="samples a side"):
+        field_table(camera_scene(0.1), 0.02, 500.0)
+    with pytest.raises(InputError, match="raise the samples"):
+        field_table(camera_scene(0.1), 5.0, 100.0)
+    dark = field_table(camera_scene(3.0, iris=Iris(9, stop=(5.0, 0.0, 1.0))), 2.0, 100.0)
+    assert not dark.values.any()

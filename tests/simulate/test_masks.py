@@ -1,0 +1,99 @@
+"""Low-passed apertures and pixel rules."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lfcal.simulate.masks import FLAT, RING, cell_outline, disc_table, disc_values, polygon_mask, polygon_table
+from lfcal.simulate.nodes import fitted_rule
+from lfcal.simulate.polygon import area, disc_transform, transform
+
+RADIUS, DX = 40.0, 2.75
+
+
+def grid(centre, dx=DX, radius=RADIUS):
+    half = math.ceil(radius / dx) + RING
+    x = np.arange(-half, half + 1) * dx
+    return x[None, :] - centre[0], x[:, None] - centre[1]
+
+
+@pytest.mark.parametrize("centre", [(0.0, 0.0), (1.3, -0.7), (0.5 * DX, 0.5 * DX)])
+def test_low_passed_disc_integrates_band_limited_waves(centre):
+    x, y = grid(centre)
+    table, step = disc_table(RADIUS, DX, float(np.hypot(x, y).max()))
+    mask = np.interp(x**2 + y**2, step * np.arange(table.size), table)
+    hard = (np.hypot(x, y) <= RADIUS).astype(float)
+    for f in (0.0, 0.5 * FLAT / DX, 0.9 * FLAT / DX):
+        wave, wanted = np.exp(2j * np.pi * f * x) * np.ones_like(y), disc_transform(RADIUS, f)
+        error = abs((mask * wave).sum() * DX**2 - wanted) / (math.pi * RADIUS**2)
+        assert error < 2e-4
+        if f == 0:
+            assert error < 1e-4 < abs(hard.sum() * DX**2 - wanted) / wanted
+
+
+def test_table_interpolates_the_function():
+    table, step = disc_table(RADIUS, DX, 60.0)
+    r = np.linspace(0, 59, 700)
+    found = np.interp(r * r, step * np.arange(table.size), table)
+    assert np.abs(found - disc_values(RADIUS, DX, r)).max() < 3e-4
+
+
+@pytest.mark.parametrize("hexagonal", [False, True])
+def test_cells_tile_the_plane_and_their_masks_sum_to_one(hexagonal):
+    pitch, row = 30.0, 30.0 * (math.sqrt(3) / 2 if hexagonal else 1.0)
+    outline = cell_outline(pitch, row, hexagonal, 0.0)
+    assert area(outline) == pytest.approx(pitch * row)
+    n, dx = 129, 1.5
+    total = np.zeros((n, n))
+    for r in range(-2, 3):
+        for q in range(-3, 4):
+            place = ((q + (r % 2) / 2 if hexagonal else q) * pitch, r * row)
+            if max(np.abs(place)) < 70:
+                total += polygon_mask(outline, dx, place, n)
+    middle = total[52:77, 52:77]
+    assert np.abs(middle - 1).max() < 2e-2
+    assert abs(middle.mean() - 1) < 1e-3
+
+
+def test_fine_polygon_table_is_the_mask_between_its_samples():
+    outline = cell_outline(30.0, 30.0, False, 0.2)
+    table, step = polygon_table(outline, 2.0, 26.0)
+    mask = polygon_mask(outline, 2.0, (0.5, -0.25), 21)
+    middle, ratio = table.shape[0] // 2, round(2.0 / step)
+    rows = middle + (np.arange(21) - 10) * ratio + round(0.25 / step)
+    columns = middle + (np.arange(21) - 10) * ratio - round(0.5 / step)
+    assert np.abs(table[np.ix_(rows, columns)] - mask).max() < 3e-4
+    f = 0.4 * FLAT / 2.0
+    x = (np.arange(21) - 10) * 2.0
+    seen = (mask * np.exp(-2j * np.pi * f * x)[None, :]).sum() * 4.0
+    wanted = transform(outline, f, 0.0) * np.exp(-2j * np.pi * f * 0.5)
+    assert abs(seen - wanted) < 3e-3 * area(outline)
+
+
+@pytest.mark.parametrize("per_px", [2, 3, 4, 5])
+def test_fitted_nodes_beat_gauss_legendre_inside_the_pixel(per_px):
+    band = 1.96  # a lenslet of 31 px at f/5, in focus
+    rule = fitted_rule(per_px, band)
+    f = np.linspace(0, band, 300)
+    otf = 2 / np.pi * (np.arccos(f / band) - f / band * np.sqrt(1 - (f / band) ** 2))
+
+    def error(x, w):
+        found = (np.cos(2 * np.pi * np.outer(f, x)) * w).sum(1)
+        return math.sqrt((((found - np.sinc(f)) * otf) ** 2 * f).sum() / ((np.sinc(f) * otf) ** 2 * f).sum())
+
+    x, w = np.polynomial.legendre.leggauss(per_px)
+    own = (np.arange(rule.weights.size) - (rule.weights.size - 1) / 2) / per_px
+    assert error(own, rule.weights) < error(x / 2, w / 2)
+    assert (rule.weights >= 0).all()
+    assert rule.weights.sum() == pytest.approx(1.0, rel=1e-14)
+
+
+def test_node_matrix_spreads_a_flat_light_evenly():
+    rule = fitted_rule(3, 1.9, fill=0.8)
+    matrix = rule.matrix(7)
+    assert matrix.shape == (rule.count(7), 7)
+    assert matrix.sum(0) == pytest.approx(np.full(7, 0.8))
+    assert rule.positions(7)[0] == -rule.positions(7)[-1]

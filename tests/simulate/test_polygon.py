@@ -1,0 +1,72 @@
+"""The iris as a polygon."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from lfcal.simulate.polygon import area, clip, disc_transform, half_planes, iris_outline, regular, transform
+from lfcal.simulate.scene import Iris
+
+
+@pytest.mark.parametrize("iris", [Iris(), Iris(5), Iris(9, 0.3, 0.1), Iris(6, 0.9, 1.0), Iris(7, 1.0)])
+def test_every_iris_has_the_area_of_the_disc(iris):
+    assert area(iris_outline(iris)) == pytest.approx(math.pi, rel=1e-12)
+
+
+def test_straight_blades_are_a_polygon_with_its_first_vertex_at_the_rotation():
+    outline = iris_outline(Iris(9, 0.0, 0.25))
+    assert len(outline) == 9
+    assert math.atan2(outline[0, 1], outline[0, 0]) == pytest.approx(0.25)
+
+
+def test_curvature_goes_from_polygon_to_circle():
+    def roundness(iris):
+        r = np.hypot(*iris_outline(iris).T)
+        return r.min() / r.max()
+
+    values = [roundness(Iris(6, k, 0.3)) for k in (0.05, 0.3, 0.6, 0.9, 0.99)]
+    assert all(a < b for a, b in itertools.pairwise(values))
+    assert values[0] < math.cos(math.pi / 6) + 0.02
+    assert values[-1] > 0.998
+
+
+@pytest.mark.parametrize("curvature", [0.2, 0.5, 0.8])
+def test_blade_radius_is_the_apothem_over_the_curvature(curvature):
+    outline = iris_outline(Iris(8, curvature, 0.0), sagitta=1e-5)
+    normal, offset = half_planes(outline)
+    turned = np.array([math.cos(math.pi / 8), math.sin(math.pi / 8)])
+    apothem = (outline @ turned).max()
+    # three vertices of the first blade give its circle
+    angle = np.arctan2(outline[:, 1], outline[:, 0])
+    blade = outline[(angle > 0.02) & (angle < math.pi / 4 - 0.02)]
+    a, b, c = blade[0], blade[len(blade) // 2], blade[-1]
+    sides = [np.hypot(*(p - q)) for p, q in ((a, b), (b, c), (c, a))]
+    radius = math.prod(sides) / (4 * abs(area(np.array([a, b, c]))))
+    assert apothem / radius == pytest.approx(curvature, rel=2e-3)
+    assert (np.abs(np.hypot(*normal.T) - 1) < 1e-12).all()
+    assert (offset > 0).all()
+
+
+def test_clip_of_overlapping_squares():
+    square = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    assert area(clip(square, square + np.array([0.5, 1.25]))) == pytest.approx(1.5 * 0.75)
+    assert len(clip(square, square + np.array([3.0, 0.0]))) == 0
+    assert area(clip(square * 0.3, square)) == pytest.approx(0.36)
+
+
+def test_second_stop_takes_a_lens_out_of_the_pupil():
+    offset = 0.8
+    wanted = 2 * math.acos(offset / 2) - offset / 2 * math.sqrt(4 - offset**2)  # two unit circles
+    assert area(iris_outline(Iris(stop=(offset, 0.0, 1.0)))) == pytest.approx(wanted, rel=1e-3)
+    assert len(iris_outline(Iris(9, stop=(5.0, 0.0, 1.0)))) == 0
+
+
+def test_disc_transform_is_the_limit_of_polygons():
+    f = np.array([0.0, 1e-9, 0.1, 0.7, 2.3])
+    many = transform(regular(4000), f, np.zeros(5)).real
+    assert np.abs(disc_transform(1.0, f) - many).max() < 1e-5
+    assert disc_transform(1.0, 0.0) == pytest.approx(math.pi, rel=1e-15)
