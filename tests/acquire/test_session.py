@@ -203,7 +203,7 @@ def test_resume_sees_a_lost_origin(tmp_path: Path) -> None:
     control = Control()
     record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(3, control),))
     done = frames_of(tmp_path)
-    with pytest.raises(InputError, match=r"moved by \(-?0\.\d+, -2\.0\d\) px"):
+    with pytest.raises(InputError, match=r"moved by \(-?0\.\d+, -(1\.9|2\.0)\d\) px"):
         record(tmp_path, PLAN, moved_origin(PLAN, 2.0), CAREFUL, resume=True)
     assert_same_frames(frames_of(tmp_path), done)
     record(tmp_path, PLAN, moved_origin(PLAN, 0.1), CAREFUL, resume=True)
