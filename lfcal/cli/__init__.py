@@ -10,7 +10,7 @@ from types import ModuleType
 
 __all__ = ["main"]
 
-ORDER = ("demo", "plan", "simulate", "acquire", "assemble", "inspect", "transpose", "export", "reconstruct",
+ORDER = ("demo", "plan", "white", "simulate", "acquire", "assemble", "inspect", "transpose", "export", "reconstruct",
          "multiplex", "bench", "doctor")  # fmt: skip
 """The order of the data; commands not named here come after."""
 
