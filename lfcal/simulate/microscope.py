@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft as sf
@@ -42,6 +42,22 @@ KEPT = 256
 
 Matrix = NDArray[np.float32]
 Phase = tuple[float, float, float, int]
+"""A lenslet's place from the source, the nodes' shift, the pitch (µm), and the pixels of the cutout, along an axis."""
+Pair = tuple[Phase, Phase]
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """How a response follows from the one that was computed."""
+
+    flip_y: bool
+    flip_x: bool
+    swapped: bool
+
+    def applied(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the turned view of ``image``."""
+        own = image.T if self.swapped else image
+        return own[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
 
 
 def is_separable(scene: Scene) -> bool:
@@ -98,7 +114,7 @@ class DebyePlane:
         self._matrices: dict[Phase, NDArray[np.float32]] = {}
         self._lefts: dict[Phase, NDArray[np.float32]] = {}
         self._pulses: dict[tuple[float, float], Matrix] = {}
-        self._responses: dict[tuple[Phase, Phase], NDArray[np.float32]] = {}
+        self._responses: dict[Pair, NDArray[np.float32]] = {}
         px, lam = scene.pixel_um, scene.wavelength_um
         light, bend = 1 / (2 * lam * scene.f_number), scene.lattice.pitch_um / (2 * lam * scene.gap_um)
         self.rule = fitted_rule(self.sampling.nodes_per_px, 2 * (light + bend) * px, scene.pixel_fill)
@@ -206,18 +222,27 @@ class DebyePlane:
         rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
         result = np.empty((rows.size, columns.size, *scene.cutout), np.float32) if out is None else out
 
-        def some(start: int, stop: int) -> None:
-            for r in range(start, stop):
-                for c, x in enumerate(columns):
-                    y = int(rows[r])
-                    result[r, c] = self._respond(scene.source_um(y, int(x)), (y, int(x)))
+        places = [
+            (r, c, *self._place(scene.source_um(int(y), int(x)), (int(y), int(x))))
+            for r, y in enumerate(rows)
+            for c, x in enumerate(columns)
+        ]
+        keys = sorted({place[2] for place in places})
+        made: dict[Pair, NDArray[np.float32]] = {}
 
-        for_each_chunk(some, rows.size, workers)
+        def some(start: int, stop: int) -> None:
+            for key in keys[start:stop]:
+                made[key] = self._response(key)
+
+        for_each_chunk(some, len(keys), workers)
+        for r, c, key, turn in places:
+            result[r, c] = turn.applied(made[key])
         return result
 
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
         """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
-        return np.array(self._respond((y_um, x_um), self.scene.nearest_pixel(y_um, x_um)))
+        key, turn = self._place((y_um, x_um), self.scene.nearest_pixel(y_um, x_um))
+        return np.array(turn.applied(self._response(key)))
 
     def predicted_seconds(self, n_positions: int) -> float:
         """Return the CPU-seconds of ``n_positions`` of a whole period; see `PlaneEngine.predicted_seconds`."""
@@ -236,20 +261,23 @@ class DebyePlane:
             place, shift = mirrored, -shift
         return (round(place / grain) * grain, round(shift / grain) * grain, pitch, self.scene.cutout[axis]), flip
 
-    def _respond(self, source: tuple[float, float], pixel: tuple[int, int]) -> NDArray[np.float32]:
+    def _place(self, source: tuple[float, float], pixel: tuple[int, int]) -> tuple[Pair, Turn]:
+        """Return which response a source has, and how it is turned."""
         (y, flip_y), (x, flip_x) = (self._phase(axis, source[axis], pixel[axis]) for axis in (0, 1))
-        turned = x < y and y[2:] == x[2:]
-        key = (x, y) if turned else (y, x)
+        swapped = x < y and y[2:] == x[2:]
+        return ((x, y) if swapped else (y, x)), Turn(flip_y, flip_x, swapped)
+
+    def _response(self, key: Pair) -> NDArray[np.float32]:
         with self._lock:
-            made = self._responses.get(key)
-        if made is None:
-            made = self._compute(*key)
-            with self._lock:
-                if len(self._responses) >= KEPT:
-                    self._responses.clear()
-                self._responses[key] = made
-        image = made.T if turned else made
-        return image[:: -1 if flip_y else 1, :: -1 if flip_x else 1]
+            known = self._responses.get(key)
+        if known is not None:
+            return known
+        made = self._compute(*key)
+        with self._lock:
+            if len(self._responses) >= KEPT:
+                self._responses.clear()
+            self._responses[key] = made
+        return made
 
     def _compute(self, y: Phase, x: Phase) -> NDArray[np.float32]:
         image = np.empty((y[3], x[3]), np.float32)

@@ -43,19 +43,17 @@ def sensor_propagator(f: NDArray[np.float64], wavelength: float, gap: float, exa
     return np.where(seen, np.exp(1j * phase), 0), False
 
 
-def pixel_bins(n: int, per_px: int, pixels: int, first: int, fill: float = 1.0) -> NDArray[np.float64]:
-    """Return ``(pixels, n)``: trapezoid weights of samples on pixels, in units of a pixel.
+def pixel_bins(n: int, per_px: int, pixels: int, first: float, fill: float = 1.0) -> NDArray[np.float64]:
+    """Return ``(pixels, n)``: weights that integrate a band-limited light, sampled ``per_px`` to a pixel, over pixels.
 
-    Pixel 0 is centred on sample ``first``; pixels reach half their width, times ``fill``, to either side.
+    Pixel 0 is centred on sample ``first``, a fraction if need be; pixels reach half their width, times ``fill``, to
+    either side. The weights are the pixel's transfer function, fill sinc(f fill), brought to the samples: with the
+    trapezoid rule instead a small spot is 1-2 % wrong at 8 samples per pixel.
     """
-    bins = np.zeros((pixels, n))
-    reach = fill * per_px / 2
-    offset = np.arange(-per_px, per_px + 1)
-    inside = np.clip(reach - np.abs(offset) + 0.5, 0.0, 1.0)  # share of a sample's cell within the pixel
-    for p in range(pixels):
-        place = first + p * per_px + offset
-        known = (place >= 0) & (place < n)
-        bins[p, place[known]] = inside[known] / per_px
+    f = np.fft.rfftfreq(n, 1 / per_px)  # cycles per pixel
+    centres = first / per_px + np.arange(pixels)
+    transfer = fill * np.sinc(f * fill) * np.exp(-2j * np.pi * np.outer(centres, f))
+    bins: NDArray[np.float64] = np.fft.irfft(transfer, n, axis=1)
     return bins
 
 
@@ -195,31 +193,18 @@ class ReferencePlane:
         else:
             spectrum *= self._step
         light = np.abs(sf.ifft2(spectrum, workers=workers or -1, overwrite_x=True)) ** 2
-        light *= scene.reduced_pixel_um**2
-        kernels = []
+        light *= dx * dx
+        sides = []
         for axis, count in enumerate(scene.cutout):
             # the grid is centred on the source, the pixels on theirs
             shift = (pixel[axis] * scene.pixel_um - source[axis]) / scene.scale / dx
-            kernels.append(self._bins(count, shift))
-        image = kernels[0] @ light @ kernels[1].T
+            first = self._n // 2 + shift - (count // 2) * self.per_px
+            sides.append(pixel_bins(self._n, self.per_px, count, first, scene.pixel_fill))
+        image = sides[0] @ light @ sides[1].T * self.per_px**2
         energy_out = float(image.sum())
         self._certify(energy_in, energy_out)
         result: NDArray[np.float32] = image.astype(np.float32)
         return result
-
-    def _bins(self, count: int, shift: float) -> NDArray[np.float64]:
-        whole = round(shift)
-        first = self._n // 2 + whole - (count // 2) * self.per_px
-        bins = pixel_bins(self._n, self.per_px, count, first, self.scene.pixel_fill)
-        rest = shift - whole
-        if abs(rest) < 1e-9:
-            return bins
-        # a fraction of a sample: the weights are moved by a phase ramp
-        f = np.fft.rfftfreq(self._n)
-        moved: NDArray[np.float64] = np.fft.irfft(
-            np.fft.rfft(bins, axis=1) * np.exp(-2j * np.pi * f * rest), self._n, 1
-        )
-        return moved
 
     def _certify(self, energy_in: float, energy_out: float) -> None:
         ratio = energy_out / energy_in if energy_in > 0 else 0.0

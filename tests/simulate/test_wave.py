@@ -22,7 +22,7 @@ FINE = Sampling(nodes_per_px=4, margin_px=14, energy_floor=1e-4, coherent=True)
 QUICK = Sampling(nodes_per_px=3, margin_px=5)
 
 
-def at_both(scene, sampling=FINE, y=2 * PIXEL, x=-3 * PIXEL, samples=6.0):
+def at_both(scene, sampling=FINE, y=2 * PIXEL, x=-3 * PIXEL, samples=5.0):
     """Return the cutouts of the wave level and of the reference."""
     return WavePlane(scene, sampling).point(y, x), ReferencePlane(scene, Sampling(samples)).point(y, x)
 

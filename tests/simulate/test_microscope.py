@@ -1,0 +1,173 @@
+"""The coherent Debye path."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from lfcal.camera import LensletLattice, LensType, Microscope
+from lfcal.errors import InputError
+from lfcal.simulate.debye import debye_field, debye_nodes, radial_field
+from lfcal.simulate.engine import PlaneEngine, Sampling, engine_for
+from lfcal.simulate.microscope import DebyePlane, is_separable
+from lfcal.simulate.reference import ReferencePlane
+from lfcal.simulate.scene import seidel
+from lfcal.simulate.wave import WavePlane
+from tests.simulate.scenes import microscope_scene, moments, relative_error
+
+
+def literal(scene, r):
+    """Return the Debye integral as it is printed, by adaptive quadrature in 20 digits."""
+    mp.mp.dps = 20
+    optics = scene.objective
+    k = 2 * mp.pi * optics.medium_index / scene.wavelength_um
+    alpha = mp.asin(mp.mpf(optics.numerical_aperture) / optics.medium_index)
+
+    def integrand(t):
+        lateral = mp.besselj(0, k * r / optics.magnification * mp.sin(t))
+        return mp.sqrt(mp.cos(t)) * mp.sin(t) * lateral * mp.expj(-k * scene.z_um * (1 - mp.cos(t)))
+
+    level = mp.sqrt(2 * mp.pi * (1 - mp.cos(alpha))) * optics.magnification / k
+    return complex(mp.quad(integrand, mp.linspace(0, alpha, 5)) / level)
+
+
+@pytest.mark.parametrize(("z", "r"), [(0.0, 0.0), (25.0, 130.0), (-12.0, 40.0)])
+def test_field_against_twenty_digits(z, r):
+    scene = microscope_scene(z)
+    assert abs(debye_field(scene, np.array([r]))[0] - literal(scene, r)) < 1e-14
+
+
+@pytest.mark.parametrize("z", [0.0, 25.0, 300.0])
+def test_nodes_follow_phase_and_reach(z):
+    scene = microscope_scene(z)
+    r = np.linspace(0, 600, 60)
+    wanted = debye_field(scene, r, nodes=3 * debye_nodes(scene, 600.0))
+    peak = np.abs(wanted).max()
+    assert np.abs(debye_field(scene, r) - wanted).max() < 1e-12 * peak
+    assert np.abs(radial_field(scene, 600.0)(r) - wanted).max() < 2e-5 * peak
+
+
+def test_too_few_nodes_lose_everything():
+    scene = microscope_scene(100.0)
+    r = np.linspace(0, 600, 60)
+    right = debye_field(scene, r)
+    assert np.abs(debye_field(scene, r, nodes=20) - right).max() > 0.5 * np.abs(right).max()
+
+
+@pytest.mark.parametrize("aperture", [0.1, 0.5, 0.999])
+def test_energy_through_the_pupil_is_one(aperture):
+    scene = microscope_scene(0.2, objective=Microscope(20.0, aperture, 1.0), f_number=10 / aperture)
+    airy = scene.wavelength_um * 20 / aperture
+
+    def density(r):
+        return 2 * math.pi * r * abs(debye_field(scene, np.array([r]))[0]) ** 2
+
+    inside = quad(density, 0, 40 * airy, limit=400, epsrel=1e-4)[0]
+    assert inside == pytest.approx(1.0, abs=0.03 if aperture > 0.9 else 0.01)
+    assert inside < 1.0
+
+
+def test_paraxial_limit_is_the_focus_integral():
+    from lfcal.simulate.radial import focus_integral
+
+    scene = microscope_scene(400.0, objective=Microscope(20.0, 0.02, 1.0), f_number=500.0)
+    r = np.linspace(0, 3000, 50)
+    u = 2 * math.pi * scene.z_um * 0.02**2 / scene.wavelength_um
+    v = 2 * math.pi * r * 0.02 / (20 * scene.wavelength_um)
+    wanted = np.abs(focus_integral(u, v))
+    found = np.abs(debye_field(scene, r))
+    assert np.abs(found / found.max() - wanted / wanted.max()).max() < 5e-4
+
+
+@pytest.mark.parametrize(
+    ("z", "position"), [(0.0, (0, 0)), (0.0, (4, 4)), (6.0, (2, 3)), (-6.0, (2, 3)), (12.0, (0, 1))]
+)
+def test_against_the_converged_reference(z, position):
+    scene = microscope_scene(z, cutout=(63, 63))
+    y, x = position
+    wanted = ReferencePlane(scene, Sampling(10)).rows([y], [x])[0, 0]
+    found = DebyePlane(scene, Sampling(nodes_per_px=4)).rows([y], [x])[0, 0]
+    assert relative_error(found, wanted) < 0.015
+    assert np.allclose(moments(found), moments(wanted), atol=0.05)
+    quick = DebyePlane(scene, Sampling(nodes_per_px=2)).rows([y], [x])[0, 0]
+    assert relative_error(quick, wanted) < 0.04
+    wrong_way = DebyePlane(microscope_scene(-z, cutout=(63, 63)), Sampling(nodes_per_px=4)).rows([y], [x])[0, 0]
+    assert z == 0 or relative_error(wrong_way, wanted) > 0.3
+
+
+def test_symmetric_positions_are_computed_once():
+    scene = microscope_scene(5.0)
+    engine = DebyePlane(scene, Sampling(nodes_per_px=2))
+    images = engine.rows(range(9), range(9))
+    assert engine.certificate.responses == 15  # 5 distinct distances from a lenslet's centre, in pairs
+    assert np.array_equal(images[1, 3], images[8, 3][::-1])
+    assert np.array_equal(images[1, 3], images[3, 1].T)
+    assert np.array_equal(engine.rows([10], [-6])[0, 0], images[1, 3])
+    alone = DebyePlane(scene, Sampling(nodes_per_px=2)).rows([8], [3])[0, 0]
+    assert relative_error(images[8, 3], alone) < 1e-6
+
+
+def test_fifteen_pixels_leave_thirty_six_positions():
+    lattice = LensletLattice("square", 120.0, 2400.0, (LensType(2400.0),))
+    scene = microscope_scene(2.0, lattice=lattice, period=(15, 15), cutout=(31, 31))
+    engine = DebyePlane(scene, Sampling(nodes_per_px=1))
+    engine.rows(range(15), range(15))
+    assert engine.certificate.responses == 36
+
+
+def test_points_between_the_pixels_and_source_offsets():
+    offsets = np.zeros((9, 9, 2))
+    offsets[2, 3] = (1.7, -0.9)
+    scene = microscope_scene(5.0, offsets_um=offsets)
+    engine = DebyePlane(scene, Sampling(nodes_per_px=3))
+    moved = engine.rows([2], [3])[0, 0]
+    assert relative_error(moved, engine.point(2 * 8.0 + 1.7, 3 * 8.0 - 0.9)) < 1e-6
+    wanted = ReferencePlane(scene, Sampling(10)).rows([2], [3])[0, 0]
+    assert relative_error(moved, wanted) < 0.02
+    assert relative_error(DebyePlane(microscope_scene(5.0)).rows([2], [3])[0, 0], wanted) > 0.05
+
+
+def test_pitch_that_is_no_whole_number_of_pixels():
+    lattice = LensletLattice("square", 74.9, 1440.0, (LensType(1440.0),), offset_um=(3.0, -11.0))
+    scene = microscope_scene(4.0, lattice=lattice)
+    wanted = ReferencePlane(scene, Sampling(10)).rows([5], [7])[0, 0]
+    assert relative_error(DebyePlane(scene).rows([5], [7])[0, 0], wanted) < 0.015
+
+
+def test_spherical_aberration_and_what_has_no_radial_form():
+    scene = microscope_scene(3.0, wavefront=seidel(spherical=0.4))
+    wanted = ReferencePlane(scene, Sampling(8)).rows([1], [2])[0, 0]
+    assert relative_error(DebyePlane(scene).rows([1], [2])[0, 0], wanted) < 0.02
+    assert relative_error(DebyePlane(microscope_scene(3.0)).rows([1], [2])[0, 0], wanted) > 0.05
+    with pytest.raises(InputError, match="rotationally"):
+        DebyePlane(microscope_scene(3.0, wavefront=seidel(coma=0.4)))
+
+
+@pytest.mark.parametrize("change", ["hexagonal", "turned"])
+def test_other_arrays_take_the_sum_over_lenslets(change):
+    scene = microscope_scene(5.0)
+    if change == "hexagonal":
+        lattice = LensletLattice("hexagonal", 72.0, 1440.0, (LensType(1440.0),))
+    else:
+        lattice = replace(scene.lattice, rotation_rad=0.1)
+    other = replace(scene, lattice=lattice, period=(16, 9))
+    assert not is_separable(other)
+    engine = engine_for(other, "debye", Sampling(nodes_per_px=3))
+    assert isinstance(engine, WavePlane)
+    assert isinstance(engine, PlaneEngine)
+    wanted = ReferencePlane(other, Sampling(8)).rows([3], [2])[0, 0]
+    assert relative_error(engine.rows([3], [2])[0, 0], wanted) < 0.035
+
+
+def test_energy_certificate():
+    engine = DebyePlane(microscope_scene(4.0, cutout=(61, 61)))
+    light = engine.rows([0], [1])[0, 0].sum()
+    assert engine.certificate.energy_out == pytest.approx(float(light), rel=1e-5)
+    assert 0.97 < light <= engine.certificate.energy_in * 1.001 <= 1.001
+    with pytest.raises(InputError, match="microscope"):
+        debye_field(replace(microscope_scene(), objective=None), np.zeros(1))
