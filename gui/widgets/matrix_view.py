@@ -1,0 +1,39 @@
+"""Small arrays without a colour bar of their own: matrices and patterns, in values or as they look."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.widgets.image_view import ImageView
+
+__all__ = ["MatrixView"]
+
+
+class MatrixView(ImageView):
+    """An `ImageView` that also shows red, green and blue; the bar may be left out."""
+
+    def __init__(self, *, bar: bool = True, square: bool = True, **options: Any) -> None:
+        super().__init__(**options)
+        self.coloured: NDArray[Any] | None = None
+        self._with_bar = bar
+        self.bar.setVisible(bar)
+        if not bar:
+            self.graphics.removeItem(self.bar)
+        self.plot.setAspectLocked(square)
+
+    def show_array(self, array: NDArray[Any], **options: Any) -> None:
+        """Show values ``(rows, columns)``, or colours ``(rows, columns, 3)`` in 0 … 1; hovering gives their mean.
+
+        ``options`` are those of `ImageView.set_image`.
+        """
+        colours = array if array.ndim == 3 else None
+        self.coloured = colours
+        self.set_image(array if colours is None else array.mean(-1), **options)
+        if colours is not None:
+            bytes_ = (np.clip(colours, 0, 1) * 255 + 0.5).astype(np.uint8)
+            self.item.setImage(bytes_, levels=(0, 255), lut=None, autoLevels=False)
+        if self._with_bar:
+            self.bar.setVisible(colours is None)
