@@ -82,7 +82,8 @@ class Aperture:
     area_px2
         Area inside the outline (pixels squared).
     curvature
-        Apothem over blade radius: 0 straight blades, 1 a circle.
+        Apothem over blade radius: 0 straight blades, 1 a circle. The lenslets' own width rounds the corners
+        of a depth-plane sum, so that a small aperture looks rounder than it is.
     blur_px
         Width of the edge: standard deviation of the Gaussian that would make it (pixels).
     ellipticity, ellipse_axis_rad

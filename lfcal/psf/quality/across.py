@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera, MainLens
 from lfcal.errors import InputError
-from lfcal.psf.quality.measure import PlaneMeasures
+from lfcal.psf.quality.frames import PlaneMeasures
 
 __all__ = ["Across", "compare_planes", "shadow_sizes"]
 
@@ -22,6 +22,12 @@ NOVEL = 0.05
 
 BLIND = 0.02
 """Where noise alone makes two recordings differ by more than this, copies cannot be told."""
+
+CLEAR = 4.0
+"""The shadow's second moment is told from the lenslets' own where the sum is so many times that."""
+
+FREEDOM = 0.1
+"""Virtual depth by which a shadow may seem off: the tails of diffraction, the exact place of the sensor."""
 
 NEAR = 0.6
 """Nearer to v = 1 than this the shadow is too small to be measured."""
@@ -115,7 +121,7 @@ def shadow_sizes(planes: list[PlaneMeasures], camera: Camera | None) -> NDArray[
     airy = 0.42 * camera.wavelength_um * gap / camera.lattice.clear_diameter_um / pixel
     own = bend * lens**2 / 2 + 2 * airy**2 + 2 / 12
     for z, p in enumerate(planes):
-        if p.lit and p.spread > own:
+        if p.lit and p.spread > CLEAR * own:
             sizes[z] = math.sqrt(8 * (p.spread - own))
     return sizes
 
@@ -140,7 +146,7 @@ def _at_depth(
         apart = np.abs(sizes[z] / (scale * wanted) - 1)
         if beyond[k] is not None:
             apart = np.where((away[known] > 0) == beyond[k], apart, apart + 1)
-        off[z] = 100 * apart[k]
+        off[z] = 100 * max(0.0, apart[k] - FREEDOM / wanted[k])
         order[z] = float(apart[k] > 3 * apart.min() + 0.05)
     if np.nansum(order):  # depths in a wrong order are not wrong as well
         off[known] = math.nan
@@ -151,7 +157,7 @@ def _beyond(plane: PlaneMeasures) -> bool | None:
     """Return whether the image lies beyond the sensor (v > 1), by the spots' spacing; None if they do not tell."""
     if plane.spots is None or plane.spots.order != "as planned" or abs(plane.spots.scale - 1) < 0.05:
         return None
-    return plane.spots.scale > 1
+    return bool(plane.spots.scale > 1)
 
 
 def _in_order(planes: list[PlaneMeasures], depths: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:

@@ -29,7 +29,7 @@ SPECS: tuple[Spec, ...] = (
     Spec("plane_copies", "Copied planes", "planes", 0, 0, 0.5, 1.0, "planes",
          "Planes that hold the same patterns as another one.",
          "Record these planes again: the stage did not move in depth, or files were copied.", overall="sum", redo=True),
-    Spec("seam", "Seam at the wrap", "x", 1.6, 3.0, 0.1, 0.8, "map",
+    Spec("seam", "Seam at the wrap", "x", 1.5, 3.0, 0.1, 0.8, "map",
          "Change from the last position to the first over the change between neighbours: 1 where the cell tiles.",
          "The patterns do not repeat with this period: check period, step, drift, and how telecentric the lens is."),
     Spec("missing", "Missing frames", "frames", 0, 0, 1.3, 2.0, "map",

@@ -14,8 +14,9 @@ from lfcal.psf.aperture import FNumber, working_f_number
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality.across import Across, compare_planes, shadow_sizes
 from lfcal.psf.quality.catalogue import SPECS
+from lfcal.psf.quality.frames import PlaneMeasures
 from lfcal.psf.quality.lattice import wave_vectors
-from lfcal.psf.quality.measure import STAGES, PlaneContext, PlaneMeasures, iter_measure
+from lfcal.psf.quality.measure import STAGES, PlaneContext, iter_measure
 from lfcal.psf.quality.metric import Metric, Spec, judge
 from lfcal.psf.quality.report import QualityReport
 

@@ -27,7 +27,7 @@ SAMPLE = 500
 BRIGHT = 0.92
 """Where the lattice's wave is this strong, the pattern is fully lit and its phase is true."""
 
-STRONG = 0.3
+STRONG = 0.4
 """Modulation below which the spots say nothing of the position: too few lenslets are lit."""
 
 ORDERS = {
@@ -68,6 +68,11 @@ class SpotLattice:
     def usable(self) -> bool:
         """Whether the phases tell positions."""
         return self.modulation >= STRONG and self.across >= 1.7
+
+    @property
+    def steady(self) -> bool:
+        """Whether the pattern's centroid stays with the source: not where it is the image of a single lenslet."""
+        return self.across >= 1.25 or self.modulation < STRONG
 
     @property
     def virtual_depth(self) -> float:
@@ -196,7 +201,9 @@ def _spacing(
     spots' shape; its phase from pixel to pixel, summed over the brightest part, is the spacing.
     """
     n, nt, ns = frames.shape
-    lit = np.maximum(np.nan_to_num(frames.reshape(n, -1), nan=0.0, posinf=0.0, neginf=0.0) - np.float32(floor), 0)
+    lit = frames.reshape(n, -1) - np.float32(floor)
+    np.maximum(lit, 0, out=lit)
+    lit[~np.isfinite(lit)] = 0
     phase = place @ waves.T
     real, imaginary = np.cos(phase).T.astype(np.float32) @ lit, -np.sin(phase).T.astype(np.float32) @ lit
     found = []

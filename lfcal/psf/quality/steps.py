@@ -22,6 +22,8 @@ def _pairs(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.flo
 def seam_ratio(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> float:
     """Return the change across the wrap over the median change inside the cell, the larger of y and x.
 
+    One less a correlation grows with the square of a change, so the root of the ratio is taken.
+
     Parameters
     ----------
     steps
@@ -36,7 +38,7 @@ def seam_ratio(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> float:
             continue
         inside, wrap = np.split(np.moveaxis(pairs[axis], axis, 0), [-1])
         if np.isfinite(inside).any() and np.isfinite(wrap).any():
-            ratios.append(float(np.nanmedian(wrap)) / max(float(np.nanmedian(inside)), 1e-12))
+            ratios.append(math.sqrt(float(np.nanmedian(wrap)) / max(float(np.nanmedian(inside)), 1e-12)))
     return max(ratios, default=math.nan)
 
 

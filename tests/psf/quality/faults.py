@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -37,7 +38,12 @@ def matrix(scene: Scene, values: Values, **about: Any) -> PSFMatrix:
 
 
 def base(scene: Scene, seed: int = 0) -> Values:
-    """Return a clean recording of the scene."""
+    """Return a clean recording of the scene, to be changed at will."""
+    return _base(scene, seed).copy()
+
+
+@functools.lru_cache(maxsize=4)
+def _base(scene: Scene, seed: int) -> Values:
     return recorded(scene.planes, seed, NOISE)
 
 
@@ -68,9 +74,8 @@ def changed(name: str, *names: str) -> Callable[[Callable[[Values, Scene], Value
 def moved(scene: Scene, stage: NDArray[np.float64], planes: tuple[int, ...] | None = None) -> PSFMatrix:
     """Return a recording in which the source stood ``stage (ny, nx, 2)`` as (y, x) pixels from its place."""
     clean = scene.planes.copy()
-    norm = PEAK / max(float(scene.plane(z).max()) for z in range(len(clean)))
     for z in range(len(clean)) if planes is None else planes:
-        clean[z] = scene.plane(z, stage=stage) * norm
+        clean[z] = scene.plane(z, stage=stage) * scene.scale
     return matrix(scene, recorded(clean, 0, NOISE))
 
 
@@ -218,8 +223,7 @@ def _(h: Values, scene: Scene) -> None:
 @fault("a plane at the wrong depth", "depth")
 def _(scene: Scene) -> PSFMatrix:
     clean = scene.planes.copy()
-    norm = PEAK / max(float(scene.plane(z).max()) for z in range(len(clean)))
-    clean[1] = scene.plane(1, depth_gain=1.15) * norm
+    clean[1] = scene.plane(1, depth_gain=1.2) * scene.scale
     return matrix(scene, recorded(clean, 0, NOISE))
 
 
@@ -237,7 +241,7 @@ def _(h: Values, scene: Scene) -> None:
 
 @fault("a noisy camera", "snr")
 def _(scene: Scene) -> PSFMatrix:
-    return matrix(scene, recorded(scene.planes, 0, 110.0))
+    return matrix(scene, recorded(scene.planes, 0, 140.0))
 
 
 @changed("saturation", "saturation")
@@ -271,7 +275,7 @@ def _(h: Values, scene: Scene) -> Values:
 def _(h: Values, scene: Scene) -> None:
     n = h.shape[-1]
     t, s = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
-    h += (70 * np.exp(-((t - n / 2) ** 2 / (n / 5) ** 2 + s**2 / (n / 14) ** 2))).astype(np.float32)
+    h += (110 * np.exp(-((t - n / 2) ** 2 / (n / 5) ** 2 + s**2 / (n / 14) ** 2))).astype(np.float32)
 
 
 # -- sensor and cutout -----------------------------------------------------------------------------------------

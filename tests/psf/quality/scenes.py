@@ -116,8 +116,16 @@ class Scene:
     @functools.cached_property
     def planes(self) -> NDArray[np.float32]:
         """The clean, noise-free matrix with peak `PEAK`."""
-        clean = np.stack([self.plane(z) for z in range(len(self.virtual_depths))])
-        return (clean * (PEAK / clean.max())).astype(np.float32)
+        return (self._light * (PEAK / self._light.max())).astype(np.float32)
+
+    @functools.cached_property
+    def scale(self) -> float:
+        """Counts per unit of light."""
+        return PEAK / float(self._light.max())
+
+    @functools.cached_property
+    def _light(self) -> NDArray[np.float64]:
+        return np.stack([self.plane(z) for z in range(len(self.virtual_depths))])
 
 
 def _plane(
@@ -164,13 +172,14 @@ def recorded(
 
 @functools.cache
 def hexagonal() -> Scene:
-    """Return a three-type hexagonal camera, 33 x 19 positions."""
-    pixel, pitch = 5.5, 11.0
+    """Return a three-type hexagonal camera, 27 x 16 positions."""
+    pixel, pitch = 5.5, 9.0
     gap = pitch * pixel * 4.8
     types = tuple(LensType.focused_at(v, gap) for v in (2.0, 3.0, 5.0))
-    lattice = LensletLattice("hexagonal", pitch * pixel, gap, types, clear_um=10.6 * pixel, offset_um=(9.0, -14.0))
+    lattice = LensletLattice("hexagonal", pitch * pixel, gap, types, clear_um=8.7 * pixel, offset_um=(9.0, -14.0),
+                             row_pitch_um=7.97 * pixel)  # fmt: skip
     optics = MainLens(50e3, 4.0, 300e3, blades=7, blade_rotation_rad=0.2)
-    return Scene(Camera("hex", optics, lattice, Sensor((320, 320), pixel)), (4.0, 3.0, -3.0), 75)
+    return Scene(Camera("hex", optics, lattice, Sensor((320, 320), pixel)), (4.0, 3.0, -2.6), 59)
 
 
 @functools.cache
@@ -179,7 +188,7 @@ def square() -> Scene:
     pixel = 125.0 / 15
     lattice = LensletLattice("square", 125.0, 2500.0, (LensType.focused_at(math.inf, 2500.0),), offset_um=(31.0, 8.0))
     camera = Camera("lfm", Microscope(20.0, 0.5, 1.0), lattice, Sensor((600, 600), pixel), 0.525)
-    return Scene(camera, (-5.0, -3.2, 3.5), 117, blur_px=1.0)
+    return Scene(camera, (-3.8, -2.6, 3.2), 91, blur_px=1.0)
 
 
 @functools.cache

@@ -1,0 +1,117 @@
+"""``lfcal bench inspect``: what the inspection of a plane costs against reading it once."""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from lfcal.psf import PSFMatrix
+
+
+def register(bench: typer.Typer) -> None:
+    """Add ``inspect`` to the benchmarks."""
+    bench.command("inspect")(command)
+
+
+def command(
+    preset_name: str = typer.Option("r29", "--preset", help="Camera whose planes are simulated."),
+    cutout: int = typer.Option(181, min=21, help="Side of the cutout (px); 181 makes 685 MB of a plane of r29."),
+    planes: int = typer.Option(1, min=1, help="Planes."),
+    noise: float = typer.Option(0.003, help="Noise of a pixel over the brightest one; a noisy file packs badly."),
+    compression: str = typer.Option("gzip", help="gzip, zstd or none."),
+    folder: Path | None = typer.Option(None, help="Where to write the H file; a temporary folder by default."),
+    workers: int | None = typer.Option(None, help="Threads; every processor by default."),
+    json: bool = typer.Option(False, "--json", help="Print the figures as JSON."),
+) -> None:
+    """Write an H file of full size, read it once, inspect it, and compare.
+
+    Example: `lfcal bench inspect --preset r29 --planes 2`
+    """
+    from lfcal.cli._common import print_json, print_table, seconds
+    from lfcal.psf import open_psf
+    from lfcal.psf.quality import inspect
+    from lfcal.units import format_bytes
+
+    with tempfile.TemporaryDirectory(prefix="lfcal_inspect_", dir=folder) as place:
+        path = Path(place) / "H.h5"
+        task = multiprocessing.get_context("spawn").Process(
+            target=write, args=(path, preset_name, cutout | 1, planes, noise, compression, workers)
+        )
+        task.start()  # in a process of its own, so that its memory does not count
+        task.join()
+        inspect(small(), workers=workers)  # compile
+        before = peak_bytes()
+        start = time.perf_counter()
+        with open_psf(path) as H:
+            for z in range(len(H)):
+                H.plane(z)
+            nbytes = H.nbytes
+        reading = time.perf_counter() - start
+        after_reading = peak_bytes()
+        start = time.perf_counter()
+        with open_psf(path) as H:
+            report = inspect(H, workers=workers)
+        inspecting = time.perf_counter() - start
+        memory = after_reading - before, peak_bytes() - before
+        figures = {
+            "plane_bytes": nbytes // planes, "planes": planes, "file_bytes": path.stat().st_size,
+            "read_s": reading, "inspect_s": inspecting, "ratio": inspecting / reading,
+            "read_peak_bytes": memory[0], "inspect_peak_bytes": memory[1],
+            "merit": report.merit, "alarms": [m.key for m in report.alarms],
+        }  # fmt: skip
+    if json:
+        print_json(figures)
+        return
+    rows = [
+        ["read once", seconds(reading), "1", format_bytes(memory[0])],
+        ["inspect", seconds(inspecting), f"{inspecting / reading:.2f}", format_bytes(memory[1])],
+    ]
+    title = f"{planes} planes of {format_bytes(nbytes // planes)}, {compression}; found {report.merit}"
+    print_table(["", "time", "times reading", "memory"], rows, title=title)
+
+
+def write(
+    path: Path, preset_name: str, cutout: int, planes: int, noise: float, compression: str, workers: int | None
+) -> None:
+    """Write a simulated H with noise, plane by plane."""
+    import numpy as np
+
+    from lfcal.camera import ScanPlan, preset
+    from lfcal.psf.store import PSFWriter
+    from lfcal.simulate import simulate_psf
+
+    camera = preset(preset_name)
+    sign = -1.0 if camera.optics.telecentric else 1.0
+    depths = [sign * (4.0 + 0.5 * z) for z in range(planes)]
+    plan = ScanPlan.for_camera(camera, virtual_depths=depths, cutout=cutout)
+    rng = np.random.default_rng(0)
+    with PSFWriter(path, plan.shape, depths=plan.depths_um, camera=camera, compression=compression,
+                   workers=workers) as writer:  # fmt: skip
+        for z, depth in enumerate(depths):
+            one = ScanPlan.for_camera(camera, virtual_depths=[depth], cutout=plan.shape[3:])
+            values = simulate_psf(camera, one, (), workers=workers).plane(0)
+            top = float(values.max())
+            for row in values:
+                row += np.float32(noise * top) * rng.standard_normal(row.shape, np.float32)
+            writer.write_plane(z, values)
+
+
+def small() -> PSFMatrix:
+    """Return a small H that makes every kernel compile."""
+    from lfcal.camera import ScanPlan, preset
+    from lfcal.simulate import simulate_psf
+
+    camera = preset("bench")
+    return simulate_psf(camera, ScanPlan.for_camera(camera, virtual_depths=[3.0, 4.0]), ())
+
+
+def peak_bytes() -> int:
+    """Return the largest resident memory of this process so far (bytes)."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
