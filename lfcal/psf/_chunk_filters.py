@@ -88,7 +88,9 @@ def encode_chunk(array: NDArray[Any], level: int = 1, filters: Sequence[str] = P
                 _shuffle(data, contiguous.itemsize, shuffled)
                 data = shuffled
         elif name == "deflate":
-            data = zlib.compress(data, level)
+            from imagecodecs import deflate_encode  # libdeflate: the same format in half zlib's time
+
+            data = deflate_encode(data, level=level)
         else:
             raw = bytes(data)
             data = raw + fletcher32(raw).to_bytes(4, "little")
@@ -156,6 +158,14 @@ def _verified(data: bytes, where: str) -> bytes:
 
 
 def _inflated(data: bytes, nbytes: int, where: str) -> bytes:
+    from imagecodecs import DeflateError, deflate_decode
+
+    try:
+        quick = bytes(deflate_decode(data, out=nbytes))
+        if len(quick) == nbytes:
+            return quick
+    except DeflateError:
+        pass  # zlib says what is wrong with it
     stream = zlib.decompressobj()
     try:
         plain = stream.decompress(data, nbytes + 1)  # never more than the chunk declares

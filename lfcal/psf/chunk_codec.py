@@ -1,7 +1,7 @@
 """HDF5 chunks coded outside of HDF5, so that threads can compress and decompress at once.
 
 HDF5 runs its filters on one thread. Here a chunk passes shuffle, deflate and fletcher32 in worker threads
-(zlib and the kernels release the GIL), and only the finished bytes pass through h5py, from the caller's thread.
+(libdeflate and the kernels release the GIL), and only the finished bytes pass through h5py, from the caller's thread.
 What is written is an ordinary HDF5 file.
 """
 
