@@ -14,7 +14,6 @@ from lfcal.simulate.effects import (
     Effect,
     Estimate,
     FrameEffect,
-    IrisDiffraction,
     LensletDiffraction,
     LightEffect,
     MotionEffect,
@@ -200,10 +199,7 @@ class _Costs:
 
     def level_of(self, effects: Iterable[Effect]) -> str:
         """Return the level that the effects call for."""
-        kinds = {type(effect) for effect in effects}
-        if LensletDiffraction not in kinds:
-            return "geometric"
-        return self.waves if self.waves == "wave" or IrisDiffraction in kinds else "wave"
+        return self.waves if any(isinstance(e, LensletDiffraction) for e in effects) else "geometric"
 
     def of(self, effect: Effect) -> float:
         """Return what one effect adds to a wave simulation of one source point."""

@@ -99,6 +99,8 @@ def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
 
     A named wave level computes lenslet diffraction whatever the effects say; ``microscope`` is the Debye path.
     """
+    from lfcal.simulate.field import choose_mode  # compiled code: not loaded before it is needed
+
     if level not in ALL_LEVELS:
         raise InputError(expectation("level", " or ".join(ALL_LEVELS), repr(level), "choose one of these"))
     if level == "microscope":
@@ -106,11 +108,12 @@ def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
     if level == "auto":
         if not scene.lenslet_diffraction:
             return scene, "geometric"
-        level = "debye" if scene.objective is not None and scene.main_diffraction else "wave"
+        level = "debye" if scene.objective is not None else "wave"
     if level != "geometric" and not scene.lenslet_diffraction:
         scene = replace(scene, lenslet_diffraction=True)
-    if level == "debye" and not scene.main_diffraction:
-        scene = replace(scene, main_diffraction=True)
+    inseparable = scene.objective is not None or choose_mode(scene) == "U"
+    if level != "geometric" and inseparable and not scene.main_diffraction:
+        scene = replace(scene, main_diffraction=True)  # see `IrisDiffraction`
     return scene, level
 
 

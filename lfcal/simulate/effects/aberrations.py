@@ -21,7 +21,7 @@ def _mean_shift(outlook: Outlook, rim_slope: float) -> float:
     A slope of g waves per pupil radius bends a ray by 2 Nw g lambda at the array's distance a, which moves the
     spot by 2 Nw g lambda / |v| on the sensor.
     """
-    shift = 2 * outlook.f_number * rim_slope * outlook.wavelength_um / abs(outlook.virtual_depth)
+    shift = 2 * outlook.f_number * rim_slope * outlook.wavelength_um / outlook.depth
     return shift / outlook.pixel_um
 
 

@@ -31,7 +31,9 @@ class Telecentricity(SceneEffect):
             return Estimate(0.0, "px", 0.0, "telecentric")
         excess = outlook.gap_um / optics.image_distance_um
         period = max(outlook.camera.period_px) * excess
-        return Estimate(period, "px", outlook.moved(excess * outlook.field_rms_px), "period * B/b; shift B/b * r_rms")
+        return Estimate(
+            period, "px", outlook.array_moved(excess * outlook.field_rms_px), "period * B/b; shift B/b * r_rms"
+        )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the pupil where it is."""
@@ -85,7 +87,7 @@ class ArrayRotation(SceneEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the lenslets' rms displacement alpha * r over the region."""
         shift = abs(self.angle_rad) * outlook.field_rms_px
-        return Estimate(shift, "px", outlook.moved(shift), "alpha * r_rms")
+        return Estimate(shift, "px", outlook.array_moved(shift), "alpha * r_rms")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the array turned."""
@@ -113,7 +115,7 @@ class PitchError(SceneEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the lenslets' rms displacement (dp/p) * r over the region."""
         shift = abs(self.relative) * outlook.field_rms_px
-        return Estimate(shift, "px", outlook.moved(shift), "dp/p * r_rms")
+        return Estimate(shift, "px", outlook.array_moved(shift), "dp/p * r_rms")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the true pitch."""

@@ -40,7 +40,7 @@ class FiniteSource(LightEffect):
         The shadow's edge is blurred too: an annulus of the image's mean chord, 2/pi of its rms, of the area.
         """
         image = self.image_px(outlook)
-        spot = image / max(abs(outlook.virtual_depth), 1e-9)
+        spot = image / outlook.depth
         edge = outlook.shadow_moved(0.4 * image / 4)
         return Estimate(spot, "px", min(2.0, outlook.blurred(spot / 4) + edge), "D |M|/v; 0.74 (s/w)² + edge, s = D/4")
 
@@ -101,15 +101,28 @@ class Bandwidth(LightEffect):
         return outlook.camera.bandwidth_um if self.width_um is None else self.width_um
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the relative width x, and what it washes out of the spots' fringes.
+        """Return the relative width x, and what it washes out of the spots' fringes and of those between lenslets.
 
-        Quadratic for narrow light; beyond about a tenth the outer fringes are gone and it grows linearly.
+        Quadratic for narrow light; beyond about a tenth the outer fringes are gone and it grows linearly. Fringes
+        between lenslets are finer and gone sooner; how much light they move falls with the lenslets' size.
         """
-        relative = self.width(outlook) / outlook.wavelength_um
+        x = self.width(outlook) / outlook.wavelength_um
         fringes = sum(outlook.fresnel_lenslets) / len(outlook.fresnel_lenslets)
-        error = (0.25 + 0.13 * fringes) * relative**2 / (1.0 + relative * (1.0 + 0.1 * fringes) / 0.12)
-        formula = "x = dl/l; (0.25 + 0.13 N_F) x²/(1 + 8.3 x (1 + 0.1 N_F))"
-        return Estimate(relative, "relative", min(1.0, error), formula)
+        spots = (0.25 + 0.13 * fringes) * x * x / (1.0 + x * (1.0 + 0.1 * fringes) / 0.12)
+        iris = 0.25 * (x / outlook.lenslets) ** 2
+        error = min(1.0, spots + iris + self._between(outlook, x))
+        return Estimate(x, "relative", error, "x = dl/l; (0.25 + 0.13 N_F) x²/(1 + 8.3 x (1 + 0.1 N_F)) + fringes")
+
+    @staticmethod
+    def _between(outlook: Outlook, x: float) -> float:
+        """Return what is washed out of the interference of neighbouring lenslets: most - most exp(-c x²/most)."""
+        n = outlook.lenslets
+        share = (11.0 / outlook.camera.pitch_px) ** 2 * min(1.0, 0.08 + (n - 1.0) / 4.0)
+        steep, most = 6.0 * share, 0.006 * share
+        if not outlook.has_lens:
+            more = math.sqrt(max(1.0, n / 17.0))
+            steep, most = 9.0 * share * math.sqrt(more), 0.024 * share * more
+        return most * -math.expm1(-steep * x * x / most)
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
         """Return Gauss-Legendre wavelengths over the spectrum: 3, more where many fringes wash out."""

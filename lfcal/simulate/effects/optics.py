@@ -14,6 +14,10 @@ from lfcal.simulate.scene import Iris, Scene
 __all__ = ["ExactAngles", "IrisDiffraction", "IrisShape", "LensTypes", "LensletDiffraction"]
 
 
+INSEPARABLE = 12.0
+"""Fresnel number of the shadow below which it is computed with its fringes or not at all."""
+
+
 @dataclass(frozen=True, slots=True)
 class LensTypes(SceneEffect):
     """Lens types and their defocus: without it every lenslet is of the type that is sharpest at the depth."""
@@ -60,7 +64,11 @@ class LensletDiffraction(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class IrisDiffraction(SceneEffect):
-    """Fresnel fringes of the main iris on the lenslets: without it the iris casts a sharp shadow."""
+    """Fresnel fringes of the main iris on the lenslets: without it the iris casts a sharp shadow.
+
+    Within the iris's own depth of focus (N_F below 12), and in a microscope's Debye integral, fringes and shadow
+    are one: there it comes with lenslet diffraction, on or off.
+    """
 
     name: ClassVar[str] = "iris_diffraction"
     title: ClassVar[str] = "main-iris diffraction"
@@ -69,6 +77,10 @@ class IrisDiffraction(SceneEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the shadow's Fresnel number N_F = |a| / (4 Nw² lambda) and 0.6 / sqrt(N_F)."""
         number = outlook.fresnel_main
+        if not outlook.has_lens:
+            return Estimate(number, "N_F", 0.0, "in the Debye integral")
+        if number < INSEPARABLE:
+            return Estimate(number, "N_F", 0.0, "one with the shadow at this depth")
         return Estimate(number, "N_F", min(1.5, 0.6 / math.sqrt(number)), "|a|/(4 Nw² lambda); 0.6/N_F^(1/2)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
@@ -138,7 +150,8 @@ class ExactAngles(SceneEffect):
         if not outlook.has_lens:
             return Estimate(0.0, "px", 0.0, "in the Debye integral")
         rim = outlook.gap_um / (2 * (2 * outlook.f_number) ** 3) / outlook.pixel_um
-        return Estimate(rim, "px", outlook.moved(0.4 * rim), "B/(2 (2 Nw)³); a shift of 0.4 of it")
+        near = min(1.0, abs(outlook.virtual_depth) / 1.2)  # the cone covers less than a lenslet
+        return Estimate(rim, "px", outlook.moved(0.4 * rim * near), "B/(2 (2 Nw)³); a shift of 0.4 of it")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with exact defocus and exact rays."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from lfcal.camera import Camera, MainLens
+from lfcal.camera import Camera, MainLens, Microscope
 
 __all__ = ["Outlook", "share_moved", "share_widened"]
 
@@ -102,6 +102,14 @@ class Outlook:
         return self.shift_um / self.gap_um
 
     @property
+    def depth(self) -> float:
+        """How many times smaller than on the array a shift of the main image is on the sensor, |v|.
+
+        At least 1.2: nearer to the array the image's own size, not the lenslets, sets the scale.
+        """
+        return max(1.2, abs(self.virtual_depth))
+
+    @property
     def fresnel_main(self) -> float:
         """Fresnel number of the main iris' shadow, |a| / (4 Nw² lambda)."""
         return abs(self.shift_um) / (4.0 * self.f_number**2 * self.wavelength_um)
@@ -117,7 +125,10 @@ class Outlook:
     def shadow_px(self) -> float:
         """Radius of the main iris' shadow on the lenslets (pixels), at least its Airy disc."""
         airy = 1.22 * self.wavelength_um * self.f_number
-        return math.hypot(abs(self.shift_um) / (2.0 * self.f_number), airy) / self.pixel_um
+        radius = abs(self.shift_um) / (2.0 * self.f_number)
+        if isinstance(self.camera.optics, Microscope):
+            radius /= math.cos(self.camera.optics.half_angle_rad)  # M |z| tan(alpha): sines on the image side
+        return math.hypot(radius, airy) / self.pixel_um
 
     @property
     def lit_px(self) -> float:
@@ -159,8 +170,14 @@ class Outlook:
 
     @property
     def diffracted(self) -> float:
-        """Relative L1 change when spots are computed by rays instead of waves, 0.65/(1 + N_F)^(1/3) per type."""
-        return sum(0.65 / math.cbrt(1.0 + n) for n in self.fresnel_lenslets) / len(self.defocus)
+        """Relative L1 change when spots are computed by rays instead of waves, 0.65/(1 + N_F)^(1/3) per type.
+
+        For a microscope the rays are paraxial too: its shadow M z tan(alpha) is drawn as M z sin(alpha).
+        """
+        change = sum(0.65 / math.cbrt(1.0 + n) for n in self.fresnel_lenslets) / len(self.defocus)
+        if isinstance(self.camera.optics, Microscope):
+            change = math.hypot(change, 2.0 * math.sin(self.camera.optics.half_angle_rad) ** 2)
+        return min(2.0, change)
 
     def over_types(self, function: Callable[[float], float]) -> float:
         """Return the mean of ``function(width)`` over the lens types."""
@@ -185,11 +202,25 @@ class Outlook:
         ``floor_px`` is added to the widths in quadrature: what pixels cannot resolve.
         """
         total = 0.0
-        for width, n in zip(self.widths_px, self.fresnel_lenslets, strict=True):
-            w = math.hypot(width, floor_px)
+        near = abs(self.virtual_depth) < 1  # the iris's fringes, where one lenslet sees them all
+        own = (1.5 if self.has_lens else 4.0) * self.fresnel_main if near else 0.0
+        for width, spot in zip(self.widths_px, self.fresnel_lenslets, strict=True):
+            w, n = math.hypot(width, floor_px), max(spot, own)
             finer = 1.0 + 0.3 * n + 0.03 * n * n  # a blur feels the fringes' curvature
             total += min(2.0, finer * share_widened(w, math.hypot(w, rms_px)))
         return total / len(self.widths_px)
+
+    def array_moved(self, shift_px: float) -> float:
+        """Return the relative L1 change when the lenslets move by ``shift_px`` under a source that stays.
+
+        Spots follow by 1 - 1/v, apertures by the whole shift. In a microscope the lenslets' fields interfere in
+        fringes of lambda B/p, which are finer than a defocused spot.
+        """
+        shift = shift_px * math.hypot(0.5, 0.75 * (1.0 - 1.0 / self.virtual_depth))
+        if self.has_lens:
+            return self.moved(shift)
+        fringe = 0.9 * self.wavelength_um * self.gap_um / (self.camera.lattice.pitch_um * self.pixel_um)
+        return self.over_types(lambda w: share_moved(shift, min(w, fringe)))
 
     def shadow_moved(self, shift_px: float) -> float:
         """Return the relative L1 change when the shadow moves by ``shift_px``: 1.27 shift / radius."""
@@ -201,7 +232,7 @@ class Outlook:
         Spots move by shift/|v| and the shadow by the shift; as their fringes move with neither exactly, the sum
         is measured to be the root of squares, with 0.85 of the spots' part.
         """
-        spots = 0.85 * self.moved(shift_px / max(abs(self.virtual_depth), 1e-9))
+        spots = 0.85 * self.moved(shift_px / self.depth)
         return min(2.0, math.hypot(spots, self.shadow_moved(shift_px)))
 
     @property
