@@ -10,6 +10,7 @@
 from lfcal.psf.quality.catalogue import SPECS
 from lfcal.psf.quality.inspect import inspect, iter_inspect
 from lfcal.psf.quality.metric import Metric, Spec
+from lfcal.psf.quality.periodicity import Periodicity, periodicity
 from lfcal.psf.quality.report import QualityReport
 
-__all__ = ["SPECS", "Metric", "QualityReport", "Spec", "inspect", "iter_inspect"]
+__all__ = ["SPECS", "Metric", "Periodicity", "QualityReport", "Spec", "inspect", "iter_inspect", "periodicity"]

@@ -12,6 +12,7 @@ from lfcal.psf.aperture import Aperture
 from lfcal.psf.quality.dark import Dark
 from lfcal.psf.quality.kernels import FRAME_COLUMNS, frame_pass
 from lfcal.psf.quality.lattice import SpotLattice
+from lfcal.psf.quality.periodicity import Periodicity
 from lfcal.threads import for_each_chunk
 
 __all__ = ["Frames", "PlaneMeasures"]
@@ -45,6 +46,8 @@ class PlaneMeasures:
         Whether each pattern is the image of a single lenslet, which does not follow the source.
     spots
         The spots' lattice, where there is one.
+    tiling
+        What control frames said, where there were some.
     sample
         Some of the patterns, weighted for comparison with other planes.
     """
@@ -57,6 +60,7 @@ class PlaneMeasures:
     spread: float = math.nan
     locked: bool = False
     spots: SpotLattice | None = None
+    tiling: Periodicity | None = None
     sample: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
     values: dict[str, float] = field(default_factory=dict)
     maps: dict[str, NDArray[np.float64]] = field(default_factory=dict)

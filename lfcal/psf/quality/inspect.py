@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,7 @@ from lfcal.psf.quality.frames import PlaneMeasures
 from lfcal.psf.quality.lattice import wave_vectors
 from lfcal.psf.quality.measure import STAGES, PlaneContext, iter_measure
 from lfcal.psf.quality.metric import Metric, Spec, judge
+from lfcal.psf.quality.periodicity import periodicity
 from lfcal.psf.quality.report import QualityReport
 
 __all__ = ["inspect", "iter_inspect"]
@@ -25,12 +27,20 @@ __all__ = ["inspect", "iter_inspect"]
 SAMPLED_SLICES = 2
 
 
-def inspect(matrix: PSFMatrix | ArrayLike, *, workers: int | None = None) -> QualityReport:
+Controls = Mapping[int, tuple[ArrayLike, ArrayLike]]
+"""Control frames ``(n, nt, ns)`` and their positions ``(n, 2)`` by depth plane, as `periodicity` takes them."""
+
+
+def inspect(
+    matrix: PSFMatrix | ArrayLike, *, controls: Controls | None = None, workers: int | None = None
+) -> QualityReport:
     """Return the quality of H: see `iter_inspect`."""
-    return drain(iter_inspect(matrix, workers=workers))
+    return drain(iter_inspect(matrix, controls=controls, workers=workers))
 
 
-def iter_inspect(matrix: PSFMatrix | ArrayLike, *, workers: int | None = None) -> Work[QualityReport]:
+def iter_inspect(
+    matrix: PSFMatrix | ArrayLike, *, controls: Controls | None = None, workers: int | None = None
+) -> Work[QualityReport]:
     """Measure every metric of `lfcal.psf.quality.catalogue` on H.
 
     Each plane is read once and let go; memory is that of two planes at most.
@@ -39,6 +49,8 @@ def iter_inspect(matrix: PSFMatrix | ArrayLike, *, workers: int | None = None) -
     ----------
     matrix
         H; of a transposed view, the H behind it is inspected. Values of other types are taken as float32.
+    controls
+        Control frames by depth plane, where there are some: how true the tiling is over the field.
     workers
         Threads; every processor by default.
 
@@ -58,7 +70,7 @@ def iter_inspect(matrix: PSFMatrix | ArrayLike, *, workers: int | None = None) -
     planes: list[PlaneMeasures] = []
     yield clock.at(0)
     for z in range(len(H)):
-        planes.append((yield from _iter_plane(H, z, waves, clock, workers)))
+        planes.append((yield from _iter_plane(H, z, waves, (controls or {}).get(z), clock, workers)))
     across = compare_planes(planes, H.depths, H.camera)
     metrics = sorted((_metric(s, H, planes, across) for s in SPECS), key=_rank)
     return QualityReport(
@@ -71,12 +83,18 @@ def iter_inspect(matrix: PSFMatrix | ArrayLike, *, workers: int | None = None) -
         noise=np.array([p.dark.noise for p in planes]),
         peak=np.array([p.peak for p in planes]),
         energy=np.array([p.energy for p in planes]),
+        tilings=tuple(p.tiling for p in planes),
         seconds=time.perf_counter() - start,
     )
 
 
 def _iter_plane(
-    H: PSFMatrix, z: int, waves: NDArray[np.float64], clock: Clock, workers: int | None
+    H: PSFMatrix,
+    z: int,
+    waves: NDArray[np.float64],
+    controls: tuple[ArrayLike, ArrayLike] | None,
+    clock: Clock,
+    workers: int | None,
 ) -> Work[PlaneMeasures]:
     values = np.ascontiguousarray(H.plane(z), np.float32)
     total = H.depth_sum(z)
@@ -91,6 +109,11 @@ def _iter_plane(
     if "identities" in measures.values:
         wrong = max(measures.values["identities"], _transposition(H, z, values, measures.peak))
         measures.values["identities"] = wrong if np.isfinite(total).all() else math.nan
+    if controls is not None and len(np.asarray(controls[1])):
+        measures.tiling = periodicity(*controls, values, anchor=H.anchor)
+        measures.values["tiling"] = 100 * float(measures.tiling.difference.max())
+        y, x = measures.tiling.fitting_period
+        measures.details["tiling"] = f"plane {z}: a period of {y:.2f} x {x:.2f} px fits best"
     return measures
 
 

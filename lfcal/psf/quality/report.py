@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.psf.aperture import Aperture, FNumber
 from lfcal.psf.quality.metric import Merit, Metric
+from lfcal.psf.quality.periodicity import Periodicity
 
 __all__ = ["QualityReport"]
 
@@ -36,6 +37,8 @@ class QualityReport:
         Working f-number by the slope of aperture diameters over depth, where camera and planes allow it.
     noise, peak, energy
         Noise of a dark pixel, median peak of the patterns and their mean energy, per plane.
+    tilings
+        What the control frames of each plane said, where there were some.
     seconds
         Time it took.
     """
@@ -49,6 +52,7 @@ class QualityReport:
     noise: NDArray[np.float64]
     peak: NDArray[np.float64]
     energy: NDArray[np.float64]
+    tilings: tuple[Periodicity | None, ...]
     seconds: float
 
     def __getitem__(self, key: str) -> Metric:
