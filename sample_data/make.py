@@ -7,22 +7,41 @@ A recorded session of the small ``bench`` camera as its simulator sees it, noise
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from lfcal.camera import Camera, ScanPlan, preset
-from lfcal.simulate.camera_source import SimulatedCamera
+from lfcal.simulate import SimulatedCamera
+from lfcal.simulate.effects import (
+    DarkCurrent,
+    Effect,
+    FixedPattern,
+    IrisDiffraction,
+    IrisShape,
+    LensletDiffraction,
+    LensTypes,
+    Quantisation,
+    ReadNoise,
+    ShotNoise,
+    Telecentricity,
+)
+from lfcal.simulate.engine import Sampling
+from lfcal.simulate.session import frame_name, write_session
+
+__all__ = ["frame_name", "make", "sample_camera", "sample_plan", "sample_source"]
 
 SEED = 20
 SENSOR = (80, 96)
 CUTOUT = 55
 VIRTUAL_DEPTHS = (3.0, 4.0)
 DARKS, WHITES = 8, 4
+
+OPTICS: tuple[Effect, ...] = (LensTypes(), LensletDiffraction(), IrisDiffraction(), IrisShape(), Telecentricity())
+SENSOR_EFFECTS: tuple[Effect, ...] = (ShotNoise(), ReadNoise(), FixedPattern(), DarkCurrent(), Quantisation())
+
+SAMPLING = Sampling(nodes_per_px=4, margin_px=8, coherent=True, double=True)
+"""Fixed, and in double precision: rounding must not decide how many photons a pixel catches."""
 
 
 def sample_camera() -> Camera:
@@ -38,49 +57,13 @@ def sample_plan() -> ScanPlan:
 
 def sample_source() -> SimulatedCamera:
     """Return the simulated camera that records the session."""
-    return SimulatedCamera(sample_plan(), "auto", tolerance=0.05, peak=0.8, seed=SEED)
-
-
-def frame_name(source: SimulatedCamera, index: int) -> str:
-    """Return the file name of a frame."""
-    z, y, x = source.position(index)
-    return f"z{z}_y{y:02d}_x{x:02d}.png"
-
-
-def write_png(path: Path, frame: np.ndarray) -> None:
-    """Write a 16-bit PNG as small as it gets."""
-    ok, encoded = cv2.imencode(".png", np.asarray(frame, np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    if not ok:
-        raise RuntimeError(f"{path}: PNG encoding failed")
-    path.write_bytes(encoded.tobytes())
+    return SimulatedCamera(sample_plan(), (*OPTICS, *SENSOR_EFFECTS), sampling=SAMPLING, peak=0.8, seed=SEED)
 
 
 def make(out: Path) -> None:
     """Write the whole session into ``out``, replacing what was there."""
     shutil.rmtree(out, ignore_errors=True)
-    for name in ("frames", "dark", "white"):
-        (out / name).mkdir(parents=True)
-    source = sample_source()
-    rows = ["file,z,y,x"]
-    for index in range(len(source)):
-        name = frame_name(source, index)
-        write_png(out / "frames" / name, source.read(index))
-        rows.append(f"{name},{','.join(map(str, source.position(index)))}")
-    (out / "frames" / "manifest.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    for k in range(DARKS):
-        write_png(out / "dark" / f"dark_{k}.png", source.dark_frame(k))
-    for k in range(WHITES):
-        write_png(out / "white" / f"white_{k}.png", source.white_frame(k))
-    plan = source.plan
-    (out / "camera.json").write_text(plan.camera.to_json() + "\n", encoding="utf-8")
-    (out / "plan.json").write_text(plan.to_json() + "\n", encoding="utf-8")
-    truth = {
-        "seed": SEED,
-        "tolerance": source.tolerance,
-        "effects": source.metadata["simulated"]["effects"],
-        "counts_per_unit": [float(source.counts_per_unit(z)) for z in range(len(plan.depths_um))],
-    }
-    (out / "truth.json").write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
+    write_session(sample_source(), out, darks=DARKS, whites=WHITES)
 
 
 def main() -> None:
