@@ -160,7 +160,9 @@ def iter_reconstruct(settings: MultiplexSettings, sensor: Sensor) -> Work[Recons
 
 
 def _recorded(settings: MultiplexSettings, modulator: Modulator, sensor: Sensor) -> tuple[Array | None, Array, str]:
-    truth, frame, words = None, None, "built-in scene"
+    truth: Array | None = None
+    frame: Array | None = None
+    words = "built-in scene"
     if settings.scene == "image":
         if not settings.image:
             raise InputError("scene: no image yet; open one, or choose a built-in scene")
@@ -170,10 +172,11 @@ def _recorded(settings: MultiplexSettings, modulator: Modulator, sensor: Sensor)
                                          "choose colour filters, or open a grey frame"))  # fmt: skip
     else:
         truth = scene_of(settings.scene, modulator)
-    if frame is None:
+    if frame is None and truth is not None:
         frame = multiplex(truth, modulator)
         if settings.noise:
             frame, words = noisy(frame, sensor, settings.gain, np.random.default_rng(1)), f"{words} with camera noise"
+    assert frame is not None  # an opened image is one or the other
     return truth, frame, f"{words}, {frame.shape[1]} × {frame.shape[0]} px"
 
 

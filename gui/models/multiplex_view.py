@@ -27,6 +27,8 @@ __all__ = ["FIELDS", "Comparison", "ModulatorPicture", "MultiplexSettings", "cho
 KEY = "multiplex"
 TYPED = "typed"
 MAX_SIZE = 31
+MAX_ENTRIES = 350_000
+"""Entries of the matrix A of a mask over colour filters."""
 Array = NDArray[np.float64]
 
 
@@ -133,8 +135,14 @@ class MultiplexSettings:
     def _made(self, filters: str, kind: str) -> Modulator:
         if self.family == "cfa":
             return cfa(filters)
-        one = mask(kind, self.size)
-        return one if self.family == "mask" else one * cfa(filters)
+        if self.family == "mask":
+            return mask(kind, self.size)
+        array = cfa(filters)
+        entries = math.prod(math.lcm(self.size, n) for n in array.side) * self.size**2 * array.count
+        if entries > MAX_ENTRIES:  # the singular values would take minutes
+            raise InputError(expectation(f"matrix of {kind} over {array.name}", f"up to {MAX_ENTRIES} entries",
+                                         entries, "choose a smaller mask"))  # fmt: skip
+        return mask(kind, self.size) * array
 
     def others(self) -> tuple[Modulator, ...]:
         """Return the modulators to be compared with, of the family and the size of the chosen one."""

@@ -95,7 +95,8 @@ class Page(StagePage):
         self.panel.show_comparison(self.comparison, self.context.state.camera.name)
 
     def _refused(self, words: str) -> None:
-        self.panel.curve_hint.setText(words)
+        self.picture = self.comparison = None
+        self.panel.show_refusal(words)
         self.context.message.emit(words)
 
     # -- widgets -> session ----------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pyqtgraph as pg
 from numpy.typing import NDArray
 
 from gui.widgets.image_view import ImageView
@@ -13,16 +14,17 @@ __all__ = ["MatrixView"]
 
 
 class MatrixView(ImageView):
-    """An `ImageView` that also shows red, green and blue; the bar may be left out."""
+    """An `ImageView` that also shows red, green and blue; the bar may lie below, where height is to spare."""
 
-    def __init__(self, *, bar: bool = True, square: bool = True, **options: Any) -> None:
+    def __init__(self, *, bar_below: bool = False, square: bool = True, **options: Any) -> None:
         super().__init__(**options)
         self.coloured: NDArray[Any] | None = None
-        self._with_bar = bar
-        self.bar.setVisible(bar)
-        if not bar:
-            self.graphics.removeItem(self.bar)
         self.plot.setAspectLocked(square)
+        if bar_below:
+            self.graphics.removeItem(self.bar)
+            self.bar = pg.ColorBarItem(values=(0, 1), width=10, interactive=False, orientation="h")
+            self.graphics.addItem(self.bar, row=1, col=0)
+            self.apply_theme()
 
     def show_array(self, array: NDArray[Any], **options: Any) -> None:
         """Show values ``(rows, columns)``, or colours ``(rows, columns, 3)`` in 0 … 1; hovering gives their mean.
@@ -35,5 +37,4 @@ class MatrixView(ImageView):
         if colours is not None:
             bytes_ = (np.clip(colours, 0, 1) * 255 + 0.5).astype(np.uint8)
             self.item.setImage(bytes_, levels=(0, 255), lut=None, autoLevels=False)
-        if self._with_bar:
-            self.bar.setVisible(colours is None)
+        self.bar.setVisible(colours is None)

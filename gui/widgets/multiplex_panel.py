@@ -99,10 +99,10 @@ class MultiplexPanel(QWidget):
         return frame
 
     def _modulator_tab(self) -> QWidget:
-        self.pattern = MatrixView(xlabel="column", ylabel="row", value_label="")
-        self.spectrum = MatrixView(xlabel="u", ylabel="v", unit="1/period", value_label="")
-        self.sigma = MatrixView(xlabel="j", ylabel="pixel k", unit="index", value_label="", signed=True, square=False)
-        self.pi = MatrixView(xlabel="j", ylabel="sample n", unit="index", value_label="", signed=True, square=False)
+        self.pattern = MatrixView(xlabel="column", ylabel="row", bar_below=True)
+        self.spectrum = MatrixView(xlabel="u", ylabel="v", unit="1/period", bar_below=True)
+        self.sigma = MatrixView(xlabel="j", ylabel="pixel k", unit="index", bar_below=True, signed=True, square=False)
+        self.pi = MatrixView(xlabel="j", ylabel="sample n", unit="index", bar_below=True, signed=True, square=False)
         tips = ("Share of the light that each pixel of a super-pixel takes of the middle view; colours as they look",
                 "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
                 "Spatial basis: how each pixel of the super-pixel weighs the basis functions",
@@ -208,6 +208,15 @@ class MultiplexPanel(QWidget):
         for label, (name, array) in zip(self.titles[2:], shapes, strict=True):
             label.setText(f"{name}, {array.shape[0]} × {array.shape[1]}{kind}")
         self.titles[0].setText(f"Pattern of {picture.name.replace('_', ' ')}")
+
+    def show_refusal(self, words: str) -> None:
+        """Show no modulator, and why there is none."""
+        for view in (self.pattern, self.spectrum, self.sigma, self.pi):
+            view.set_image(None)
+        self.table.setRowCount(0)
+        self.curve.clear()
+        self.marker.hide()
+        self.curve_hint.setText(f"<span style='color:{current_theme().bad}'>{escape(words)}</span>")
 
     def show_comparison(self, found: Comparison, camera: str) -> None:
         """Show numbers and curves."""

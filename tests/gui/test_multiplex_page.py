@@ -70,19 +70,31 @@ def cells(page: Page) -> dict[str, str]:
     return found
 
 
-def test_the_modulator_is_drawn_with_its_numbers(page: Page, qtbot: QtBot) -> None:
+def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, qtbot: QtBot) -> None:
+    assert page.body.minimumSizeHint().width() <= 1100 and page.minimumSizeHint().height() <= 640
     assert cells(page)["Transmission τ"] == "0.5833" and cells(page)["Rank"] == "3 of 3"
     np.testing.assert_array_equal(page.panel.sigma.image, cfa("CYMG").spatial)
     np.testing.assert_array_equal(page.panel.pi.image, cfa("CYMG").plenoptic)
     assert page.panel.pattern.coloured is not None
+    type_in(page, "size", "5")
     choose(page, "family", "mask")
     settle(page, qtbot)
-    assert cells(page)["Samples N"] == "121" and page.panel.pattern.coloured is None
-    assert page.panel.pattern.image is not None and page.panel.pattern.image.shape == (11, 11)
+    assert cells(page)["Samples N"] == "25" and page.panel.pattern.coloured is None
+    assert page.panel.pattern.image is not None and page.panel.pattern.image.shape == (5, 5)
     assert "real part" in page.panel.titles[2].text() and "over pinhole" in page.panel.curve_title.text()
+    settings = MultiplexSettings(family="both", mask="lenslet", size=4, right="truth")
+    context.session.update("all", extra=settings.into(context.state))
+    settle(page, qtbot)
+    size: Any = page.panel.form.editor("size")
+    assert size.text() == "4" and tuple(page.panel.boxes) == ("pinhole", "lenslet", "MURA", "sum_of_sinusoids")
+    assert page.panel.pictures.right.currentData() == "truth"
+    assert "No gains" in page.panel.curve_hint.text() and cells(page)["Rank"] == "16 of 48"
+    type_in(page, "size", "31")
+    settle(page, qtbot)
+    assert "smaller mask" in page.panel.curve_hint.text() and page.panel.sigma.image is None
 
 
-def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot: QtBot) -> None:
+def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot: QtBot, qapp: QApplication) -> None:
     assert set(page.panel.curve._curves) == {"CYMG", "RGBE", "RGBW", "CMYW"}
     page.panel.boxes["X-Trans"].click()
     settle(page, qtbot)
@@ -98,6 +110,10 @@ def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot
     type_in(page, "gain", "10")
     settle(page, qtbot)
     assert page.panel.marker.value() == pytest.approx(1)
+    for theme in (DARK, LIGHT):
+        apply_theme(qapp, theme)
+        context.theme_changed.emit()
+        assert page.panel.marker.pen.color().name() == theme.text
 
 
 def test_a_bad_pattern_is_marked_with_its_reason(page: Page, context: Context, qtbot: QtBot) -> None:
@@ -113,16 +129,6 @@ def test_a_bad_pattern_is_marked_with_its_reason(page: Page, context: Context, q
     context.session.undo()
     editor: Any = page.panel.form.editor("pattern")
     assert editor.text() == "GRBG"
-
-
-def test_session_to_widgets(page: Page, context: Context, qtbot: QtBot) -> None:
-    settings = MultiplexSettings(family="both", mask="lenslet", size=4, right="truth")
-    context.session.update("all", extra=settings.into(context.state))
-    settle(page, qtbot)
-    size: Any = page.panel.form.editor("size")
-    assert size.text() == "4" and tuple(page.panel.boxes) == ("pinhole", "lenslet", "MURA", "sum_of_sinusoids")
-    assert page.panel.pictures.right.currentData() == "truth"
-    assert "No gains" in page.panel.curve_hint.text() and cells(page)["Rank"] == "16 of 48"
 
 
 def test_reconstructions_equal_the_library_s_and_zoom_together(page: Page, qtbot: QtBot) -> None:
@@ -152,9 +158,9 @@ def test_reconstructions_equal_the_library_s_and_zoom_together(page: Page, qtbot
 
 def test_an_opened_frame_is_demultiplexed_as_a_job(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
     shown = page.panel.pictures
-    choose(page, "family", "mask")
     type_in(page, "size", "5")
     choose(page, "mask", "lenslet")
+    choose(page, "family", "mask")
     page.panel.tabs.setCurrentIndex(1)
     choose(page, "scene", "image")
     settle(page, qtbot)
@@ -174,10 +180,3 @@ def test_an_opened_frame_is_demultiplexed_as_a_job(page: Page, context: Context,
     context.session.undo()
     settle(page, qtbot)
     assert shown.views[0].image is not None
-
-
-def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qapp: QApplication) -> None:
-    assert page.body.minimumSizeHint().width() <= 1100 and page.minimumSizeHint().height() <= 640
-    for theme in (DARK, LIGHT):
-        apply_theme(qapp, theme)
-        context.theme_changed.emit()
