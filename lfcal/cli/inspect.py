@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from lfcal.psf import PSFMatrix
     from lfcal.psf.compare import Comparison
     from lfcal.psf.quality import QualityReport
+    from lfcal.psf.quality.inspect import Controls
 
 
 def register(app: typer.Typer) -> None:
@@ -24,6 +27,9 @@ def command(
     source: Path = typer.Argument(help="H file (.h5), MATLAB v7.3 file (.mat) or .npy array."),
     report: Path | None = typer.Option(None, "--report", help="Folder for an HTML report with redo.json."),
     reference: Path | None = typer.Option(None, "--reference", help="H of the same shape to compare with."),
+    session: Path | None = typer.Option(
+        None, "--session", help="Session folder with control frames: how true the tiling is over the field."
+    ),
     strict: bool = typer.Option(False, "--strict", help="End with exit code 1 when a metric is bad."),
     workers: int | None = typer.Option(None, help="Threads; every processor by default."),
     json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
@@ -47,7 +53,8 @@ def command(
         comparison = None
         if other is not None:
             comparison = run_work(iter_compare(H, other, workers=workers), quiet=json)
-        quality = run_work(iter_inspect(H, workers=workers), quiet=json)
+        controls = None if session is None else control_frames(session, H)
+        quality = run_work(iter_inspect(H, controls=controls, workers=workers), quiet=json)
         if not json:
             _show(H, quality, comparison)
         page = _write(H, quality, other, report, workers, quiet=json)
@@ -58,6 +65,34 @@ def command(
         typer.echo(f"report: {page}")
     if strict and quality.merit == "bad":
         raise typer.Exit(1)
+
+
+def control_frames(session: Path, H: PSFMatrix) -> Controls:
+    """Return the control frames of a session, cut out like H, and where they were taken, by depth plane."""
+    import numpy as np
+
+    from lfcal.acquire.recording import read_checks
+    from lfcal.acquire.records import Kind
+    from lfcal.errors import InputError, expectation
+
+    found: dict[int, tuple[list[NDArray[Any]], list[NDArray[Any]]]] = {}
+    for check in read_checks(session):
+        if check.kind != Kind.CONTROL or check.position.z >= len(H):
+            continue
+        top, left = ((n - m) // 2 for n, m in zip(check.frame.shape, H.cutout, strict=True))
+        if min(top, left) < 0:
+            raise InputError(
+                expectation("control frames", f"at least {H.cutout} pixels like H", check.frame.shape,
+                            "give the session that H was recorded in")
+            )  # fmt: skip
+        frames, places = found.setdefault(check.position.z, ([], []))
+        frames.append(check.frame[top : top + H.cutout[0], left : left + H.cutout[1]])
+        places.append(np.array(H.anchor) + check.position[1:] + np.array(check.periods) * H.period)
+    if not found:
+        raise InputError(
+            expectation(f"{session}", "control frames", "none", "record with lfcal acquire --controls, or leave it out")
+        )
+    return {z: (np.stack(frames), np.stack(places)) for z, (frames, places) in found.items()}
 
 
 def _write(

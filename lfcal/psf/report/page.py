@@ -50,6 +50,7 @@ def page(
         _section("Aperture", _apertures(H, quality) + _figures(pictures, "aperture")),
         _section("H and its transpose", _figures(pictures, "slices")),
         _section("Maps over source positions", _figures(pictures, "maps")),
+        _section("Tiling over the field", _tilings(quality) + _figures(pictures, "tiling")),
     ]
     if comparison is not None:
         sections.append(_section("Against the reference", _compared(H, comparison, reference, pictures)))
@@ -204,6 +205,23 @@ def _f_number(H: PSFMatrix, quality: QualityReport) -> str:
         return f"<p>The working f-number cannot be told from these planes.{stated}</p>"
     error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
     return f"<p>Working f-number from the shadow's size over depth: <b>{f.value:.2f}{error}</b>.{stated}</p>"
+
+
+def _tilings(quality: QualityReport) -> str:
+    rows = []
+    for z, tiling in enumerate(quality.tilings):
+        if tiling is not None:
+            y, x = tiling.fitting_period
+            rows.append([
+                _text(format_length(float(quality.depths[z]))), str(len(tiling.difference)),
+                f"{100 * float(np.median(tiling.difference)):.1f}", f"{100 * float(tiling.difference.max()):.1f}",
+                f"{100 * float(np.median(tiling.best)):.1f}", f"{_number(y, 5)} × {_number(x, 5)}",
+            ])  # fmt: skip
+    if not rows:
+        return ""
+    headers = ("depth z", "control frames", "difference, median (%)", "largest (%)", "at the best fit (%)",
+               "period that fits best, y × x (px)")  # fmt: skip
+    return _table(headers, rows, range(6))
 
 
 def _compared(H: PSFMatrix, c: Comparison, reference: str, pictures: Sequence[Picture]) -> str:

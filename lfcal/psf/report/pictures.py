@@ -57,6 +57,8 @@ def pictures(
     shown = [m for m in quality.metrics if m.map is not None and m.merit in ("bad", "fair")]
     shown += [m for m in quality.metrics if m.map is not None and m.key in MAIN and m not in shown]
     draw += [lambda m=m: _metric_map(m, quality) for m in shown]  # type: ignore[misc]
+    if any(t is not None for t in quality.tilings):
+        draw.append(lambda: _tiling(quality))
     if reference is not None and comparison is not None:
         draw += [lambda: _against(H, reference, comparison), lambda: _shifts(H, comparison)]
     return draw
@@ -226,6 +228,30 @@ def _map_unit(metric: Metric) -> str:
 def _positions_map(axes: Axes, values: NDArray[np.floating], title: str, unit: str, *, signed: bool = False) -> None:
     axes.set_facecolor("#d1d5db")
     draw_image(axes, values, title=title, unit=unit, xlabel="position x (px)", ylabel="position y (px)", signed=signed)
+
+
+def _tiling(quality: QualityReport) -> Picture:
+    """Draw the control frames where they were taken: how far each is from the cell, and which place fits best."""
+    known = [(z, t) for z, t in enumerate(quality.tilings) if t is not None]
+    shown = [known[k] for k in chosen(len(known), 4)]
+    with _sheet(2, len(shown) * 2.7) as sheet:
+        grid = sheet.grid(2 * len(shown), 2)
+        for z, tiling in shown:
+            rows, columns = tiling.positions.T
+            for values, unit in (
+                (100 * tiling.difference, "difference (%)"),
+                (np.hypot(*tiling.shift.T), "best fit away (px)"),
+            ):
+                axes = next(grid)
+                dots = axes.scatter(columns, rows, c=values, s=60, edgecolor="white", linewidth=0.6, vmin=0)
+                axes.invert_yaxis()
+                axes.set_aspect("equal", adjustable="datalim")
+                axes.set_title(_depth(quality.depths[z]))
+                axes.set_xlabel("sensor column (px)")
+                axes.set_ylabel("sensor row (px)")
+                sheet.fig.colorbar(dots, ax=axes, shrink=0.85).set_label(unit)
+    text = "Control frames over the field against the same position of the cell, and how far away the position is that"
+    return Picture("tiling", "tiling.png", f"{text} fits best{_of(len(shown), len(known))}.", sheet.png)
 
 
 def _against(H: PSFMatrix, reference: PSFMatrix, comparison: Comparison) -> Picture:

@@ -16,6 +16,7 @@ from lfcal.progress import Clock, Work, drain
 from lfcal.psf.compare import Comparison, iter_compare
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import QualityReport, iter_inspect
+from lfcal.psf.quality.inspect import Controls
 from lfcal.psf.report.page import page
 from lfcal.psf.report.pictures import pictures
 
@@ -42,6 +43,7 @@ def iter_report(
     *,
     reference: PSFMatrix | ArrayLike | None = None,
     quality: QualityReport | None = None,
+    controls: Controls | None = None,
     workers: int | None = None,
 ) -> Work[Path]:
     """Inspect H and write ``index.html``, its pictures, ``quality.json`` and ``redo.json`` into ``folder``.
@@ -58,6 +60,8 @@ def iter_report(
         H of the same shape to compare with.
     quality
         The inspection of this H, where it was done already.
+    controls
+        Control frames by depth plane for the inspection, see `lfcal.psf.quality.iter_inspect`.
     workers
         Threads; every processor by default.
 
@@ -79,7 +83,7 @@ def iter_report(
     if other is not None:
         comparison = yield from iter_compare(H, other, workers=workers)
     if quality is None:
-        quality = yield from iter_inspect(H, workers=workers)
+        quality = yield from iter_inspect(H, controls=controls, workers=workers)
     draws = pictures(H, quality, other, comparison)
     clock = Clock("drawing the report", len(draws) + 1)
     drawn = []
