@@ -81,8 +81,7 @@ def _timed(plan: object, tolerance: float) -> dict[str, float]:
     import time
 
     from lfcal.camera import ScanPlan
-    from lfcal.simulate import simulate_psf
-    from lfcal.simulate.ladder import predict_seconds
+    from lfcal.simulate import predict_seconds, simulate_psf
 
     assert isinstance(plan, ScanPlan)
     foretold = predict_seconds(plan, tolerance=tolerance)

@@ -135,8 +135,7 @@ def _show(found: EffectPlan, json: bool) -> None:
 def _write_h(
     planned: ScanPlan, found: EffectPlan, level: str, tolerance: float, out: Path, workers: int | None, quiet: bool
 ) -> dict[str, Any]:
-    from lfcal.simulate import iter_simulate_psf
-    from lfcal.simulate.ladder import predict_seconds
+    from lfcal.simulate import iter_simulate_psf, predict_seconds
     from lfcal.units import format_seconds
 
     foretold = predict_seconds(planned, found, level, tolerance=tolerance)

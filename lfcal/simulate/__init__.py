@@ -10,11 +10,12 @@
 - ``sampling``: how finely an engine computes for a tolerance
 - ``noise``, ``white``, ``camera_source``, ``session``: sensor frames of a simulated session
 - ``volume``: light fields of extended objects through the same H
-- ``ladder``: what each step of accuracy costs
+- ``ladder``, ``forecast``: what each step of accuracy costs, and how long the whole will take
 """
 
 from lfcal.simulate.camera_source import SimulatedCamera
-from lfcal.simulate.ladder import draw_ladder, iter_ladder, ladder, predict_seconds
+from lfcal.simulate.forecast import predict_seconds
+from lfcal.simulate.ladder import draw_ladder, iter_ladder, ladder
 from lfcal.simulate.noise import expose
 from lfcal.simulate.planner import EffectPlan, PlannedEffect, plan_effects
 from lfcal.simulate.session import iter_write_session, write_session

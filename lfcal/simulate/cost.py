@@ -2,7 +2,7 @@
 
 The constants were fitted to the engines of this package on a machine that does 2e10 complex multiply-adds per
 second and thread in a small product, and scale with that rate. They hold within a factor of about 2;
-`lfcal.simulate.ladder.predict_seconds` runs the engine for a moment instead and holds within 1.5.
+`lfcal.simulate.predict_seconds` runs the engine for a moment instead and holds within 1.5.
 """
 
 from __future__ import annotations

@@ -14,17 +14,14 @@ from numpy.typing import NDArray
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError, LfcalError, expectation
 from lfcal.progress import Clock, Work, drain
-from lfcal.simulate.cost import engine_seconds
-from lfcal.simulate.effects import Effect
 from lfcal.simulate.engine import EnergyError, PlaneEngine, Sampling, engine_for
-from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.forecast import Whole, own_rows, whole_of
 from lfcal.simulate.sampling import DEBYE_NODES, STEPS
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.simulate import EffectsLike, effects_of
-from lfcal.simulate.staging import outlook_of, resolve_level, scene_for
-from lfcal.simulate.symmetry import mirrored_rows
+from lfcal.simulate.staging import resolve_level, scene_for
 
-__all__ = ["Ladder", "Rung", "draw_ladder", "iter_ladder", "ladder", "predict_seconds"]
+__all__ = ["Ladder", "Rung", "draw_ladder", "iter_ladder", "ladder"]
 
 REFERENCE_SAMPLES = (12, 10, 8, 6, 4)
 """Samples per pixel of the reference, the most that its grid holds."""
@@ -128,7 +125,7 @@ def iter_ladder(
     clock = Clock("accuracy against time", len(tasks) + 1)
     yield clock.at(0, "reference")
     truth, judge, each = _reference(scene, places, reference)
-    shares = _whole(plan, z, chosen, level)
+    shares = whole_of(plan, z, chosen, level)
     rungs: list[Rung] = []
     refused: list[str] = []
     for done, (kind, sampling) in enumerate(tasks, 1):
@@ -173,55 +170,7 @@ def ladder(camera: Camera, plan: ScanPlan, tolerance: float = 0.03, **options: o
     return drain(iter_ladder(camera, plan, tolerance, **options))  # type: ignore[arg-type]
 
 
-def predict_seconds(
-    plan: ScanPlan,
-    effects: EffectsLike = "auto",
-    level: str = "auto",
-    *,
-    tolerance: float = 0.03,
-    sampling: Sampling | None = None,
-) -> float:
-    """Return the CPU-seconds that `simulate_psf` will take, from a short run of its own engine.
-
-    The middle plane is measured; the others follow from the cost that their description foretells.
-    """
-    chosen = effects_of(effects, plan, tolerance)
-    z = len(plan.depths_um) // 2
-    ny, nx = plan.period
-    setup = math.inf
-    for _ in range(2):  # the first of a session may compile and fill caches
-        start = time.thread_time()
-        response = PlaneResponse(plan, z, chosen, level=level, tolerance=tolerance, sampling=sampling)
-        engine = response.engine()
-        setup = min(setup, time.thread_time() - start)
-        plane = engine.predicted_seconds(ny * nx) * _own_rows(engine)
-        if setup < 0.2 * plane:
-            break
-    shares = _whole(plan, z, chosen, response.level, response.runs)
-    return shares.seconds(setup, plane)
-
-
 # -- measuring -------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class _Whole:
-    """How one plane's cost scales to the whole H."""
-
-    planes: float
-    count: int
-    runs: int
-
-    def seconds(self, setup: float, plane: float) -> float:
-        """Return the whole from the tables' and the positions' seconds of one plane."""
-        return self.runs * (setup * self.count + plane * self.planes)
-
-
-def _whole(plan: ScanPlan, z: int, effects: Sequence[Effect], level: str, runs: int | None = None) -> _Whole:
-    costs = [engine_seconds(outlook_of(plan, k), level) for k in range(len(plan.depths_um))]
-    if runs is None:
-        runs = math.prod(effect.runs(outlook_of(plan, z)) for effect in effects)
-    return _Whole(sum(costs) / costs[z], len(costs), runs)
 
 
 def _with_waves(scene: Scene) -> tuple[Scene, str]:
@@ -278,21 +227,15 @@ def _measure(
     label: str,
     places: Sequence[tuple[int, int]],
     truth: NDArray[np.float32],
-    shares: _Whole,
+    shares: Whole,
 ) -> Rung:
     start = time.process_time()
     engine = engine_for(scene, level, sampling)
     setup = time.process_time() - start
     error = np.abs(_respond(engine, places).astype(np.float64) - truth).sum() / truth.sum(dtype=np.float64)
     positions = scene.period[0] * scene.period[1]
-    plane = engine.predicted_seconds(positions) * _own_rows(engine)
+    plane = engine.predicted_seconds(positions) * own_rows(engine)
     return Rung(level, sampling, label, float(error), setup, plane / positions, shares.seconds(setup, plane))
-
-
-def _own_rows(engine: PlaneEngine) -> float:
-    """Return the share of source rows that are computed; the others are their mirror images."""
-    ny = engine.scene.period[0]
-    return 1.0 - len(mirrored_rows(engine.scene, np.arange(ny))) / ny if engine.level == "wave" else 1.0
 
 
 def _marked(rungs: Sequence[Rung]) -> tuple[Rung, ...]:
