@@ -16,7 +16,7 @@ from lfcal.simulate.engine import Certificate, EnergyError, Ledger, Pilot, Sampl
 from lfcal.simulate.field import choose_mode, field_table
 from lfcal.simulate.masks import RING, disc_table, polygon_mask
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.tables import aperture_outline, aperture_radius
+from lfcal.simulate.tables import aperture_outline, aperture_radius, ray_aberration
 
 __all__ = ["ReferencePlane", "pixel_bins", "sensor_propagator"]
 
@@ -92,7 +92,7 @@ class ReferencePlane:
         scene = self.scene
         blur = 4 * math.sqrt(scene.wavelength_um * abs(scene.reduced_image_um))
         near = 60 * scene.wavelength_um * scene.f_number
-        return 1.15 * scene.shadow_radius_um + max(blur, near) + aperture_radius(scene)
+        return 1.15 * scene.shadow_radius_um + max(blur, near) + aperture_radius(scene) + ray_aberration(scene)
 
     def _spill(self) -> float:
         """Return how far light goes sideways behind the array."""

@@ -17,7 +17,7 @@ from lfcal.simulate.nodes import NodeRule, fitted_rule
 from lfcal.simulate.polygon import area, disc_transform
 from lfcal.simulate.scene import Scene
 
-__all__ = ["LensTable", "PlaneTables", "aperture_outline", "aperture_radius", "build_tables"]
+__all__ = ["LensTable", "PlaneTables", "aperture_outline", "aperture_radius", "build_tables", "ray_aberration"]
 
 Array = NDArray[Any]
 Lit = NDArray[np.float32]
@@ -125,6 +125,14 @@ def _lit_radius(energy: Lit, dx: float, floor: float) -> float:
     return float(np.hypot(rows - middle, columns - middle).max() + 1) * dx
 
 
+def ray_aberration(scene: Scene) -> float:
+    """Return at most how far the wavefront's aberration moves a ray on the array, 2 Nw lambda dW/du (µm).
+
+    A Zernike polynomial of order n that is 1 at the rim has slopes up to n^2.
+    """
+    return 2 * scene.f_number * scene.wavelength_um * sum(abs(w) * n * n for n, _, w in scene.wavefront)
+
+
 def _spot(scene: Scene, mode: str, kind: int) -> tuple[float, float, float]:
     """Return sigma, the geometric spot's radius (µm) and the pull of its middle towards the source."""
     radius = aperture_radius(scene)
@@ -144,7 +152,8 @@ def _lens_table(
 ) -> LensTable:
     px, spread = scene.reduced_pixel_um, scene.wavelength_um * scene.reduced_gap_um
     sigma, extent, pull = _spot(scene, mode, kind)
-    half_px = math.ceil(extent / px + sampling.margin_px)
+    extent += abs(pull) * ray_aberration(scene)
+    half_px = math.ceil(extent / px - 1e-3) + sampling.margin_px  # the same at sigma = 0 and next to it
     dx = px / (sampling.samples_per_px or _fewest_samples(scene, mode, half_px))
     half = math.ceil(aperture_radius(scene) / dx) + RING
     if dx not in fields:
@@ -209,7 +218,7 @@ def _table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px
     floor = max(sampling.energy_floor, 1e-7) * best
     tail = radius * math.sqrt(lam * nw / (math.pi**2 * max(shadow, radius) * floor))
     tail = min(tail, abs(scene.reduced_image_um) * lam / (2 * dx) + 80 * lam * nw)
-    lit = 1.15 * shadow + radius + tail
+    lit = 1.15 * shadow + radius + tail + ray_aberration(scene)
     spot_rate = abs(1 - scene.reduced_gap_um / scene.reduced_image_um) if mode == "E" else 1.0
-    shown = (math.hypot(*scene.cutout) / 2 + 1.5 * half_px + 2) * scene.reduced_pixel_um
+    shown = (math.hypot(*scene.cutout) / 2 + 1.5 * half_px + 2) * scene.reduced_pixel_um + ray_aberration(scene)
     return min(lit, shown / max(spot_rate, 1e-6) + radius)

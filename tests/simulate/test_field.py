@@ -54,8 +54,15 @@ def test_near_field_of_a_polygon_route_is_the_radial_integral(v):
     assert np.abs(field - wanted).max() < 2e-3 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize("iris", [Iris(), Iris(9, 0.0, 0.1)])
-@pytest.mark.parametrize(("number", "bound"), [(11.0, 0.012), (14.0, 0.009), (17.0, 0.007), (-14.0, 0.009)])
+@pytest.mark.parametrize(
+    ("number", "bound", "iris"),
+    [
+        (11.0, 0.012, Iris(9, 0.0, 0.1)),
+        (14.0, 0.009, Iris()),
+        (17.0, 0.007, Iris(9, 0.0, 0.1)),
+        (-14.0, 0.009, Iris(6, 0.5)),
+    ],
+)
 def test_both_modes_agree_where_both_hold(number, bound, iris):
     unit = 4 * 25 * 0.55 / (5 * 15 * PIXEL)
     scene = camera_scene(number * unit, iris=iris, wavefront=seidel(spherical=0.1, coma=0.15), exact_defocus=True)

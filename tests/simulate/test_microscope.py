@@ -84,19 +84,17 @@ def test_paraxial_limit_is_the_focus_integral():
     assert np.abs(found / found.max() - wanted / wanted.max()).max() < 5e-4
 
 
-@pytest.mark.parametrize(
-    ("z", "position"), [(0.0, (0, 0)), (0.0, (4, 4)), (6.0, (2, 3)), (-6.0, (2, 3)), (12.0, (0, 1))]
-)
+@pytest.mark.parametrize(("z", "position"), [(0.0, (0, 0)), (0.0, (4, 4)), (6.0, (2, 3)), (-9.0, (0, 1))])
 def test_against_the_converged_reference(z, position):
-    scene = microscope_scene(z, cutout=(63, 63))
+    scene = microscope_scene(z, cutout=(51, 51))
     y, x = position
-    wanted = ReferencePlane(scene, Sampling(10)).rows([y], [x])[0, 0]
+    wanted = ReferencePlane(scene, Sampling(6)).rows([y], [x])[0, 0]
     found = DebyePlane(scene, Sampling(nodes_per_px=4)).rows([y], [x])[0, 0]
     assert relative_error(found, wanted) < 0.015
     assert np.allclose(moments(found), moments(wanted), atol=0.05)
     quick = DebyePlane(scene, Sampling(nodes_per_px=2)).rows([y], [x])[0, 0]
     assert relative_error(quick, wanted) < 0.04
-    wrong_way = DebyePlane(microscope_scene(-z, cutout=(63, 63)), Sampling(nodes_per_px=4)).rows([y], [x])[0, 0]
+    wrong_way = DebyePlane(microscope_scene(-z, cutout=(51, 51)), Sampling(nodes_per_px=4)).rows([y], [x])[0, 0]
     assert z == 0 or relative_error(wrong_way, wanted) > 0.3
 
 
@@ -127,7 +125,7 @@ def test_points_between_the_pixels_and_source_offsets():
     engine = DebyePlane(scene, Sampling(nodes_per_px=3))
     moved = engine.rows([2], [3])[0, 0]
     assert relative_error(moved, engine.point(2 * 8.0 + 1.7, 3 * 8.0 - 0.9)) < 1e-6
-    wanted = ReferencePlane(scene, Sampling(10)).rows([2], [3])[0, 0]
+    wanted = ReferencePlane(scene, Sampling(6)).rows([2], [3])[0, 0]
     assert relative_error(moved, wanted) < 0.02
     assert relative_error(DebyePlane(microscope_scene(5.0)).rows([2], [3])[0, 0], wanted) > 0.05
 
@@ -135,13 +133,13 @@ def test_points_between_the_pixels_and_source_offsets():
 def test_pitch_that_is_no_whole_number_of_pixels():
     lattice = LensletLattice("square", 74.9, 1440.0, (LensType(1440.0),), offset_um=(3.0, -11.0))
     scene = microscope_scene(4.0, lattice=lattice)
-    wanted = ReferencePlane(scene, Sampling(10)).rows([5], [7])[0, 0]
+    wanted = ReferencePlane(scene, Sampling(6)).rows([5], [7])[0, 0]
     assert relative_error(DebyePlane(scene).rows([5], [7])[0, 0], wanted) < 0.015
 
 
 def test_spherical_aberration_and_what_has_no_radial_form():
     scene = microscope_scene(3.0, wavefront=seidel(spherical=0.4))
-    wanted = ReferencePlane(scene, Sampling(8)).rows([1], [2])[0, 0]
+    wanted = ReferencePlane(scene, Sampling(6)).rows([1], [2])[0, 0]
     assert relative_error(DebyePlane(scene).rows([1], [2])[0, 0], wanted) < 0.02
     assert relative_error(DebyePlane(microscope_scene(3.0)).rows([1], [2])[0, 0], wanted) > 0.05
     with pytest.raises(InputError, match="rotationally"):
@@ -160,7 +158,7 @@ def test_other_arrays_take_the_sum_over_lenslets(change):
     engine = engine_for(other, "debye", Sampling(nodes_per_px=3))
     assert isinstance(engine, WavePlane)
     assert isinstance(engine, PlaneEngine)
-    wanted = ReferencePlane(other, Sampling(8)).rows([3], [2])[0, 0]
+    wanted = ReferencePlane(other, Sampling(6)).rows([3], [2])[0, 0]
     assert relative_error(engine.rows([3], [2])[0, 0], wanted) < 0.035
 
 

@@ -22,7 +22,7 @@ FINE = Sampling(nodes_per_px=4, margin_px=14, energy_floor=1e-4, coherent=True)
 QUICK = Sampling(nodes_per_px=3, margin_px=5)
 
 
-def at_both(scene, sampling=FINE, y=2 * PIXEL, x=-3 * PIXEL, samples=5.0):
+def at_both(scene, sampling=FINE, y=2 * PIXEL, x=-3 * PIXEL, samples=4.0):
     """Return the cutouts of the wave level and of the reference."""
     return WavePlane(scene, sampling).point(y, x), ReferencePlane(scene, Sampling(samples)).point(y, x)
 
@@ -53,7 +53,8 @@ def test_default_sampling_is_good_to_a_few_percent():
 )
 def test_against_the_reference_with(change):
     scene = camera_scene(3.0, cutout=(61, 61), **change)
-    found, wanted = at_both(scene)
+    sampling = replace(FINE, nodes_per_px=5) if "pixel_fill" in change else FINE  # narrow pixels need more nodes
+    found, wanted = at_both(scene, sampling)
     assert relative_error(found, wanted) < 0.03
     plain = WavePlane(camera_scene(3.0, cutout=(61, 61)), FINE).point(2 * PIXEL, -3 * PIXEL)
     assert relative_error(plain, wanted) > 0.04
@@ -66,15 +67,14 @@ def test_exact_angles_follow_the_reference(flag):
     gap = 3.2 * pitch
     lattice = LensletLattice("square", pitch, gap, (LensType.focused_at(4.0, gap),), clear_um=pitch * 0.95)
     scene = camera_scene(4.0, lattice=lattice, image_um=4 * gap, f_number=3.2, cutout=(61, 61), period=(15, 15))
-    found, wanted = at_both(replace(scene, **{flag: True}))
+    found, wanted = at_both(replace(scene, **{flag: True}), samples=6.0)
     paraxial = WavePlane(scene, FINE).point(2 * PIXEL, -3 * PIXEL)
     assert relative_error(paraxial, wanted) > 0.05
     assert relative_error(found, wanted) < 0.5 * relative_error(paraxial, wanted)
 
 
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
-@pytest.mark.parametrize("rotation", [0.0, 0.3])
-def test_every_array_and_rotation(kind, rotation):
+def test_every_array_turned(kind, rotation=0.3):
     pitch = 15 * PIXEL
     gap = 5 * pitch
     lattice = LensletLattice(kind, pitch, gap, (LensType.focused_at(3.0, gap),), rotation, (7.0, -3.0), clear_um=78.0)

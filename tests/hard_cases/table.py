@@ -1,0 +1,38 @@
+"""Write docs/hard_cases.md from the hard cases' own figures: ``python -m tests.hard_cases.table``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.hard_cases.record import HardCase, load_cases
+
+__all__ = ["PAGE", "page", "row"]
+
+PAGE = Path(__file__).parents[2] / "docs" / "hard_cases.md"
+HEAD = """# Hard cases
+
+Each line is a test in `tests/hard_cases/`. The figure is what the test measured when this page was written by
+`python -m tests.hard_cases.table`; the test fails where the figure exceeds the bound.
+"""
+COLUMNS = ("case", "what would go wrong", "what is measured", "figure", "bound")
+
+
+def row(case: HardCase, figure: float) -> str:
+    """Return the table's line of a case."""
+    return f"| {case.name} | {case.wrong} | {case.measure} | {figure:.2g} | {case.bound:g} |"
+
+
+def page(cases: dict[str, HardCase]) -> str:
+    """Return the page, every figure measured anew."""
+    parts = [HEAD]
+    for module in sorted({case.module for case in cases.values()}):
+        own = [case for case in cases.values() if case.module == module]
+        lines = [row(case, float(case.figure())) for case in own]
+        title = module.replace("_", " ").capitalize()
+        head = [f"## {title}", "", f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|"]
+        parts.append("\n".join([*head, *lines, ""]))
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(load_cases()), encoding="utf-8")

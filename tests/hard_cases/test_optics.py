@@ -1,0 +1,341 @@
+"""Planes, pupils and lenslets at which formulas divide by zero, cancel or run away."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import replace
+
+import mpmath as mp
+import numpy as np
+from scipy.special import j1
+
+from lfcal.camera import LensletLattice, LensType, Microscope
+from lfcal.simulate.debye import debye_field, debye_nodes
+from lfcal.simulate.engine import Sampling
+from lfcal.simulate.field import wavefront_waves
+from lfcal.simulate.geometric import GeometricPlane
+from lfcal.simulate.microscope import DebyePlane
+from lfcal.simulate.polygon import area, iris_outline, regular, transform
+from lfcal.simulate.radial import focus_integral
+from lfcal.simulate.reference import ReferencePlane, sensor_propagator
+from lfcal.simulate.scene import Iris, seidel
+from lfcal.simulate.wave import WavePlane
+from tests.hard_cases.record import hard_case
+from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error
+
+FINE = Sampling(nodes_per_px=4, margin_px=12, energy_floor=1e-4, coherent=True)
+QUICK = Sampling(nodes_per_px=3, margin_px=5)
+AT = (2 * PIXEL, -3 * PIXEL)
+ERROR = "relative L1 error against the coherent reference"
+
+
+def wave(scene, sampling=QUICK, at=AT, mode=None):
+    """Return a response of the wave level."""
+    return WavePlane(scene, sampling, mode).point(*at)
+
+
+def reference(scene, at=AT, samples=5.0, mode=None):
+    """Return a response of the reference."""
+    return ReferencePlane(scene, Sampling(samples), mode).point(*at)
+
+
+@hard_case("Source on the native plane", wrong="1/a is infinite", measure=ERROR, bound=0.01)
+def test_native_plane():
+    scene = camera_scene(0.0)
+    return relative_error(wave(scene, FINE), reference(scene))
+
+
+@hard_case(
+    "A nanometre from the native plane",
+    wrong="phases of 1/a reach 1e8 rad and lose every digit",
+    measure="largest change from the native plane, both sides, over the peak",
+    bound=1e-3,
+)
+def test_a_nanometre_away():
+    here = wave(camera_scene(0.0))
+    sides = [wave(replace(camera_scene(0.0), image_um=a)) for a in (1e-3, -1e-3)]
+    return max(float(np.abs(side - here).max() / here.max()) for side in sides)
+
+
+@hard_case(
+    "Native plane, rays only",
+    wrong="the shadow shrinks to a point and its density is infinite",
+    measure="relative change over a nanometre, and energy beyond 1",
+    bound=1e-3,
+)
+def test_native_plane_geometric():
+    planes = [GeometricPlane(replace(camera_scene(0.0), image_um=a)).point(*AT) for a in (0.0, 1e-3, 1e-300)]
+    return max(*(relative_error(p, planes[0]) for p in planes), float(planes[0].sum()) - 1)
+
+
+@hard_case(
+    "Inside the iris's depth of focus (Fresnel number 5)",
+    wrong="with the sphere taken off, the field table is wrong by 19 %, at 1.6 by 790 %",
+    measure=ERROR,
+    bound=0.015,
+)
+def test_depth_of_focus():
+    scene = camera_scene(5.0 * 100 * 0.55 / camera_scene().gap_um)
+    return relative_error(wave(scene, FINE), reference(scene))
+
+
+@hard_case(
+    "Change from near to far field",
+    wrong="a jump between neighbouring planes where the method changes",
+    measure="relative L1 difference of the two methods at Fresnel number 12",
+    bound=0.012,
+)
+def test_switch():
+    scene = camera_scene(12.0 * 100 * 0.55 / camera_scene().gap_um)
+    return relative_error(wave(scene, FINE, mode="E"), wave(scene, FINE, mode="U"))
+
+
+@hard_case(
+    "Lenslet exactly in focus, rays only",
+    wrong="division by sigma = 0",
+    measure="energy lost or won by one type's sigma of 0 and of +-1e-16",
+    bound=1e-6,
+)
+def test_focus_geometric():
+    light = [float(GeometricPlane(camera_scene(2.0 * (1 + d))).point(*AT).sum()) for d in (1e-3, 0.0, 1e-16, -1e-16)]
+    return max(abs(value - light[1]) for value in light[2:]) + max(0.0, abs(light[0] - light[1]) - 1e-2)
+
+
+@hard_case(
+    "Lenslet exactly in focus",
+    wrong="division by sigma = 0",
+    measure="relative L1 change between sigma = 0 and 1e-9",
+    bound=1e-5,
+)
+def test_focus_wave():
+    at = (2.3 * PIXEL, -3.4 * PIXEL)  # no spot's middle lies on the border of two pixels
+    return relative_error(wave(camera_scene(2.0 * (1 + 2e-9)), at=at), wave(camera_scene(2.0), at=at))
+
+
+@hard_case(
+    "Iris smaller than a lenslet",
+    wrong="windows follow the lenslet's centre and miss the light",
+    measure=ERROR,
+    bound=0.02,
+)
+def test_small_iris():
+    scene = camera_scene(3.0, f_number=30.0)
+    return relative_error(wave(scene, Sampling(nodes_per_px=4, margin_px=20, coherent=True)), reference(scene))
+
+
+@hard_case(
+    "On-axis null (u = 4 pi)",
+    wrong="normalising by the peak divides by 1e-29",
+    measure="energy of the normalised field off by",
+    bound=3e-3,
+)
+def test_null():
+    v = np.linspace(0, 700, 20001)
+    light = np.abs(focus_integral(4 * math.pi, v)) ** 2
+    assert light[0] < 1e-28
+    return abs(float(np.trapezoid(light * v, v)) / 2 - 1)
+
+
+@hard_case(
+    "Defocus of exactly zero in the focal integral",
+    wrong="Lommel's series are 0/0 at u = 0 and u = v",
+    measure="largest error against the Airy pattern at u = 0 and 1e-12",
+    bound=1e-12,
+)
+def test_lommel():
+    v = np.array([1e-12, 1e-6, 1.0, 10.0])
+    return max(float(np.abs(focus_integral(u, v) - 2 * j1(v) / v).max()) for u in (0.0, 1e-12))
+
+
+@hard_case(
+    "Debye integral far from focus",
+    wrong="a fixed number of nodes gives errors of 50-2000 %",
+    measure="largest error over the peak at z = 400 µm",
+    bound=1e-11,
+)
+def test_debye_nodes():
+    scene = microscope_scene(400.0)
+    r = np.linspace(0, 5000, 40)
+    wanted = debye_field(scene, r, nodes=2 * debye_nodes(scene, 5000.0))
+    assert np.abs(debye_field(scene, r, nodes=40) - wanted).max() > 0.5 * np.abs(wanted).max()
+    return float(np.abs(debye_field(scene, r) - wanted).max() / np.abs(wanted).max())
+
+
+@hard_case(
+    "NA within 1e-6 of the index",
+    wrong="the apodisation has a branch point at 90 degrees",
+    measure="relative change of the field when the nodes are doubled",
+    bound=1e-9,
+)
+def test_aperture_near_index():
+    scene = microscope_scene(1.0, objective=Microscope(20.0, 1.0 - 1e-6, 1.0), f_number=10.0)
+    r = np.linspace(0, 200, 30)
+    wanted = debye_field(scene, r, nodes=2 * debye_nodes(scene, 200.0))
+    return float(np.abs(debye_field(scene, r) - wanted).max() / np.abs(wanted).max())
+
+
+@hard_case(
+    "Sphere less its parabola",
+    wrong="sqrt(1 - s) - 1 cancels, k sqrt(b^2 + r^2) in single precision is off by 0.3 rad",
+    measure="error of the exact defocus in waves, at 1e5 waves of defocus",
+    bound=1e-10,
+)
+def test_cancellation():
+    scene = camera_scene(1e4, exact_defocus=True, f_number=2.0)
+    u = np.linspace(1e-6, 1, 50)
+    mp.mp.dps = 40
+    a = mp.mpf(scene.image_um) / mp.mpf(scene.wavelength_um)
+    sine2 = [(mp.mpf(float(x)) / 4) ** 2 for x in u]
+    exact = np.array([float(a * (1 - mp.sqrt(1 - s) - s / 2)) for s in sine2])
+    found = wavefront_waves(scene, u, np.zeros(1))
+    return float(np.abs(found - exact).max())
+
+
+@hard_case(
+    "Evanescent waves",
+    wrong="the square root of a negative number is NaN and spreads over the whole FFT",
+    measure="largest modulus of the transfer function less 1",
+    bound=1e-12,
+)
+def test_evanescent():
+    step, _ = sensor_propagator(np.fft.fftfreq(64, 0.1), 0.55, 500.0, True)
+    assert step[32, 32] == 0
+    return float(np.abs(step).max() - 1)
+
+
+@hard_case(
+    "Polygon's transform at zero frequency",
+    wrong="the edge form cancels as 1/f^2: 6e-6 of the area",
+    measure="largest error over the area for f from 0 to 1e-9",
+    bound=1e-15,
+)
+def test_polygon_at_zero():
+    outline = regular(9, 0.2)
+    f = np.array([0.0, 1e-300, 1e-12, 1e-9])
+    return float(np.abs(transform(outline, f, -f) - area(outline)).max() / area(outline))
+
+
+@hard_case(
+    "Nothing passes the iris",
+    wrong="normalising an empty plane is 0/0",
+    measure="largest value of the response, all levels",
+    bound=0.0,
+)
+def test_empty_plane():
+    values = [0.0]
+    for v in (3.0, 0.1):
+        scene = camera_scene(v, iris=Iris(9, stop=(9.0, 0.0, 1.0)))
+        values += [float(np.abs(p).max()) for p in (wave(scene), GeometricPlane(scene).point(*AT), reference(scene))]
+    return max(values)
+
+
+@hard_case(
+    "Lenslets that miss the cutout",
+    wrong="an empty list of lenslets",
+    measure="energy in a cutout of one pixel between two spots",
+    bound=0.01,
+)
+def test_dark_pixel():
+    scene = camera_scene(2.0, cutout=(1, 1), lattice=replace(camera_scene().lattice, clear_um=20.0))
+    return float(wave(scene, at=(0.0, 7.5 * PIXEL)).sum())
+
+
+@hard_case(
+    "Enormous defocus (v = 1e4)",
+    wrong="a table of the whole shadow would need 1e11 samples",
+    measure="difference of the mean response from the geometric one",
+    bound=0.03,
+)
+def test_enormous_defocus():
+    scene = camera_scene(1e4)
+    rays = GeometricPlane(scene).point(*AT)
+    return abs(float(wave(scene).sum() / rays.sum()) - 1)
+
+
+@hard_case(
+    "Defocus beyond all reason (v = 1e12), rays only",
+    wrong="overflow, or a loop over every lenslet of the shadow",
+    measure="response over what evenly lit lenslets give, less 1",
+    bound=0.05,
+)
+def test_absurd_defocus():
+    scene = camera_scene(1e12, cutout=(121, 121))
+    light = float(GeometricPlane(scene).point(*AT).sum())
+    even = scene.fill_factor * (121 * PIXEL) ** 2 / (math.pi * scene.shadow_radius_um**2)
+    return abs(light / even - 1)
+
+
+@hard_case(
+    "Eight waves of spherical aberration",
+    wrong="phase steeper than the samples: energy appears or is lost",
+    measure="energy on the sensor over what passed the lenslets, less 1, either way",
+    bound=0.03,
+)
+def test_strong_aberration():
+    scene = camera_scene(4.0, wavefront=seidel(spherical=8.0), cutout=(121, 121))
+    engine = WavePlane(scene, QUICK)
+    engine.point(*AT)
+    certificate = engine.certificate
+    return abs(certificate.energy_out / certificate.energy_in - 1)
+
+
+@hard_case(
+    "Blades that are almost straight, almost round",
+    wrong="a blade radius of infinity, or a circle of zero sagitta",
+    measure="distance of the outline from its limit (pupil radii)",
+    bound=2e-3,
+)
+def test_blades():
+    straight = np.hypot(*iris_outline(Iris(6, 1e-9)).T)
+    round_ = np.hypot(*iris_outline(Iris(6, 1 - 1e-9)).T)
+    corner = math.sqrt(2 * math.pi / (6 * math.sin(math.pi / 3)))
+    return max(abs(float(straight.max()) - corner), float(np.abs(round_ - 1).max()))
+
+
+@hard_case(
+    "Denormal inputs",
+    wrong="5e-324 squared is 0 and its reciprocal infinite",
+    measure="relative change of the response",
+    bound=1e-6,
+)
+def test_denormal_inputs():
+    tiny = sys.float_info.min * sys.float_info.epsilon
+    plain = camera_scene(0.0)
+    odd = replace(plain, image_um=tiny, wavefront=((4, 0, tiny), (3, 1, -tiny)))
+    found = [wave(odd, at=(tiny, -tiny)), GeometricPlane(odd).point(tiny, -tiny)]
+    wanted = [wave(plain, at=(0.0, 0.0)), GeometricPlane(plain).point(0.0, 0.0)]
+    focus = relative_error(
+        DebyePlane(microscope_scene(tiny)).point(0.0, 0.0), DebyePlane(microscope_scene(0.0)).point(0.0, 0.0)
+    )
+    return max(focus, *(relative_error(f, w) for f, w in zip(found, wanted, strict=True)))
+
+
+@hard_case(
+    "Lenslets four times as high as wide",
+    wrong="lenslet lists and windows made for square cells",
+    measure="energy that misses a cutout larger than every spot",
+    bound=0.06,
+)
+def test_long_lenslets():
+    pitch, gap = 6 * PIXEL, 5 * 15 * PIXEL
+    lattice = LensletLattice("square", pitch, gap, (LensType.focused_at(3.0, gap),), row_pitch_um=4 * pitch)
+    scene = camera_scene(3.0, lattice=lattice, aperture="cell", cutout=(91, 91), period=(24, 6))
+    return 1.0 - float(wave(scene, Sampling(nodes_per_px=4, margin_px=12)).sum())
+
+
+@hard_case(
+    "Half a pixel's slip",
+    wrong="a centring slip of half a pixel is an error of 177 %",
+    measure="light's centre from the middle pixel for symmetric optics, all levels (px)",
+    bound=1e-3,
+)
+def test_centring():
+    lattice = LensletLattice("square", 15 * PIXEL, 5 * 15 * PIXEL, (LensType(600.0),), clear_um=78.0)
+    scene = camera_scene(3.0, lattice=lattice, iris=Iris())
+    images = [
+        wave(scene, at=(0.0, 0.0)), wave(replace(scene, image_um=0.0), at=(0.0, 0.0)),
+        GeometricPlane(scene).point(0.0, 0.0), reference(scene, (0.0, 0.0), 4.0), reference(scene, (0.0, 0.0), 5.0),
+        DebyePlane(microscope_scene(5.0)).point(0.0, 0.0),
+    ]  # fmt: skip
+    return max(abs(value) for image in images for value in moments(image))

@@ -1,0 +1,188 @@
+"""Grids, windows, precisions and sizes at which sums alias, drift or slow down."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from lfcal.simulate import _kernels as kernels
+from lfcal.simulate.engine import EnergyError, Sampling
+from lfcal.simulate.geometric import GeometricPlane
+from lfcal.simulate.masks import disc_table
+from lfcal.simulate.microscope import DebyePlane
+from lfcal.simulate.scene import Iris
+from lfcal.simulate.wave import WavePlane
+from tests.hard_cases.record import hard_case
+from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, relative_error
+
+QUICK = Sampling(nodes_per_px=3, margin_px=4)
+
+
+@hard_case(
+    "Window wider than lambda B / (2 dx)",
+    wrong="aliases are counted as light: energy 7.65 out of 1",
+    measure="energy out over energy in when the samples follow the window (else it is an error)",
+    bound=1.02,
+)
+def test_wide_window():
+    with pytest.raises(EnergyError, match="raise samples_per_px") as error:
+        WavePlane(camera_scene(3.0), Sampling(1.0, 4, 25)).point(0.0, 0.0)
+    stated = re.search(r"got ([\d.]+) times", str(error.value))
+    assert stated is not None
+    assert float(stated[1]) > 1.3
+    engine = WavePlane(camera_scene(3.0), Sampling(None, 4, 25))
+    engine.point(0.0, 0.0)
+    return engine.certificate.worst
+
+
+@hard_case(
+    "Hard-edged apertures",
+    wrong="the area of a hard mask on 2.75 µm samples is off by 4e-4",
+    measure="largest error of the low-passed mask's area, over places between two samples",
+    bound=5e-5,
+)
+def test_aperture_area():
+    radius, dx = 85.0, 2.75
+    table, step = disc_table(radius, dx, 100.0)
+    x = np.arange(-36, 37) * dx
+    errors = []
+    for place in (0.0, 0.3, 1.1):
+        r2 = (x[None, :] - place) ** 2 + (x[:, None] + place / 2) ** 2
+        mask = np.interp(r2, step * np.arange(table.size), table) * (r2 < 99.0**2)
+        errors.append(abs(mask.sum() * dx**2 / (math.pi * radius**2) - 1))
+    return max(errors)
+
+
+@hard_case(
+    "Single precision in the far field",
+    wrong="phases of thousands of radians in single precision",
+    measure="relative L1 difference from double precision",
+    bound=2e-6,
+)
+def test_single_far():
+    single, double = (
+        WavePlane(camera_scene(4.0), Sampling(None, 3, 4, double=d)).point(4.0, 9.0) for d in (False, True)
+    )
+    return relative_error(single, double)
+
+
+@hard_case(
+    "Single precision far from the origin",
+    wrong="positions of a metre in single precision are 0.1 µm apart",
+    measure="relative L1 change of the response a million pixels away",
+    bound=1e-5,
+)
+def test_far_from_origin():
+    scene = camera_scene(3.0)
+    here, there = WavePlane(scene, QUICK).rows([0], [0, 45 * 22222])[0]
+    return relative_error(there, here)
+
+
+@hard_case(
+    "Denormal numbers in a matrix",
+    wrong="a hundred of them make a product three times slower",
+    measure="denormal entries in the microscope's matrices",
+    bound=0.0,
+)
+def test_no_denormals():
+    engine = DebyePlane(microscope_scene(1.0, cutout=(91, 91)), Sampling(nodes_per_px=2))
+    engine.rows([0, 4], [0, 3])
+    tiny = np.finfo(np.float32).tiny
+    stored = [engine._field, *engine._matrices.values(), *engine._lefts.values()]
+    return float(sum(((a != 0) & (np.abs(a) < tiny)).sum() for a in stored))
+
+
+@hard_case(
+    "Matrix products within threads",
+    wrong="a BLAS library starts threads inside each thread: ten times slower",
+    measure="multiply-adds of one call over the number at which threads start, less 1; and its error",
+    bound=1e-5,
+)
+def test_small_products():
+    rng = np.random.default_rng(0)
+    a, b = rng.random((300, 90), np.float32), rng.random((90, 200), np.float32)
+    out = np.empty((300, 200), np.float32)
+    kernels._product(a, b, out)
+    return max(kernels._SMALL / (1 << 18) - 1, relative_error(out, a.astype(float) @ b.astype(float)))
+
+
+@hard_case(
+    "Cutout of one pixel",
+    wrong="windows larger than the image are written outside it",
+    measure="change of the middle pixel from that of a large cutout, all levels",
+    bound=5e-5,
+)
+def test_one_pixel():
+    small, large = camera_scene(3.0, cutout=(1, 1)), camera_scene(3.0, cutout=(41, 41))
+    changes = []
+    for make in (lambda s: WavePlane(s, QUICK), GeometricPlane):
+        one, many = make(small).point(3.0, 2.0), make(large).point(3.0, 2.0)
+        changes.append(abs(float(one[0, 0] / many[20, 20]) - 1))
+    return max(changes)
+
+
+@hard_case(
+    "Cutouts of extreme shape",
+    wrong="square arrays and rows mistaken for columns",
+    measure="change of the pixels shared with a square cutout, over the peak",
+    bound=1e-6,
+)
+def test_long_cutouts():
+    wide, tall, square = ((3, 81), (81, 3), (81, 81))
+    images = {
+        shape: WavePlane(camera_scene(3.0, cutout=shape), QUICK).point(3.0, 2.0) for shape in (wide, tall, square)
+    }
+    whole = images[square]
+    parts = [(images[wide], whole[39:42]), (images[tall], whole[:, 39:42])]
+    return max(float(np.abs(a - b).max() / whole.max()) for a, b in parts)
+
+
+@hard_case(
+    "Period of one position",
+    wrong="positions modulo 1, empty ranges of rows",
+    measure="change from the same position of a long period",
+    bound=0.0,
+)
+def test_period_of_one():
+    one, many = camera_scene(3.0, period=(1, 1)), camera_scene(3.0)
+    found = WavePlane(one, QUICK)
+    assert found.predicted_seconds(1) > 0
+    return relative_error(found.rows([0], [0]), WavePlane(many, QUICK).rows([0], [0]))
+
+
+@hard_case(
+    "Threads",
+    wrong="two threads add to one array",
+    measure="largest difference between one thread and three",
+    bound=0.0,
+)
+def test_threads():
+    engine = WavePlane(camera_scene(1.1), QUICK)  # fields of lenslets are added: scratch arrays are reused
+    ys, xs = range(6), [0, 7, 20]
+    return float(np.abs(engine.rows(ys, xs, workers=1) - engine.rows(ys, xs, workers=3)).max())
+
+
+@hard_case(
+    "Chief ray on the border of two pixels",
+    wrong="the cutout jumps, or a row of light is lost",
+    measure="change of the light between the two cutouts that hold it, over the peak",
+    bound=1e-3,
+)
+def test_pixel_border():
+    engine = WavePlane(camera_scene(3.0), Sampling(nodes_per_px=4, margin_px=8))
+    below, above = engine.point(0.0, 0.5 * PIXEL - 1e-6), engine.point(0.0, 0.5 * PIXEL + 1e-6)
+    return float(np.abs(below[:, 1:] - above[:, :-1]).max() / below.max())
+
+
+@hard_case(
+    "Squares of faint responses",
+    wrong="unnormalised responses of 1e-21 have squares of zero",
+    measure="smallest normal number over the square of a ten thousandth of the peak, at v = 1e4",
+    bound=1e-6,
+)
+def test_faint_squares():
+    image = GeometricPlane(camera_scene(1e4, iris=Iris())).point(0.0, 0.0)
+    return float(np.finfo(np.float32).tiny / (1e-4 * float(image.max())) ** 2)
