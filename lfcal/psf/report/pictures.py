@@ -243,7 +243,7 @@ def _tiling(quality: QualityReport) -> Picture:
                 (np.hypot(*tiling.shift.T), "best fit away (px)"),
             ):
                 axes = next(grid)
-                dots = axes.scatter(columns, rows, c=values, s=60, edgecolor="white", linewidth=0.6, vmin=0)
+                dots = axes.scatter(columns, rows, c=values, s=60, edgecolor="white", linewidth=0.6, vmin=0, zorder=3)
                 axes.invert_yaxis()
                 axes.set_aspect("equal", adjustable="datalim")
                 axes.set_title(_depth(quality.depths[z]))

@@ -31,10 +31,12 @@ def report(
     *,
     reference: PSFMatrix | ArrayLike | None = None,
     quality: QualityReport | None = None,
+    controls: Controls | None = None,
     workers: int | None = None,
 ) -> Path:
     """Write the quality report of H and return its page: see `iter_report`."""
-    return drain(iter_report(matrix, folder, reference=reference, quality=quality, workers=workers))
+    work = iter_report(matrix, folder, reference=reference, quality=quality, controls=controls, workers=workers)
+    return drain(work)
 
 
 def iter_report(
