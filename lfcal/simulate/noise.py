@@ -1,7 +1,8 @@
 """From light on the sensor to a frame: the frame effects in their order, reproducibly.
 
-A frame is worked off in strips of rows. Every strip of every frame has its own random numbers, derived from the
-seed, the kind of frame, its index and the strip: frames may be made in any order and in any thread.
+A frame is worked off in strips of rows. Every effect on every strip of every frame has its own random numbers,
+derived from the seed, the kind of frame, its index, the strip and the effect's rank: frames may be made in any order
+and in any thread, and an effect that is added or left out does not change the numbers of the others.
 """
 
 from __future__ import annotations
@@ -90,19 +91,23 @@ def expose(
     for number, row in enumerate(range(0, len(light_e), STRIP)):
         strip = light_e[row : row + STRIP].astype(np.float32)
         pattern = _patterns(seed, number, strip.shape)
-        view = FrameView(camera, exposure_s, row, total, random_numbers(seed, kind, index, number), pattern)
-        out[row : row + STRIP] = _strip(strip, ordered, view)
+        views = [
+            FrameView(camera, exposure_s, row, total, random_numbers(seed, kind, index, number, effect.rank), pattern)
+            for effect in ordered
+        ]
+        out[row : row + STRIP] = _strip(strip, ordered, views, camera)
     return out
 
 
-def _strip(strip: NDArray[np.float32], ordered: Sequence[FrameEffect], view: FrameView) -> NDArray[np.float32]:
-    sensor = view.camera.sensor
-    for effect in ordered:
+def _strip(
+    strip: NDArray[np.float32], ordered: Sequence[FrameEffect], views: Sequence[FrameView], camera: Camera
+) -> NDArray[np.float32]:
+    for effect, view in zip(ordered, views, strict=True):
         if effect.rank < COUNTS_FROM:
             strip = effect.on_frame(strip, view)
-    strip /= np.float32(sensor.electrons_per_count)
-    strip += np.float32(sensor.black_level)
-    for effect in ordered:
+    strip /= np.float32(camera.sensor.electrons_per_count)
+    strip += np.float32(camera.sensor.black_level)
+    for effect, view in zip(ordered, views, strict=True):
         if effect.rank >= COUNTS_FROM:
             strip = effect.on_frame(strip, view)
     return strip

@@ -23,6 +23,7 @@ from lfcal.simulate.effects import (
     ShotNoise,
     StrayLight,
 )
+from lfcal.simulate.effects.sensor import poisson_quantile
 from lfcal.simulate.noise import FrameKind, expose, random_numbers
 from lfcal.simulate.staging import outlook_of
 from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan
@@ -66,6 +67,33 @@ def test_shot_noise_of_faint_light_is_whole_electrons() -> None:
     electrons = (expose(light, camera, (ShotNoise(),), exposure_s=1.0) - 64.0) * camera.sensor.electrons_per_count  # type: ignore[arg-type, attr-defined]
     assert np.allclose(electrons, np.rint(electrons), atol=1e-2)
     assert (np.rint(electrons) == 0).mean() == pytest.approx(math.exp(-0.3), abs=0.01)
+
+
+def test_poisson_quantiles_against_scipy() -> None:
+    from scipy.stats import poisson
+
+    rng = np.random.default_rng(0)
+    share = rng.random(4000)
+    for mean in (0.0, 0.02, 0.9, 7.0, 59.9):
+        assert np.array_equal(poisson_quantile(np.full(4000, mean), share), poisson.ppf(share, mean).clip(0))
+    for mean in (60.5, 300.0, 15000.0):
+        off = poisson_quantile(np.full(4000, mean), share) - poisson.ppf(share, mean)
+        assert np.abs(off).max() <= 1 and (off != 0).mean() < 0.01
+    assert not poisson_quantile(np.array([-3.0, np.float32(0)]), np.array([0.5, 0.999])).any()
+
+
+def test_effects_do_not_share_random_numbers() -> None:
+    """Read noise is the same whatever shot noise drew before it; a pixel's noise does not depend on its neighbours."""
+    light, camera = flat(900.0)
+    read = expose(light, camera, (ReadNoise(),), exposure_s=0.02)  # type: ignore[arg-type]
+    shot = expose(light, camera, (ShotNoise(),), exposure_s=0.02)  # type: ignore[arg-type]
+    both = expose(light, camera, (ShotNoise(), ReadNoise()), exposure_s=0.02)  # type: ignore[arg-type]
+    clean = expose(light, camera, (), exposure_s=0.02)  # type: ignore[arg-type]
+    assert np.allclose(both - shot, read - clean, atol=1e-3)
+    other = light.copy()
+    other[0, :50] = 5.0
+    changed = expose(other, camera, (ShotNoise(),), exposure_s=0.02)  # type: ignore[arg-type]
+    assert np.array_equal(changed[1:], shot[1:]) and np.array_equal(changed[0, 50:], shot[0, 50:])
 
 
 def test_fixed_pattern_is_fixed_and_noise_is_not() -> None:

@@ -103,7 +103,7 @@ class FrameView:
     total_e
         Light of the whole frame (electrons).
     rng
-        Random numbers of this strip of this frame.
+        Random numbers of this effect on this strip of this frame.
     pattern
         Random numbers of this strip of the sensor, the same in every frame: called with the name of a pattern,
         returns standard normal deviates of the strip's shape.
