@@ -1,6 +1,8 @@
 """Every metric, with its thresholds, its cost in a reconstruction, and advice.
 
-Costs are reconstruction errors (NRMSE against the ideal H) measured by putting the fault into a simulated H.
+Costs are reconstruction errors (NRMSE against the ideal H). Those of scan order, dark planes, missing and misplaced
+frames, background, truncation, hot pixels and flicker follow reconstructions with the fault put into a simulated H;
+the others are estimates that put a metric in its place among them.
 """
 
 from __future__ import annotations

@@ -163,7 +163,7 @@ def _metrics(quality: QualityReport) -> str:
         name = f'<b class="nb">{_text(m.spec.title)}</b>'
         return [_merit(m.merit), name, _text(value_text(m)), _text(best), _text(worst), cost, words]
 
-    note = '<p class="note">Cost: the reconstruction error (NRMSE) that a fault of this size made in simulation.</p>'
+    note = '<p class="note">Cost: estimate of the reconstruction error (NRMSE) that a fault of this size makes.</p>'
     headers = ("merit", "metric", "value", "good", "bad", "cost", "meaning and advice")
     return _table(headers, map(row, quality.metrics), (2, 3, 4, 5)) + note
 
