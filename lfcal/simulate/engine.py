@@ -37,7 +37,8 @@ class Sampling:
     margin_px
         Pixels of window around the geometric spot.
     energy_floor
-        Lenslets that pass less than this share of what the best-lit one passes are left out.
+        Lenslets that pass less than this share of what the best-lit one passes, or of a sixteenth of all light,
+        are left out.
     coherent
         Whether the fields of different lenslets are summed before the square; None decides by the plane.
     double
@@ -47,7 +48,7 @@ class Sampling:
     samples_per_px: float | None = None
     nodes_per_px: int = 4
     margin_px: int = 5
-    energy_floor: float = 1e-3
+    energy_floor: float = 3e-3
     coherent: bool | None = None
     double: bool = False
 

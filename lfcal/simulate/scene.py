@@ -75,7 +75,8 @@ class Scene:
     exact_defocus
         The main lens's defocus as a(1 - cos theta) instead of a theta^2 / 2.
     exact_rays
-        Rays between lenslet and sensor by tan theta instead of sin theta.
+        Rays between lenslet and sensor by tan theta instead of sin theta. The wave level follows them ray by ray,
+        away from the native plane; with `exact_defocus`, chief rays are straight again: the two belong together.
     pixel_fill
         Light-sensitive share of a pixel's side, in (0, 1].
     objective, z_um

@@ -19,6 +19,9 @@ from lfcal.simulate.scene import Scene
 
 __all__ = ["LensTable", "PlaneTables", "aperture_outline", "aperture_radius", "build_tables", "ray_aberration"]
 
+BEST = 1 / 16
+"""Share of the light from which on a lenslet counts as the best-lit one: the floor is no coarser near focus."""
+
 Array = NDArray[Any]
 Lit = NDArray[np.float32]
 
@@ -112,7 +115,7 @@ def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
     rule = fitted_rule(sampling.nodes_per_px, band, scene.pixel_fill)
     fields: dict[float, tuple[FieldTable, Lit]] = {}
     kinds = tuple(_lens_table(scene, sampling, mode, k, rule, fields) for k in range(len(scene.lattice.types)))
-    floor = sampling.energy_floor * max(float(kind.energy.max()) for kind in kinds)
+    floor = sampling.energy_floor * min(BEST, max(float(kind.energy.max()) for kind in kinds))
     reach = max(_lit_radius(energy, dx, floor) for dx, (_, energy) in fields.items())
     return PlaneTables(kinds, rule, spread, ratio, floor, reach)
 
@@ -214,7 +217,7 @@ def _table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px
     """
     lam, nw, radius = scene.wavelength_um, scene.f_number, aperture_radius(scene)
     shadow = scene.shadow_radius_um
-    best = min(1.0, (radius / max(shadow, radius)) ** 2)
+    best = min(BEST, (radius / max(shadow, radius)) ** 2)
     floor = max(sampling.energy_floor, 1e-7) * best
     tail = radius * math.sqrt(lam * nw / (math.pi**2 * max(shadow, radius) * floor))
     tail = min(tail, abs(scene.reduced_image_um) * lam / (2 * dx) + 80 * lam * nw)
