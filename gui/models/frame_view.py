@@ -45,9 +45,8 @@ def visible_tile(
     step = max(1, math.floor(per_point))
     while ((bottom - top) // step) * ((right - left) // step) > MAX_PIXELS:
         step += 1
+    step = min(step, bottom - top, right - left)
     top, left = top - top % step, left - left % step
-    if (bottom - top) < step or (right - left) < step:
-        step = 1
     return Tile((top, bottom), (left, right), step)
 
 
