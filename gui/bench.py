@@ -47,12 +47,18 @@ def main(arguments: list[str] | None = None) -> int:
         print(json.dumps(found, indent=2))
         return 0
     start, scrub, live = found["start_up"], found["scrubbing"], found["live_frames"]
-    print(f"start-up: {start['ratio']:.2f} x an empty PySide6 + pyqtgraph window "
-          f"({start['window_s']:.2f} s against {start['empty_s']:.2f} s, medians of {start['runs']})")  # fmt: skip
-    print(f"scrubbing HT over a {scrub['plane']} plane: {scrub['per_second']:.0f} pictures a second, "
-          f"longest {scrub['longest_ms']:.0f} ms")  # fmt: skip
-    print(f"live frames of {live['frame']}: {live['per_second']:.1f} a second, window's thread busy "
-          f"{live['busy_ms']:.1f} ms a frame (median)")  # fmt: skip
+    print(
+        f"start-up: {start['ratio']:.2f} x an empty PySide6 + pyqtgraph window "
+        f"({start['window_s']:.2f} s against {start['empty_s']:.2f} s, medians of {start['runs']})"
+    )
+    print(
+        f"scrubbing HT over a {scrub['plane']} plane: {scrub['per_second']:.0f} pictures a second, "
+        f"longest {scrub['longest_ms']:.0f} ms"
+    )
+    print(
+        f"live frames of {live['frame']}: {live['per_second']:.1f} a second, window's thread busy "
+        f"{live['busy_ms']:.1f} ms a frame (median)"
+    )
     return 0
 
 
@@ -117,8 +123,10 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
     jobs.close()
     page.close()
     return {
-        "plane": f"{ny} x {nx} x {side}²", "per_second": 1 / statistics.mean(times), "longest_ms": 1e3 * max(times),
-    }  # fmt: skip
+        "plane": f"{ny} x {nx} x {side}²",
+        "per_second": 1 / statistics.mean(times),
+        "longest_ms": 1e3 * max(times),
+    }
 
 
 def live_frames(scale: float = 1.0, seconds: float = 4.0) -> dict[str, Any]:
@@ -157,9 +165,10 @@ def live_frames(scale: float = 1.0, seconds: float = 4.0) -> dict[str, Any]:
     jobs.close()
     view.close()
     return {
-        "frame": f"{columns} x {rows} px", "per_second": (drawn[0] - shown) / total,
+        "frame": f"{columns} x {rows} px",
+        "per_second": (drawn[0] - shown) / total,
         "busy_ms": 1e3 * statistics.median(busy) if busy else float("nan"),
-    }  # fmt: skip
+    }
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from gui.models.session import FrameSettings, SessionState
 from lfcal.camera import ScanPlan
-from lfcal.cli._sample import sample_session
+from lfcal.cli.sample import sample_session
 
 __all__ = ["demo_state"]
 
@@ -24,13 +24,19 @@ def demo_state(folder: Path) -> SessionState:
 
 def _assemble(session: Path, plan: ScanPlan, target: Path) -> None:
     from lfcal.frames import open_frames
-    from lfcal.frames.recipe import CorrectionRecipe, build_chain
+    from lfcal.frames.corrections.recipe import CorrectionRecipe, build_chain
     from lfcal.psf import Cutout, assemble
 
     with open_frames(session / "frames", plan_shape=plan.shape[:3]) as source:
         chain = build_chain(source, CorrectionRecipe(session / "dark", session / "white"))
         report = assemble(
-            source, plan.shape[:3], Cutout.for_plan(plan), out=target, corrections=chain, depths=plan.depths_um,
-            camera=plan.camera, provenance={"plan": plan.to_dict()},
-        )  # fmt: skip
+            source,
+            plan.shape[:3],
+            Cutout.for_plan(plan),
+            out=target,
+            corrections=chain,
+            depths=plan.depths_um,
+            camera=plan.camera,
+            provenance={"plan": plan.to_dict()},
+        )
     report.matrix.close()

@@ -29,8 +29,9 @@ class Collector(QObject):
 
     def collect(self) -> None:
         """Collect the oldest generation whose threshold is passed."""
-        due = [k for k, (count, limit) in enumerate(zip(gc.get_count(), gc.get_threshold(), strict=True))
-               if count > limit]  # fmt: skip
+        due = [
+            k for k, (count, limit) in enumerate(zip(gc.get_count(), gc.get_threshold(), strict=True)) if count > limit
+        ]
         if due:
             gc.collect(max(due))
 

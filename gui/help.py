@@ -23,8 +23,17 @@ _KEYS = (
     ("F1", "this sheet"),
 )
 
-_PACKAGES = ("numpy", "scipy", "numba", "h5py", "opencv-contrib-python-headless", "rawpy", "tifffile",
-             "PySide6-Essentials", "pyqtgraph")  # fmt: skip
+_PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "h5py",
+    "opencv-contrib-python-headless",
+    "rawpy",
+    "tifffile",
+    "PySide6-Essentials",
+    "pyqtgraph",
+)
 
 
 def cheat_sheet(stages: tuple[Stage, ...]) -> str:

@@ -30,10 +30,36 @@ class Theme:
     plot: str
 
 
-LIGHT = Theme("light", "#f4f5f7", "#ffffff", "#eef0f3", "#d5d9e0", "#1b1f27", "#667085", "#0b6e99", "#ffffff",
-              "#2e7d32", "#b26a00", "#c62828", "#ffffff")  # fmt: skip
-DARK = Theme("dark", "#16191f", "#1e222a", "#282d37", "#3a404c", "#e6e9ef", "#98a2b3", "#4db6dd", "#0d1117",
-             "#66bb6a", "#ffb74d", "#ef5350", "#1e222a")  # fmt: skip
+LIGHT = Theme(
+    "light",
+    "#f4f5f7",
+    "#ffffff",
+    "#eef0f3",
+    "#d5d9e0",
+    "#1b1f27",
+    "#667085",
+    "#0b6e99",
+    "#ffffff",
+    "#2e7d32",
+    "#b26a00",
+    "#c62828",
+    "#ffffff",
+)
+DARK = Theme(
+    "dark",
+    "#16191f",
+    "#1e222a",
+    "#282d37",
+    "#3a404c",
+    "#e6e9ef",
+    "#98a2b3",
+    "#4db6dd",
+    "#0d1117",
+    "#66bb6a",
+    "#ffb74d",
+    "#ef5350",
+    "#1e222a",
+)
 
 _current = [LIGHT]
 
@@ -50,13 +76,23 @@ def apply_theme(app: QApplication, theme: Theme) -> None:
     palette = QPalette()
     roles = QPalette.ColorRole
     for role, colour in (
-        (roles.Window, theme.window), (roles.Base, theme.panel), (roles.AlternateBase, theme.raised),
-        (roles.Button, theme.raised), (roles.WindowText, theme.text), (roles.Text, theme.text),
-        (roles.ButtonText, theme.text), (roles.ToolTipBase, theme.raised), (roles.ToolTipText, theme.text),
-        (roles.PlaceholderText, theme.muted), (roles.Highlight, theme.accent),
-        (roles.HighlightedText, theme.accent_text), (roles.Link, theme.accent), (roles.Mid, theme.line),
-        (roles.Light, theme.panel), (roles.Dark, theme.line),
-    ):  # fmt: skip
+        (roles.Window, theme.window),
+        (roles.Base, theme.panel),
+        (roles.AlternateBase, theme.raised),
+        (roles.Button, theme.raised),
+        (roles.WindowText, theme.text),
+        (roles.Text, theme.text),
+        (roles.ButtonText, theme.text),
+        (roles.ToolTipBase, theme.raised),
+        (roles.ToolTipText, theme.text),
+        (roles.PlaceholderText, theme.muted),
+        (roles.Highlight, theme.accent),
+        (roles.HighlightedText, theme.accent_text),
+        (roles.Link, theme.accent),
+        (roles.Mid, theme.line),
+        (roles.Light, theme.panel),
+        (roles.Dark, theme.line),
+    ):
         palette.setColor(role, QColor(colour))
     for role in (roles.Text, roles.WindowText, roles.ButtonText):
         palette.setColor(QPalette.ColorGroup.Disabled, role, QColor(theme.muted))
@@ -187,9 +223,17 @@ def _draw_simulate(p: QPainter) -> None:
 
 
 def _draw_reconstruct(p: QPainter) -> None:
-    for a, b in (((11, 2), (19, 6.5)), ((19, 6.5), (19, 15.5)), ((19, 15.5), (11, 20)), ((11, 20), (3, 15.5)),
-                 ((3, 15.5), (3, 6.5)), ((3, 6.5), (11, 2)), ((11, 11), (11, 20)), ((11, 11), (19, 6.5)),
-                 ((11, 11), (3, 6.5))):  # fmt: skip
+    for a, b in (
+        ((11, 2), (19, 6.5)),
+        ((19, 6.5), (19, 15.5)),
+        ((19, 15.5), (11, 20)),
+        ((11, 20), (3, 15.5)),
+        ((3, 15.5), (3, 6.5)),
+        ((3, 6.5), (11, 2)),
+        ((11, 11), (11, 20)),
+        ((11, 11), (19, 6.5)),
+        ((11, 11), (3, 6.5)),
+    ):
         p.drawLine(QPointF(*a), QPointF(*b))
 
 
@@ -206,7 +250,13 @@ def _draw_dot(p: QPainter) -> None:
 
 
 _DRAW = {
-    "camera": _draw_camera, "plan": _draw_plan, "acquire": _draw_acquire, "frames": _draw_frames, "psf": _draw_psf,
-    "quality": _draw_quality, "simulate": _draw_simulate, "reconstruct": _draw_reconstruct,
+    "camera": _draw_camera,
+    "plan": _draw_plan,
+    "acquire": _draw_acquire,
+    "frames": _draw_frames,
+    "psf": _draw_psf,
+    "quality": _draw_quality,
+    "simulate": _draw_simulate,
+    "reconstruct": _draw_reconstruct,
     "multiplex": _draw_multiplex,
-}  # fmt: skip
+}

@@ -316,9 +316,11 @@ class MainWindow(QMainWindow):
             return True
         buttons = QMessageBox.StandardButton
         answer = QMessageBox.question(
-            self, "Unsaved changes", "Save the changes to this session?",
+            self,
+            "Unsaved changes",
+            "Save the changes to this session?",
             buttons.Save | buttons.Discard | buttons.Cancel,
-        )  # fmt: skip
+        )
         if answer == buttons.Save:
             return self.save_session()
         return answer == buttons.Discard

@@ -11,4 +11,21 @@
 - ``cli``: the command line
 """
 
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from types import ModuleType
+
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Import a part of the library when it is first asked for: ``import lfcal; lfcal.psf``."""
+    if name in __dir__():
+        return importlib.import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(part.name for part in pkgutil.iter_modules(__path__))

@@ -28,7 +28,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 
 __all__ = ["AXES", "MATLAB_AXES", "Position", "centre", "check_cutout", "check_psf_shape"]
 
@@ -55,31 +55,25 @@ def centre(n: int) -> int:
 def check_cutout(nt: int, ns: int) -> None:
     """Raise `InputError` unless the cutout ``nt`` x ``ns`` is odd x odd and positive."""
     if nt < 1 or ns < 1 or nt % 2 == 0 or ns % 2 == 0:
-        raise InputError(
-            expectation(
-                "cutout",
-                "odd numbers of pixels in both directions",
-                f"{nt} x {ns}",
-                f"use {nt | 1} x {ns | 1}",
-            )
+        raise InputError.expected(
+            "cutout",
+            "odd numbers of pixels in both directions",
+            f"{nt} x {ns}",
+            f"use {nt | 1} x {ns | 1}",
         )
 
 
 def check_psf_shape(shape: tuple[int, ...]) -> tuple[int, int, int, int, int]:
     """Return ``shape`` as ``(nz, ny, nx, nt, ns)`` or raise `InputError` if it cannot be a PSF matrix."""
     if len(shape) != 5:
-        raise InputError(
-            expectation(
-                "PSF matrix",
-                "5 axes (z, y, x, t, s)",
-                f"{len(shape)} axes {tuple(shape)}",
-                "add the missing axes, for example array[None] for a single depth plane",
-            )
+        raise InputError.expected(
+            "PSF matrix",
+            "5 axes (z, y, x, t, s)",
+            f"{len(shape)} axes {tuple(shape)}",
+            "add the missing axes, for example array[None] for a single depth plane",
         )
     if min(shape) < 1:
-        raise InputError(
-            expectation("PSF matrix", "at least one entry along every axis", tuple(shape), "check the file")
-        )
+        raise InputError.expected("PSF matrix", "at least one entry along every axis", tuple(shape), "check the file")
     nz, ny, nx, nt, ns = (int(n) for n in shape)
     check_cutout(nt, ns)
     return nz, ny, nx, nt, ns

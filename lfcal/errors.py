@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 __all__ = [
     "Cancelled",
     "FileFormatError",
@@ -9,12 +11,16 @@ __all__ = [
     "LfcalError",
     "StorageError",
     "UnsafeFileError",
-    "expectation",
 ]
 
 
 class LfcalError(Exception):
     """Base of all errors a user is meant to read."""
+
+    @classmethod
+    def expected(cls, what: str, wanted: object, got: object, remedy: str) -> Self:
+        """Return the error with the one-line message ``what: expected wanted, got …; remedy``."""
+        return cls(f"{what}: expected {wanted}, got {got}; {remedy}")
 
 
 class InputError(LfcalError, ValueError):
@@ -35,8 +41,3 @@ class StorageError(LfcalError, OSError):
 
 class Cancelled(LfcalError):
     """The user stopped the work; nothing half-written stays behind."""
-
-
-def expectation(what: str, expected: object, got: object, remedy: str) -> str:
-    """Return the one-line message ``what: expected …, got …; remedy``."""
-    return f"{what}: expected {expected}, got {got}; {remedy}"

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.errors import FileFormatError, StorageError, UnsafeFileError, expectation
+from lfcal.errors import FileFormatError, StorageError, UnsafeFileError
 from lfcal.units import format_bytes
 
 if TYPE_CHECKING:
@@ -63,13 +63,12 @@ def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
         free = shutil.disk_usage(probe).free
     need = int(nbytes * 1.01) + (1 << 20)
     if free < need:
-        message = expectation(
+        raise StorageError.expected(
             f"disk space for {what} in {folder}",
             format_bytes(need),
             f"{format_bytes(free)} free",
             "free some space or choose another folder",
         )
-        raise StorageError(message)
 
 
 @contextmanager
@@ -132,8 +131,8 @@ def open_h5_file(path: str | os.PathLike[str]) -> h5py.File:
     try:
         return h5py.File(source, "r", locking=False)
     except OSError as error:
-        raise FileFormatError(
-            expectation(str(source), "an intact HDF5 file", "a damaged or other file", "record or copy it again")
+        raise FileFormatError.expected(
+            str(source), "an intact HDF5 file", "a damaged or other file", "record or copy it again"
         ) from error
 
 
@@ -154,15 +153,15 @@ def check_dataset(file: h5py.File, name: str, *, max_bytes: int = MAX_BYTES, dty
         link = group.get(part, getlink=True) if part in group.keys() else None
         if link is None:
             names = ", ".join(sorted(group.keys())[:8]) or "nothing"
-            raise FileFormatError(expectation(where, "a dataset of this name", f"only {names}", "check the file"))
+            raise FileFormatError.expected(where, "a dataset of this name", f"only {names}", "check the file")
         if not isinstance(link, h5py.HardLink):
-            raise UnsafeFileError(
-                expectation(where, "data stored in the file itself", type(link).__name__, "copy the data in")
+            raise UnsafeFileError.expected(
+                where, "data stored in the file itself", type(link).__name__, "copy the data in"
             )
         group = group[part]
     data = group
     if not isinstance(data, h5py.Dataset):
-        raise FileFormatError(expectation(where, "a dataset", type(data).__name__, "check the file"))
+        raise FileFormatError.expected(where, "a dataset", type(data).__name__, "check the file")
     _check_storage(data, where, max_bytes, dtype)
     return data
 
@@ -172,38 +171,42 @@ def _check_storage(data: Any, where: str, max_bytes: int, dtype: np.dtype[Any] |
 
     plist = data.id.get_create_plist()
     if plist.get_external_count():
-        raise UnsafeFileError(expectation(where, "data stored in the file itself", "external storage", "copy it in"))
+        raise UnsafeFileError.expected(where, "data stored in the file itself", "external storage", "copy it in")
     if plist.get_layout() == h5py.h5d.VIRTUAL:
-        raise UnsafeFileError(expectation(where, "stored data", "a virtual dataset", "copy the data in"))
+        raise UnsafeFileError.expected(where, "stored data", "a virtual dataset", "copy the data in")
     if data.dtype.kind not in "iufb" and (dtype is None or data.dtype != dtype):
-        raise UnsafeFileError(expectation(where, "plain numbers", f"dtype {data.dtype}", "store it as numbers"))
+        raise UnsafeFileError.expected(where, "plain numbers", f"dtype {data.dtype}", "store it as numbers")
     filters = {plist.get_filter(k)[0] for k in range(plist.get_nfilters())}
     if filters - KNOWN_FILTERS:
-        raise UnsafeFileError(
-            expectation(where, "gzip, lzf, zstd, blosc or lz4", f"HDF5 filter {sorted(filters)}", "repack the file")
+        raise UnsafeFileError.expected(
+            where, "gzip, lzf, zstd, blosc or lz4", f"HDF5 filter {sorted(filters)}", "repack the file"
         )
     nbytes = int(data.size or 0) * data.dtype.itemsize
     stored = os.path.getsize(data.file.filename)
     if nbytes > max_bytes:
-        raise UnsafeFileError(
-            expectation(where, f"at most {format_bytes(max_bytes)}", format_bytes(nbytes), "check the file")
+        raise UnsafeFileError.expected(
+            where, f"at most {format_bytes(max_bytes)}", format_bytes(nbytes), "check the file"
         )
     if nbytes > MAX_EXPANSION * stored + (1 << 20):
-        raise UnsafeFileError(
-            expectation(where, "a size the file can hold", f"{format_bytes(nbytes)} declared in a file of "
-                        f"{format_bytes(stored)}", "the header is wrong; take it from its source again")
-        )  # fmt: skip
+        raise UnsafeFileError.expected(
+            where,
+            "a size the file can hold",
+            f"{format_bytes(nbytes)} declared in a file of {format_bytes(stored)}",
+            "the header is wrong; take it from its source again",
+        )
     if data.chunks is not None and nbytes:
         want = 1
         for n, c in zip(data.shape, data.chunks, strict=True):
             want *= -(-n // c)
         have = data.id.get_num_chunks()
         if have < want:
-            raise FileFormatError(
-                expectation(where, f"{want} written chunks", f"{have}", "the file is unfinished; write it again")
+            raise FileFormatError.expected(
+                where, f"{want} written chunks", f"{have}", "the file is unfinished; write it again"
             )
     elif data.chunks is None and nbytes and data.id.get_storage_size() < nbytes:
-        raise FileFormatError(
-            expectation(where, f"{format_bytes(nbytes)} of data", format_bytes(data.id.get_storage_size()),
-                        "the file is unfinished; write it again")
-        )  # fmt: skip
+        raise FileFormatError.expected(
+            where,
+            f"{format_bytes(nbytes)} of data",
+            format_bytes(data.id.get_storage_size()),
+            "the file is unfinished; write it again",
+        )

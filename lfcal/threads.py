@@ -13,20 +13,11 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, TypeVar
 
-__all__ = ["chunks", "for_each_chunk", "njit", "one_blas_thread", "worker_count"]
+__all__ = ["chunks", "for_each_chunk", "one_blas_thread", "worker_count"]
 
-P = ParamSpec("P")
 R = TypeVar("R")
-
-
-def njit(**options: object) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Compile a kernel with numba: cached on disk, without the GIL, typed for mypy."""
-    import numba  # here, because it takes longer to load than the rest of the library
-
-    settings = {"cache": True, "nogil": True, **options}
-    return cast("Callable[[Callable[P, R]], Callable[P, R]]", numba.njit(**settings))
 
 
 def worker_count(workers: int | None = None) -> int:

@@ -26,8 +26,8 @@ from lfcal.simulate.effects import (
     ShotNoise,
     Telecentricity,
 )
-from lfcal.simulate.engine import Sampling
-from lfcal.simulate.session import frame_name, write_session
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.sensor.session import frame_name, write_session
 
 __all__ = ["frame_name", "make", "sample_camera", "sample_plan", "sample_source"]
 

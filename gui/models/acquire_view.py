@@ -16,7 +16,7 @@ from gui.models.station import Look, Station, cut
 from lfcal.acquire.options import Options
 from lfcal.acquire.setup import OpticalAxis, StageFit, check_stage
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError, LfcalError, expectation
+from lfcal.errors import InputError, LfcalError
 from lfcal.psf import PSFMatrix
 from lfcal.psf.cutout import Cutout
 from lfcal.units import format_length, format_seconds
@@ -37,29 +37,66 @@ BINS = 256
 ORDERS = (("serpentine", "serpentine"), ("raster", "raster"), ("coarse", "coarse grid first"))
 
 FIELDS = (
-    FieldSpec("order", "Order", kind="choice", choices=ORDERS,
-              tip="Serpentine has no long way back; raster takes every row from the same side; coarse sees all "
-              "planes on a grid first and fills it in later"),
+    FieldSpec(
+        "order",
+        "Order",
+        kind="choice",
+        choices=ORDERS,
+        tip="Serpentine has no long way back; raster takes every row from the same side; coarse sees all "
+        "planes on a grid first and fills it in later",
+    ),
     FieldSpec("frames_averaged", "Frames averaged", "", "Exposures averaged at each position", kind="int"),
-    FieldSpec("bracket", "Exposures", "× plane's", "Factors of each plane's exposure, merged to a high dynamic "
-              "range, 1 among them; 1 alone merges nothing", kind="floats"),
-    FieldSpec("darks", "Dark frames", "", "Exposures averaged into each dark frame, light off; 0 records none",
-              kind="int"),
-    FieldSpec("dark_every", "Dark every", "pos.", "Dark frames again after so many positions; 0: at the start "
-              "only", kind="int"),
-    FieldSpec("reference_every", "Reference every", "pos.", "A frame of the same place every so many positions "
-              "shows whether the lamp drifts; 0 records none", kind="int"),
-    FieldSpec("controls", "Control frames", "", "Per plane and direction, whole periods away up to the field's edge: "
-              "is the PSF periodic? 0 records none", kind="int"),
-    FieldSpec("retries", "Retries", "", "How often a position is tried again after a fault that may pass",
-              kind="int"),
-    FieldSpec("margin_px", "Margin", "px", "Kept around the cutout; empty: as interpolation needs", kind="int",
-              optional=True),
-    FieldSpec("tolerance_um", "Tolerance xyz", "µm", "Largest difference of read-back and target; empty: a tenth "
-              "of a step sideways, a step in depth", kind="floats"),
-    FieldSpec("overshoot_um", "Approach xyz", "µm", "Moves in the negative sense go this far beyond first, so "
-              "that the play of the drive is always taken up; 0 for none", kind="floats"),
-)  # fmt: skip
+    FieldSpec(
+        "bracket",
+        "Exposures",
+        "× plane's",
+        "Factors of each plane's exposure, merged to a high dynamic range, 1 among them; 1 alone merges nothing",
+        kind="floats",
+    ),
+    FieldSpec(
+        "darks", "Dark frames", "", "Exposures averaged into each dark frame, light off; 0 records none", kind="int"
+    ),
+    FieldSpec(
+        "dark_every",
+        "Dark every",
+        "pos.",
+        "Dark frames again after so many positions; 0: at the start only",
+        kind="int",
+    ),
+    FieldSpec(
+        "reference_every",
+        "Reference every",
+        "pos.",
+        "A frame of the same place every so many positions shows whether the lamp drifts; 0 records none",
+        kind="int",
+    ),
+    FieldSpec(
+        "controls",
+        "Control frames",
+        "",
+        "Per plane and direction, whole periods away up to the field's edge: is the PSF periodic? 0 records none",
+        kind="int",
+    ),
+    FieldSpec("retries", "Retries", "", "How often a position is tried again after a fault that may pass", kind="int"),
+    FieldSpec(
+        "margin_px", "Margin", "px", "Kept around the cutout; empty: as interpolation needs", kind="int", optional=True
+    ),
+    FieldSpec(
+        "tolerance_um",
+        "Tolerance xyz",
+        "µm",
+        "Largest difference of read-back and target; empty: a tenth of a step sideways, a step in depth",
+        kind="floats",
+    ),
+    FieldSpec(
+        "overshoot_um",
+        "Approach xyz",
+        "µm",
+        "Moves in the negative sense go this far beyond first, so "
+        "that the play of the drive is always taken up; 0 for none",
+        kind="floats",
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -95,9 +132,17 @@ class AcquireSettings:
     def options(self) -> Options:
         """Return the options of a session; raises `InputError` if they do not go together."""
         return Options(
-            "coarse" if self.coarse else "plan", self.bracket, self.margin_px, self.darks, self.dark_every,
-            self.reference_every, self.controls, self.retries, self.tolerance_um or None, self.overshoot_um,
-        )  # fmt: skip
+            "coarse" if self.coarse else "plan",
+            self.bracket,
+            self.margin_px,
+            self.darks,
+            self.dark_every,
+            self.reference_every,
+            self.controls,
+            self.retries,
+            self.tolerance_um or None,
+            self.overshoot_um,
+        )
 
     def values(self, plan: ScanPlan) -> dict[str, Any]:
         """Return the value of every field of the form."""
@@ -133,8 +178,10 @@ class AcquireSettings:
     def to_dict(self) -> dict[str, Any]:
         """Return plain JSON types."""
         data = asdict(self)
-        return {k: [list(v) if isinstance(v, tuple) else v for v in x] if isinstance(x, tuple) else x
-                for k, x in data.items()}  # fmt: skip
+        return {
+            k: [list(v) if isinstance(v, tuple) else v for v in x] if isinstance(x, tuple) else x
+            for k, x in data.items()
+        }
 
     @classmethod
     def from_dict(cls, data: Any) -> AcquireSettings:
@@ -271,8 +318,15 @@ def _rays(plan: ScanPlan, depth: float, point: tuple[float, float]) -> NDArray[A
     from lfcal.simulate.simulate import simulate_psf
 
     try:
-        one = replace(plan, depths_um=(depth,), exposure_s=plan.exposures[0], period=(1, 1), anchor=point,
-                      resample=False, cutout=Cutout.for_plan(plan).reach)  # fmt: skip
+        one = replace(
+            plan,
+            depths_um=(depth,),
+            exposure_s=plan.exposures[0],
+            period=(1, 1),
+            anchor=point,
+            resample=False,
+            cutout=Cutout.for_plan(plan).reach,
+        )
         pattern: NDArray[Any] = simulate_psf(plan.camera, one, (), "geometric", workers=1)[0, 0, 0]
     except (LfcalError, ZeroDivisionError):
         return None
@@ -322,7 +376,7 @@ def exposure_words(found: tuple[float, ...], plan: ScanPlan) -> str:
 def target_of(plan: ScanPlan, z: int, station: Station | None = None) -> tuple[float, float, float]:
     """Return the stage position of the middle of the cell in plane ``z`` (µm)."""
     if not 0 <= z < len(plan.depths_um):
-        raise InputError(expectation("depth plane", f"0 to {len(plan.depths_um) - 1}", z, "choose one"))
+        raise InputError.expected("depth plane", f"0 to {len(plan.depths_um) - 1}", z, "choose one")
     ny, nx = plan.period
     x, y, depth = plan.stage_um(np.array([z, ny // 2, nx // 2])).tolist()
     return x, y, depth

@@ -29,17 +29,32 @@ class FieldSpec:
 DEGREE = math.pi / 180
 
 MAIN_LENS = (
-    FieldSpec("optics.kind", "Optics", kind="choice", choices=(("MainLens", "main lens"), ("Microscope", "microscope")),
-              tip="A photographic main lens, or a telecentric microscope"),
+    FieldSpec(
+        "optics.kind",
+        "Optics",
+        kind="choice",
+        choices=(("MainLens", "main lens"), ("Microscope", "microscope")),
+        tip="A photographic main lens, or a telecentric microscope",
+    ),
     FieldSpec("optics.focal_length_um", "Focal length", "mm", "Focal length of the main lens", scale=1e3),
     FieldSpec("optics.f_number", "f-number", "", "As set on the lens: focal length over entrance pupil"),
-    FieldSpec("optics.working_distance_um", "Working distance", "mm",
-              "From the lens to the plane whose image lies on the lenslets", scale=1e3),
+    FieldSpec(
+        "optics.working_distance_um",
+        "Working distance",
+        "mm",
+        "From the lens to the plane whose image lies on the lenslets",
+        scale=1e3,
+    ),
     FieldSpec("optics.blades", "Iris blades", "", "0 is a circular iris", kind="int"),
-    FieldSpec("optics.blade_rotation_rad", "Iris rotation", "°", "Angle of the first vertex from the column axis",
-              scale=DEGREE),
+    FieldSpec(
+        "optics.blade_rotation_rad",
+        "Iris rotation",
+        "°",
+        "Angle of the first vertex from the column axis",
+        scale=DEGREE,
+    ),
     FieldSpec("optics.blade_curvature", "Blade curvature", "", "0 straight edges … 1 a circle"),
-)  # fmt: skip
+)
 
 MICROSCOPE = (
     MAIN_LENS[0],
@@ -50,20 +65,36 @@ MICROSCOPE = (
 )
 
 LATTICE = (
-    FieldSpec("lattice.kind", "Array", kind="choice", choices=(("hexagonal", "hexagonal"), ("square", "square")),
-              tip="Arrangement of the lenslets"),
+    FieldSpec(
+        "lattice.kind",
+        "Array",
+        kind="choice",
+        choices=(("hexagonal", "hexagonal"), ("square", "square")),
+        tip="Arrangement of the lenslets",
+    ),
     FieldSpec("lattice.pitch_um", "Pitch", "µm", "Distance of neighbouring micro-images along a row, on the sensor"),
-    FieldSpec("lattice.row_pitch_um", "Row distance", "µm", "Distance of rows if not the ideal one; empty: ideal",
-              optional=True),
+    FieldSpec(
+        "lattice.row_pitch_um",
+        "Row distance",
+        "µm",
+        "Distance of rows if not the ideal one; empty: ideal",
+        optional=True,
+    ),
     FieldSpec("lattice.gap_um", "Gap to the sensor", "µm", "Distance B from lenslets to sensor"),
-    FieldSpec("lattice.rotation_rad", "Rotation", "°", "From the column axis towards the row axis (clockwise)",
-              scale=DEGREE),
+    FieldSpec(
+        "lattice.rotation_rad", "Rotation", "°", "From the column axis towards the row axis (clockwise)", scale=DEGREE
+    ),
     FieldSpec("lattice.offset_x", "Offset x", "µm", "Centre of a type-0 micro-image, right of the sensor's centre"),
     FieldSpec("lattice.offset_y", "Offset y", "µm", "Centre of a type-0 micro-image, below the sensor's centre"),
     FieldSpec("lattice.clear_um", "Clear diameter", "µm", "Of a lenslet; empty: the full pitch", optional=True),
-    FieldSpec("lattice.focus", "Types in focus at v", "", "Virtual depths in focus, one or three; inf: focused at "
-              "infinity (f = gap)", kind="floats"),
-)  # fmt: skip
+    FieldSpec(
+        "lattice.focus",
+        "Types in focus at v",
+        "",
+        "Virtual depths in focus, one or three; inf: focused at infinity (f = gap)",
+        kind="floats",
+    ),
+)
 
 SENSOR = (
     FieldSpec("sensor.rows", "Rows", "px", "Pixels from top to bottom", kind="int"),

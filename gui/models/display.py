@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError, expectation
-from lfcal.threads import njit
+from lfcal.errors import InputError
+from lfcal.compiled import njit
 
 __all__ = ["COLOUR_MAPS", "Display", "bin_max", "colour_table", "levels_of", "to_uint8"]
 
@@ -43,9 +43,9 @@ class Display:
     def __post_init__(self) -> None:
         """Check every value."""
         if self.scale not in SCALES:
-            raise InputError(expectation("scaling", " or ".join(SCALES), self.scale, "choose one of these"))
+            raise InputError.expected("scaling", " or ".join(SCALES), self.scale, "choose one of these")
         if self.colour_map not in (*COLOUR_MAPS, DIFFERENCE):
-            raise InputError(expectation("colour map", " or ".join(COLOUR_MAPS), self.colour_map, "choose one"))
+            raise InputError.expected("colour map", " or ".join(COLOUR_MAPS), self.colour_map, "choose one")
 
 
 def levels_of(image: NDArray[np.generic], *, signed: bool = False) -> tuple[float, float]:

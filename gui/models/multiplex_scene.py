@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gui.models.multiplex_view import MultiplexSettings
 from lfcal.camera import Sensor
-from lfcal.errors import FileFormatError, InputError, expectation
+from lfcal.errors import FileFormatError, InputError
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.scenes import colour_edges, filament_light_field, view_edges, zone_plate
@@ -85,8 +85,12 @@ def scene_of(kind: str, modulator: Modulator) -> NDArray[np.float64]:
         step = max(1, modulator.side[0] // views)
     cells = min(48, math.isqrt(SCENE_VALUES // (modulator.count * views * views))) // step * step
     if cells < FEWEST_CELLS:
-        raise InputError(expectation("size for a built-in scene (px)", "up to 17, fewer with colours", views,
-                                     "choose a smaller one, or open a recorded frame"))  # fmt: skip
+        raise InputError.expected(
+            "size for a built-in scene (px)",
+            "up to 17, fewer with colours",
+            views,
+            "choose a smaller one, or open a recorded frame",
+        )
     if kind == "edges":
         light = view_edges(views, (cells, cells))
     else:
@@ -99,7 +103,7 @@ def scene_of(kind: str, modulator: Modulator) -> NDArray[np.float64]:
 
 def opened(path: str) -> tuple[Array | None, Array | None, str]:
     """Return an image file as a scene ``(3, rows, columns)`` in 0 … 1 or as a frame, and what the file says of it."""
-    from lfcal.frames.images import open_image, read_image
+    from lfcal.frames.formats.opening import open_image, read_image
 
     try:
         image = open_image(path)
@@ -168,8 +172,12 @@ def _recorded(settings: MultiplexSettings, modulator: Modulator, sensor: Sensor)
             raise InputError("scene: no image yet; open one, or choose a built-in scene")
         truth, frame, words = opened(settings.image)
         if truth is not None and modulator.count != len(truth):
-            raise InputError(expectation("opened image", "a grey frame recorded behind this modulator", words,
-                                         "choose colour filters, or open a grey frame"))  # fmt: skip
+            raise InputError.expected(
+                "opened image",
+                "a grey frame recorded behind this modulator",
+                words,
+                "choose colour filters, or open a grey frame",
+            )
     else:
         truth = scene_of(settings.scene, modulator)
     if frame is None and truth is not None:

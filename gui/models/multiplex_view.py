@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gui.models.camera_form import FieldSpec
 from gui.models.session import SessionState
 from lfcal.camera import Sensor
-from lfcal.errors import InputError, LfcalError, expectation
+from lfcal.errors import InputError, LfcalError
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa, parse_pattern
 from lfcal.multiplex.filters import SPATIAL_FILTERS
 from lfcal.multiplex.masks import MASKS, mask, mask_pattern
@@ -21,8 +21,16 @@ from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.noise import GainCurves, camera_chi2, gain_curves
 from lfcal.multiplex.summary import ModulatorNumbers, describe
 
-__all__ = ["FIELDS", "Comparison", "ModulatorPicture", "MultiplexSettings", "choices_to_compare", "compare", "picture",
-           "used_by"]  # fmt: skip
+__all__ = [
+    "FIELDS",
+    "Comparison",
+    "ModulatorPicture",
+    "MultiplexSettings",
+    "choices_to_compare",
+    "compare",
+    "picture",
+    "used_by",
+]
 
 KEY = "multiplex"
 TYPED = "typed"
@@ -39,26 +47,65 @@ def _named(names: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
 FAMILIES = (("cfa", "colour filters"), ("mask", "mask or lenslets"), ("both", "mask over filters"))
 FIELDS = (
     FieldSpec("family", "Family", kind="choice", choices=FAMILIES, tip="What lies in front of the sensor"),
-    FieldSpec("cfa", "Filters", kind="choice", choices=(*_named(tuple(CFA_PATTERNS)), (TYPED, "own pattern")),
-              tip="Colour filter array; own pattern takes the letters below"),
-    FieldSpec("pattern", "Own pattern", kind="text", tip=f"Letters of {''.join(FILTERS)} by rows, such as GRBG or "
-              "RGB/GBR: R G B, C = G + B, M = R + B, Y = R + G, W = all, E = emerald (as C)"),
+    FieldSpec(
+        "cfa",
+        "Filters",
+        kind="choice",
+        choices=(*_named(tuple(CFA_PATTERNS)), (TYPED, "own pattern")),
+        tip="Colour filter array; own pattern takes the letters below",
+    ),
+    FieldSpec(
+        "pattern",
+        "Own pattern",
+        kind="text",
+        tip=f"Letters of {''.join(FILTERS)} by rows, such as GRBG or "
+        "RGB/GBR: R G B, C = G + B, M = R + B, Y = R + G, W = all, E = emerald (as C)",
+    ),
     FieldSpec("mask", "Mask", kind="choice", choices=_named(MASKS), tip="Light-field modulator"),
-    FieldSpec("size", "Size", "px", f"Pixels and views along a side, up to {MAX_SIZE}; MURA: odd primes, sum of "
-              "sinusoids: odd", kind="int"),
-    FieldSpec("reference_cfa", "Over filters", kind="choice", choices=_named(tuple(CFA_PATTERNS)),
-              tip="Filters of the reference: gains are over it"),
-    FieldSpec("reference_mask", "Over mask", kind="choice", choices=_named(MASKS),
-              tip="Mask of the reference, of the same size: gains are over it"),
+    FieldSpec(
+        "size",
+        "Size",
+        "px",
+        f"Pixels and views along a side, up to {MAX_SIZE}; MURA: odd primes, sum of sinusoids: odd",
+        kind="int",
+    ),
+    FieldSpec(
+        "reference_cfa",
+        "Over filters",
+        kind="choice",
+        choices=_named(tuple(CFA_PATTERNS)),
+        tip="Filters of the reference: gains are over it",
+    ),
+    FieldSpec(
+        "reference_mask",
+        "Over mask",
+        kind="choice",
+        choices=_named(MASKS),
+        tip="Mask of the reference, of the same size: gains are over it",
+    ),
     FieldSpec("gain", "Amplifier", "×", "Amplifier gain: full scale is reached at full well over gain"),
-    FieldSpec("scene", "Scene", kind="choice", choices=(("edges", "sharp edges"), ("smooth", "smooth"),
-              ("image", "opened image")), tip="What is recorded; an opened grey image is taken as the recorded frame, "
-              "a colour image as the scene"),
-    FieldSpec("filter", "Filter", kind="choice", choices=_named(SPATIAL_FILTERS),
-              tip="Interpolation of the spatial route (theorem 1); the Fourier route is a sinc (theorem 2)"),
-    FieldSpec("noise", "Camera noise", kind="bool", tip="Add shot and read noise of the session's camera to a built-in "
-              "scene; its brightest pixel fills the full well"),
-)  # fmt: skip
+    FieldSpec(
+        "scene",
+        "Scene",
+        kind="choice",
+        choices=(("edges", "sharp edges"), ("smooth", "smooth"), ("image", "opened image")),
+        tip="What is recorded; an opened grey image is taken as the recorded frame, a colour image as the scene",
+    ),
+    FieldSpec(
+        "filter",
+        "Filter",
+        kind="choice",
+        choices=_named(SPATIAL_FILTERS),
+        tip="Interpolation of the spatial route (theorem 1); the Fourier route is a sinc (theorem 2)",
+    ),
+    FieldSpec(
+        "noise",
+        "Camera noise",
+        kind="bool",
+        tip="Add shot and read noise of the session's camera to a built-in "
+        "scene; its brightest pixel fills the full well",
+    ),
+)
 
 _USES = {
     "cfa": lambda s: s.family != "mask",
@@ -110,13 +157,13 @@ class MultiplexSettings:
         offered["right"] = ("difference", "truth")
         for key, values in offered.items():
             if getattr(self, key) not in values:
-                raise InputError(expectation(key.replace("_", " "), " or ".join(values), getattr(self, key), "choose"))
+                raise InputError.expected(key.replace("_", " "), " or ".join(values), getattr(self, key), "choose")
         parse_pattern(self.pattern)
         if not 1 <= self.size <= MAX_SIZE:
-            raise InputError(expectation("size (px)", f"1 to {MAX_SIZE}", self.size, "correct it"))
+            raise InputError.expected("size (px)", f"1 to {MAX_SIZE}", self.size, "correct it")
         mask_pattern(self.mask, self.size)
         if not 0 < self.gain < 1e6:
-            raise InputError(expectation("amplifier gain", "above 0", self.gain, "correct it"))
+            raise InputError.expected("amplifier gain", "above 0", self.gain, "correct it")
 
     def changed(self, key: str, value: Any) -> MultiplexSettings:
         """Return the settings with one field changed; a mask that has no such size takes the next one it has."""
@@ -140,8 +187,9 @@ class MultiplexSettings:
         array = cfa(filters)
         entries = math.prod(math.lcm(self.size, n) for n in array.side) * self.size**2 * array.count
         if entries > MAX_ENTRIES:  # the singular values would take minutes
-            raise InputError(expectation(f"matrix of {kind} over {array.name}", f"up to {MAX_ENTRIES} entries",
-                                         entries, "choose a smaller mask"))  # fmt: skip
+            raise InputError.expected(
+                f"matrix of {kind} over {array.name}", f"up to {MAX_ENTRIES} entries", entries, "choose a smaller mask"
+            )
         return mask(kind, self.size) * array
 
     def others(self) -> tuple[Modulator, ...]:
@@ -226,10 +274,14 @@ def picture(settings: MultiplexSettings) -> ModulatorPicture:
     top = float(pattern.max()) or 1.0
     sigma, pi = np.asarray(modulator.spatial), np.asarray(modulator.plenoptic)
     return ModulatorPicture(
-        modulator.name, pattern.mean(-1), pattern / top if pattern.shape[-1] == 3 else None,
-        modulator.pattern_spectrum().mean(-1), sigma.real.astype(float), pi.real.astype(float),
+        modulator.name,
+        pattern.mean(-1),
+        pattern / top if pattern.shape[-1] == 3 else None,
+        modulator.pattern_spectrum().mean(-1),
+        sigma.real.astype(float),
+        pi.real.astype(float),
         not (np.iscomplexobj(sigma) or np.iscomplexobj(pi)),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,12 +343,15 @@ def _rows(n: ModulatorNumbers, reference: str, chi2: float) -> tuple[tuple[str, 
         ("Condition number", number(n.condition), "Largest over smallest singular value of A = Σ Πᵀ"),
         ("Transmission τ", number(n.transmission), "Mean share of the light that reaches the sensor (equation 12)"),
         ("Amplification α", number(n.amplification), "Rms noise of a sample per noise of a pixel (equation 13)"),
-        (f"Gain at χ² = {number(chi2, '.3g')}", number(n.gain_db, "+.2f", "dB"),
-         f"Signal to noise over {reference} at the session's camera (equation 14), 10 log₁₀"),
+        (
+            f"Gain at χ² = {number(chi2, '.3g')}",
+            number(n.gain_db, "+.2f", "dB"),
+            f"Signal to noise over {reference} at the session's camera (equation 14), 10 log₁₀",
+        ),
         ("Gain, additive noise", number(n.gain_additive_db, "+.2f", "dB"), f"Over {reference} at χ² = 0"),
         ("Gain, photon noise", number(n.gain_photon_db, "+.2f", "dB"), f"Over {reference} at χ² = ∞"),
         ("Not recoverable", _lost(n.lost), "Samples of which a share is not measured; it comes out as zero"),
-    )  # fmt: skip
+    )
 
 
 def _lost(lost: Mapping[str, float]) -> str:

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from gui.models.camera_form import FieldSpec
 from gui.models.session import SessionState
-from lfcal.errors import InputError, LfcalError, expectation
+from lfcal.errors import InputError, LfcalError
 from lfcal.files import replace_whole
 from lfcal.psf import PSFMatrix
-from lfcal.reconstruct.forecast import METHODS
-from lfcal.reconstruct.solvers import SOLVERS, SolverChoice
+from lfcal.reconstruct.projectors.forecast import METHODS
+from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
 from lfcal.units import format_bytes, format_seconds
 
 __all__ = [
@@ -36,26 +36,54 @@ LARGEST = 640
 COUNTS = 2000.0
 
 FIELDS = (
-    FieldSpec("solver", "Solver", kind="choice", choices=tuple((name, name) for name in SOLVERS),
-              tip="; ".join(f"{name}: {text}" for name, text in SOLVERS.items())),
+    FieldSpec(
+        "solver",
+        "Solver",
+        kind="choice",
+        choices=tuple((name, name) for name in SOLVERS),
+        tip="; ".join(f"{name}: {text}" for name, text in SOLVERS.items()),
+    ),
     FieldSpec("iterations", "Iterations", "", "How many; Go on does as many again", kind="int"),
     FieldSpec("background", "Background", "counts", "Expected value of a pixel without any source"),
     FieldSpec("read_noise", "Read noise", "counts", "Rms noise of the sensor; Richardson-Lucy variants use it"),
     FieldSpec("saturation", "Saturation", "counts", "Pixels at or above are left out; empty: none", optional=True),
-    FieldSpec("strength", "Strength", "", "Weight of the penalty (rl-tv: 0.002 is mild; rl-tikhonov: 0.01), damping "
-              "of cg; empty: the default", optional=True),
-    FieldSpec("subsets", "Subsets", "", "osem: number of subsets; phase-space: blocks of views per axis; empty: the "
-              "default", kind="int", optional=True),
-    FieldSpec("method", "Projector", kind="choice", choices=tuple((m, m) for m in ("auto", *METHODS)),
-              tip="How H is applied; auto takes the cheapest by the forecast"),
-    FieldSpec("threshold", "Crop H below", "% of peak", "Entries of H below this share of their plane's peak count as "
-              "zero: faster, less exact", scale=0.01),
+    FieldSpec(
+        "strength",
+        "Strength",
+        "",
+        "Weight of the penalty (rl-tv: 0.002 is mild; rl-tikhonov: 0.01), damping of cg; empty: the default",
+        optional=True,
+    ),
+    FieldSpec(
+        "subsets",
+        "Subsets",
+        "",
+        "osem: number of subsets; phase-space: blocks of views per axis; empty: the default",
+        kind="int",
+        optional=True,
+    ),
+    FieldSpec(
+        "method",
+        "Projector",
+        kind="choice",
+        choices=tuple((m, m) for m in ("auto", *METHODS)),
+        tip="How H is applied; auto takes the cheapest by the forecast",
+    ),
+    FieldSpec(
+        "threshold",
+        "Crop H below",
+        "% of peak",
+        "Entries of H below this share of their plane's peak count as zero: faster, less exact",
+        scale=0.01,
+    ),
     FieldSpec("double", "Double precision", kind="bool", tip="float64 instead of float32: twice the memory"),
-    FieldSpec("region", "Region", "px", "row, column, rows, columns of the light field; empty: all of it",
-              kind="floats"),
-    FieldSpec("anchor", "Anchor", "px", "row, column at which H's position (0, 0) is imaged; empty: that of H",
-              kind="floats"),
-)  # fmt: skip
+    FieldSpec(
+        "region", "Region", "px", "row, column, rows, columns of the light field; empty: all of it", kind="floats"
+    ),
+    FieldSpec(
+        "anchor", "Anchor", "px", "row, column at which H's position (0, 0) is imaged; empty: that of H", kind="floats"
+    ),
+)
 
 _USES = {
     "read_noise": lambda s: s not in ("cg", "isra"),
@@ -76,7 +104,7 @@ class ReconstructSettings:
     Attributes
     ----------
     solver, iterations, background, read_noise, saturation, strength, subsets
-        As in `lfcal.reconstruct.solvers.SolverChoice`.
+        As in `lfcal.reconstruct.solvers.choice.SolverChoice`.
     method, threshold, double
         As in `lfcal.reconstruct.Projector`.
     region
@@ -101,25 +129,28 @@ class ReconstructSettings:
     def __post_init__(self) -> None:
         """Check what no library call would find before the work begins."""
         if not 1 <= self.iterations <= 100_000:
-            raise InputError(expectation("iterations", "1 to 100000", self.iterations, "correct it"))
+            raise InputError.expected("iterations", "1 to 100000", self.iterations, "correct it")
         if not 0 <= self.threshold < 1:
-            raise InputError(expectation("crop H below", "0 to 100 % of the peak", self.threshold, "correct it"))
+            raise InputError.expected("crop H below", "0 to 100 % of the peak", self.threshold, "correct it")
         if self.subsets is not None and self.subsets < 1:
-            raise InputError(expectation("subsets", "at least 1", self.subsets, "correct it"))
+            raise InputError.expected("subsets", "at least 1", self.subsets, "correct it")
         for name in ("background", "read_noise"):
             if not 0 <= getattr(self, name) < 1e12:
-                raise InputError(expectation(name.replace("_", " "), "not negative (counts)", getattr(self, name),
-                                             "correct it"))  # fmt: skip
+                raise InputError.expected(
+                    name.replace("_", " "), "not negative (counts)", getattr(self, name), "correct it"
+                )
         if len(self.region) not in (0, 4) or any(v < 0 or v != int(v) for v in self.region) or 0 in self.region[2:]:
-            raise InputError(expectation("region", "row, column, rows, columns in whole pixels", self.region,
-                                         "for example 0, 0, 400, 400"))  # fmt: skip
+            raise InputError.expected(
+                "region", "row, column, rows, columns in whole pixels", self.region, "for example 0, 0, 400, 400"
+            )
         if len(self.anchor) not in (0, 2):
-            raise InputError(expectation("anchor", "row, column in pixels", self.anchor, "for example 12, 7"))
+            raise InputError.expected("anchor", "row, column in pixels", self.anchor, "for example 12, 7")
 
     def choice(self) -> SolverChoice:
         """Return the solver with its settings."""
-        return SolverChoice(self.solver, self.iterations, self.background, self.read_noise, self.saturation,
-                            self.strength, self.subsets)  # fmt: skip
+        return SolverChoice(
+            self.solver, self.iterations, self.background, self.read_noise, self.saturation, self.strength, self.subsets
+        )
 
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Return rows and columns of a light field of ``shape`` to be used; raises `InputError` if outside."""
@@ -127,8 +158,12 @@ class ReconstructSettings:
             return slice(0, shape[0]), slice(0, shape[1])
         row, column, rows, columns = (int(v) for v in self.region)
         if row + rows > shape[0] or column + columns > shape[1]:
-            raise InputError(expectation("region", f"inside the light field of {shape[0]} × {shape[1]} px",
-                                         (row, column, rows, columns), "correct it"))  # fmt: skip
+            raise InputError.expected(
+                "region",
+                f"inside the light field of {shape[0]} × {shape[1]} px",
+                (row, column, rows, columns),
+                "correct it",
+            )
         return slice(row, row + rows), slice(column, column + columns)
 
     def changed(self, key: str, value: Any) -> ReconstructSettings:
@@ -159,14 +194,18 @@ class ReconstructSettings:
 # -- projector ---------------------------------------------------------------------------------------------
 def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSettings) -> Any:
     """Return the projector of the used region of a light field of ``shape``."""
-    from lfcal.reconstruct.projector import Projector
+    from lfcal.reconstruct.projectors.projector import Projector
 
     rows, columns = settings.window(shape)
     row, column = settings.anchor or H.anchor
     return Projector(
-        H, (rows.stop - rows.start, columns.stop - columns.start), (row - rows.start, column - columns.start),
-        settings.method, dtype="float64" if settings.double else "float32", threshold=settings.threshold,
-    )  # fmt: skip
+        H,
+        (rows.stop - rows.start, columns.stop - columns.start),
+        (row - rows.start, column - columns.start),
+        settings.method,
+        dtype="float64" if settings.double else "float32",
+        threshold=settings.threshold,
+    )
 
 
 def forecast_words(P: Any, iterations: int) -> str:
@@ -193,7 +232,7 @@ def forecast_words(P: Any, iterations: int) -> str:
 # -- light fields ------------------------------------------------------------------------------------------
 def light_field(path: str) -> NDArray[Any]:
     """Return the light field in an image file, ``(rows, columns)``."""
-    from lfcal.frames.images import read_image
+    from lfcal.frames.formats.opening import read_image
 
     return read_image(Path(path))
 
@@ -235,16 +274,16 @@ def make_light_field(
     import tifffile
 
     from lfcal.reconstruct.phantoms import phantom
-    from lfcal.reconstruct.projector import Projector
+    from lfcal.reconstruct.projectors.projector import Projector
 
     if not path.lower().endswith((".tif", ".tiff")):
-        raise InputError(expectation("light field", "a .tif file", Path(path).name, "give it that ending"))
+        raise InputError.expected("light field", "a .tif file", Path(path).name, "give it that ending")
     P = Projector(H, shape or synthetic_shape(H))
     volume = phantom(name, P.volume_shape, seed)
     image = P.forward(volume)
     top = float(image.max())
     if not top > 0:
-        raise InputError(expectation("light field", "light", "none", "H is empty: assemble it again"))
+        raise InputError.expected("light field", "light", "none", "H is empty: assemble it again")
     scale = counts / top
     noisy = np.random.default_rng(seed).poisson(np.maximum(image * scale, 0))
     with replace_whole(Path(path)) as part:

@@ -44,9 +44,14 @@ class Recorder:
     """
 
     def __init__(
-        self, folder: Path, plan: ScanPlan, options: Options, *, resume: bool = False,
+        self,
+        folder: Path,
+        plan: ScanPlan,
+        options: Options,
+        *,
+        resume: bool = False,
         redo: Sequence[tuple[int, int, int]] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.folder, self.plan, self.options, self.resume = folder, plan, options, resume
         self.redo = tuple(Position(*p) for p in redo)
         self.control, self.preview = Control(), Preview()
@@ -61,10 +66,17 @@ class Recorder:
 
         return station.use(
             iter_record(
-                self.folder, self.plan, station.rig, self.options, resume=self.resume, redo=self.redo or None,
-                control=self.control, preview=self.preview, observers=(self.quality,),
+                self.folder,
+                self.plan,
+                station.rig,
+                self.options,
+                resume=self.resume,
+                redo=self.redo or None,
+                control=self.control,
+                preview=self.preview,
+                observers=(self.quality,),
             )
-        )  # fmt: skip
+        )
 
     @property
     def rate(self) -> float:
@@ -116,7 +128,7 @@ class FolderState:
 
 def folder_state(folder: str) -> FolderState:
     """Return what is recorded in ``folder``; never raises."""
-    from lfcal.acquire.recording_file import RecordingFile
+    from lfcal.acquire.recording.reader import RecordingFile
     from lfcal.acquire.session_file import SessionFile
     from lfcal.errors import LfcalError
 
@@ -197,9 +209,16 @@ def record_picture(
     there = seen if earlier is None or earlier.shape != seen.shape else seen | earlier
     alarms = tuple(f"{a.what}: {a.value:.3g} (limit {a.limit:g}): {a.advice}" for a in quality.alarms)
     return RecordPicture(
-        arrays[quantity][z], there[z], quality.depth_sums[z], curves, alarms, _lamp(quality.lamp),
-        bool(there[z].all()), int(there.sum()), there.size,
-    )  # fmt: skip
+        arrays[quantity][z],
+        there[z],
+        quality.depth_sums[z],
+        curves,
+        alarms,
+        _lamp(quality.lamp),
+        bool(there[z].all()),
+        int(there.sum()),
+        there.size,
+    )
 
 
 def _lamp(lamp: NDArray[np.float64]) -> str:

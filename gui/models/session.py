@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lfcal.camera import Camera, ScanPlan, preset
-from lfcal.errors import FileFormatError, LfcalError, expectation
+from lfcal.errors import FileFormatError, LfcalError
 from lfcal.files import replace_whole, storage_errors
 
 __all__ = ["FrameSettings", "RecentSessions", "Session", "SessionState", "SimulateSettings"]
@@ -105,9 +105,9 @@ class SessionState:
         try:
             data = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise FileFormatError(expectation("session", "JSON text", str(error), "choose another file")) from None
+            raise FileFormatError.expected("session", "JSON text", str(error), "choose another file") from None
         if not isinstance(data, dict) or data.get("format") != FORMAT or data.get("version") != VERSION:
-            raise FileFormatError(expectation("session", f"format {FORMAT} version {VERSION}", "another", "check it"))
+            raise FileFormatError.expected("session", f"format {FORMAT} version {VERSION}", "another", "check it")
         try:
             simulate = dict(data["simulate"])
             simulate["overrides"] = tuple((str(k), str(v)) for k, v in simulate["overrides"])
@@ -124,7 +124,7 @@ class SessionState:
         except (KeyError, TypeError, ValueError) as error:
             if isinstance(error, LfcalError):
                 raise
-            raise FileFormatError(expectation("session", "every entry", f"{error}", "the file is incomplete")) from None
+            raise FileFormatError.expected("session", "every entry", f"{error}", "the file is incomplete") from None
 
 
 Listener = Callable[[SessionState, SessionState], None]

@@ -14,7 +14,7 @@ from lfcal.camera import ScanPlan
 from lfcal.units import format_seconds
 
 if TYPE_CHECKING:
-    from lfcal.simulate.planner import EffectPlan
+    from lfcal.simulate.accuracy.planner import EffectPlan
 
 __all__ = ["EffectRow", "Verdict", "preview", "tolerance_of", "tolerance_step", "verdict_of"]
 
@@ -60,7 +60,7 @@ def tolerance_step(tolerance: float) -> int:
 
 def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> Verdict:
     """Ask the planner and put its answer into words."""
-    from lfcal.simulate.planner import plan_effects
+    from lfcal.simulate.accuracy.planner import plan_effects
 
     found = plan_effects(plan.camera, plan, settings.tolerance, dict(settings.overrides))
     rows = tuple(

@@ -13,8 +13,8 @@ from gui.models.reconstruct_view import ReconstructSettings, projector_for
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.metrics import nrmse
-from lfcal.reconstruct.records import SolverProgress, SolverState
-from lfcal.reconstruct.solvers import iter_reconstruct
+from lfcal.reconstruct.solvers.choice import iter_reconstruct
+from lfcal.reconstruct.solvers.records import SolverProgress, SolverState
 from lfcal.units import format_seconds
 
 __all__ = ["Solving"]

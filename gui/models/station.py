@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.devices import Limits, Point, Rig
-from lfcal.acquire.errors import LimitError, StageError
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.setup.live import LiveState, iter_live
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError, expectation
+from lfcal.devices.errors import LimitError, StageError
+from lfcal.devices.protocols import Limits, Point, Rig
+from lfcal.errors import InputError
 from lfcal.progress import Work
 
 __all__ = ["Look", "Station", "in_limits", "open_station"]
@@ -104,8 +104,9 @@ class Station:
                 if self.moving.stopping or time.monotonic() > deadline:
                     stage.stop()
                     if not self.moving.stopping:
-                        raise StageError(expectation("stage", f"arrival within {MOVE_TIMEOUT_S:g} s", "still moving",
-                                                     "check for an obstacle"))  # fmt: skip
+                        raise StageError.expected(
+                            "stage", f"arrival within {MOVE_TIMEOUT_S:g} s", "still moving", "check for an obstacle"
+                        )
                     break
                 clock.sleep(0.005)
             clock.sleep(SETTLE_S)
@@ -139,8 +140,8 @@ class Station:
 
 def open_station(plan: ScanPlan, backend: str, options: Mapping[str, str], stage: str = "") -> Station:
     """Open the devices of ``backend`` (and the stage of another one); raises what opening raises."""
-    from lfcal.acquire.registry import open_rig
     from lfcal.acquire.session import check_devices
+    from lfcal.devices.registry import open_rig
 
     rig = open_rig(plan, backend, options, stage=stage)
     try:
@@ -155,12 +156,14 @@ def in_limits(target: Point, limits: Limits) -> None:
     """Raise `LimitError` if ``target`` lies beyond ``limits`` (µm), before anything moves."""
     for name, value, (low, high) in zip("xyz", target, limits, strict=True):
         if not math.isfinite(value):
-            raise InputError(expectation(f"stage axis {name}", "a number (µm)", value, "correct it"))
+            raise InputError.expected(f"stage axis {name}", "a number (µm)", value, "correct it")
         if not low <= value <= high:
-            raise LimitError(
-                expectation(f"stage axis {name}", f"{low:.6g} to {high:.6g} µm", f"{value:.6g} µm",
-                            "stay within the travel; nothing was moved")
-            )  # fmt: skip
+            raise LimitError.expected(
+                f"stage axis {name}",
+                f"{low:.6g} to {high:.6g} µm",
+                f"{value:.6g} µm",
+                "stay within the travel; nothing was moved",
+            )
 
 
 def cut(frame: NDArray[np.generic], row: int, column: int, shape: tuple[int, int]) -> NDArray[np.generic]:

@@ -43,8 +43,10 @@ class Page(StagePage):
 
     def _show(self, state: SessionState, *, folder: bool) -> None:
         if state.plan is None:
-            self.show_empty("Recording needs a scan plan: which positions, planes and cutout.",
-                            {"Plan": lambda: self.context.go.emit("plan", None)})  # fmt: skip
+            self.show_empty(
+                "Recording needs a scan plan: which positions, planes and cutout.",
+                {"Plan": lambda: self.context.go.emit("plan", None)},
+            )
             return
         self.show_body()
         self.setup.show_state(state)

@@ -92,8 +92,11 @@ class Page(StagePage):
         row = QHBoxLayout(forms)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(10)
-        for title, content in (("Main optics", optics), ("Lenslet array", self.forms["lattice"]),
-                               ("Sensor and light", self.forms["sensor"])):  # fmt: skip
+        for title, content in (
+            ("Main optics", optics),
+            ("Lenslet array", self.forms["lattice"]),
+            ("Sensor and light", self.forms["sensor"]),
+        ):
             row.addWidget(card(title, content), 1)
         area = QScrollArea()
         area.setWidgetResizable(True)

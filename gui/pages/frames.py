@@ -235,8 +235,14 @@ class Page(StagePage):
             except (LfcalError, OSError) as error:
                 self.context.message.emit(str(error))
         found = {name: str(around / name) for name in ("dark", "white") if (around / name).is_dir()}
-        settings = replace(self.context.state.frames, folder=str(frames), manifest="", pattern="",
-                           dark=found.get("dark", ""), white=found.get("white", ""))  # fmt: skip
+        settings = replace(
+            self.context.state.frames,
+            folder=str(frames),
+            manifest="",
+            pattern="",
+            dark=found.get("dark", ""),
+            white=found.get("white", ""),
+        )
         self.context.session.update("open frames", frames=settings, **changes)
 
     def accept_drop(self, paths: list[str]) -> bool:
@@ -269,8 +275,10 @@ class Page(StagePage):
             )
             return
         if state.plan is None:
-            self.show_empty("The frames need a scan plan: which positions, which cutout.",
-                            {"Plan": lambda: self.context.go.emit("plan", None)})  # fmt: skip
+            self.show_empty(
+                "The frames need a scan plan: which positions, which cutout.",
+                {"Plan": lambda: self.context.go.emit("plan", None)},
+            )
             return
         self.show_body()
         plan, settings = state.plan, state.frames
@@ -405,9 +413,15 @@ class Page(StagePage):
             from lfcal.psf import Cutout, iter_assemble
 
             return iter_assemble(
-                opened.source, opened.plan.shape[:3], Cutout.for_plan(opened.plan), path, corrections=opened.chain,
-                depths=opened.plan.depths_um, camera=opened.plan.camera, provenance={"plan": opened.plan.to_dict()},
-            )  # fmt: skip
+                opened.source,
+                opened.plan.shape[:3],
+                Cutout.for_plan(opened.plan),
+                path,
+                corrections=opened.chain,
+                depths=opened.plan.depths_um,
+                camera=opened.plan.camera,
+                provenance={"plan": opened.plan.to_dict()},
+            )
 
         self.context.jobs.start(f"Assemble {Path(path).name}", "frames", work, self._assembled)
 
@@ -427,12 +441,14 @@ class Page(StagePage):
 def open_session(settings: FrameSettings, plan: ScanPlan) -> Opened:
     """Open frames and corrections as the settings say; raises what opening raises."""
     from lfcal.frames import open_frames
-    from lfcal.frames.recipe import CorrectionRecipe, build_chain
+    from lfcal.frames.corrections.recipe import CorrectionRecipe, build_chain
 
     source = open_frames(
-        settings.folder, manifest=settings.manifest or None, pattern=settings.pattern or None,
+        settings.folder,
+        manifest=settings.manifest or None,
+        pattern=settings.pattern or None,
         plan_shape=plan.shape[:3],
-    )  # fmt: skip
+    )
     recipe = CorrectionRecipe(
         dark=settings.dark if settings.use_dark else "",
         white=settings.white if settings.use_white else "",

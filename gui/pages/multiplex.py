@@ -17,7 +17,7 @@ from gui.models.stages import Stage
 from gui.pages._base import StagePage
 from gui.widgets.multiplex_panel import MultiplexPanel
 from lfcal.errors import LfcalError
-from lfcal.frames.images import IMAGE_SUFFIXES
+from lfcal.frames.formats.opening import IMAGE_SUFFIXES
 from lfcal.progress import drain
 
 __all__ = ["Page"]
@@ -84,9 +84,11 @@ class Page(StagePage):
             return
         sensor, name = state.camera.sensor, state.camera.name
         self.context.jobs.compute(
-            "multiplex modulator", lambda: (view.picture(settings), view.compare(settings, sensor, name)),
-            self._computed, self._refused,
-        )  # fmt: skip
+            "multiplex modulator",
+            lambda: (view.picture(settings), view.compare(settings, sensor, name)),
+            self._computed,
+            self._refused,
+        )
         self._reconstruct()
 
     def _computed(self, result: tuple[ModulatorPicture, Comparison]) -> None:
@@ -153,21 +155,25 @@ class Page(StagePage):
             self.context.jobs.cancel(self._job)
             self._job = 0
         if settings.scene == "image" and not settings.image:
-            self._failed("Open an image: a frame recorded behind this modulator, or a colour image as the scene.",
-                         bad=False)  # fmt: skip
+            self._failed(
+                "Open an image: a frame recorded behind this modulator, or a colour image as the scene.", bad=False
+            )
             return
         self.panel.pictures.show_status("reconstructing …")
         if settings.scene == "image":
             self._job = self.context.jobs.start(
-                f"Demultiplex {Path(settings.image).name}", "multiplex", lambda: iter_reconstruct(settings, sensor),
+                f"Demultiplex {Path(settings.image).name}",
+                "multiplex",
+                lambda: iter_reconstruct(settings, sensor),
                 lambda found: self._reconstructed(request, found),
-            )  # fmt: skip
+            )
         else:
             self.context.jobs.compute(
-                "multiplex scene", lambda: drain(iter_reconstruct(settings, sensor)),
+                "multiplex scene",
+                lambda: drain(iter_reconstruct(settings, sensor)),
                 lambda found: self._reconstructed(request, found),
                 lambda words: self._failed(words) if request == self._request else None,
-            )  # fmt: skip
+            )
 
     def _reconstructed(self, request: int, found: Reconstructions) -> None:
         if request == self._request:

@@ -220,8 +220,14 @@ class Page(StagePage):
             self.reference = None
         if matrix is None:
             text = "No PSF yet.\nAssemble frames, simulate one, or open an H file, a MATLAB v7.3 file or an .npy array."
-            self.show_empty(text, {"Open H …": self.choose_file, "Frames": lambda: self.context.go.emit("frames", None),
-                                   "Simulate": lambda: self.context.go.emit("simulate", None)})  # fmt: skip
+            self.show_empty(
+                text,
+                {
+                    "Open H …": self.choose_file,
+                    "Frames": lambda: self.context.go.emit("frames", None),
+                    "Simulate": lambda: self.context.go.emit("simulate", None),
+                },
+            )
             return
         self.show_body()
         nz = matrix.shape[0]
@@ -274,9 +280,11 @@ class Page(StagePage):
         path = path or QFileDialog.getSaveFileName(self, "Export H", "H.mat", kinds)[0]
         if path:
             self.context.jobs.start(
-                f"Export {Path(path).name}", "psf", lambda: iter_export(matrix, path),
+                f"Export {Path(path).name}",
+                "psf",
+                lambda: iter_export(matrix, path),
                 lambda out: self.context.message.emit(f"exported {out}"),
-            )  # fmt: skip
+            )
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped H file."""

@@ -138,9 +138,13 @@ class Page(StagePage):
         self.report_button.setEnabled(bool(psf))
         if not psf or not Path(psf).exists():
             self.report = None
-            self.show_empty("No PSF to judge yet.\nAssemble frames, or open an H file on the PSF page.",
-                            {"Frames": lambda: self.context.go.emit("frames", None),
-                             "PSF": lambda: self.context.go.emit("psf", None)})  # fmt: skip
+            self.show_empty(
+                "No PSF to judge yet.\nAssemble frames, or open an H file on the PSF page.",
+                {
+                    "Frames": lambda: self.context.go.emit("frames", None),
+                    "PSF": lambda: self.context.go.emit("psf", None),
+                },
+            )
         elif psf != self._measured:
             self.report = None
             self.show_empty("H is not measured yet.", {"Measure": self.measure})
@@ -270,8 +274,13 @@ class Page(StagePage):
             matrix.close()
             self.context.message.emit(f"report written: {page}")
 
-        self.context.jobs.start("Report", "quality", lambda: iter_report(matrix, Path(folder), quality=measured), done,
-                                lambda job: matrix.close())  # fmt: skip
+        self.context.jobs.start(
+            "Report",
+            "quality",
+            lambda: iter_report(matrix, Path(folder), quality=measured),
+            done,
+            lambda job: matrix.close(),
+        )
 
     def _apply_theme(self) -> None:
         self.map.apply_theme()

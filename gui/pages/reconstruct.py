@@ -91,9 +91,11 @@ class Page(StagePage):
         if matrix is None:
             self.show_empty(
                 "A reconstruction needs an H: assemble one, simulate one, or open one on the PSF page.",
-                {"PSF": lambda: self.context.go.emit("psf", None),
-                 "Simulate": lambda: self.context.go.emit("simulate", None)},
-            )  # fmt: skip
+                {
+                    "PSF": lambda: self.context.go.emit("psf", None),
+                    "Simulate": lambda: self.context.go.emit("simulate", None),
+                },
+            )
             return
         self.show_body()
         nz, ny, nx, nt, ns = matrix.shape
@@ -152,7 +154,7 @@ class Page(StagePage):
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped image."""
-        from lfcal.frames.images import IMAGE_SUFFIXES
+        from lfcal.frames.formats.opening import IMAGE_SUFFIXES
 
         if len(paths) == 1 and Path(paths[0]).is_file() and Path(paths[0]).suffix.lower() in IMAGE_SUFFIXES:
             self.open_light_field(paths[0])
@@ -166,9 +168,11 @@ class Page(StagePage):
         self._show_controls()
         if path:
             self.context.jobs.compute(
-                "reconstruct load", lambda: view.light_field(path), lambda image: self._loaded(path, image),
+                "reconstruct load",
+                lambda: view.light_field(path),
+                lambda image: self._loaded(path, image),
                 self._not_loaded,
-            )  # fmt: skip
+            )
 
     def _loaded(self, path: str, image: NDArray[Any]) -> None:
         self.image, self._opened = image, path
@@ -205,9 +209,11 @@ class Page(StagePage):
         if path:
             self.panel.file.setText(f"making {Path(path).name} …")
             self.context.jobs.compute(
-                "reconstruct make", lambda: view.make_light_field(matrix, phantom, path, shape=shape), self._made,
+                "reconstruct make",
+                lambda: view.make_light_field(matrix, phantom, path, shape=shape),
+                self._made,
                 self._not_loaded,
-            )  # fmt: skip
+            )
 
     def _made(self, synthetic: Synthetic) -> None:
         self.synthetic = synthetic
@@ -226,14 +232,18 @@ class Page(StagePage):
         self.context.jobs.compute(
             "reconstruct forecast",
             lambda: view.forecast_words(view.projector_for(matrix, shape, settings), settings.iterations),
-            self.panel.forecast.setText, self.panel.forecast.setText,
-        )  # fmt: skip
+            self.panel.forecast.setText,
+            self.panel.forecast.setText,
+        )
 
     # -- solving ---------------------------------------------------------------------------------------
     def _pressed(self, key: str) -> None:
         actions: dict[str, Callable[[], None]] = {
-            "start": self.start, "stop": self.stop, "more": self.go_on, "save": self.save,
-        }  # fmt: skip
+            "start": self.start,
+            "stop": self.stop,
+            "more": self.go_on,
+            "save": self.save,
+        }
         actions[key]()
 
     def start(self) -> None:
@@ -336,9 +346,11 @@ class Page(StagePage):
         path = self.context.state.volume
         if path and Path(path).is_file() and self.solving is None:
             self.context.jobs.compute(
-                "reconstruct volume", lambda: load_volume(path), lambda volume: self._volume_loaded(path, volume),
+                "reconstruct volume",
+                lambda: load_volume(path),
+                lambda volume: self._volume_loaded(path, volume),
                 self.context.message.emit,
-            )  # fmt: skip
+            )
 
     def _volume_loaded(self, path: str, volume: NDArray[Any]) -> None:
         if self.solving is None:

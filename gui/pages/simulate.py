@@ -37,8 +37,12 @@ from lfcal.units import format_length, format_seconds
 
 __all__ = ["Page"]
 
-LEVELS = (("auto", "auto: what the effects call for"), ("geometric", "geometric: rays, instant"),
-          ("wave", "wave: per lenslet"), ("microscope", "microscope: coherent"))  # fmt: skip
+LEVELS = (
+    ("auto", "auto: what the effects call for"),
+    ("geometric", "geometric: rays, instant"),
+    ("wave", "wave: per lenslet"),
+    ("microscope", "microscope: coherent"),
+)
 COLUMNS = ("Effect", "Choice", "Size", "Error if left out", "Costs")
 Z_STEPS = 200
 
@@ -151,8 +155,10 @@ class Page(StagePage):
 
     def _show(self, state: SessionState) -> None:
         if state.plan is None:
-            self.show_empty("The simulation needs a scan plan: which positions, planes and cutout.",
-                            {"Plan": lambda: self.context.go.emit("plan", None)})  # fmt: skip
+            self.show_empty(
+                "The simulation needs a scan plan: which positions, planes and cutout.",
+                {"Plan": lambda: self.context.go.emit("plan", None)},
+            )
             return
         self.show_body()
         settings, plan = state.simulate, state.plan
@@ -261,11 +267,13 @@ class Page(StagePage):
         settings = self.context.state.simulate
         self.context.forget(path)
         self.context.jobs.start(
-            f"Simulate {Path(path).name}", "simulate",
-            lambda: iter_simulate_psf(plan.camera, plan, verdict.effects, settings.level,
-                                      tolerance=settings.tolerance, out=path),
+            f"Simulate {Path(path).name}",
+            "simulate",
+            lambda: iter_simulate_psf(
+                plan.camera, plan, verdict.effects, settings.level, tolerance=settings.tolerance, out=path
+            ),
             self._simulated,
-        )  # fmt: skip
+        )
 
     def _simulated(self, matrix: Any) -> None:
         path = matrix.path
@@ -276,7 +284,7 @@ class Page(StagePage):
 
     def ladder(self) -> None:
         """Measure time and error of every level, as a job."""
-        from lfcal.simulate.ladder import iter_ladder
+        from lfcal.simulate.accuracy.ladder import iter_ladder
 
         plan = self.context.state.plan
         if plan is not None:

@@ -138,10 +138,14 @@ class RecordTab(QObject):
     # -- recording -------------------------------------------------------------------------------------
     def _pressed(self, key: str) -> None:
         actions: dict[str, Callable[[], None]] = {
-            "start": self.start, "pause": self.pause, "stop": lambda: self._ask("stop"),
-            "abort": lambda: self._ask("abort"), "redo": lambda: self.start(redo=True), "assemble": self.assemble,
+            "start": self.start,
+            "pause": self.pause,
+            "stop": lambda: self._ask("stop"),
+            "abort": lambda: self._ask("abort"),
+            "redo": lambda: self.start(redo=True),
+            "assemble": self.assemble,
             "pack": self.pack,
-        }  # fmt: skip
+        }
         actions[key]()
 
     def start(self, *, redo: bool = False) -> None:
@@ -221,7 +225,7 @@ class RecordTab(QObject):
             "acquire quality",
             lambda: record_picture(made.quality.state(), made.order, z, quantity, earlier),
             lambda picture: self._show_picture(picture, z, depths),
-        )  # fmt: skip
+        )
 
     def _show_picture(self, picture: RecordPicture, z: int, depths: tuple[float, ...]) -> None:
         if z >= len(depths):
@@ -289,9 +293,11 @@ class RecordTab(QObject):
         folder = Path(self.context.state.recording)
         self.context.forget(str(out))
         self.context.jobs.start(
-            f"Assemble {out.name}", "acquire", lambda: iter_assemble_session(folder, out, planes=planes),
+            f"Assemble {out.name}",
+            "acquire",
+            lambda: iter_assemble_session(folder, out, planes=planes),
             self._assembled,
-        )  # fmt: skip
+        )
 
     def _assembled(self, report: Any) -> None:
         path = report.matrix.path
@@ -307,6 +313,8 @@ class RecordTab(QObject):
 
         folder = Path(self.context.state.recording)
         self.context.jobs.start(
-            f"Pack {folder.name}", "acquire", lambda: iter_finish(folder),
+            f"Pack {folder.name}",
+            "acquire",
+            lambda: iter_finish(folder),
             lambda gained: self.context.message.emit(f"packed: {gained / 1e6:.1f} MB gained"),
-        )  # fmt: skip
+        )

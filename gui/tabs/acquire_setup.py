@@ -115,8 +115,9 @@ class SetupTab(QObject):
         self.context.jobs.compute(
             "acquire connect",
             lambda: open_station(plan, chosen.backend, dict(chosen.device_options), chosen.stage),
-            self._connected, self._not_connected,
-        )  # fmt: skip
+            self._connected,
+            self._not_connected,
+        )
 
     def _connected(self, station: Station) -> None:
         self.station, self.connecting = station, False
@@ -160,9 +161,11 @@ class SetupTab(QObject):
             return
         exposure, reference = self.panel.exposure.value() / 1e3, self._reference()
         self.context.jobs.compute(
-            "acquire live", lambda: view.live_picture(station.look(exposure, plan), plan, reference),
-            self._looked, self._live_failed,
-        )  # fmt: skip
+            "acquire live",
+            lambda: view.live_picture(station.look(exposure, plan), plan, reference),
+            self._looked,
+            self._live_failed,
+        )
 
     def _reference(self) -> PSFMatrix | None:
         state = self.context.state
@@ -242,9 +245,12 @@ class SetupTab(QObject):
         title = {name: text for name, text, _ in FINDINGS}[key]
         self.panel.show_result(key, MEASURING)
         self._job = self.context.jobs.start(
-            title, "acquire", lambda: station.use(works[key]()), lambda found: self._found(key, found),
+            title,
+            "acquire",
+            lambda: station.use(works[key]()),
+            lambda found: self._found(key, found),
             lambda job: self.panel.show_result(key, f"<b>{job.error}</b>", good=False),
-        )  # fmt: skip
+        )
         self._changed()
 
     def _found(self, key: str, found: Any) -> None:
@@ -292,7 +298,7 @@ class SetupTab(QObject):
 
 def _backends() -> tuple[Any, dict[str, Any], dict[str, bool]]:
     """Return what was found, the options of each backend, and whether it brings a stage."""
-    from lfcal.acquire.registry import find_backends, get_backend
+    from lfcal.devices.registry import find_backends, get_backend
 
     findings = find_backends()
     options, stages = {}, {}

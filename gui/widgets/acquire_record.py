@@ -34,16 +34,22 @@ from lfcal.acquire.preview import LiveFrame
 __all__ = ["BUTTONS", "RecordPanel"]
 
 BUTTONS = (
-    ("start", "Start", "Record every position of the plan into the session folder; a frame counts once it is safe on "
-     "the disk"),
+    (
+        "start",
+        "Start",
+        "Record every position of the plan into the session folder; a frame counts once it is safe on the disk",
+    ),
     ("pause", "Pause", "Finish the position under way, then hold still; Resume goes on"),
     ("stop", "Stop", "Finish the position under way, then end in order; the session can be resumed later"),
-    ("abort", "Abort", "Stop the stage now and drop the frame under way; what is acknowledged is safe and the session "
-     "can be resumed"),
+    (
+        "abort",
+        "Abort",
+        "Stop the stage now and drop the frame under way; what is acknowledged is safe and the session can be resumed",
+    ),
     ("redo", "Record again", "Record the positions named by the Quality page again; the later frame counts"),
     ("assemble", "Assemble H …", "Crop and stack what is recorded into H; darks are subtracted where there are any"),
     ("pack", "Pack", "Compress the finished recording; every frame is checked on the way"),
-)  # fmt: skip
+)
 """Key, title and meaning of each button."""
 
 
@@ -87,9 +93,11 @@ class RecordPanel(QWidget):
             "residual": LinePlot("position in order of recording", "residual (px)"),
             "saturated": LinePlot("position in order of recording", "saturated (px)"),
         }
-        tips = ("Light of each position above the background: steady but for the optics' own pattern",
-                "Read-back against target, sideways, in image pixels: below 0.1 px is good",
-                "Saturated pixels in each cutout: should be 0")  # fmt: skip
+        tips = (
+            "Light of each position above the background: steady but for the optics' own pattern",
+            "Read-back against target, sideways, in image pixels: below 0.1 px is good",
+            "Saturated pixels in each cutout: should be 0",
+        )
         for plot, tip in zip(self.curves.values(), tips, strict=True):
             plot.setToolTip(tip)
         row = QHBoxLayout(self)
@@ -142,8 +150,9 @@ class RecordPanel(QWidget):
         grid = QGridLayout()
         grid.setSpacing(8)
         grid.addWidget(self._progress_card(), 0, 0, 1, 3)
-        for k, (title, view) in enumerate((("Period map", self.map), ("Current frame", self.frame),
-                                           ("Depth-plane sum", self.depth_sum))):  # fmt: skip
+        for k, (title, view) in enumerate(
+            (("Period map", self.map), ("Current frame", self.frame), ("Depth-plane sum", self.depth_sum))
+        ):
             label = QLabel(title)
             panel, column = card(label)
             view.setMinimumSize(120, 110)
@@ -189,8 +198,9 @@ class RecordPanel(QWidget):
         self.quantity.setToolTip("What the map shows of each position")
         self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
         self.open_plane = QPushButton("Open plane")
-        self.open_plane.setToolTip("Assemble this plane, which is complete, and show its H and HT while recording "
-                                   "goes on")  # fmt: skip
+        self.open_plane.setToolTip(
+            "Assemble this plane, which is complete, and show its H and HT while recording goes on"
+        )
         self.open_plane.clicked.connect(lambda: self.plane_asked.emit(self.plane.value()))
         column.addLayout(line(self.plane_label, self.plane, self.follow, self.quantity, self.open_plane, stretch=1))
         return frame

@@ -23,13 +23,23 @@ from lfcal.camera import Camera
 __all__ = ["FINDINGS", "SetupPanel"]
 
 FINDINGS = (
-    ("stage", "Scale, rotation, sign", "Move to five places and fit how the image follows: a wrong sign makes an H "
-     "that is useless and looks fine, so it is measured"),
-    ("axis", "Optical axis", "Look at 45 places in the first and the last plane: where does a move in depth leave "
-     "the image where it is?"),
-    ("exposure", "Exposure per plane", "Find for each plane the exposure that takes 70 % of the camera's range; "
-     "nothing saturates"),
-)  # fmt: skip
+    (
+        "stage",
+        "Scale, rotation, sign",
+        "Move to five places and fit how the image follows: a wrong sign makes an H "
+        "that is useless and looks fine, so it is measured",
+    ),
+    (
+        "axis",
+        "Optical axis",
+        "Look at 45 places in the first and the last plane: where does a move in depth leave the image where it is?",
+    ),
+    (
+        "exposure",
+        "Exposure per plane",
+        "Find for each plane the exposure that takes 70 % of the camera's range; nothing saturates",
+    ),
+)
 """Key, title and meaning of what can be found."""
 
 
@@ -156,8 +166,9 @@ class SetupPanel(QWidget):
         self.likeness = QLabel("")
         self.likeness.setProperty("role", "hint")
         self.likeness.setWordWrap(True)
-        self.likeness.setToolTip("Normalised correlation of the two pictures; 1 for the same pattern, whatever its "
-                                 "brightness")  # fmt: skip
+        self.likeness.setToolTip(
+            "Normalised correlation of the two pictures; 1 for the same pattern, whatever its brightness"
+        )
         pictures = QHBoxLayout()
         for title, view, tip in (
             ("Seen", self.seen, "What the camera sees in the predicted cutout, above the background"),

@@ -74,9 +74,10 @@ class DevicePanel(QWidget):
         self._connected = False
 
     # -- showing ---------------------------------------------------------------------------------------
-    def set_backends(self, findings: Sequence[Any], options: Mapping[str, Mapping[str, str]],
-                     has_stage: Mapping[str, bool]) -> None:  # fmt: skip
-        """Show what was found: `lfcal.acquire.registry.Finding` records, and what each backend can be told."""
+    def set_backends(
+        self, findings: Sequence[Any], options: Mapping[str, Mapping[str, str]], has_stage: Mapping[str, bool]
+    ) -> None:
+        """Show what was found: `lfcal.devices.registry.Finding` records, and what each backend can be told."""
         self._options, self._has_stage = dict(options), dict(has_stage)
         self._reasons = {f.name: f.reason for f in findings}
         self.backend.clear()

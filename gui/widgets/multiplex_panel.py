@@ -88,8 +88,10 @@ class MultiplexPanel(QWidget):
         frame, column = card("Reconstruction")
         column.addWidget(self.scene_form)
         self.open = QPushButton("Open image …")
-        self.open.setToolTip("RAW, TIFF, PNG, …: a grey image is a frame recorded behind this modulator, a colour "
-                             "image a scene; files can be dropped here as well")  # fmt: skip
+        self.open.setToolTip(
+            "RAW, TIFF, PNG, …: a grey image is a frame recorded behind this modulator, a colour "
+            "image a scene; files can be dropped here as well"
+        )
         self.open.clicked.connect(lambda: self.open_asked.emit())
         self.file = QLabel("")
         self.file.setProperty("role", "hint")
@@ -103,10 +105,12 @@ class MultiplexPanel(QWidget):
         self.spectrum = MatrixView(xlabel="u", ylabel="v", unit="1/period", bar_below=True)
         self.sigma = MatrixView(xlabel="j", ylabel="pixel k", unit="index", bar_below=True, signed=True, square=False)
         self.pi = MatrixView(xlabel="j", ylabel="sample n", unit="index", bar_below=True, signed=True, square=False)
-        tips = ("Share of the light that each pixel of a super-pixel takes of the middle view; colours as they look",
-                "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
-                "Spatial basis: how each pixel of the super-pixel weighs the basis functions",
-                "Plenoptic basis: what of each colour or view each basis function gathers")  # fmt: skip
+        tips = (
+            "Share of the light that each pixel of a super-pixel takes of the middle view; colours as they look",
+            "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
+            "Spatial basis: how each pixel of the super-pixel weighs the basis functions",
+            "Plenoptic basis: what of each colour or view each basis function gathers",
+        )
         widget = QWidget()
         row = QHBoxLayout(widget)
         row.setContentsMargins(0, 8, 0, 0)

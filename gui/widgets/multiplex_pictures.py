@@ -117,8 +117,13 @@ class MultiplexPictures(QWidget):
         for k, (view, image) in enumerate(zip(self.views, pictures, strict=True)):
             step = found.step if k < 3 else 1.0  # all in pixels of the frame
             plain = k == 3 or (k == 2 and signed)
-            view.show_array(image, name=HEADS[k].lower(), levels=None if plain else levels, step=step,
-                            origin=((step - 1) / 2, (step - 1) / 2))  # fmt: skip
+            view.show_array(
+                image,
+                name=HEADS[k].lower(),
+                levels=None if plain else levels,
+                step=step,
+                origin=((step - 1) / 2, (step - 1) / 2),
+            )
         rms = float(np.sqrt(np.mean((found.spatial.samples - found.fourier.samples) ** 2)))
         third_title = f"Spatial − Fourier: {rms:.2e} rms, all samples" if signed else "Truth"
         titles = (found.spatial.words, found.fourier.words, third_title, HEADS[3])

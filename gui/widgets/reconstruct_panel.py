@@ -29,7 +29,7 @@ from gui.widgets.image_view import ImageView
 from gui.widgets.plots import LinePlot
 from gui.widgets.volume_view import VolumeView
 from lfcal.reconstruct.phantoms import PHANTOMS
-from lfcal.reconstruct.solvers import SOLVERS
+from lfcal.reconstruct.solvers.choice import SOLVERS
 
 __all__ = ["BUTTONS", "ReconstructPanel"]
 
@@ -73,8 +73,10 @@ class ReconstructPanel(QWidget):
         self.residual = LinePlot("iteration", "residual (%)")
         self.residual.setToolTip("Weighted rms of image minus model, over that of the image")
         self.likelihood = LinePlot("iteration", "log-lik. / px")
-        self.likelihood.setToolTip("Log-likelihood of the image less its largest possible value, per pixel: 0 is a "
-                                   "perfect fit; it never falls but by rounding")  # fmt: skip
+        self.likelihood.setToolTip(
+            "Log-likelihood of the image less its largest possible value, per pixel: 0 is a "
+            "perfect fit; it never falls but by rounding"
+        )
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)

@@ -47,8 +47,9 @@ class VolumeView(QWidget):
         self.yz.setYLink(self.xy)
         self.xz.setXLink(self.xy)
         self.xy.setAspectLocked(True)
-        self.bar = pg.ColorBarItem(values=(0, 1), width=12, interactive=False, label="brightness (counts)",
-                                   orientation="h")  # fmt: skip
+        self.bar = pg.ColorBarItem(
+            values=(0, 1), width=12, interactive=False, label="brightness (counts)", orientation="h"
+        )
         self.bar.axis.enableAutoSIPrefix(False)
         self.graphics.addItem(self.bar, row=1, col=1)
         layout = self.graphics.ci.layout
@@ -199,8 +200,11 @@ class VolumeView(QWidget):
         intent = self.intent
         picture = self.picture = resolve(intent, self._volume, self._whole)
         table = colour_table(intent.display.colour_map)
-        for name, image, levels in (("xy", picture.xy, picture.levels), ("xz", picture.xz, picture.side_levels),
-                                    ("yz", picture.yz, picture.side_levels)):  # fmt: skip
+        for name, image, levels in (
+            ("xy", picture.xy, picture.levels),
+            ("xz", picture.xz, picture.side_levels),
+            ("yz", picture.yz, picture.side_levels),
+        ):
             shown = to_uint8(np.ascontiguousarray(image), intent.display, levels)
             self.items[name].setImage(shown, levels=(0, 255), lut=table, autoLevels=False)
             self.items[name].setRect(QRectF(-0.5, -0.5, image.shape[1], image.shape[0]))

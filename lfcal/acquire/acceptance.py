@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.acquire.devices import Frame
-from lfcal.acquire.errors import IncompleteFrame, StaleFrame, WrongFrame
-from lfcal.errors import expectation
+from lfcal.devices.errors import IncompleteFrame, StaleFrame, WrongFrame
+from lfcal.devices.protocols import Frame
 
 __all__ = ["check_frame"]
 
@@ -34,20 +33,24 @@ def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last
     IncompleteFrame, StaleFrame, WrongFrame
     """
     if frame.status != "complete":
-        raise IncompleteFrame(
-            expectation("camera buffer", "complete", frame.status, "check cable, packet size and bandwidth")
+        raise IncompleteFrame.expected(
+            "camera buffer", "complete", frame.status, "check cable, packet size and bandwidth"
         )
     if frame.data.shape != shape or frame.data.dtype != dtype:
-        raise WrongFrame(
-            expectation("camera frame", f"{shape} {dtype}", f"{frame.data.shape} {frame.data.dtype}",
-                        "another program changed the camera; start again")
-        )  # fmt: skip
+        raise WrongFrame.expected(
+            "camera frame",
+            f"{shape} {dtype}",
+            f"{frame.data.shape} {frame.data.dtype}",
+            "another program changed the camera; start again",
+        )
     if frame.number <= last_number:
-        raise StaleFrame(
-            expectation("frame number", f"above {last_number}", frame.number, "the camera repeated an old buffer")
+        raise StaleFrame.expected(
+            "frame number", f"above {last_number}", frame.number, "the camera repeated an old buffer"
         )
     if frame.started_s is not None and frame.started_s < arrived_s - SLACK_S:
-        raise StaleFrame(
-            expectation("exposure", "started after arrival", f"{arrived_s - frame.started_s:.3g} s before",
-                        "trigger the camera, or flush its buffers")
-        )  # fmt: skip
+        raise StaleFrame.expected(
+            "exposure",
+            "started after arrival",
+            f"{arrived_s - frame.started_s:.3g} s before",
+            "trigger the camera, or flush its buffers",
+        )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 
 __all__ = ["average"]
 
@@ -30,8 +30,8 @@ def average(frames: Sequence[NDArray[Any]], max_value: int) -> tuple[NDArray[np.
         float32 and bool, ``(rows, columns)``.
     """
     if not frames or any(frame.shape != frames[0].shape for frame in frames):
-        raise InputError(
-            expectation("frames to average", "one or more of one shape", [f.shape for f in frames], "grab them again")
+        raise InputError.expected(
+            "frames to average", "one or more of one shape", [f.shape for f in frames], "grab them again"
         )
     total = np.zeros(frames[0].shape, np.uint32)
     saturated = np.zeros(frames[0].shape, np.bool_)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 
-from lfcal.acquire.devices import TimeSource
+from lfcal.devices.protocols import TimeSource
 from lfcal.errors import Cancelled
 
 __all__ = ["Aborted", "Control"]

@@ -1,67 +1,10 @@
-"""What can go wrong between the plan and the disk, by kind, so that each gets its own answer."""
+"""How a session ends early."""
 
 from __future__ import annotations
 
-from lfcal.errors import InputError, LfcalError
+from lfcal.errors import LfcalError
 
-__all__ = [
-    "AcquisitionStopped",
-    "CameraError",
-    "DeviceError",
-    "DeviceLost",
-    "DeviceMissing",
-    "FrameTimeout",
-    "IncompleteFrame",
-    "LimitError",
-    "NotInPosition",
-    "StageError",
-    "StaleFrame",
-    "WrongFrame",
-]
-
-
-class DeviceError(LfcalError):
-    """A device did not do what it was asked."""
-
-
-class DeviceMissing(DeviceError):
-    """A backend or a device is not there; the message says what to install or switch on."""
-
-
-class DeviceLost(DeviceError):
-    """A device that was there is gone; trying again is of no use."""
-
-
-class CameraError(DeviceError):
-    """The camera did not do what it was asked; trying again may help."""
-
-
-class FrameTimeout(CameraError):
-    """No frame came in time."""
-
-
-class IncompleteFrame(CameraError):
-    """A frame came with parts missing."""
-
-
-class StaleFrame(CameraError):
-    """A frame was exposed before the source had arrived."""
-
-
-class WrongFrame(CameraError):
-    """A frame has another shape or sample type than the camera promised."""
-
-
-class StageError(DeviceError):
-    """The stage did not do what it was asked; trying again may help."""
-
-
-class NotInPosition(StageError):
-    """The read-back disagrees with the target: stopped short, or drifted away during the exposure."""
-
-
-class LimitError(StageError, InputError):
-    """A target lies beyond the stage's limits; nothing was moved."""
+__all__ = ["AcquisitionStopped"]
 
 
 class AcquisitionStopped(LfcalError):

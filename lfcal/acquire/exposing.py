@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from lfcal.acquire.acceptance import check_frame
 from lfcal.acquire.averaging import average
 from lfcal.acquire.control import Control
-from lfcal.acquire.devices import Camera, Rig, Roi
-from lfcal.acquire.errors import CameraError
 from lfcal.acquire.hdr import merge
-from lfcal.errors import expectation
+from lfcal.devices.errors import CameraError
+from lfcal.devices.protocols import Camera, Rig, Roi
 
 __all__ = ["Exposer", "Exposure"]
 
@@ -67,7 +66,7 @@ class Exposer:
             return
         actual = self._camera.set_roi(roi).actual
         if not actual.holds(roi):
-            raise CameraError(expectation("camera region", f"at least {roi}", actual, "reset the camera's region"))
+            raise CameraError.expected("camera region", f"at least {roi}", actual, "reset the camera's region")
         self._wanted_roi, self.roi = roi, actual
 
     def expose(self, exposure_s: float, repeats: int, arrived_s: float) -> Exposure:

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.acquire.durable import FolderLock
-from lfcal.acquire.recording import RecordingSource
-from lfcal.acquire.recording_file import RecordingFile
-from lfcal.acquire.records import Kind, file_name
+from lfcal.acquire.recording.durable import FolderLock
+from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.records import Kind, file_name
+from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session_file import SessionFile
-from lfcal.errors import FileFormatError, expectation
+from lfcal.errors import FileFormatError
 from lfcal.files import replace_whole, require_space
 from lfcal.progress import Clock, Work
 from lfcal.psf.assemble import AssemblyReport, Corrections, iter_assemble
@@ -61,14 +61,24 @@ def iter_assemble_session(
         plan = source.plan
         depths = np.array(plan.depths_um)[list(planes) if planes is not None else slice(None)]
         report = yield from iter_assemble(
-            source, (len(depths), *plan.period), Cutout.for_plan(plan, interpolation=interpolation), out,
-            corrections=corrections, depths=depths, camera=plan.camera, strict=strict, dtype=dtype,
-            compression=compression, workers=workers,
+            source,
+            (len(depths), *plan.period),
+            Cutout.for_plan(plan, interpolation=interpolation),
+            out,
+            corrections=corrections,
+            depths=depths,
+            camera=plan.camera,
+            strict=strict,
+            dtype=dtype,
+            compression=compression,
+            workers=workers,
             provenance={
-                "session": source.session.identity, "plan": json.loads(plan.to_json()), "dark": dark,
+                "session": source.session.identity,
+                "plan": json.loads(plan.to_json()),
+                "dark": dark,
                 "devices": {"camera": source.session.devices.camera, "stage": source.session.devices.stage},
             },
-        )  # fmt: skip
+        )
     return report
 
 
@@ -111,8 +121,8 @@ def iter_repack(path: Path, *, workers: int | None = None) -> Work[int]:
             yield from _write_packed(source, part, worker_count(workers))
             with RecordingFile(part) as packed:
                 if packed.taken.sum() != source.taken.sum():
-                    raise FileFormatError(
-                        expectation(str(path), "all records after packing", "fewer", "keep the file and report this")
+                    raise FileFormatError.expected(
+                        str(path), "all records after packing", "fewer", "keep the file and report this"
                     )
     return before - path.stat().st_size
 
@@ -126,9 +136,15 @@ def _write_packed(source: RecordingFile, part: Path, workers: int) -> Work[None]
         file.attrs.update(layout.attributes)
         file.create_dataset("records", data=source.records)
         frames = file.create_dataset(
-            "frames", (layout.count, *layout.shape), layout.dtype, chunks=(1, *layout.shape), compression="gzip",
-            compression_opts=1, shuffle=True, fletcher32=True,
-        )  # fmt: skip
+            "frames",
+            (layout.count, *layout.shape),
+            layout.dtype,
+            chunks=(1, *layout.shape),
+            compression="gzip",
+            compression_opts=1,
+            shuffle=True,
+            fletcher32=True,
+        )
 
         def packed(slot: int) -> tuple[int, Any]:
             return slot, encode_chunk(source.read(slot))

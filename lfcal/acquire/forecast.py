@@ -7,14 +7,14 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from lfcal.acquire.devices import Rig
-from lfcal.acquire.errors import DeviceError
 from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
-from lfcal.acquire.records import RECORD, Kind
+from lfcal.acquire.recording.records import RECORD, Kind
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session import check_devices, frame_dtype
 from lfcal.camera import Forecast, ScanPlan
+from lfcal.devices.errors import DeviceError
+from lfcal.devices.protocols import Rig
 from lfcal.files import require_space, storage_errors
 
 __all__ = ["SessionForecast", "forecast"]
@@ -73,6 +73,11 @@ def forecast(plan: ScanPlan, rig: Rig, options: Options, folder: Path) -> Sessio
     cost = Forecast.of(plan)
     hours = cost.exposure_hours * sum(options.bracket) + cost.settle_hours + cost.move_hours
     return SessionForecast(
-        positions, len(schedule) - positions, hours * 3600 * len(schedule) / positions, size, free, devices.camera,
+        positions,
+        len(schedule) - positions,
+        hours * 3600 * len(schedule) / positions,
+        size,
+        free,
+        devices.camera,
         devices.stage,
-    )  # fmt: skip
+    )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 
 __all__ = ["merge"]
 
@@ -47,8 +47,8 @@ def merge(
         float32 and bool, ``(rows, columns)``.
     """
     if not len(frames) == len(saturated) == len(exposures_s) > 0 or min(exposures_s) <= 0:
-        raise InputError(
-            expectation("exposure bracket", "one positive exposure per frame", list(exposures_s), "correct the bracket")
+        raise InputError.expected(
+            "exposure bracket", "one positive exposure per frame", list(exposures_s), "correct the bracket"
         )
     shortest = int(np.argmin(exposures_s))
     light = np.zeros(frames[0].shape, np.float64)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.records import Kind, Note
+from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.schedule import Step
 from lfcal.camera import ScanPlan
 
@@ -141,9 +141,15 @@ class LiveQuality:
             lamp = np.array(self._lamp).reshape(-1, 2)
             follow = self._slopes()
             return QualityState(
-                self._done, self._energy.copy(), self._residual.copy(), self._saturated.copy(),
-                self._sums - self._levels[:, None, None], lamp, follow, self._alarms(lamp, follow),
-            )  # fmt: skip
+                self._done,
+                self._energy.copy(),
+                self._residual.copy(),
+                self._saturated.copy(),
+                self._sums - self._levels[:, None, None],
+                lamp,
+                follow,
+                self._alarms(lamp, follow),
+            )
 
     def _follow(self, place: tuple[int, int, int], frame: NDArray[Any]) -> None:
         """Add the centroid of ``frame`` to the fit of its movement over y and x."""

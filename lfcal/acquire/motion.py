@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.devices import Limits, Point, Stage, TimeSource
-from lfcal.acquire.errors import LimitError, NotInPosition, StageError
-from lfcal.camera._checks import check_number
-from lfcal.errors import expectation
+from lfcal.checks import check_number
+from lfcal.devices.errors import LimitError, NotInPosition, StageError
+from lfcal.devices.protocols import Limits, Point, Stage, TimeSource
 
 __all__ = ["Motion", "Mover", "check_limits"]
 
@@ -57,11 +56,12 @@ def check_limits(targets: NDArray[np.float64], limits: Limits, overshoot_um: tup
     for k, axis in enumerate(AXES):
         lo, hi = limits[k]
         if low[k] < lo or high[k] > hi:
-            raise LimitError(
-                expectation(f"stage axis {axis}", f"{lo:g} to {hi:g} µm (the limits)",
-                            f"{low[k]:.6g} to {high[k]:.6g} µm (the plan with {overshoot_um[k]:g} µm of approach)",
-                            "move the stage's origin or shrink the plan; nothing was moved")
-            )  # fmt: skip
+            raise LimitError.expected(
+                f"stage axis {axis}",
+                f"{lo:g} to {hi:g} µm (the limits)",
+                f"{low[k]:.6g} to {high[k]:.6g} µm (the plan with {overshoot_um[k]:g} µm of approach)",
+                "move the stage's origin or shrink the plan; nothing was moved",
+            )
 
 
 class Mover:
@@ -99,10 +99,8 @@ class Mover:
         before = self._before(target)
         for k, (lo, hi) in enumerate(self._limits):
             if not lo <= before[k] <= hi or not lo <= target[k] <= hi:
-                raise LimitError(
-                    expectation(
-                        f"stage axis {AXES[k]}", f"{lo:g} to {hi:g} µm", f"{target[k]:g} µm", "correct the plan"
-                    )
+                raise LimitError.expected(
+                    f"stage axis {AXES[k]}", f"{lo:g} to {hi:g} µm", f"{target[k]:g} µm", "correct the plan"
                 )
         self._last = None
         if before != target:
@@ -118,10 +116,12 @@ class Mover:
         here = self._stage.position()
         for k, tolerance in enumerate(self._motion.tolerance_um):
             if not abs(here[k] - target[k]) <= tolerance:
-                raise NotInPosition(
-                    expectation(f"stage axis {AXES[k]}", f"{target[k]:.6g} ± {tolerance:g} µm", f"{here[k]:.6g} µm",
-                                "check the stage, or widen the tolerance")
-                )  # fmt: skip
+                raise NotInPosition.expected(
+                    f"stage axis {AXES[k]}",
+                    f"{target[k]:.6g} ± {tolerance:g} µm",
+                    f"{here[k]:.6g} µm",
+                    "check the stage, or widen the tolerance",
+                )
         return here
 
     def _before(self, target: Point) -> Point:
@@ -139,10 +139,12 @@ class Mover:
         while self._stage.moving():
             if time.monotonic() > deadline:
                 self._stage.stop()
-                raise StageError(
-                    expectation("stage", f"arrival within {self._motion.timeout_s:g} s", "still moving",
-                                "check for an obstacle, or allow more time")
-                )  # fmt: skip
+                raise StageError.expected(
+                    "stage",
+                    f"arrival within {self._motion.timeout_s:g} s",
+                    "still moving",
+                    "check for an obstacle, or allow more time",
+                )
             time.sleep(pause)
             self._control.check()
             pause = min(pause * 1.5, LAST_POLL_S)

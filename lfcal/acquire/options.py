@@ -8,9 +8,9 @@ from typing import Any
 
 from lfcal.acquire.motion import Motion
 from lfcal.camera import ScanPlan
-from lfcal.camera._checks import check_choice, check_number
 from lfcal.camera.description import build
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_choice, check_number
+from lfcal.errors import InputError
 
 __all__ = ["ORDERS", "Options"]
 
@@ -74,8 +74,9 @@ class Options:
         """Check every value."""
         check_choice("order", self.order, ORDERS)
         if not self.bracket or 1.0 not in self.bracket or len(set(self.bracket)) != len(self.bracket):
-            raise InputError(expectation("exposure bracket", "different factors, 1 among them", self.bracket,
-                                         "for example 1, 0.25, 0.0625"))  # fmt: skip
+            raise InputError.expected(
+                "exposure bracket", "different factors, 1 among them", self.bracket, "for example 1, 0.25, 0.0625"
+            )
         for factor in self.bracket:
             check_number("exposure factor", factor, above=0, at_most=1e4)
         if self.margin_px is not None:
@@ -88,7 +89,7 @@ class Options:
         for name in ("tolerance_um", "overshoot_um"):
             values = getattr(self, name)
             if values is not None and len(values) != 3:
-                raise InputError(expectation(name, "three numbers (x, y, z) in µm", values, "correct it"))
+                raise InputError.expected(name, "three numbers (x, y, z) in µm", values, "correct it")
         if self.origin_tolerance_px is not None:
             check_number("origin tolerance (px)", self.origin_tolerance_px, above=0)
 

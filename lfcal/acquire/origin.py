@@ -7,14 +7,14 @@ from typing import Any
 from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.devices import Rig
 from lfcal.acquire.exposing import Exposer
 from lfcal.acquire.motion import Mover
 from lfcal.acquire.options import Options
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.spots import image_shift
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError, expectation
+from lfcal.devices.protocols import Rig
+from lfcal.errors import InputError
 
 __all__ = ["check_origin"]
 
@@ -22,9 +22,13 @@ LIKENESS = 0.8
 
 
 def check_origin(
-    rig: Rig, plan: ScanPlan, options: Options, schedule: Schedule, latest: tuple[int, NDArray[Any], NDArray[Any]],
+    rig: Rig,
+    plan: ScanPlan,
+    options: Options,
+    schedule: Schedule,
+    latest: tuple[int, NDArray[Any], NDArray[Any]],
     control: Control,
-) -> None:  # fmt: skip
+) -> None:
     """Raise `InputError` unless the latest recorded position looks as it did.
 
     Parameters
@@ -55,6 +59,6 @@ def check_origin(
         raise InputError(f"{what}: {error}") from error
     if max(abs(down), abs(right)) > tolerance:
         got = f"moved by ({down:.2f}, {right:.2f}) px"
-        raise InputError(expectation(what, f"where it was to {tolerance:g} px (row, column)", got, remedy))
+        raise InputError.expected(what, f"where it was to {tolerance:g} px (row, column)", got, remedy)
     if likeness < LIKENESS:
-        raise InputError(expectation(what, f"a likeness above {LIKENESS}", f"{likeness:.2f}", remedy))
+        raise InputError.expected(what, f"a likeness above {LIKENESS}", f"{likeness:.2f}", remedy)

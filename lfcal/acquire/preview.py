@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lfcal.acquire.devices import Roi
+from lfcal.devices.protocols import Roi
 from lfcal.frames.source import Position
 
 __all__ = ["LiveFrame", "Preview"]

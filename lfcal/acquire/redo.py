@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lfcal.errors import FileFormatError, StorageError, expectation
+from lfcal.errors import FileFormatError, StorageError
 from lfcal.files import replace_whole, storage_errors
 from lfcal.frames.source import Position
 
@@ -34,8 +34,12 @@ class RedoList:
 
     def write(self, path: Path) -> None:
         """Write the list as JSON, whole or not at all."""
-        data = {"format": FORMAT, "version": VERSION, "positions": [list(p) for p in self.positions],
-                "reasons": list(self.reasons)}  # fmt: skip
+        data = {
+            "format": FORMAT,
+            "version": VERSION,
+            "positions": [list(p) for p in self.positions],
+            "reasons": list(self.reasons),
+        }
         with replace_whole(path) as part:
             part.write_text(json.dumps(data), encoding="utf-8")
 
@@ -44,15 +48,15 @@ class RedoList:
         """Return the list in ``path``; raises `FileFormatError` if it is not one."""
         with storage_errors(path):
             if path.stat().st_size > LARGEST:
-                raise StorageError(expectation(str(path), "a list of positions", "a huge file", "check the path"))
+                raise StorageError.expected(str(path), "a list of positions", "a huge file", "check the path")
             text = path.read_bytes()
         try:
             data: Any = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise FileFormatError(expectation(str(path), "JSON text", str(error), "check the file")) from None
+            raise FileFormatError.expected(str(path), "JSON text", str(error), "check the file") from None
         if not isinstance(data, dict) or data.get("format") != FORMAT or data.get("version") != VERSION:
-            raise FileFormatError(
-                expectation(str(path), f'"format": "{FORMAT}", version {VERSION}', "something else", "check the file")
+            raise FileFormatError.expected(
+                str(path), f'"format": "{FORMAT}", version {VERSION}', "something else", "check the file"
             )
         positions: Any = data.get("positions")
         reasons: Any = data.get("reasons", [])
@@ -62,9 +66,7 @@ class RedoList:
             or len(reasons) > len(positions)
             or not all(isinstance(p, list) and len(p) == 3 and all(type(v) is int for v in p) for p in positions)
         ):
-            raise FileFormatError(
-                expectation(
-                    f"{path}: positions", "a list of [z, y, x]", "something else", "write it with lfcal inspect"
-                )
+            raise FileFormatError.expected(
+                f"{path}: positions", "a list of [z, y, x]", "something else", "write it with lfcal inspect"
             )
         return cls.of([tuple(p) for p in positions], [str(r) for r in reasons])

@@ -12,16 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.control import Aborted, Control
-from lfcal.acquire.devices import Point, Rig, Roi
-from lfcal.acquire.errors import AcquisitionStopped, CameraError, DeviceError, StageError, WrongFrame
+from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.exposing import Exposer, Exposure
 from lfcal.acquire.motion import Mover, check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
-from lfcal.acquire.records import Kind, Note
+from lfcal.acquire.recording.records import Kind, Note
+from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
 from lfcal.acquire.schedule import Schedule, Step
-from lfcal.acquire.writer import Acknowledged, Sink, Writer
 from lfcal.camera import ScanPlan
+from lfcal.devices.errors import CameraError, DeviceError, StageError, WrongFrame
+from lfcal.devices.protocols import Point, Rig, Roi
 from lfcal.errors import LfcalError, StorageError
 from lfcal.frames.source import Position
 from lfcal.progress import Progress, Work
@@ -181,11 +182,23 @@ class Runner:
             here = self._mover.check(step.target)  # a stage that crept away during the exposure shows here
         frame, mask, row, column = self._crop(step, exposure)
         note = Note(
-            step.flat, step.kind, row, column, step.target, here, exposure.exposure_s, clock.wall(),
-            self._elapsed + clock.monotonic() - self._since, float(frame.sum(dtype=_sum_type(frame))),
-            float(frame.max()), int(np.count_nonzero(frame >= self._max if mask is None else mask)),
-            exposure.saturated, attempt, step.period_y, step.period_x,
-        )  # fmt: skip
+            step.flat,
+            step.kind,
+            row,
+            column,
+            step.target,
+            here,
+            exposure.exposure_s,
+            clock.wall(),
+            self._elapsed + clock.monotonic() - self._since,
+            float(frame.sum(dtype=_sum_type(frame))),
+            float(frame.max()),
+            int(np.count_nonzero(frame >= self._max if mask is None else mask)),
+            exposure.saturated,
+            attempt,
+            step.period_y,
+            step.period_x,
+        )
         if self._preview is not None:
             self._show(step, exposure, Roi(row, column, *frame.shape))
         return frame, note

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.devices import Point, Roi
 from lfcal.acquire.options import Options
 from lfcal.acquire.orders import coarse_order
-from lfcal.acquire.records import Kind
+from lfcal.acquire.recording.records import Kind
 from lfcal.axes import centre
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError, expectation
+from lfcal.devices.protocols import Point, Roi
+from lfcal.errors import InputError
 from lfcal.frames.source import Position
 from lfcal.psf.cutout import Cutout
 
@@ -88,10 +88,15 @@ class Schedule:
         for start in range(0, len(which), 4096):  # a block at a time, so that no list of all steps is ever made
             part = which[start : start + 4096]
             columns = zip(
-                self.kinds[part].tolist(), self.slots[part].tolist(), self.flat[part].tolist(),
-                self.planes[part].tolist(), self.targets[part].tolist(), self.origins[part].tolist(),
-                self.periods[part].tolist(), strict=True,
-            )  # fmt: skip
+                self.kinds[part].tolist(),
+                self.slots[part].tolist(),
+                self.flat[part].tolist(),
+                self.planes[part].tolist(),
+                self.targets[part].tolist(),
+                self.origins[part].tolist(),
+                self.periods[part].tolist(),
+                strict=True,
+            )
             for kind, slot, flat, z, (a, b, c), (row, column), (py, px) in columns:
                 yield Step(kinds[kind], slot, flat, z, (a, b, c), row, column, py, px)
 
@@ -129,8 +134,15 @@ class _Block(NamedTuple):
     before: NDArray[Any]
 
 
-def _block(plan: ScanPlan, options: Options, kind: Kind, positions: NDArray[Any], slots: NDArray[Any],
-           before: NDArray[Any], periods: NDArray[Any] | None = None) -> _Block:  # fmt: skip
+def _block(
+    plan: ScanPlan,
+    options: Options,
+    kind: Kind,
+    positions: NDArray[Any],
+    slots: NDArray[Any],
+    before: NDArray[Any],
+    periods: NDArray[Any] | None = None,
+) -> _Block:
     shift = np.zeros((len(positions), 2), np.int64) if periods is None else periods
     there = positions + np.pad(shift * np.array(plan.period), ((0, 0), (1, 0)))
     return _Block(kind, slots, positions, plan.stage_um(there), plan.image_px(there), shift, before)
@@ -171,10 +183,12 @@ def _controls(plan: ScanPlan, options: Options, count: int) -> list[_Block]:
             far = np.unique(np.linspace(1, room, min(options.controls, room)).round().astype(int)) if room else ()
             offsets += [(sign * int(k), 0) if axis == 0 else (0, sign * int(k)) for k in far]
     if not offsets:
-        raise InputError(
-            expectation("control frames", "a sensor at least one period wider than the plan", "none of them fits",
-                        "leave control frames out")
-        )  # fmt: skip
+        raise InputError.expected(
+            "control frames",
+            "a sensor at least one period wider than the plan",
+            "none of them fits",
+            "leave control frames out",
+        )
     positions = np.tile(middle, (nz * len(offsets), 1))
     positions[:, 0] = np.repeat(np.arange(nz), len(offsets))
     slots = np.arange(len(positions))
@@ -204,12 +218,17 @@ def _merged(plan: ScanPlan, options: Options, blocks: list[_Block]) -> Schedule:
     _check_on_sensor(plan, origins, positions, shape)
     control = kinds == Kind.CONTROL
     return Schedule(
-        kinds[order], slots[order].astype(np.int64),
+        kinds[order],
+        slots[order].astype(np.int64),
         np.ravel_multi_index(tuple(positions.T), plan.shape[:3]).astype(np.int64)[order],
-        positions[order, 0].astype(np.int64), np.concatenate([b.targets for b in blocks])[order], origins[order],
-        np.concatenate([b.periods for b in blocks])[order].astype(np.int64), shape,
-        _union(origins[~control], shape), _union(origins[control] if control.any() else origins, shape),
-    )  # fmt: skip
+        positions[order, 0].astype(np.int64),
+        np.concatenate([b.targets for b in blocks])[order],
+        origins[order],
+        np.concatenate([b.periods for b in blocks])[order].astype(np.int64),
+        shape,
+        _union(origins[~control], shape),
+        _union(origins[control] if control.any() else origins, shape),
+    )
 
 
 def window_shape(plan: ScanPlan, options: Options) -> tuple[int, int]:
@@ -234,21 +253,22 @@ def _check_on_sensor(plan: ScanPlan, origins: NDArray[Any], positions: NDArray[A
         k = int(np.flatnonzero(outside)[0])
         z, y, x = positions[k].tolist()
         row, column = origins[k].tolist()
-        raise InputError(
-            expectation(f"cutout of position z={z}, y={y}, x={x}", f"inside the sensor of {sensor[0]} x {sensor[1]}",
-                        f"{shape[0]} x {shape[1]} from row {row}, column {column}",
-                        "choose a smaller margin or move the anchor inwards")
-        )  # fmt: skip
+        raise InputError.expected(
+            f"cutout of position z={z}, y={y}, x={x}",
+            f"inside the sensor of {sensor[0]} x {sensor[1]}",
+            f"{shape[0]} x {shape[1]} from row {row}, column {column}",
+            "choose a smaller margin or move the anchor inwards",
+        )
 
 
 def _redo_positions(plan: ScanPlan, redo: Sequence[Position]) -> NDArray[np.int64]:
     positions = np.array(sorted(set(redo)), np.int64).reshape(-1, 3)
     if not len(positions):
-        raise InputError(expectation("positions to redo", "at least one", "none", "check the list"))
+        raise InputError.expected("positions to redo", "at least one", "none", "check the list")
     bad = ((positions < 0) | (positions >= np.array(plan.shape[:3]))).any(axis=1)
     if bad.any():
         first = tuple(positions[np.flatnonzero(bad)[0]].tolist())
-        raise InputError(
-            expectation("position to redo", f"(z, y, x) inside {plan.shape[:3]}", first, "use the list of this plan")
+        raise InputError.expected(
+            "position to redo", f"(z, y, x) inside {plan.shape[:3]}", first, "use the list of this plan"
         )
     return positions

@@ -13,21 +13,21 @@ from typing import Any
 import numpy as np
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.devices import Rig
-from lfcal.acquire.durable import FolderLock
 from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.guard import DiskGuard
-from lfcal.acquire.journal import read_layout
 from lfcal.acquire.options import Options
 from lfcal.acquire.origin import check_origin
 from lfcal.acquire.preview import Preview
-from lfcal.acquire.records import Kind, file_name
+from lfcal.acquire.recording.durable import FolderLock
+from lfcal.acquire.recording.records import Kind, file_name
+from lfcal.acquire.recording.slots import read_layout
+from lfcal.acquire.recording.store import Store
 from lfcal.acquire.runner import Observer, Outcome, Runner
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, Run, SessionFile
-from lfcal.acquire.store import Store
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError, LfcalError, StorageError, expectation
+from lfcal.devices.protocols import Rig
+from lfcal.errors import InputError, LfcalError, StorageError
 from lfcal.files import storage_errors
 from lfcal.frames.source import Position
 from lfcal.progress import Work, drain
@@ -118,10 +118,12 @@ def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
     """Return what the devices say of themselves; raise `InputError` if the camera is not the plan's."""
     devices = Devices.of(rig)
     if tuple(devices.sensor_shape) != tuple(plan.camera.sensor.shape):
-        raise InputError(
-            expectation(f"sensor of {devices.camera}", f"{plan.camera.sensor.shape} pixels as in the plan",
-                        tuple(devices.sensor_shape), "correct the plan's camera, or choose the right one")
-        )  # fmt: skip
+        raise InputError.expected(
+            f"sensor of {devices.camera}",
+            f"{plan.camera.sensor.shape} pixels as in the plan",
+            tuple(devices.sensor_shape),
+            "correct the plan's camera, or choose the right one",
+        )
     return devices
 
 
@@ -134,15 +136,20 @@ def frame_dtype(plan: ScanPlan, options: Options, devices: Devices) -> np.dtype[
 
 def _check_folder(folder: Path, *, new: bool) -> None:
     if new and (folder / "session.json").exists():
-        raise InputError(
-            expectation(str(folder), "a new folder", "a session", "choose another folder, or resume this session")
+        raise InputError.expected(
+            str(folder), "a new folder", "a session", "choose another folder, or resume this session"
         )
 
 
 def _prepare(
-    folder: Path, plan: ScanPlan, options: Options, devices: Devices, rig: Rig, resume: bool,
+    folder: Path,
+    plan: ScanPlan,
+    options: Options,
+    devices: Devices,
+    rig: Rig,
+    resume: bool,
     redo: Sequence[Position] | None,
-) -> tuple[SessionFile, int]:  # fmt: skip
+) -> tuple[SessionFile, int]:
     """Return the session, begun if it is new, and the first recording that is to be worked on."""
     if not resume and redo is None:
         file = SessionFile(uuid.uuid4().hex, plan, options, devices)
@@ -175,9 +182,17 @@ def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Option
 
 
 def _record_one(
-    folder: Path, file: SessionFile, run: int, rig: Rig, options: Options, control: Control,
-    preview: Preview | None, observers: tuple[Observer, ...], *, check: bool,
-) -> Work[tuple[SessionFile, Outcome]]:  # fmt: skip
+    folder: Path,
+    file: SessionFile,
+    run: int,
+    rig: Rig,
+    options: Options,
+    control: Control,
+    preview: Preview | None,
+    observers: tuple[Observer, ...],
+    *,
+    check: bool,
+) -> Work[tuple[SessionFile, Outcome]]:
     """Record what recording ``run`` lacks, and note the stretch in ``session.json``."""
     schedule = _schedule(file, run)
     if not read_layout(folder / file.recordings[run]).in_place:
@@ -188,9 +203,18 @@ def _record_one(
         todo = store.todo()
         guard: Callable[[], str] = DiskGuard(folder, options.keep_free_bytes)
         runner = Runner(
-            rig, file.plan, options, schedule, store, todo, control=control, preview=preview, observers=observers,
-            low_space=guard, elapsed_s=store.elapsed_s,
-        )  # fmt: skip
+            rig,
+            file.plan,
+            options,
+            schedule,
+            store,
+            todo,
+            control=control,
+            preview=preview,
+            observers=observers,
+            low_space=guard,
+            elapsed_s=store.elapsed_s,
+        )
         latest = store.latest()
         if check and latest is not None and todo.any() and options.origin_tolerance_px is not None:
             check_origin(rig, file.plan, options, schedule, latest, control)

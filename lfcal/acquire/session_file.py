@@ -8,12 +8,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from lfcal.acquire.devices import Rig
 from lfcal.acquire.options import Options
-from lfcal.acquire.records import Kind, file_name
+from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.camera import ScanPlan
 from lfcal.camera.description import build
-from lfcal.errors import FileFormatError, InputError, StorageError, expectation
+from lfcal.devices.protocols import Rig
+from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.files import replace_whole, storage_errors
 
 __all__ = ["Devices", "Run", "SessionFile"]
@@ -101,15 +101,15 @@ class SessionFile:
         """Return the session in ``folder``; raises `FileFormatError` if there is none or it is damaged."""
         path = folder / NAME
         if not path.exists():
-            raise StorageError(expectation(str(folder), "a session folder", f"no {NAME} in it", "check the path"))
+            raise StorageError.expected(str(folder), "a session folder", f"no {NAME} in it", "check the path")
         try:
             with storage_errors(path):
                 data: Any = json.loads(path.read_text(encoding="utf-8"))
         except (ValueError, RecursionError) as error:
-            raise FileFormatError(expectation(str(path), "JSON text", str(error), "restore it")) from None
+            raise FileFormatError.expected(str(path), "JSON text", str(error), "restore it") from None
         if not isinstance(data, Mapping) or data.get("format") != FORMAT or data.get("version") != VERSION:
-            raise FileFormatError(
-                expectation(str(path), f'"format": "{FORMAT}", version {VERSION}', "something else", "check the file")
+            raise FileFormatError.expected(
+                str(path), f'"format": "{FORMAT}", version {VERSION}', "something else", "check the file"
             )
         body = {key: value for key, value in data.items() if key not in ("format", "version")}
         try:
@@ -117,11 +117,11 @@ class SessionFile:
             body["options"] = Options.from_dict(body["options"])
             session = build(cls, body, "session")
         except KeyError as error:
-            raise FileFormatError(expectation(str(path), f"entry {error}", "none", "restore the file")) from None
+            raise FileFormatError.expected(str(path), f"entry {error}", "none", "restore the file") from None
         names = tuple(file_name(Kind.POSITION, run) for run in range(len(session.recordings)))
         if not names or session.recordings != names or len(session.redo) != len(names):
-            raise FileFormatError(
-                expectation(f"{path}: recordings", names or "recording.h5", session.recordings, "restore the file")
+            raise FileFormatError.expected(
+                f"{path}: recordings", names or "recording.h5", session.recordings, "restore the file"
             )
         return replace(
             session,
@@ -140,10 +140,12 @@ class SessionFile:
             found = _difference(json.loads(json.dumps(asdict(self.devices))), asdict(devices), "devices")
         if found is not None:
             what, expected, got = found
-            raise InputError(
-                expectation(f"resumed session: {what}", f"{expected} as recorded", got,
-                            "record with the same plan and devices, or start a new session folder")
-            )  # fmt: skip
+            raise InputError.expected(
+                f"resumed session: {what}",
+                f"{expected} as recorded",
+                got,
+                "record with the same plan and devices, or start a new session folder",
+            )
 
 
 def _difference(old: Any, new: Any, what: str) -> tuple[str, Any, Any] | None:

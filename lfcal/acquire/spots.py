@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 
 __all__ = ["Spot", "find_spot", "image_shift"]
 
@@ -68,10 +68,12 @@ def find_spot(frame: NDArray[Any]) -> Spot:
     bright &= together
     rows, columns = np.nonzero(bright)
     if len(rows) < 4:
-        raise InputError(
-            expectation("source", f"light above {level + DETECT_SIGMA * noise:.4g} counts", "none that stands out",
-                        "check lamp, exposure and position")
-        )  # fmt: skip
+        raise InputError.expected(
+            "source",
+            f"light above {level + DETECT_SIGMA * noise:.4g} counts",
+            "none that stands out",
+            "check lamp, exposure and position",
+        )
     top, left = int(rows.min()), int(columns.min())
     box = np.s_[top : rows.max() + 1, left : columns.max() + 1]
     light = np.where(bright[box], frame[box] - level, 0.0)
@@ -82,8 +84,11 @@ def find_spot(frame: NDArray[Any]) -> Spot:
     return Spot(
         top + float(light.sum(axis=1) @ np.arange(light.shape[0])) / energy,
         left + float(light.sum(axis=0) @ np.arange(light.shape[1])) / energy,
-        energy, peak, min(4.0, change / float((light**2).sum())), peak / noise,
-    )  # fmt: skip
+        energy,
+        peak,
+        min(4.0, change / float((light**2).sum())),
+        peak / noise,
+    )
 
 
 def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float, float]:

@@ -86,8 +86,15 @@ class PyolafPair:
         self.H, self.HT = self._patterns(H), self._patterns(transpose(H))
         number, half = np.array([n, n]), np.array([(n + 1) // 2, (n + 1) // 2])
         mask = np.ones((n, n), np.int32)
-        entries = {"TexNnum": number, "TexNnum_half": half, "texMask": mask, "texScaleFactor": np.array([1.0, 1.0]),
-                   "Nnum": number, "Nnum_half": half, "sensMask": mask}  # fmt: skip
+        entries = {
+            "TexNnum": number,
+            "TexNnum_half": half,
+            "texMask": mask,
+            "texScaleFactor": np.array([1.0, 1.0]),
+            "Nnum": number,
+            "Nnum_half": half,
+            "sensMask": mask,
+        }
         self.resolution = {name: np.array(value) for name, value in entries.items()}
         reach = [int(s) // n // 2 + 1 for s in image_shape]
         rows, columns = np.meshgrid(*(n * np.arange(-r, r + 1.0) for r in reach), indexing="ij")

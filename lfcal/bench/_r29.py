@@ -43,7 +43,7 @@ class R29Result:
 
     def show(self) -> None:
         """Print forecast and measurement side by side."""
-        from lfcal.cli._common import print_table, seconds
+        from lfcal.cli.console import print_table, seconds
         from lfcal.units import format_bytes
 
         scaled = "" if self.planes_measured == PLANES else f" ({self.planes_measured} measured, scaled)"
@@ -57,9 +57,10 @@ class R29Result:
         memory = [format_bytes(self.forecast_bytes), format_bytes(self.peak_bytes)]
         rows.append(["memory", *memory, f"{self.peak_bytes / self.forecast_bytes:.2f}"])
         print_table(
-            ["R29, 11 planes", "forecast", "measured", "ratio"], rows,
+            ["R29, 11 planes", "forecast", "measured", "ratio"],
+            rows,
             title=f"{self.side} x {self.side} px, method {self.method}{scaled}, {100 * self.density:.3g} % of H filled",
-        )  # fmt: skip
+        )
         typer.echo(f"all 11 planes, by forecast: {self.all_planes}")
         typer.echo(f"whole frame of 29 megapixels, by forecast: {self.whole_frame}")
 
@@ -117,10 +118,19 @@ def run_r29(side: int, density: float, full: bool, folder: Path | None, workers:
             for size in ((side, side), FRAME)
         ]
         return R29Result(
-            side, planes, density, P.method, scale * cost.forward_s, scale * cost.adjoint_s,
-            scale * forward, scale * adjoint, scale * prepare, cost.memory_bytes, max(0, _peak() - before),
+            side,
+            planes,
+            density,
+            P.method,
+            scale * cost.forward_s,
+            scale * cost.adjoint_s,
+            scale * forward,
+            scale * adjoint,
+            scale * prepare,
+            cost.memory_bytes,
+            max(0, _peak() - before),
             *lines,
-        )  # fmt: skip
+        )
     finally:
         shutil.rmtree(place, ignore_errors=True)
 

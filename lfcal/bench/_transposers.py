@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import LfcalError, expectation
-from lfcal.threads import for_each_chunk, njit
+from lfcal.compiled import njit
+from lfcal.errors import LfcalError
+from lfcal.threads import for_each_chunk
 
 __all__ = [
     "Scaled",
@@ -98,7 +99,7 @@ def check_transposed(H: NDArray[Any], HT: NDArray[Any]) -> None:
     z, y, x, t, s = (rng.integers(0, n, 2000) for n in H.shape)
     there = (z, (y + t - nt // 2) % ny, (x + s - ns // 2) % nx, nt - 1 - t, ns - 1 - s)
     if not np.array_equal(HT[z, y, x, t, s], H[there]):
-        raise LfcalError(expectation("transposed matrix", "the closed form", "other values", "report this machine"))
+        raise LfcalError.expected("transposed matrix", "the closed form", "other values", "report this machine")
 
 
 def paper_loop(H: NDArray[Any], out: NDArray[Any], budget: float) -> Scaled:
@@ -126,8 +127,10 @@ def _paper_indices(pixels: int, positions: int) -> list[list[tuple[int, int]]]:
     shift = (pixels - positions) // 2
     result = []
     for i in range(pixels):
-        pairs = [(i + m - shift + 1 - positions + (positions - 1) // 2 - shift, (m - shift) % positions)
-                 for m in range(pixels)]  # fmt: skip
+        pairs = [
+            (i + m - shift + 1 - positions + (positions - 1) // 2 - shift, (m - shift) % positions)
+            for m in range(pixels)
+        ]
         result.append([(m_, M) for m_, M in pairs if 0 <= m_ < positions])
     return result
 
@@ -149,9 +152,14 @@ def pyolaf_backward(H: NDArray[Any], pixels: int, planes: int) -> tuple[NDArray[
     grid = np.stack(np.meshgrid(lenses * n, lenses * n, indexing="ij"), -1).astype(np.float64)
     half, all_, some = (np.array([k, k]) for k in (n // 2 + 1, n, pixels))
     resolution = {
-        "texScaleFactor": np.ones(2), "TexNnum": all_, "TexNnum_half": half, "Nnum": some, "Nnum_half": half,
-        "texMask": np.ones((n, n)), "usedLensletCenters": {"px": grid, "vox": grid},
-    }  # fmt: skip
+        "texScaleFactor": np.ones(2),
+        "TexNnum": all_,
+        "TexNnum_half": half,
+        "Nnum": some,
+        "Nnum_half": half,
+        "texMask": np.ones((n, n)),
+        "usedLensletCenters": {"px": grid, "vox": grid},
+    }
     start = time.perf_counter()
     with contextlib.redirect_stderr(io.StringIO()):  # its progress bar
         back = lf.LFM_computeBackwardPatterns(patterns, resolution, "full", [])

@@ -28,17 +28,21 @@ def register(app: typer.Typer) -> None:
         Example: `lfcal bench accuracy r29 --virtual-depth 4 -o r29.png`
         """
         from lfcal.camera import ScanPlan
-        from lfcal.cli._common import print_json, run_work
+        from lfcal.cli.console import print_json, run_work
         from lfcal.cli.plan import load_camera
-        from lfcal.simulate.ladder import draw_ladder, iter_ladder
+        from lfcal.simulate.accuracy.ladder import draw_ladder, iter_ladder
 
         described = load_camera(camera)
         planes = {"depths_um": [depth]} if depth is not None else {"virtual_depths": [virtual_depth]}
         plan = ScanPlan.for_camera(described, **planes)  # type: ignore[arg-type]
         found = run_work(iter_ladder(described, plan, tolerance, positions=positions), quiet=json)
         if figure is not None:
-            draw_ladder(found, figure, f"{described.name}, {plan.period[1]} x {plan.period[0]} positions, "
-                        f"{plan.cutout[0]} x {plan.cutout[1]} px, v = {found.virtual_depth:.3g}")  # fmt: skip
+            draw_ladder(
+                found,
+                figure,
+                f"{described.name}, {plan.period[1]} x {plan.period[0]} positions, "
+                f"{plan.cutout[0]} x {plan.cutout[1]} px, v = {found.virtual_depth:.3g}",
+            )
         timing = _timed(plan, tolerance) if check else None
         if json:
             picked = found.chosen.label if found.chosen else None
@@ -46,15 +50,17 @@ def register(app: typer.Typer) -> None:
             return
         _show(found, f"{described.name}, v = {found.virtual_depth:.3g}, {plan.period[0] * plan.period[1]} positions")
         if timing is not None:
-            typer.echo(f"whole H: foretold {timing['foretold']:.3g} s, took {timing['measured']:.3g} s of processor "
-                       f"time ({timing['ratio']:.2f} times)")  # fmt: skip
+            typer.echo(
+                f"whole H: foretold {timing['foretold']:.3g} s, took {timing['measured']:.3g} s of processor "
+                f"time ({timing['ratio']:.2f} times)"
+            )
         if figure is not None:
             typer.echo(f"written: {figure}")
 
 
 def _show(found: object, title: str) -> None:
-    from lfcal.cli._common import print_table
-    from lfcal.simulate.ladder import Ladder
+    from lfcal.cli.console import print_table
+    from lfcal.simulate.accuracy.ladder import Ladder
     from lfcal.units import format_seconds
 
     assert isinstance(found, Ladder)

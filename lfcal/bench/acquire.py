@@ -31,7 +31,7 @@ def command(
 
     Example: `lfcal bench acquire`
     """
-    from lfcal.cli._common import print_json, print_table
+    from lfcal.cli.console import print_json, print_table
 
     planning = time_planning()
     plan = bench_plan(cutout)
@@ -41,10 +41,17 @@ def command(
     session, bare = (float(np.median(times)) for times in zip(*pairs, strict=True))
     megabytes = cutout**2 * 2e-6
     if json:
-        print_json({
-            "planning_s": planning, "session_ms": session * 1e3, "bare_loop_ms": bare * 1e3, "ratio": ratio,
-            "ratios": [a / b for a, b in pairs], "positions": plan.n_positions, "cutout": cutout,
-        })  # fmt: skip
+        print_json(
+            {
+                "planning_s": planning,
+                "session_ms": session * 1e3,
+                "bare_loop_ms": bare * 1e3,
+                "ratio": ratio,
+                "ratios": [a / b for a, b in pairs],
+                "positions": plan.n_positions,
+                "cutout": cutout,
+            }
+        )
         return
     rows = [
         ["bare loop: pwrite + fdatasync", f"{bare * 1e3:.3f}", f"{megabytes / bare:.0f}", "1.00"],
@@ -81,8 +88,8 @@ def time_session(plan: ScanPlan, folder: Path) -> float:
     """Return the seconds per frame of a whole session, from laying out the file to the last acknowledgement."""
     import shutil
 
-    from lfcal.acquire.backends.sim import simulated_rig
     from lfcal.acquire.session import record
+    from lfcal.devices.simulated.backend import simulated_rig
 
     rig = simulated_rig(plan)
     start = time.perf_counter()
@@ -94,8 +101,8 @@ def time_session(plan: ScanPlan, folder: Path) -> float:
 
 def time_bare_loop(plan: ScanPlan, folder: Path) -> float:
     """Return the seconds per frame to write the same bytes at the same places, one fdatasync each."""
-    from lfcal.acquire.durable import reserve, sync_data
-    from lfcal.acquire.records import RECORD
+    from lfcal.acquire.recording.durable import reserve, sync_data
+    from lfcal.acquire.recording.records import RECORD
 
     count, record = plan.n_positions, bytes(RECORD.itemsize)
     frame = np.random.default_rng(0).integers(0, 4096, plan.cutout, np.uint16).tobytes()

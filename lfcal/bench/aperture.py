@@ -90,7 +90,7 @@ def command(
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
-    from lfcal.cli._common import print_json
+    from lfcal.cli.console import print_json
     from lfcal.threads import worker_count
 
     work = trials(per_cell, side)
@@ -113,20 +113,36 @@ def table(outcomes: list[Outcome]) -> None:
     """Print medians per curvature and SNR, then the whole."""
     from statistics import median
 
-    from lfcal.cli._common import print_table, seconds
+    from lfcal.cli.console import print_table, seconds
 
     rows = []
     for curvature in CURVATURES:
         for snr in SNRS:
             cell = [o for o in outcomes if (o.trial.curvature, o.trial.snr) == (curvature, snr)]
-            rows.append([
-                f"{curvature:g}", f"{snr:g}", f"{_share(o.right for o in cell):.1f} %",
-                f"{_share(o.confident for o in cell):.0f} %", str(sum(o.confident and not o.right for o in cell)),
-                f"{median(o.centre_px for o in cell):.3f}", f"{median(o.rotation_deg for o in cell):.2f}",
-                f"{median(o.area_percent for o in cell):.2f}", f"{median(o.curvature for o in cell):.3f}",
-            ])  # fmt: skip
-    headers = ["curvature", "pixel SNR", "right count", "confident", "confident, wrong", "centre (px)",
-               "rotation (°)", "area (%)", "curvature error"]  # fmt: skip
+            rows.append(
+                [
+                    f"{curvature:g}",
+                    f"{snr:g}",
+                    f"{_share(o.right for o in cell):.1f} %",
+                    f"{_share(o.confident for o in cell):.0f} %",
+                    str(sum(o.confident and not o.right for o in cell)),
+                    f"{median(o.centre_px for o in cell):.3f}",
+                    f"{median(o.rotation_deg for o in cell):.2f}",
+                    f"{median(o.area_percent for o in cell):.2f}",
+                    f"{median(o.curvature for o in cell):.3f}",
+                ]
+            )
+    headers = [
+        "curvature",
+        "pixel SNR",
+        "right count",
+        "confident",
+        "confident, wrong",
+        "centre (px)",
+        "rotation (°)",
+        "area (%)",
+        "curvature error",
+    ]
     print_table(headers, rows, title=f"{len(outcomes)} irises of 5-11 blades, medians of errors")
     wrong = sum(o.confident and not o.right for o in outcomes)
     typer.echo(f"confident and wrong: {wrong}; median time {seconds(median(o.seconds for o in outcomes))}")

@@ -31,7 +31,7 @@ def assemble_command(
 
     Example: `lfcal bench assemble`
     """
-    from lfcal.cli._common import print_json, print_table
+    from lfcal.cli.console import print_json, print_table
     from lfcal.units import format_seconds
 
     with TemporaryDirectory() as name:
@@ -120,7 +120,7 @@ def transpose_command(
 
     Example: `lfcal bench transpose-file`
     """
-    from lfcal.cli._common import print_json, print_table
+    from lfcal.cli.console import print_json, print_table
     from lfcal.units import format_bytes, format_seconds
 
     with TemporaryDirectory() as name:
@@ -128,8 +128,12 @@ def transpose_command(
     if json:
         print_json(found)
         return
-    rows = [["H", format_bytes(found["bytes"])], ["one plane", format_bytes(found["plane_bytes"])],
-            ["time", format_seconds(found["seconds"])], ["peak memory", format_bytes(found["peak_bytes"])]]  # fmt: skip
+    rows = [
+        ["H", format_bytes(found["bytes"])],
+        ["one plane", format_bytes(found["plane_bytes"])],
+        ["time", format_seconds(found["seconds"])],
+        ["peak memory", format_bytes(found["peak_bytes"])],
+    ]
     print_table(["file to file", ""], rows)
 
 
@@ -149,8 +153,19 @@ def _transpose_file(folder: Path, gigabytes: float, planes: int) -> dict[str, An
         for z in range(planes):
             writer.write_plane(z, np.broadcast_to(row, shape[1:]))
     start = time.perf_counter()
-    subprocess.run([sys.executable, "-c", "from lfcal.cli import main; main()", "transpose",
-                    str(folder / "H.h5"), "-o", str(folder / "HT.h5")], check=True, capture_output=True)  # fmt: skip
+    subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "from lfcal.cli import main; main()",
+            "transpose",
+            str(folder / "H.h5"),
+            "-o",
+            str(folder / "HT.h5"),
+        ],
+        check=True,
+        capture_output=True,
+    )
     seconds = time.perf_counter() - start
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     plane = 4 * ny * nx * nt * nt

@@ -15,7 +15,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 
 __all__ = ["Row", "measure", "register"]
 
@@ -60,7 +60,7 @@ def register(app: typer.Typer) -> None:
 
         Example: `lfcal bench debye --depth 25 --cutout 151`
         """
-        from lfcal.cli._common import print_json, print_table
+        from lfcal.cli.console import print_json, print_table
         from lfcal.units import format_seconds
 
         rows = measure(depth, cutout, repeat)
@@ -69,10 +69,15 @@ def register(app: typer.Typer) -> None:
             return
         theirs = next((row for row in rows if row.name.startswith("pyolaf")), None)
         table = [
-            [r.name, format_seconds(r.seconds), f"{100 * r.error:.2g} %", str(r.positions),
-             f"{theirs.seconds / r.seconds:.3g}" if theirs else "—"]
+            [
+                r.name,
+                format_seconds(r.seconds),
+                f"{100 * r.error:.2g} %",
+                str(r.positions),
+                f"{theirs.seconds / r.seconds:.3g}" if theirs else "—",
+            ]
             for r in rows
-        ]  # fmt: skip
+        ]
         headers = ["code", "processor time", "L1 error", "positions", "pyolaf's time over it"]
         print_table(headers, table, title=f"lfm_20x05, z = {depth:g} µm, {cutout} x {cutout} px")
         if theirs is None:
@@ -82,13 +87,13 @@ def register(app: typer.Typer) -> None:
 def measure(depth_um: float, cutout: int, repeat: int) -> list[Row]:
     """Return the times and errors of one plane; pyolaf's row last, where it is installed."""
     from lfcal.camera import preset
-    from lfcal.simulate.engine import Sampling
-    from lfcal.simulate.microscope import DebyePlane
-    from lfcal.simulate.reference import ReferencePlane
+    from lfcal.simulate.engines.base import Sampling
+    from lfcal.simulate.engines.microscope import DebyePlane
+    from lfcal.simulate.engines.reference import ReferencePlane
     from lfcal.simulate.scene import scene_of
 
     if cutout % 2 == 0 or cutout < 31:
-        raise InputError(expectation("cutout", "an odd number from 31 on", cutout, "choose another"))
+        raise InputError.expected("cutout", "an odd number from 31 on", cutout, "choose another")
     scene = scene_of(preset("lfm_20x05"), z_um=depth_um, cutout=(cutout, cutout))
     judge = ReferencePlane(scene, Sampling(REFERENCE_SAMPLES))
     wanted = [judge.rows([y], [x])[0, 0] for y, x in POSITIONS]
@@ -137,19 +142,36 @@ def _pyolaf_plane(lf: Any, depth_um: float, cutout: int) -> Any:
     pitch, focal, pixels = 125.0, 2500.0, 15
     pixel, k = pitch / pixels, 2 * math.pi / 0.525
     camera = {
-        "n": 1.0, "WaveLength": 0.525, "NA": 0.5, "M": 20, "dof": 10e3, "k": k, "fm": focal, "lensPitch": pitch,
-        "range": "quarter", "mla2sensor": focal, "offsetFobj": 0.0,
-    }  # fmt: skip
+        "n": 1.0,
+        "WaveLength": 0.525,
+        "NA": 0.5,
+        "M": 20,
+        "dof": 10e3,
+        "k": k,
+        "fm": focal,
+        "lensPitch": pitch,
+        "range": "quarter",
+        "mla2sensor": focal,
+        "offsetFobj": 0.0,
+    }
     half = cutout // 2
     line, lens = pixel * np.arange(-half, half + 1), pixel * np.arange(-(pixels // 2), pixels // 2 + 1)
     reach = half // pixels + 2
     centres = np.stack(np.meshgrid(*[pixels * np.arange(-reach, reach + 1)] * 2, indexing="ij"), -1)
     resolution = {
-        "depths": np.array([-depth_um]), "yspace": line, "xspace": line, "yMLspace": lens, "xMLspace": lens,
-        "maskFlag": 1, "sensMask": np.ones((pixels, pixels)), "usedLensletCenters": {"px": centres},
-        "TexNnum_half": np.array([8, 8]), "TexNnum": np.array([pixels, pixels]),
-        "texScaleFactor": np.array([1.0, 1.0]), "sensorRes": np.array([pixel, pixel]),
-    }  # fmt: skip
+        "depths": np.array([-depth_um]),
+        "yspace": line,
+        "xspace": line,
+        "yMLspace": lens,
+        "xMLspace": lens,
+        "maskFlag": 1,
+        "sensMask": np.ones((pixels, pixels)),
+        "usedLensletCenters": {"px": centres},
+        "TexNnum_half": np.array([8, 8]),
+        "TexNnum": np.array([pixels, pixels]),
+        "texScaleFactor": np.array([1.0, 1.0]),
+        "sensorRes": np.array([pixel, pixel]),
+    }
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         field = lf.LFM_calcPSFAllDepths(camera, resolution)
         array = lf.LFM_mlaTransmittance(camera, resolution, lf.LFM_ulensTransmittance(camera, resolution))

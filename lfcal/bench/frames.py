@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli._common import print_json, print_table, run_work
+from lfcal.cli.console import print_json, print_table, run_work
 from lfcal.progress import Clock, Work
 from lfcal.units import format_seconds
 
@@ -52,8 +52,18 @@ def command(
     """
     rows = run_work(iter_compare(megapixels, repeats), quiet=json)
     if json:
-        print_json([{"what": r.what, "seconds": r.seconds, "against": r.against, "reference_seconds": r.reference_s,
-                     "ratio": r.ratio} for r in rows])  # fmt: skip
+        print_json(
+            [
+                {
+                    "what": r.what,
+                    "seconds": r.seconds,
+                    "against": r.against,
+                    "reference_seconds": r.reference_s,
+                    "ratio": r.ratio,
+                }
+                for r in rows
+            ]
+        )
         return
     print_table(
         ["What", "Time", "Against", "Its time", "Ratio"],
@@ -143,6 +153,12 @@ def readers(frame: NDArray[np.uint16], repeats: int, folder: Path) -> list[Row]:
     rows = []
     for name, decode in bare.items():
         source = FolderSource(folder, Manifest((FrameEntry(name, Position(0, 0, 0)),)))
-        rows.append(Row(f"read {name}, checked", fastest(partial(source.read, 0), repeats), "bare decoder",
-                        fastest(decode, repeats)))  # fmt: skip
+        rows.append(
+            Row(
+                f"read {name}, checked",
+                fastest(partial(source.read, 0), repeats),
+                "bare decoder",
+                fastest(decode, repeats),
+            )
+        )
     return rows

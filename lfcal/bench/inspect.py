@@ -34,7 +34,7 @@ def command(
 
     Example: `lfcal bench inspect --preset r29 --planes 2`
     """
-    from lfcal.cli._common import print_json, print_table, seconds
+    from lfcal.cli.console import print_json, print_table, seconds
     from lfcal.psf import open_psf
     from lfcal.psf.quality import inspect
     from lfcal.units import format_bytes
@@ -61,11 +61,17 @@ def command(
         inspecting = time.perf_counter() - start
         memory = after_reading - before, peak_bytes() - before
         figures = {
-            "plane_bytes": nbytes // planes, "planes": planes, "file_bytes": path.stat().st_size,
-            "read_s": reading, "inspect_s": inspecting, "ratio": inspecting / reading,
-            "read_peak_bytes": memory[0], "inspect_peak_bytes": memory[1],
-            "merit": report.merit, "alarms": [m.key for m in report.alarms],
-        }  # fmt: skip
+            "plane_bytes": nbytes // planes,
+            "planes": planes,
+            "file_bytes": path.stat().st_size,
+            "read_s": reading,
+            "inspect_s": inspecting,
+            "ratio": inspecting / reading,
+            "read_peak_bytes": memory[0],
+            "inspect_peak_bytes": memory[1],
+            "merit": report.merit,
+            "alarms": [m.key for m in report.alarms],
+        }
     if json:
         print_json(figures)
         return
@@ -92,8 +98,9 @@ def write(
     depths = [sign * (4.0 + 0.5 * z) for z in range(planes)]
     plan = ScanPlan.for_camera(camera, virtual_depths=depths, cutout=cutout)
     rng = np.random.default_rng(0)
-    with PSFWriter(path, plan.shape, depths=plan.depths_um, camera=camera, compression=compression,
-                   workers=workers) as writer:  # fmt: skip
+    with PSFWriter(
+        path, plan.shape, depths=plan.depths_um, camera=camera, compression=compression, workers=workers
+    ) as writer:
         for z, depth in enumerate(depths):
             one = ScanPlan.for_camera(camera, virtual_depths=[depth], cutout=plan.shape[3:])
             values = simulate_psf(camera, one, (), workers=workers).plane(0)

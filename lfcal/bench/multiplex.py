@@ -97,19 +97,44 @@ def command(
 
     Example: `lfcal bench multiplex --quick`
     """
-    from lfcal.cli._common import print_json, print_table
+    from lfcal.cli.console import print_json, print_table
     from lfcal.threads import worker_count
 
     shape = (FULL[0] // 2, FULL[1] // 2) if quick else FULL
     rows = measure(shape, [f.strip() for f in filters.split(",")], workers, 1 if quick else rounds)
     if json:
-        print_json([{"name": r.name, "seconds": r.seconds, "opencv_seconds": r.opencv, "copy_seconds": r.copy,
-                     "output_megabytes": r.megabytes, "ratio": r.ratio, "bound": BOUND} for r in rows])  # fmt: skip
+        print_json(
+            [
+                {
+                    "name": r.name,
+                    "seconds": r.seconds,
+                    "opencv_seconds": r.opencv,
+                    "copy_seconds": r.copy,
+                    "output_megabytes": r.megabytes,
+                    "ratio": r.ratio,
+                    "bound": BOUND,
+                }
+                for r in rows
+            ]
+        )
         return
     table = [
-        [r.name, f"{r.megabytes:.0f}", f"{1e3 * r.seconds:.0f}", f"{1e3 * r.opencv:.0f}", f"{1e3 * r.copy:.0f}",
-         f"{r.ratio:.2f}"] for r in rows
-    ]  # fmt: skip
-    headers = ["way", "output (MB)", "lfcal (ms)", "OpenCV bilinear demosaic (ms)", "copy of the output (ms)",
-               f"lfcal ÷ (OpenCV + copy), bound {BOUND:g}"]  # fmt: skip
+        [
+            r.name,
+            f"{r.megabytes:.0f}",
+            f"{1e3 * r.seconds:.0f}",
+            f"{1e3 * r.opencv:.0f}",
+            f"{1e3 * r.copy:.0f}",
+            f"{r.ratio:.2f}",
+        ]
+        for r in rows
+    ]
+    headers = [
+        "way",
+        "output (MB)",
+        "lfcal (ms)",
+        "OpenCV bilinear demosaic (ms)",
+        "copy of the output (ms)",
+        f"lfcal ÷ (OpenCV + copy), bound {BOUND:g}",
+    ]
     print_table(headers, table, title=f"{shape[1]} x {shape[0]} px, {worker_count(workers)} threads, medians")

@@ -57,7 +57,7 @@ def command(
     `PYTHONPATH=DIR lfcal bench project`. Example: `lfcal bench project --r29`
     """
     from lfcal.bench._r29 import run_r29
-    from lfcal.cli._common import print_json
+    from lfcal.cli.console import print_json
     from lfcal.threads import worker_count
 
     count = worker_count(workers)
@@ -67,11 +67,15 @@ def command(
         return
     rows = measure(image, period, cutout, planes, repeats, count)
     if json:
-        print_json({"image": image, "period": period, "cutout": cutout, "planes": planes, "workers": count,
-                    "rows": rows})  # fmt: skip
+        print_json(
+            {"image": image, "period": period, "cutout": cutout, "planes": planes, "workers": count, "rows": rows}
+        )
         return
-    show(rows, f"image {image} x {image}, period {period} x {period}, cutout {cutout} x {cutout}, {planes} plane(s), "
-               f"{count} threads")  # fmt: skip
+    show(
+        rows,
+        f"image {image} x {image}, period {period} x {period}, cutout {cutout} x {cutout}, {planes} plane(s), "
+        f"{count} threads",
+    )
 
 
 def measure(image: int, period: int, cutout: int, planes: int, repeats: int, workers: int) -> list[Row]:
@@ -130,16 +134,30 @@ def _best(run: Callable[[], NDArray[Any]], repeats: int) -> tuple[NDArray[Any], 
 def show(rows: list[Row], title: str) -> None:
     """Print the table, with how many times faster lfcal is than each."""
     from lfcal.bench._projectors import pyolaf_version
-    from lfcal.cli._common import print_table, seconds
+    from lfcal.cli.console import print_table, seconds
 
     ours = min(r.pair_s for r in rows if r.name.endswith("float32"))
     cells = [
-        [r.name, seconds(r.setup_s), seconds(r.forward_s), seconds(r.adjoint_s), f"{r.pair_s / ours:.1f}",
-         f"{r.error:.1e}", f"{r.mismatch:.1e}"]
+        [
+            r.name,
+            seconds(r.setup_s),
+            seconds(r.forward_s),
+            seconds(r.adjoint_s),
+            f"{r.pair_s / ours:.1f}",
+            f"{r.error:.1e}",
+            f"{r.mismatch:.1e}",
+        ]
         for r in rows
-    ]  # fmt: skip
-    headers = ["method", "set-up", "forward", "adjoint", "times lfcal's best", "largest error / peak",
-               "⟨Hg,f⟩ against ⟨g,HTf⟩"]  # fmt: skip
+    ]
+    headers = [
+        "method",
+        "set-up",
+        "forward",
+        "adjoint",
+        "times lfcal's best",
+        "largest error / peak",
+        "⟨Hg,f⟩ against ⟨g,HTf⟩",
+    ]
     print_table(headers, cells, title=title)
     if not pyolaf_version():
         typer.echo("pyolaf is not installed and took no part: see --help")

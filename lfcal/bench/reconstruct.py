@@ -87,7 +87,7 @@ def command(
     Also times 20 iterations of Richardson-Lucy against one per-position reference projection of the same volume.
     Example: `lfcal bench reconstruct -n 60 --chart error.png`
     """
-    from lfcal.cli._common import print_json
+    from lfcal.cli.console import print_json
     from lfcal.threads import worker_count
 
     count = worker_count(workers)
@@ -129,7 +129,7 @@ def against_reference(H: PSFMatrix, image: int, workers: int) -> dict[str, float
     import numpy as np
 
     from lfcal.reconstruct import Projector
-    from lfcal.reconstruct.em import richardson_lucy
+    from lfcal.reconstruct.solvers.em import richardson_lucy
 
     shape = (image, image)
     g = np.random.default_rng(0).random((H.shape[0], *shape), np.float32)
@@ -168,12 +168,18 @@ def measure(
 
     from lfcal.reconstruct import Projector
     from lfcal.reconstruct.metrics import nrmse
-    from lfcal.reconstruct.solvers import SolverChoice, iter_reconstruct
+    from lfcal.reconstruct.solvers.choice import SolverChoice, iter_reconstruct
 
     dtype = np.float64 if setting.double else np.float32
     start = time.perf_counter()
-    P = Projector(H, (frame.shape[0], frame.shape[1]), method=setting.method, dtype=dtype,
-                  threshold=setting.threshold, workers=workers).prepare()  # fmt: skip
+    P = Projector(
+        H,
+        (frame.shape[0], frame.shape[1]),
+        method=setting.method,
+        dtype=dtype,
+        threshold=setting.threshold,
+        workers=workers,
+    ).prepare()
     setup = time.perf_counter() - start
     points = [
         (r.iteration, r.seconds, nrmse(r.state.volume, truth), r.likelihood)
@@ -186,20 +192,37 @@ def measure(
 
 def show(curves: list[Curve], reference: dict[str, float], title: str) -> None:
     """Print the table: least error, when it was reached, and when 5 % above the best of plain Richardson-Lucy."""
-    from lfcal.cli._common import print_table, seconds
+    from lfcal.cli.console import print_table, seconds
 
     goal = 1.05 * min(curves[0].errors)
     rows = []
     for c in curves:
         best = min(range(len(c.errors)), key=c.errors.__getitem__)
         reached = next((k for k, e in enumerate(c.errors) if e <= goal), None)
-        rows.append([
-            c.setting.name, c.method, seconds(c.setup_s), seconds(c.seconds[-1] / len(c.seconds)),
-            f"{c.errors[best]:.4f}", str(c.iterations[best]), seconds(c.seconds[best]),
-            "—" if reached is None else seconds(c.seconds[reached]), f"{c.errors[-1]:.4f}",
-        ])  # fmt: skip
-    headers = ["setting", "projection", "set-up", "per iteration", "least NRMSE", "at iteration", "after",
-               f"NRMSE {goal:.3f} after", "NRMSE at the end"]  # fmt: skip
+        rows.append(
+            [
+                c.setting.name,
+                c.method,
+                seconds(c.setup_s),
+                seconds(c.seconds[-1] / len(c.seconds)),
+                f"{c.errors[best]:.4f}",
+                str(c.iterations[best]),
+                seconds(c.seconds[best]),
+                "—" if reached is None else seconds(c.seconds[reached]),
+                f"{c.errors[-1]:.4f}",
+            ]
+        )
+    headers = [
+        "setting",
+        "projection",
+        "set-up",
+        "per iteration",
+        "least NRMSE",
+        "at iteration",
+        "after",
+        f"NRMSE {goal:.3f} after",
+        "NRMSE at the end",
+    ]
     print_table(headers, rows, title=title)
     typer.echo(
         f"20 iterations of Richardson-Lucy: {seconds(reference['twenty_iterations_s'])}, "
@@ -210,7 +233,7 @@ def show(curves: list[Curve], reference: dict[str, float], title: str) -> None:
 
 def show_resolution(H: PSFMatrix, image: int, iterations: int, photons: float, chart: Path, json: bool) -> None:
     """Print and draw the least distance at which two points are seen apart, plane by plane."""
-    from lfcal.cli._common import print_json, print_table, run_work
+    from lfcal.cli.console import print_json, print_table, run_work
     from lfcal.figures import LINES, figure, save_figure
     from lfcal.reconstruct import Projector, iter_two_point
 

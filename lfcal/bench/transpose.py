@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
 from lfcal.units import format_bytes
 
@@ -108,8 +108,8 @@ def _parsed(text: str) -> Size:
     except ValueError:
         size = Size(0, 0, 0)
     if size.pixels < 1 or size.pixels % 2 == 0 or min(size.ny, size.nx) < 1:
-        raise InputError(
-            expectation("size", "odd pixels/positions such as 111/11 or 181/55x95", repr(text), "name it like these")
+        raise InputError.expected(
+            "size", "odd pixels/positions such as 111/11 or 181/55x95", repr(text), "name it like these"
         )
     return size
 
@@ -239,7 +239,7 @@ def command(
     Example: `lfcal bench transpose --quick --sizes 111/11,187/31`
     """
     from lfcal.bench._transposers import available_bytes
-    from lfcal.cli._common import print_json, run_work
+    from lfcal.cli.console import print_json, run_work
 
     limit = int(memory * 1e9) if memory is not None else int(0.6 * available_bytes())
     settings = (
@@ -256,8 +256,20 @@ def command(
         show(rows, plane, pyolaf, settings, markdown=markdown)
 
 
-HEADERS = ("ns", "ny x nx", "H", "lfcal", "copy, all threads", "copy, 1 thread", "lfcal ÷ faster copy",
-           "paper's loop in numpy", "[17]", "[13]", "[19]", "paper")  # fmt: skip
+HEADERS = (
+    "ns",
+    "ny x nx",
+    "H",
+    "lfcal",
+    "copy, all threads",
+    "copy, 1 thread",
+    "lfcal ÷ faster copy",
+    "paper's loop in numpy",
+    "[17]",
+    "[13]",
+    "[19]",
+    "paper",
+)
 
 
 def cells(row: Row) -> list[str]:
@@ -281,7 +293,7 @@ def _seconds(value: float | None, mark: str) -> str:
 
 def show(rows: list[Row], plane: PlaneTimes | None, pyolaf: Pyolaf, settings: Settings, *, markdown: bool) -> None:
     """Print the table, what was scaled, and the lines on single slices, sums and pyolaf."""
-    from lfcal.cli._common import print_table
+    from lfcal.cli.console import print_table
     from lfcal.threads import worker_count
 
     table = [cells(row) for row in rows]

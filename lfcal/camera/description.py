@@ -11,12 +11,12 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.camera._checks import check_number, check_type
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice
 from lfcal.camera.main_lens import MainLens, Microscope, Optics
 from lfcal.camera.sensor import Sensor
-from lfcal.errors import FileFormatError, InputError, expectation
+from lfcal.checks import check_number, check_type
+from lfcal.errors import FileFormatError, InputError
 
 __all__ = ["Camera", "build"]
 
@@ -135,7 +135,7 @@ class Camera:
         if image <= self.optics.focal_length_um:
             infinity = (self.optics.focal_length_um - self.optics.image_distance_um) / self.lattice.gap_um
             limit = f"above {infinity:.4g} (an object at infinity)"
-            raise InputError(expectation("virtual depth", limit, virtual_depth, "choose a larger virtual depth"))
+            raise InputError.expected("virtual depth", limit, virtual_depth, "choose a larger virtual depth")
         return 1.0 / (1.0 / self.optics.focal_length_um - 1.0 / image) - self.optics.working_distance_um
 
     def _object_distance(self, z_um: float) -> float:
@@ -144,7 +144,7 @@ class Camera:
         if not distance > self.optics.focal_length_um:
             focus = self.optics.focal_length_um - self.optics.working_distance_um
             limit = f"z above {focus:.6g} µm (the front focal plane)"
-            raise InputError(expectation("depth", limit, f"{z_um:g} µm", "choose a plane farther from the lens"))
+            raise InputError.expected("depth", limit, f"{z_um:g} µm", "choose a plane farther from the lens")
         return distance
 
     # -- JSON ------------------------------------------------------------------------------------------
@@ -162,17 +162,17 @@ class Camera:
     def from_dict(cls, data: Mapping[str, Any]) -> Camera:
         """Return the camera described by ``data``; unknown or missing entries raise `InputError`."""
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
-            raise FileFormatError(
-                expectation("camera description", f'"format": "{FORMAT}"', "something else", "check the file")
+            raise FileFormatError.expected(
+                "camera description", f'"format": "{FORMAT}"', "something else", "check the file"
             )
         if data.get("version") != VERSION:
-            raise FileFormatError(
-                expectation("camera description", f"version {VERSION}", data.get("version"), "update lfcal")
+            raise FileFormatError.expected(
+                "camera description", f"version {VERSION}", data.get("version"), "update lfcal"
             )
         body = {key: value for key, value in data.items() if key not in ("format", "version")}
         optics = body.get("optics")
         if not isinstance(optics, Mapping) or optics.get("type") not in ("MainLens", "Microscope"):
-            raise FileFormatError(expectation("camera optics", "type MainLens or Microscope", optics, "correct it"))
+            raise FileFormatError.expected("camera optics", "type MainLens or Microscope", optics, "correct it")
         kind = MainLens if optics["type"] == "MainLens" else Microscope
         body["optics"] = build(kind, {k: v for k, v in optics.items() if k != "type"}, "optics")
         return build(cls, body, "camera")
@@ -183,19 +183,19 @@ class Camera:
         try:
             data = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise FileFormatError(expectation("camera description", "JSON text", str(error), "check it")) from None
+            raise FileFormatError.expected("camera description", "JSON text", str(error), "check it") from None
         return cls.from_dict(data)
 
 
 def build(kind: type[T], data: Any, what: str) -> T:
     """Return dataclass ``kind`` from JSON ``data``: nested dataclasses and tuples are rebuilt, names checked."""
     if not isinstance(data, Mapping):
-        raise FileFormatError(expectation(what, "an object with named entries", type(data).__name__, "correct it"))
+        raise FileFormatError.expected(what, "an object with named entries", type(data).__name__, "correct it")
     hints = get_type_hints(kind)
     names = {f.name for f in fields(cast(Any, kind))}
     unknown = sorted(set(data) - names)
     if unknown:
-        raise FileFormatError(expectation(what, f"only {', '.join(sorted(names))}", unknown[0], "remove it"))
+        raise FileFormatError.expected(what, f"only {', '.join(sorted(names))}", unknown[0], "remove it")
     try:
         return kind(**{name: _value(hints[name], value, f"{what}.{name}") for name, value in data.items()})
     except TypeError as error:
@@ -206,7 +206,7 @@ def _value(hint: Any, value: Any, what: str) -> Any:
     origin = get_origin(hint)
     if origin is tuple:
         if not isinstance(value, list | tuple):
-            raise FileFormatError(expectation(what, "a list", type(value).__name__, "correct it"))
+            raise FileFormatError.expected(what, "a list", type(value).__name__, "correct it")
         args = get_args(hint)
         inner = args[0] if args else Any
         return tuple(_value(inner, v, what) for v in value)

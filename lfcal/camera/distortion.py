@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lfcal.camera._checks import check_tuple
+from lfcal.checks import check_tuple
 
 __all__ = ["BrownDistortion"]
 

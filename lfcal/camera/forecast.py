@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lfcal.camera._checks import check_number
 from lfcal.camera.plan import ScanPlan
+from lfcal.checks import check_number
 
 __all__ = ["Forecast"]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.camera._checks import check_choice, check_number, check_tuple, check_type
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_choice, check_number, check_tuple, check_type
+from lfcal.errors import InputError
 
 __all__ = ["LensType", "LensletLattice"]
 
@@ -46,8 +46,8 @@ class LensType:
         ``math.inf`` is a lenslet focused at infinity (f = gap), as in a light-field microscope.
         """
         if virtual_depth in (0, 1) or 0 < virtual_depth < 1:
-            raise InputError(
-                expectation("virtual depth in focus", "a value above 1 or below 0", virtual_depth, "correct it")
+            raise InputError.expected(
+                "virtual depth in focus", "a value above 1 or below 0", virtual_depth, "correct it"
             )
         return cls(gap_um / (1.0 - 1.0 / virtual_depth), depth_range)
 
@@ -111,9 +111,7 @@ class LensletLattice:
         for kind in self.types:
             check_type("lens type", kind, LensType)
         if len(self.types) not in (1, 3) or (len(self.types) == 3 and self.kind == "square"):
-            raise InputError(
-                expectation("lens types", "one, or three on a hexagonal array", len(self.types), "correct it")
-            )
+            raise InputError.expected("lens types", "one, or three on a hexagonal array", len(self.types), "correct it")
         if self.clear_um is not None:
             check_number("clear diameter (µm)", self.clear_um, above=0, at_most=1.5 * self.pitch_um)
         if self.row_pitch_um is not None:

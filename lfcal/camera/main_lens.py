@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lfcal.camera._checks import check_number
+from lfcal.checks import check_number
 
 __all__ = ["MainLens", "Microscope", "Optics"]
 
@@ -41,8 +41,12 @@ class MainLens:
         """Check every value."""
         check_number("main lens focal length (µm)", self.focal_length_um, above=0)
         check_number("main lens f-number", self.f_number, above=0)
-        check_number("working distance (µm)", self.working_distance_um, above=self.focal_length_um,
-                     remedy="give a distance beyond the focal length")  # fmt: skip
+        check_number(
+            "working distance (µm)",
+            self.working_distance_um,
+            above=self.focal_length_um,
+            remedy="give a distance beyond the focal length",
+        )
         check_number("iris blades", self.blades, at_least=0, at_most=64, integer=True)
         if self.blades in (1, 2):
             check_number("iris blades", self.blades, at_least=3, remedy="use 0 for a circular iris")
@@ -99,8 +103,13 @@ class Microscope:
         """Check every value."""
         check_number("magnification", self.magnification, above=0)
         check_number("medium index", self.medium_index, at_least=1, at_most=4)
-        check_number("numerical aperture", self.numerical_aperture, above=0, below=self.medium_index,
-                     remedy="the NA is below the index of the medium")  # fmt: skip
+        check_number(
+            "numerical aperture",
+            self.numerical_aperture,
+            above=0,
+            below=self.medium_index,
+            remedy="the NA is below the index of the medium",
+        )
         check_number("tube lens focal length (µm)", self.tube_length_um, above=0)
 
     @property

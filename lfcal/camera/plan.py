@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.axes import Position, check_cutout
-from lfcal.camera._checks import check_choice, check_number, check_tuple, check_type
-from lfcal.camera._plan_checks import check_on_sensor, depths_of, set_depths, set_exposures
 from lfcal.camera.description import Camera, build
 from lfcal.camera.shadow import cutout_for
 from lfcal.camera.stage import StageAxes
-from lfcal.errors import FileFormatError, InputError, expectation
+from lfcal.checks import check_choice, check_number, check_tuple, check_type
+from lfcal.errors import FileFormatError, InputError
 
 __all__ = ["ScanPlan"]
 
@@ -84,17 +83,21 @@ class ScanPlan:
             object.__setattr__(self, name, value)
         check_cutout(*self.cutout)
         object.__setattr__(self, "anchor", check_tuple("anchor (row, column)", self.anchor, 2))
-        set_depths(self)
-        set_exposures(self)
+        _set_depths(self)
+        _set_exposures(self)
         check_choice("scan order", self.order, ("serpentine", "raster"))
         check_number("settle time (s)", self.settle_s, at_least=0)
         check_number("frames averaged", self.frames_averaged, at_least=1, at_most=100_000, integer=True)
         check_number("positions", self.n_positions, at_least=1, at_most=MAX_POSITIONS, integer=True)
         if abs(self.camera.lattice.tilt_rad) > MAX_TILT_RAD:
             tilt = f"{math.degrees(self.camera.lattice.tilt_rad):.2f}°"
-            raise InputError(expectation("lattice rotation", "rows within 2° of a sensor axis", tilt,
-                                         "turn the camera's lattice upright, or rotate the frames"))  # fmt: skip
-        check_on_sensor(self)
+            raise InputError.expected(
+                "lattice rotation",
+                "rows within 2° of a sensor axis",
+                tilt,
+                "turn the camera's lattice upright, or rotate the frames",
+            )
+        _check_on_sensor(self)
 
     # -- construction ----------------------------------------------------------------------------------
     @classmethod
@@ -129,7 +132,7 @@ class ScanPlan:
         InputError
             If no plan can be made of these.
         """
-        depths = depths_of(camera, depths_um, virtual_depths)
+        depths = _depths_of(camera, depths_um, virtual_depths)
         ny, nx = (max(1, round(length)) for length in camera.period_px)
         if cutout is None:
             cutout = cutout_for(camera, depths)
@@ -261,9 +264,9 @@ class ScanPlan:
     def from_dict(cls, data: Mapping[str, Any]) -> ScanPlan:
         """Return the plan described by ``data``; unknown or missing entries raise `InputError`."""
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
-            raise FileFormatError(expectation("scan plan", f'"format": "{FORMAT}"', "something else", "check the file"))
+            raise FileFormatError.expected("scan plan", f'"format": "{FORMAT}"', "something else", "check the file")
         if data.get("version") != VERSION:
-            raise FileFormatError(expectation("scan plan", f"version {VERSION}", data.get("version"), "update lfcal"))
+            raise FileFormatError.expected("scan plan", f"version {VERSION}", data.get("version"), "update lfcal")
         body = {key: value for key, value in data.items() if key not in ("format", "version")}
         body["camera"] = Camera.from_dict(body.get("camera", {}))
         return build(cls, body, "scan plan")
@@ -274,5 +277,64 @@ class ScanPlan:
         try:
             data = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise FileFormatError(expectation("scan plan", "JSON text", str(error), "check it")) from None
+            raise FileFormatError.expected("scan plan", "JSON text", str(error), "check it") from None
         return cls.from_dict(data)
+
+
+def _set_depths(plan: ScanPlan) -> None:
+    """Check the planes: numbers the camera can see, strictly ordered."""
+    depths = check_tuple("depths (µm)", plan.depths_um)
+    for z in depths:
+        plan.camera.step_um(z)
+    steps = np.diff(np.array(depths))
+    if steps.size and not (np.all(steps > 0) or np.all(steps < 0)):
+        raise InputError.expected(
+            "depths (µm)",
+            "rising or falling throughout",
+            "another order or a repeated plane",
+            "sort them and remove repetitions",
+        )
+    object.__setattr__(plan, "depths_um", depths)
+
+
+def _set_exposures(plan: ScanPlan) -> None:
+    """Check the exposures: one, or one per plane."""
+    given, planes = plan.exposure_s, len(plan.depths_um)
+    several = isinstance(given, list | tuple) and len(given) != 1
+    values = check_tuple(
+        "exposures (s), one or one per plane",
+        given if isinstance(given, list | tuple) else [given],
+        planes if several else 1,
+        above=0,
+    )
+    object.__setattr__(plan, "exposure_s", values if several else values * planes)
+
+
+def _depths_of(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[float] | None) -> tuple[float, ...]:
+    """Return object-space depths (µm) from whichever of the two is given."""
+    if (depths is None) == (virtual is None):
+        raise InputError.expected("depth planes", "depths in µm or virtual depths", "both or neither", "give one")
+    values: Sequence[float] = tuple(depths if depths is not None else virtual or ())
+    for value in values:
+        check_number("depth", value)
+    return tuple(values) if depths is not None else tuple(camera.depth_of(v) for v in values)
+
+
+def _check_on_sensor(plan: ScanPlan) -> None:
+    """Raise unless the cutout of every position lies on the sensor; the anchor and step are plane-independent."""
+    factors = plan.resample_factors
+    for axis, name in enumerate(("row", "column")):
+        size = plan.camera.sensor.shape[axis]
+        half = (plan.cutout[axis] - 1) / 2 / factors[axis]
+        centres = np.floor(plan.anchor[axis] + 0.5) + np.arange(plan.period[axis]) / factors[axis]
+        outside = np.flatnonzero((centres - half < -0.5) | (centres + half > size - 0.5))
+        if outside.size:
+            k = int(outside[0])
+            place = Position(0, k, 0) if axis == 0 else Position(0, 0, k)
+            lo, hi = centres[k] - half, centres[k] + half
+            raise InputError.expected(
+                f"cutout of position z={place.z}, y={place.y}, x={place.x}",
+                f"{name}s 0 to {size - 1}",
+                f"{lo:.0f} to {hi:.0f}",
+                "move the anchor inwards or choose a smaller cutout",
+            )

@@ -16,7 +16,7 @@ from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Optics
 from lfcal.camera.sensor import Sensor
-from lfcal.errors import FileFormatError, InputError, UnsafeFileError, expectation
+from lfcal.errors import FileFormatError, InputError, UnsafeFileError
 from lfcal.files import storage_errors
 
 __all__ = ["read_raytrix_xml"]
@@ -76,7 +76,7 @@ def read_raytrix_xml(
     optics = MainLens() if optics is None else optics
     diameter = _number(root, "diameter", "pix", source)
     if not diameter > 0:
-        raise FileFormatError(expectation(f"{source}: diameter", "a number > 0", diameter, "export the file again"))
+        raise FileFormatError.expected(f"{source}: diameter", "a number > 0", diameter, "export the file again")
     pitch_um = diameter * sensor.pixel_um
     gap_um = pitch_um * optics.working_f_number if gap_um is None else gap_um
     border = _number(root, "lens_border", "pix", source)
@@ -84,9 +84,16 @@ def read_raytrix_xml(
     types = _focused(ranges, focus_depths, gap_um, source)
     rotation, offset, step = _placement(root, diameter, offsets, source)
     try:
-        lattice = LensletLattice("hexagonal", pitch_um, gap_um, types, rotation,
-                                 (offset[0] * sensor.pixel_um, offset[1] * sensor.pixel_um),
-                                 (diameter - 2 * border) * sensor.pixel_um, type_step=step)  # fmt: skip
+        lattice = LensletLattice(
+            "hexagonal",
+            pitch_um,
+            gap_um,
+            types,
+            rotation,
+            (offset[0] * sensor.pixel_um, offset[1] * sensor.pixel_um),
+            (diameter - 2 * border) * sensor.pixel_um,
+            type_step=step,
+        )
         return Camera(name or source.stem, optics, lattice, sensor, distortion=_distortion(root, source))
     except FileFormatError:
         raise
@@ -98,26 +105,26 @@ def _parse(source: Path) -> ElementTree.Element:
     with storage_errors(source), source.open("rb") as file:
         data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
-        raise UnsafeFileError(expectation(str(source), "at most 1 MB of XML", "more", "choose the calibration file"))
+        raise UnsafeFileError.expected(str(source), "at most 1 MB of XML", "more", "choose the calibration file")
     utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
     try:
         text = data.decode("utf-16" if utf16 else "utf-8-sig")
     except UnicodeDecodeError:
-        raise FileFormatError(
-            expectation(str(source), "XML text in UTF-8 or UTF-16", "other bytes", "choose the calibration file")
+        raise FileFormatError.expected(
+            str(source), "XML text in UTF-8 or UTF-16", "other bytes", "choose the calibration file"
         ) from None
     for mark in ("<!DOCTYPE", "<!ENTITY"):
         if mark in text.upper():
-            raise UnsafeFileError(
-                expectation(str(source), "XML without a document type", mark, "remove it; calibrations have none")
+            raise UnsafeFileError.expected(
+                str(source), "XML without a document type", mark, "remove it; calibrations have none"
             )
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise FileFormatError(expectation(str(source), "XML", str(error), "export the file again")) from None
+        raise FileFormatError.expected(str(source), "XML", str(error), "export the file again") from None
     if root.tag != ROOT:
-        raise FileFormatError(
-            expectation(str(source), f"<{ROOT}>", f"<{root.tag[:40]}>", "choose a Raytrix calibration file")
+        raise FileFormatError.expected(
+            str(source), f"<{ROOT}>", f"<{root.tag[:40]}>", "choose a Raytrix calibration file"
         )
     return root
 
@@ -125,8 +132,8 @@ def _parse(source: Path) -> ElementTree.Element:
 def _only(parent: ElementTree.Element, tag: str, source: Path) -> ElementTree.Element:
     found = parent.findall(tag)
     if len(found) != 1:
-        raise FileFormatError(
-            expectation(f"{source}: <{tag}> in <{parent.tag}>", "one", len(found), "export the file again")
+        raise FileFormatError.expected(
+            f"{source}: <{tag}> in <{parent.tag}>", "one", len(found), "export the file again"
         )
     return found[0]
 
@@ -145,14 +152,14 @@ def _float(text: str | None, what: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         got = repr((text or "").strip()[:40])
-        raise FileFormatError(expectation(what, "a number", got, "export the file again"))
+        raise FileFormatError.expected(what, "a number", got, "export the file again")
     return value
 
 
 def _check_units(entry: ElementTree.Element, units: str, source: Path) -> None:
     if entry.get("units", units) != units:
-        raise FileFormatError(
-            expectation(f"{source}: <{entry.tag}>", f'units "{units}"', repr(entry.get("units")), "export it again")
+        raise FileFormatError.expected(
+            f"{source}: <{entry.tag}>", f'units "{units}"', repr(entry.get("units")), "export it again"
         )
 
 
@@ -168,7 +175,7 @@ def _lens_types(root: ElementTree.Element, source: Path) -> tuple[NDArray[np.flo
     names = [str(k) for k in range(len(found))]
     if len(found) not in (1, 3) or sorted(found) != names or len(root.findall("lens_type")) != len(found):
         got = ", ".join(sorted(found)) or "none"
-        raise FileFormatError(expectation(f"{source}: lens types", "ids 0, or 0, 1 and 2", got, "export it again"))
+        raise FileFormatError.expected(f"{source}: lens types", "ids 0, or 0, 1 and 2", got, "export it again")
     offsets = np.array([_pair(found[k], "offset", "lens", source) for k in names])
     ranges = []
     for k in names:
@@ -184,12 +191,12 @@ def _focused(
     if focus is None:
         for near, far in ranges:
             if not 1 <= near < far:
-                raise FileFormatError(
-                    expectation(f"{source}: depth range", "1 ≤ min < max", f"{near:g} to {far:g}", "export it again")
+                raise FileFormatError.expected(
+                    f"{source}: depth range", "1 ≤ min < max", f"{near:g} to {far:g}", "export it again"
                 )
         focus = [2.0 / (1.0 / near + 1.0 / far) for near, far in ranges]
     if len(focus) != len(ranges):
-        raise InputError(expectation("focus depths", f"{len(ranges)}, one per lens type", len(focus), "correct them"))
+        raise InputError.expected("focus depths", f"{len(ranges)}, one per lens type", len(focus), "correct them")
     return tuple(LensType.focused_at(v, gap_um, pair) for v, pair in zip(focus, ranges, strict=True))
 
 
@@ -200,7 +207,7 @@ def _placement(
     base = np.array([_pair(root, f"lens_base_{axis}", "lens", source) for axis in "xy"])
     if abs(np.linalg.norm(base, axis=1) - 1).max() > 0.01 or abs(abs(base[0] @ base[1]) - 0.5) > 0.01:
         got = f"{base.round(3).tolist()}"
-        raise FileFormatError(expectation(f"{source}: lens bases", "a hexagonal lattice", got, "export it again"))
+        raise FileFormatError.expected(f"{source}: lens bases", "a hexagonal lattice", got, "export it again")
     _check_sub_grid(_pair(root, "sub_grid_base", "lens", source), len(offsets), source)
     # y up to y down turns a counter-clockwise angle into one from +x towards +y of the opposite sign
     turn = -_number(root, "rotation", "rad", source)
@@ -217,8 +224,8 @@ def _placement(
         found = lattice.type_of(whole[:, 0], whole[:, 1])
         if abs(index - whole).max() > 0.05 or len(set(found.tolist())) != 3:
             got = offsets.round(3).tolist()
-            raise FileFormatError(
-                expectation(f"{source}: lens type offsets", "neighbours of three types", got, "export it again")
+            raise FileFormatError.expected(
+                f"{source}: lens type offsets", "neighbours of three types", got, "export it again"
             )
         step = 1 if found[1] == 1 else 2
     return row, (float(centres[0, 0]), float(centres[0, 1])), step
@@ -236,8 +243,8 @@ def _check_sub_grid(vector: NDArray[np.float64], types: int, source: Path) -> No
     wanted = (3.0 if types == 3 else 1.0, math.sqrt(3))
     if np.abs(np.abs(vector) - wanted).max() > 0.01:
         got = np.abs(vector).round(4).tolist()
-        raise FileFormatError(
-            expectation(f"{source}: sub-grid base", f"({wanted[0]:g}, {wanted[1]:.4f}) lenses", got, "export it again")
+        raise FileFormatError.expected(
+            f"{source}: sub-grid base", f"({wanted[0]:g}, {wanted[1]:.4f}) lenses", got, "export it again"
         )
 
 
@@ -247,8 +254,8 @@ def _distortion(root: ElementTree.Element, source: Path) -> BrownDistortion | No
     entry = _only(root, "distortion", source)
     function = _only(entry, "function", source).text
     if (function or "").strip() != "Brown":
-        raise FileFormatError(
-            expectation(f"{source}: distortion", "the function Brown", repr(function), "export it without distortion")
+        raise FileFormatError.expected(
+            f"{source}: distortion", "the function Brown", repr(function), "export it without distortion"
         )
     text = _only(entry, "parameter", source).text or ""
     values = tuple(_float(part, f"{source}: distortion parameter") for part in text.split(";"))

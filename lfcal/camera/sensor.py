@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lfcal.camera._checks import check_number, check_tuple, check_type
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_number, check_tuple, check_type
+from lfcal.errors import InputError
 
 __all__ = ["Sensor"]
 
@@ -70,10 +70,12 @@ class Sensor:
         check_type("colour filter pattern", self.cfa, str)
         side = {0: 0, 1: 1, 4: 2, 16: 4, 36: 6}.get(len(self.cfa))
         if side is None or any(letter not in CFA_LETTERS for letter in self.cfa):
-            raise InputError(
-                expectation("colour filter pattern", f"1, 4, 16 or 36 letters of {CFA_LETTERS}", repr(self.cfa),
-                            'for example "GRBG", or "" for monochrome')
-            )  # fmt: skip
+            raise InputError.expected(
+                "colour filter pattern",
+                f"1, 4, 16 or 36 letters of {CFA_LETTERS}",
+                repr(self.cfa),
+                'for example "GRBG", or "" for monochrome',
+            )
 
     @property
     def centre_px(self) -> tuple[float, float]:

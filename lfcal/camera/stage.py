@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera._checks import check_tuple
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_tuple
+from lfcal.errors import InputError
 
 __all__ = ["StageAxes"]
 
@@ -40,10 +40,10 @@ class StageAxes:
         """Check every value."""
         for move, axis in zip(IMAGE_MOVES, (self.right, self.down, self.away), strict=True):
             if not (isinstance(axis, str) and len(axis) == 2 and axis[0] in "+-" and axis[1] in AXES):
-                raise InputError(expectation(f"stage axis ({move})", "+x, -x, +y … or -z", repr(axis), "correct it"))
+                raise InputError.expected(f"stage axis ({move})", "+x, -x, +y … or -z", repr(axis), "correct it")
         if {self.right[1], self.down[1], self.away[1]} != set(AXES):
             got = f"{self.right}, {self.down}, {self.away}"
-            raise InputError(expectation("stage axes", "x, y and z once each", got, "correct them"))
+            raise InputError.expected("stage axes", "x, y and z once each", got, "correct them")
         object.__setattr__(self, "origin_um", check_tuple("stage origin (x, y, z) (µm)", self.origin_um, 3))
 
     def matrix(self) -> NDArray[np.float64]:

@@ -13,11 +13,11 @@ import typer
 
 if TYPE_CHECKING:
     from lfcal.acquire.control import Control
-    from lfcal.acquire.devices import Rig
     from lfcal.acquire.live_quality import LiveQuality
     from lfcal.acquire.options import Options
     from lfcal.acquire.runner import Outcome
     from lfcal.camera import ScanPlan
+    from lfcal.devices.protocols import Rig
     from lfcal.frames import FrameSource
 
 ALARM_EVERY_S = 5.0
@@ -60,17 +60,24 @@ def command(
 
     Example: `lfcal acquire plan.json --backend sim --out session/ --assemble H.h5`
     """
-    from lfcal.acquire.backends.sim import SimBackend
     from lfcal.acquire.control import Control
     from lfcal.acquire.redo import RedoList
-    from lfcal.acquire.registry import open_rig
+    from lfcal.devices.registry import open_rig
+    from lfcal.devices.simulated.backend import SimBackend
 
     scan = _read_plan(plan, origin)
     given = {
-        "order": order, "bracket": _numbers(bracket, "--bracket"), "margin_px": margin, "darks": darks,
-        "dark_every": dark_every, "reference_every": reference_every, "controls": controls, "retries": retries,
-        "tolerance_um": _numbers(tolerance, "--tolerance"), "overshoot_um": _numbers(overshoot, "--overshoot"),
-    }  # fmt: skip
+        "order": order,
+        "bracket": _numbers(bracket, "--bracket"),
+        "margin_px": margin,
+        "darks": darks,
+        "dark_every": dark_every,
+        "reference_every": reference_every,
+        "controls": controls,
+        "retries": retries,
+        "tolerance_um": _numbers(tolerance, "--tolerance"),
+        "overshoot_um": _numbers(overshoot, "--overshoot"),
+    }
     options = _options(out if resume or redo is not None else None, given, check_origin)
     positions = RedoList.read(redo).positions if redo is not None else None
     devices = SimBackend(_simulated_optics) if backend == "sim" else backend
@@ -91,7 +98,7 @@ def command(
 
 def _simulated_optics(plan: ScanPlan, level: str) -> FrameSource:
     """Return the simulator's camera for the simulated rig, free of noise: the rig adds its own."""
-    from lfcal.simulate.camera_source import SimulatedCamera
+    from lfcal.simulate.sensor.camera_source import SimulatedCamera
 
     return SimulatedCamera(plan, (), level=level)
 
@@ -102,7 +109,7 @@ def _record(
     from lfcal.acquire.live_quality import LiveQuality
     from lfcal.acquire.schedule import window_shape
     from lfcal.acquire.session import iter_record
-    from lfcal.cli._common import report, run_work
+    from lfcal.cli.console import report, run_work
     from lfcal.progress import Work
 
     quality = LiveQuality(scan, window_shape(scan, options))
@@ -131,7 +138,7 @@ def _record(
 @contextmanager
 def _stoppable(control: Control) -> Iterator[None]:
     """Let Ctrl-C stop in order, and a second one abort."""
-    from lfcal.cli._common import report
+    from lfcal.cli.console import report
 
     def asked(*_: Any) -> None:
         if control.stopping:
@@ -151,7 +158,7 @@ def _read_plan(path: Path, origin: str) -> ScanPlan:
     from dataclasses import replace
 
     from lfcal.camera import ScanPlan
-    from lfcal.errors import InputError, expectation
+    from lfcal.errors import InputError
     from lfcal.files import storage_errors
 
     with storage_errors(path):
@@ -160,7 +167,7 @@ def _read_plan(path: Path, origin: str) -> ScanPlan:
         return plan
     place = _numbers(origin, "--origin") or ()
     if len(place) != 3:
-        raise InputError(expectation("--origin", "X,Y,Z in µm", origin, "give three numbers"))
+        raise InputError.expected("--origin", "X,Y,Z in µm", origin, "give three numbers")
     return replace(plan, stage=replace(plan.stage, origin_um=(place[0], place[1], place[2])))
 
 
@@ -179,24 +186,24 @@ def _options(session: Path | None, given: dict[str, Any], check_origin: bool) ->
 
 
 def _numbers(text: str | None, what: str) -> tuple[float, ...] | None:
-    from lfcal.errors import InputError, expectation
+    from lfcal.errors import InputError
 
     if text is None:
         return None
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise InputError(expectation(what, "numbers separated by commas", text, "correct it")) from None
+        raise InputError.expected(what, "numbers separated by commas", text, "correct it") from None
 
 
 def _pairs(options: list[str]) -> dict[str, str]:
-    from lfcal.errors import InputError, expectation
+    from lfcal.errors import InputError
 
     pairs = {}
     for text in options:
         key, sign, value = text.partition("=")
         if not sign or not key:
-            raise InputError(expectation("--option", "NAME=VALUE", text, "correct it"))
+            raise InputError.expected("--option", "NAME=VALUE", text, "correct it")
         pairs[key.strip()] = value.strip()
     return pairs
 
@@ -204,7 +211,7 @@ def _pairs(options: list[str]) -> dict[str, str]:
 def _check_stage(rig: Rig, scan: ScanPlan, options: Options, quiet: bool) -> None:
     from lfcal.acquire.session import check_devices
     from lfcal.acquire.setup import check_stage, iter_stage_fit
-    from lfcal.cli._common import run_work
+    from lfcal.cli.console import run_work
 
     check_devices(scan, rig)
     check_stage(run_work(iter_stage_fit(rig, scan, options=options), quiet=quiet), scan)
@@ -212,7 +219,7 @@ def _check_stage(rig: Rig, scan: ScanPlan, options: Options, quiet: bool) -> Non
 
 def _show_forecast(scan: ScanPlan, rig: Rig, options: Options, out: Path, json: bool) -> None:
     from lfcal.acquire.forecast import forecast
-    from lfcal.cli._common import print_json, print_table
+    from lfcal.cli.console import print_json, print_table
     from lfcal.units import format_bytes, format_seconds
 
     found = forecast(scan, rig, options, out)
@@ -233,7 +240,7 @@ def _show_forecast(scan: ScanPlan, rig: Rig, options: Options, out: Path, json: 
 
 def _finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[str, Any]:
     from lfcal.acquire.finish import iter_assemble_session, iter_finish
-    from lfcal.cli._common import run_work
+    from lfcal.cli.console import run_work
 
     result: dict[str, Any] = {}
     if assemble is not None:
@@ -246,7 +253,7 @@ def _finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[s
 
 
 def _report(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> None:
-    from lfcal.cli._common import print_json
+    from lfcal.cli.console import print_json
     from lfcal.units import format_seconds
 
     if json:

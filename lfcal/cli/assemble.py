@@ -56,23 +56,33 @@ def command(
     from contextlib import ExitStack
     from dataclasses import replace
 
-    from lfcal.cli._common import run_work
+    from lfcal.cli.console import run_work
     from lfcal.frames import channel_source, open_frames
-    from lfcal.frames.recipe import CorrectionRecipe, build_chain
+    from lfcal.frames.corrections.recipe import CorrectionRecipe, build_chain
     from lfcal.psf.assemble import iter_assemble
     from lfcal.psf.cutout import Cutout
 
     start = time.perf_counter()
     if (frames / "session.json").is_file():
-        _assemble_recording(frames, out, start, json, interpolation=interpolation, dtype=dtype,
-                            compression=compression, strict=strict, workers=workers)  # fmt: skip
+        _assemble_recording(
+            frames,
+            out,
+            start,
+            json,
+            interpolation=interpolation,
+            dtype=dtype,
+            compression=compression,
+            strict=strict,
+            workers=workers,
+        )
         return
     scan = read_plan(frames, plan)
     with ExitStack() as stack:
         source: Any = stack.enter_context(
-            open_frames(frames, manifest=manifest, pattern=pattern or None, order=order or None,
-                        plan_shape=scan.shape[:3])
-        )  # fmt: skip
+            open_frames(
+                frames, manifest=manifest, pattern=pattern or None, order=order or None, plan_shape=scan.shape[:3]
+            )
+        )
         if channel:
             source = channel_source(source, channel)
         recipe = CorrectionRecipe(
@@ -83,10 +93,19 @@ def command(
         if cutout:
             window = replace(window, shape=_cutout_shape(cutout, source, chain, window, lost))
         work = iter_assemble(
-            source, scan.shape[:3], window, out, corrections=chain, depths=scan.depths_um, camera=scan.camera,
-            strict=strict, dtype=dtype, compression=compression, workers=workers,
+            source,
+            scan.shape[:3],
+            window,
+            out,
+            corrections=chain,
+            depths=scan.depths_um,
+            camera=scan.camera,
+            strict=strict,
+            dtype=dtype,
+            compression=compression,
+            workers=workers,
             provenance={"plan": scan.to_dict()},
-        )  # fmt: skip
+        )
         report = run_work(work, quiet=json)
     with report.matrix:
         _show(report, out, time.perf_counter() - start, json)
@@ -97,7 +116,7 @@ def _assemble_recording(folder: Path, out: Path, start: float, json: bool, **opt
     import time
 
     from lfcal.acquire.finish import iter_assemble_session
-    from lfcal.cli._common import run_work
+    from lfcal.cli.console import run_work
 
     report = run_work(iter_assemble_session(folder, out, **options), quiet=json)
     with report.matrix:
@@ -107,21 +126,21 @@ def _assemble_recording(folder: Path, out: Path, start: float, json: bool, **opt
 def read_plan(frames: Path, plan: Path | None) -> ScanPlan:
     """Return the plan of a file, or of ``plan.json`` in or above the folder of the frames."""
     from lfcal.camera import ScanPlan
-    from lfcal.errors import InputError, expectation
+    from lfcal.errors import InputError
     from lfcal.files import storage_errors
 
     folder = frames if frames.is_dir() else frames.parent
     found = [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]
     if not found or found[0] is None:
-        raise InputError(
-            expectation("scan plan", f"plan.json in {folder} or above", "none", "make one with lfcal plan, or name it")
+        raise InputError.expected(
+            "scan plan", f"plan.json in {folder} or above", "none", "make one with lfcal plan, or name it"
         )
     with storage_errors(found[0]):
         return ScanPlan.from_json(found[0].read_text(encoding="utf-8", errors="replace"))
 
 
 def _cutout_shape(text: str, source: FrameSource, chain: Any, window: Any, lost: float) -> tuple[int, int]:
-    from lfcal.errors import InputError, expectation
+    from lfcal.errors import InputError
     from lfcal.psf.cutout import find_cutout
 
     if text == "auto":
@@ -135,22 +154,31 @@ def _cutout_shape(text: str, source: FrameSource, chain: Any, window: Any, lost:
     except ValueError:
         sizes = []
     if len(sizes) not in (1, 2):
-        raise InputError(expectation("--cutout", "an odd number, ROWS,COLUMNS or auto", text, "correct it"))
+        raise InputError.expected("--cutout", "an odd number, ROWS,COLUMNS or auto", text, "correct it")
     return (sizes[0], sizes[-1])
 
 
 def _show(report: AssemblyReport, out: Path, seconds: float, json: bool) -> None:
-    from lfcal.cli._common import print_json
-    from lfcal.cli._common import report as line
+    from lfcal.cli.console import print_json
+    from lfcal.cli.console import report as line
     from lfcal.units import format_bytes, format_seconds
 
     matrix = report.matrix
     if json:
-        print_json({
-            "out": out, "shape": matrix.shape, "frames": report.frames, "missing": report.missing,
-            "duplicates": report.duplicates, "saturated_frames": report.saturated, "padded": report.padded,
-            "residual_px": report.residual_px, "file_bytes": out.stat().st_size, "seconds": seconds,
-        })  # fmt: skip
+        print_json(
+            {
+                "out": out,
+                "shape": matrix.shape,
+                "frames": report.frames,
+                "missing": report.missing,
+                "duplicates": report.duplicates,
+                "saturated_frames": report.saturated,
+                "padded": report.padded,
+                "residual_px": report.residual_px,
+                "file_bytes": out.stat().st_size,
+                "seconds": seconds,
+            }
+        )
         return
     for note in report.notes:
         line(f"note: {note}")

@@ -44,9 +44,9 @@ def command(
 
     Example: `lfcal demo demo_out`
     """
-    from lfcal.cli._common import print_json, print_table
-    from lfcal.cli._sample import sample_session
     from lfcal.cli.assemble import read_plan
+    from lfcal.cli.console import print_json, print_table
+    from lfcal.cli.sample import sample_session
     from lfcal.units import format_seconds
 
     session = sample_session()
@@ -58,9 +58,14 @@ def command(
         _report(matrix, out, steps, quiet=json)
         _export(matrix, out, steps, quiet=json)
     if json:
-        print_json({"out": out, "shape": plan.shape, "steps": [
-            {"step": title, "made": made, "seconds": seconds} for title, made, seconds in steps.rows
-        ], **check})  # fmt: skip
+        print_json(
+            {
+                "out": out,
+                "shape": plan.shape,
+                "steps": [{"step": title, "made": made, "seconds": seconds} for title, made, seconds in steps.rows],
+                **check,
+            }
+        )
         return
     print_table(
         ["step", "made", "time"],
@@ -73,18 +78,25 @@ def command(
 
 @contextmanager
 def _assembled(session: Path, plan: ScanPlan, out: Path, steps: _Steps, *, quiet: bool) -> Iterator[PSFMatrix]:
-    from lfcal.cli._common import run_work
+    from lfcal.cli.console import run_work
     from lfcal.frames import open_frames
-    from lfcal.frames.recipe import CorrectionRecipe, build_chain
+    from lfcal.frames.corrections.recipe import CorrectionRecipe, build_chain
     from lfcal.psf import Cutout, iter_assemble
 
     with steps.step("frames, corrected and cropped with the shifting cutout") as made:
         with open_frames(session / "frames", plan_shape=plan.shape[:3]) as source:
             recipe = CorrectionRecipe(session / "dark", session / "white")
             work = iter_assemble(
-                source, plan.shape[:3], Cutout.for_plan(plan), out / "H.h5", corrections=build_chain(source, recipe),
-                depths=plan.depths_um, camera=plan.camera, strict=True, provenance={"plan": plan.to_dict()},
-            )  # fmt: skip
+                source,
+                plan.shape[:3],
+                Cutout.for_plan(plan),
+                out / "H.h5",
+                corrections=build_chain(source, recipe),
+                depths=plan.depths_um,
+                camera=plan.camera,
+                strict=True,
+                provenance={"plan": plan.to_dict()},
+            )
             report = run_work(work, quiet=quiet)
         made.append(f"H.h5 from {report.frames} frames")
     with report.matrix as matrix:
@@ -100,8 +112,14 @@ def _pictures(matrix: PSFMatrix, out: Path, steps: _Steps) -> None:
         left, right = fig.subplots(1, 2)
         where = f"z = {format_length(float(matrix.depths[z]))}, y {y}, x {x}"
         draw_image(left, matrix[z, y, x], title=f"H: a point on the sensor ({where})", unit="counts")
-        draw_image(right, matrix.T[z, y, x], title="HT: a pixel in the volume", unit="counts",
-                   xlabel="voxel column s (px)", ylabel="voxel row t (px)")  # fmt: skip
+        draw_image(
+            right,
+            matrix.T[z, y, x],
+            title="HT: a pixel in the volume",
+            unit="counts",
+            xlabel="voxel column s (px)",
+            ylabel="voxel row t (px)",
+        )
         save_figure(fig, out / "H_and_HT.png")
         made.append("H_and_HT.png")
     with steps.step("depth-plane sums: the aperture from every depth") as made, figure(3.2 * len(matrix), 3) as fig:
@@ -127,7 +145,7 @@ def _against_truth(matrix: PSFMatrix, session: Path, plan: ScanPlan, out: Path, 
 
 
 def _report(matrix: PSFMatrix, out: Path, steps: _Steps, *, quiet: bool) -> None:
-    from lfcal.cli._common import run_work
+    from lfcal.cli.console import run_work
     from lfcal.psf.report import iter_report
 
     with steps.step("quality report") as made:
@@ -136,7 +154,7 @@ def _report(matrix: PSFMatrix, out: Path, steps: _Steps, *, quiet: bool) -> None
 
 
 def _export(matrix: PSFMatrix, out: Path, steps: _Steps, *, quiet: bool) -> None:
-    from lfcal.cli._common import run_work
+    from lfcal.cli.console import run_work
     from lfcal.psf import iter_export
 
     with steps.step("export for the published codes") as made:

@@ -14,8 +14,23 @@ from typing import Any
 
 import typer
 
-LIBRARIES = ("numpy", "scipy", "numba", "h5py", "hdf5plugin", "opencv-contrib-python-headless", "rawpy", "tifffile",
-             "imagecodecs", "matplotlib", "typer", "rich", "PySide6-Essentials", "pyqtgraph", "dask")  # fmt: skip
+LIBRARIES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "h5py",
+    "hdf5plugin",
+    "opencv-contrib-python-headless",
+    "rawpy",
+    "tifffile",
+    "imagecodecs",
+    "matplotlib",
+    "typer",
+    "rich",
+    "PySide6-Essentials",
+    "pyqtgraph",
+    "dask",
+)
 OPTIONAL = {"PySide6-Essentials": "gui", "pyqtgraph": "gui", "dask": "cluster"}
 """Libraries that belong to an extra."""
 
@@ -32,7 +47,7 @@ def command(json: bool = typer.Option(False, "--json", help="Print the result as
     """
     from rich.markup import escape
 
-    from lfcal.cli._common import print_json, print_table
+    from lfcal.cli.console import print_json, print_table
 
     found = examine()
     if json:
@@ -50,7 +65,7 @@ def examine() -> dict[str, Any]:
     from dataclasses import asdict
 
     from lfcal import __version__
-    from lfcal.acquire.registry import find_backends
+    from lfcal.devices.registry import find_backends
     from lfcal.threads import worker_count
     from lfcal.units import format_bytes
 

@@ -31,10 +31,10 @@ def command(
     """
     import time
 
-    from lfcal.cli._common import print_json, report, run_work
-    from lfcal.errors import InputError, expectation
+    from lfcal.cli.console import print_json, report, run_work
+    from lfcal.errors import InputError
     from lfcal.psf.export import iter_export
-    from lfcal.psf.store import open_psf
+    from lfcal.psf.opening import open_psf
     from lfcal.units import format_bytes, format_seconds
 
     suffix = out.suffix.lower()
@@ -49,7 +49,7 @@ def command(
         try:
             y, x = (int(part) for part in position.split(","))
         except ValueError:
-            raise InputError(expectation("--position", "y,x", position, "for example --position 9,16")) from None
+            raise InputError.expected("--position", "y,x", position, "for example --position 9,16") from None
         options = {"position": (y, x)}
     start = time.perf_counter()
     with open_psf(source) as matrix:

@@ -38,14 +38,14 @@ def command(
 
     Example: `lfcal inspect H.h5 --report report/`
     """
-    from lfcal.cli._common import print_json, run_work
-    from lfcal.errors import StorageError, expectation
+    from lfcal.cli.console import print_json, run_work
+    from lfcal.errors import StorageError
     from lfcal.psf.compare import iter_compare
+    from lfcal.psf.opening import open_psf
     from lfcal.psf.quality import iter_inspect
-    from lfcal.psf.store import open_psf
 
     if report is not None and report.exists() and not report.is_dir():
-        raise StorageError(expectation(str(report), "a folder for the report", "a file", "name a folder"))
+        raise StorageError.expected(str(report), "a folder for the report", "a file", "name a folder")
     with ExitStack() as files:
         H = files.enter_context(open_psf(source))
         H = H.T if H.is_transposed else H
@@ -71,9 +71,9 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
     """Return the control frames of a session, cut out like H, and where they were taken, by depth plane."""
     import numpy as np
 
-    from lfcal.acquire.recording import read_checks
-    from lfcal.acquire.records import Kind
-    from lfcal.errors import InputError, expectation
+    from lfcal.acquire.recording.records import Kind
+    from lfcal.acquire.recording.source import read_checks
+    from lfcal.errors import InputError
 
     found: dict[int, tuple[list[NDArray[Any]], list[NDArray[Any]]]] = {}
     for check in read_checks(session):
@@ -81,16 +81,18 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
             continue
         top, left = ((n - m) // 2 for n, m in zip(check.frame.shape, H.cutout, strict=True))
         if min(top, left) < 0:
-            raise InputError(
-                expectation("control frames", f"at least {H.cutout} pixels like H", check.frame.shape,
-                            "give the session that H was recorded in")
-            )  # fmt: skip
+            raise InputError.expected(
+                "control frames",
+                f"at least {H.cutout} pixels like H",
+                check.frame.shape,
+                "give the session that H was recorded in",
+            )
         frames, places = found.setdefault(check.position.z, ([], []))
         frames.append(check.frame[top : top + H.cutout[0], left : left + H.cutout[1]])
         places.append(np.array(H.anchor) + check.position[1:] + np.array(check.periods) * H.period)
     if not found:
-        raise InputError(
-            expectation(f"{session}", "control frames", "none", "record with lfcal acquire --controls, or leave it out")
+        raise InputError.expected(
+            f"{session}", "control frames", "none", "record with lfcal acquire --controls, or leave it out"
         )
     return {z: (np.stack(frames), np.stack(places)) for z, (frames, places) in found.items()}
 
@@ -104,7 +106,7 @@ def _write(
     *,
     quiet: bool,
 ) -> Path | None:
-    from lfcal.cli._common import run_work
+    from lfcal.cli.console import run_work
     from lfcal.psf.report import iter_report
 
     if folder is None:
@@ -115,7 +117,7 @@ def _write(
 
 def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -> None:
     """Print verdict, metrics, apertures and the comparison."""
-    from lfcal.cli._common import print_table
+    from lfcal.cli.console import print_table
     from lfcal.psf.report.page import limits, value_text
     from lfcal.units import format_length, format_seconds
 

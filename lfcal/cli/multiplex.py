@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli import _multiplex_figures as pictures
-from lfcal.cli._common import print_json, print_table, run_work
-from lfcal.errors import InputError, expectation
+from lfcal.cli import multiplex_figures as pictures
+from lfcal.cli.console import print_json, print_table, run_work
+from lfcal.errors import InputError
+from lfcal.multiplex.naming import modulator_of
 
 if TYPE_CHECKING:
     from lfcal.multiplex import Modulator
 
-__all__ = ["modulator_of", "register"]
+__all__ = ["register"]
 
 
 def register(app: typer.Typer) -> None:
@@ -34,22 +35,6 @@ def register(app: typer.Typer) -> None:
     app.add_typer(group, name="multiplex")
 
 
-def modulator_of(text: str) -> Modulator:
-    """Return the modulator written as ``Bayer``, ``RG/GB``, ``MURA:11``, or two of these joined by ``*``."""
-    from lfcal.multiplex import MASKS, cfa, mask
-
-    if "*" in text:
-        first, second = text.split("*", 1)
-        return modulator_of(first) * modulator_of(second)
-    kind, _, size = text.strip().partition(":")
-    found = {m.lower(): m for m in MASKS}.get(kind.strip().lower().replace("-", "_").replace(" ", "_"))
-    if found is None:
-        return cfa(text.strip())
-    if size and not size.isdigit():
-        raise InputError(expectation(f"size of {found} (px)", "a whole number", repr(size), "write it like MURA:11"))
-    return mask(found, int(size or 11))
-
-
 def _chi2(chi2: float | None, camera: str | None, gain: float) -> tuple[float | None, dict[str, float]]:
     """Return chi^2 from the options, and the camera to mark."""
     if camera is None:
@@ -58,7 +43,7 @@ def _chi2(chi2: float | None, camera: str | None, gain: float) -> tuple[float | 
     from lfcal.multiplex import camera_chi2
 
     if chi2 is not None:
-        raise InputError(expectation("chi^2", "one of --chi2 and --camera", "both", "leave one out"))
+        raise InputError.expected("chi^2", "one of --chi2 and --camera", "both", "leave one out")
     description = load_camera(camera)
     value = camera_chi2(description.sensor, gain=gain)
     return value, {description.name: value}
@@ -91,22 +76,48 @@ def compare(
     base = modulator_of(reference) if reference else chosen[0]
     ratio, marks = _chi2(chi2, camera, gain)
     found = [describe(m, base, ratio) for m in chosen]
-    measured = [
-        [_measured(m, base, c, monte_carlo, monte_carlo_gain, np.random.default_rng(1)) for c in (0.0, math.inf)]
-        for m in chosen
-    ] if monte_carlo else []  # fmt: skip
+    measured = (
+        [
+            [_measured(m, base, c, monte_carlo, monte_carlo_gain, np.random.default_rng(1)) for c in (0.0, math.inf)]
+            for m in chosen
+        ]
+        if monte_carlo
+        else []
+    )
     if out is not None:
         pictures.gains(chosen, base, marks, out, gain_curves)
     if json:
         print_json({"reference": base.name, "chi2": ratio, "modulators": found, "monte_carlo_gain_db": measured})
         return
-    headers = ["modulator", "super-pixel (px)", "K", "N", "rank", "condition", "τ", "α", "gain, additive (dB)",
-               "gain, photon (dB)", f"gain at χ² = {_text(ratio)} (dB)", "not recovered whole"]  # fmt: skip
+    headers = [
+        "modulator",
+        "super-pixel (px)",
+        "K",
+        "N",
+        "rank",
+        "condition",
+        "τ",
+        "α",
+        "gain, additive (dB)",
+        "gain, photon (dB)",
+        f"gain at χ² = {_text(ratio)} (dB)",
+        "not recovered whole",
+    ]
     rows = [
-        [f.name, f"{f.side[0]} x {f.side[1]}", str(f.pixels), str(f.samples), str(f.rank), _text(f.condition),
-         _text(f.transmission), _text(f.amplification), *(_text(g, "+.3f") for g in
-         (f.gain_additive_db, f.gain_photon_db, f.gain_db)), _lost(f.lost)] for f in found
-    ]  # fmt: skip
+        [
+            f.name,
+            f"{f.side[0]} x {f.side[1]}",
+            str(f.pixels),
+            str(f.samples),
+            str(f.rank),
+            _text(f.condition),
+            _text(f.transmission),
+            _text(f.amplification),
+            *(_text(g, "+.3f") for g in (f.gain_additive_db, f.gain_photon_db, f.gain_db)),
+            _lost(f.lost),
+        ]
+        for f in found
+    ]
     if measured:
         headers += ["measured, additive (dB)", "measured, photon (dB)"]
         rows = [row + [_text(g, "+.3f") for g in pair] for row, pair in zip(rows, measured, strict=True)]
@@ -157,7 +168,7 @@ def demosaic(
     image = open_image(frame)
     mosaic = pattern or str(image.metadata.get("cfa", ""))
     if not mosaic:
-        raise InputError(expectation(f"colour filters of {frame}", "a pattern", "none", "give --pattern, e.g. GRBG"))
+        raise InputError.expected(f"colour filters of {frame}", "a pattern", "none", "give --pattern, e.g. GRBG")
     levels = image.metadata.get("black_level", 0) if dark is None else dark
     light = pictures.without_dark(image.read(page), levels)
     image.close()
@@ -177,7 +188,8 @@ def views(
 
     Example: `lfcal multiplex views field.tif --white white.tif -o views.tif`
     """
-    from lfcal.frames import fit_lattice, read_image
+    from lfcal.frames import read_image
+    from lfcal.lattice import fit_lattice
     from lfcal.multiplex import SuperPixelLattice, demultiplex_lattice, lattice_channels
 
     light, bright = (pictures.less(read_image(p), dark) for p in (frame, white))
@@ -207,9 +219,9 @@ def search(
 
     ratio = _chi2(chi2, camera, gain)[0]
     if ratio is None:
-        raise InputError(expectation("chi^2", "--chi2 or --camera", "neither", "say for which camera to search"))
+        raise InputError.expected("chi^2", "--chi2 or --camera", "neither", "say for which camera to search")
     if what != "filters" and not what.isdigit():
-        raise InputError(expectation("search", "filters or a mask's size", repr(what), "for example 11"))
+        raise InputError.expected("search", "filters or a mask's size", repr(what), "for example 11")
     frontier = (
         filter_set_frontier(ratio) if what == "filters" else run_work(iter_mask_frontier(int(what), ratio), quiet=json)
     )

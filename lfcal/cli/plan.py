@@ -9,8 +9,8 @@ from pathlib import Path
 import typer
 
 from lfcal.camera import PRESETS, Camera, Forecast, ScanPlan, StageAxes, preset, read_raytrix_xml
-from lfcal.cli._common import print_json, print_table
-from lfcal.errors import InputError, StorageError, expectation
+from lfcal.cli.console import print_json, print_table
+from lfcal.errors import InputError, StorageError
 from lfcal.files import replace_whole, storage_errors
 from lfcal.units import format_bytes, format_length, format_seconds
 
@@ -28,17 +28,17 @@ def load_camera(name: str) -> Camera:
     path = Path(name)
     if not path.exists():
         known = ", ".join(PRESETS)
-        raise StorageError(expectation("camera", f"{known}, a JSON file or a Raytrix XML file", name, "check the name"))
+        raise StorageError.expected("camera", f"{known}, a JSON file or a Raytrix XML file", name, "check the name")
     if path.suffix.lower() == ".xml":
         return read_raytrix_xml(path)
     with storage_errors(path), path.open("rb") as file:
         data = file.read(MAX_JSON + 1)
     if len(data) > MAX_JSON:
-        raise InputError(expectation(str(path), "a camera description of a few kB", "a large file", "check the path"))
+        raise InputError.expected(str(path), "a camera description of a few kB", "a large file", "check the path")
     try:
         return Camera.from_json(data.decode("utf-8"))
     except UnicodeDecodeError:
-        raise InputError(expectation(str(path), "JSON in UTF-8", "other bytes", "check the path")) from None
+        raise InputError.expected(str(path), "JSON in UTF-8", "other bytes", "check the path") from None
 
 
 def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:
@@ -48,12 +48,12 @@ def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:
     if ":" not in text:
         return tuple(values)
     if "," in text or len(values) != 3 or values[2] == 0:
-        raise InputError(expectation("planes", "a,b,c or start:stop:step", repr(text), "for example 2:5.5:0.5"))
+        raise InputError.expected("planes", "a,b,c or start:stop:step", repr(text), "for example 2:5.5:0.5")
     start, stop, step = values
     count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
     if not 1 <= count <= MAX_PLANES:
-        raise InputError(
-            expectation("planes", f"1 to {MAX_PLANES} steps from start to stop", repr(text), "correct the step")
+        raise InputError.expected(
+            "planes", f"1 to {MAX_PLANES} steps from start to stop", repr(text), "correct the step"
         )
     return tuple(start + k * step for k in range(count))
 
@@ -66,7 +66,7 @@ def _number(field: str, lengths: bool) -> float:
         return float(match[1].replace("−", "-")) * UNITS[match[2] or ""]
     except ValueError:
         wanted = "numbers, in µm or with mm" if lengths else "numbers"
-        raise InputError(expectation("planes", wanted, repr(field), "for example 2,3,5")) from None
+        raise InputError.expected("planes", wanted, repr(field), "for example 2,3,5") from None
 
 
 def parse_pair(text: str, what: str) -> tuple[float, float]:
@@ -78,7 +78,7 @@ def parse_pair(text: str, what: str) -> tuple[float, float]:
             return values[0], values[-1]
     except ValueError:
         pass
-    raise InputError(expectation(what, "one number or two (rows,columns)", repr(text), "for example 181 or 181,181"))
+    raise InputError.expected(what, "one number or two (rows,columns)", repr(text), "for example 181 or 181,181")
 
 
 def _rows(plan: ScanPlan, forecast: Forecast, speed: float) -> list[list[str]]:
@@ -178,7 +178,7 @@ def register(app: typer.Typer) -> None:
         window = parse_pair(cutout, "cutout") if cutout else None
         axes = stage.split(",")
         if len(axes) != 3:
-            raise InputError(expectation("stage axes", "three, such as +x,-y,+z", repr(stage), "correct them"))
+            raise InputError.expected("stage axes", "three, such as +x,-y,+z", repr(stage), "correct them")
         made = ScanPlan.for_camera(
             described,
             depths_um=parse_depths(depths, lengths=True) if depths else None,
@@ -206,5 +206,5 @@ def register(app: typer.Typer) -> None:
 
 def _whole(pair: tuple[float, float]) -> tuple[int, int]:
     if any(not value.is_integer() for value in pair):
-        raise InputError(expectation("cutout", "whole numbers of pixels", f"{pair[0]:g}, {pair[1]:g}", "correct it"))
+        raise InputError.expected("cutout", "whole numbers of pixels", f"{pair[0]:g}, {pair[1]:g}", "correct it")
     return int(pair[0]), int(pair[1])

@@ -12,8 +12,8 @@ import typer
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lfcal.reconstruct.records import Reconstruction
     from lfcal.reconstruct.resample import Resampling
+    from lfcal.reconstruct.solvers.records import Reconstruction
 
 Reader = Callable[[], "NDArray[Any]"]
 
@@ -56,11 +56,11 @@ def command(
     """
     from dataclasses import asdict
 
-    from lfcal.cli._common import print_json, print_table, report, run_work
+    from lfcal.cli.console import print_json, print_table, report, run_work
     from lfcal.psf import open_psf
-    from lfcal.reconstruct.projector import Projector
+    from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.series import iter_series
-    from lfcal.reconstruct.solvers import SOLVERS, SolverChoice
+    from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
     from lfcal.reconstruct.volumes import check_suffix, save_volume
 
     if solver == "list":
@@ -74,9 +74,15 @@ def command(
         view = _view(H, white) if resample else None
         shape = view.shape if view is not None else frames[0][1]().shape
         P = Projector(
-            H, shape, _anchor(anchor, view, H), method, dtype="float64" if double else "float32", threshold=threshold,
-            memory_limit=None if memory is None else int(memory * 1e9), workers=workers,
-        )  # fmt: skip
+            H,
+            shape,
+            _anchor(anchor, view, H),
+            method,
+            dtype="float64" if double else "float32",
+            threshold=threshold,
+            memory_limit=None if memory is None else int(memory * 1e9),
+            workers=workers,
+        )
         if forecast:
             _show_forecast(P, choice, len(frames), json)
             return
@@ -106,29 +112,29 @@ def command(
 
 
 def _check_paths(frame: Path | None, out: Path | None, batch: Path | None, forecast: bool) -> None:
-    from lfcal.errors import InputError, StorageError, expectation
+    from lfcal.errors import InputError, StorageError
 
     if (frame is None) == (batch is None):
-        raise InputError(expectation("frames", "a frame or --batch FOLDER", "none or both", "give one of them"))
+        raise InputError.expected("frames", "a frame or --batch FOLDER", "none or both", "give one of them")
     if out is None and not forecast:
-        raise InputError(expectation("--out", "where to write", "nothing", "name a file, or a folder with --batch"))
+        raise InputError.expected("--out", "where to write", "nothing", "name a file, or a folder with --batch")
     source = batch or frame
     if source is not None and not source.exists():
         raise StorageError(f"{source}: no such file or folder; check the path")
 
 
 def _check_names(names: list[str]) -> None:
-    from lfcal.errors import InputError, expectation
+    from lfcal.errors import InputError
 
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(expectation("names of the frames", "each once", f"{twice} twice", "rename one of them"))
+        raise InputError.expected("names of the frames", "each once", f"{twice} twice", "rename one of them")
 
 
 def _frames(path: Path) -> Iterator[tuple[str, Reader]]:
     """Yield name and reader of every page of an image file or of the images of a folder, in natural order."""
-    from lfcal.errors import InputError, expectation
-    from lfcal.frames.images import IMAGE_SUFFIXES, open_image, read_image
+    from lfcal.errors import InputError
+    from lfcal.frames.formats.opening import IMAGE_SUFFIXES, open_image, read_image
     from lfcal.frames.positions import natural_key
 
     files = [path]
@@ -136,7 +142,7 @@ def _frames(path: Path) -> Iterator[tuple[str, Reader]]:
         names = sorted((p.name for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES), key=natural_key)
         files = [path / name for name in names]
     if not files:
-        raise InputError(expectation(f"frames in {path}", "at least one image", "none", "check the folder"))
+        raise InputError.expected(f"frames in {path}", "at least one image", "none", "check the folder")
     for file in files:
         image = open_image(file)
         image.close()
@@ -147,7 +153,7 @@ def _frames(path: Path) -> Iterator[tuple[str, Reader]]:
 
 def _anchor(text: str, view: Resampling | None, H: Any) -> tuple[float, float] | None:
     """Return the pixel of H's position (0, 0): as given, where resampling puts it, or None for H's own."""
-    from lfcal.errors import InputError, expectation
+    from lfcal.errors import InputError
     from lfcal.reconstruct.resample import lattice_anchor_of
 
     if not text:
@@ -155,21 +161,21 @@ def _anchor(text: str, view: Resampling | None, H: Any) -> tuple[float, float] |
     try:
         row, column = (float(part) for part in text.split(","))
     except ValueError:
-        raise InputError(expectation("--anchor", "ROW,COLUMN", text, "for example 12,7")) from None
+        raise InputError.expected("--anchor", "ROW,COLUMN", text, "for example 12,7") from None
     return row, column
 
 
 def _view(H: Any, white: Path | None) -> Resampling:
     """Return the map of frames onto H's period, by the lattice of the white frame or the one H's camera states."""
-    from lfcal.errors import InputError, expectation
+    from lfcal.errors import InputError
     from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
 
     if white is None and H.camera is not None:
         return Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H))
     if white is None:
-        raise InputError(expectation("--resample", "a white frame, or a camera with H", "neither", "give --white"))
-    from lfcal.frames.lattice_fit import fit_lattice
-    from lfcal.frames.recipe import read_average
+        raise InputError.expected("--resample", "a white frame, or a camera with H", "neither", "give --white")
+    from lfcal.frames.corrections.recipe import read_average
+    from lfcal.lattice.fit import fit_lattice
 
     types = len(H.camera.lattice.types) if H.camera is not None else 1
     fit = fit_lattice(read_average(white), kind=None if H.camera is None else H.camera.lattice.kind)
@@ -181,7 +187,7 @@ def _cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> 
     import numpy as np
 
     from lfcal.frames import CorrectionChain, Dark, White
-    from lfcal.frames.recipe import read_average
+    from lfcal.frames.corrections.recipe import read_average
 
     level = read_average(dark) if dark else None
     steps: list[Any] = [] if level is None else [Dark(level)]
@@ -201,7 +207,7 @@ def _cleaned(read: Reader, clean: Callable[[NDArray[Any]], NDArray[Any]]) -> NDA
 
 
 def _show_forecast(P: Any, choice: Any, frames: int, json: bool) -> None:
-    from lfcal.cli._common import print_json, print_table
+    from lfcal.cli.console import print_json, print_table
     from lfcal.units import format_bytes, format_seconds
 
     found = P.forecast()
@@ -210,16 +216,22 @@ def _show_forecast(P: Any, choice: Any, frames: int, json: bool) -> None:
         print_json({"forecast": found.chosen, "options": found.options, "seconds": total})
         return
     rows = [
-        [c.method + (" *" if c is found.chosen else ""), format_seconds(c.prepare_s), format_seconds(c.forward_s),
-         format_seconds(c.adjoint_s), format_bytes(c.memory_bytes), "yes" if c.resident else "no"]
+        [
+            c.method + (" *" if c is found.chosen else ""),
+            format_seconds(c.prepare_s),
+            format_seconds(c.forward_s),
+            format_seconds(c.adjoint_s),
+            format_bytes(c.memory_bytes),
+            "yes" if c.resident else "no",
+        ]
         for c in found.options
-    ]  # fmt: skip
+    ]
     print_table(["method", "set-up", "forward", "adjoint", "memory", "kept"], rows, title=f"{P.volume_shape} volume")
     typer.echo(f"{frames} frames, {choice.iterations} iterations: about {format_seconds(total)}")
 
 
 def _show(result: Any, target: Path, shape: tuple[int, ...]) -> None:
-    from lfcal.cli._common import report
+    from lfcal.cli.console import report
     from lfcal.units import format_seconds
 
     for note in result.notes:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli._common import print_json, print_table, report, run_work
-from lfcal.errors import InputError, expectation
+from lfcal.cli.console import print_json, print_table, report, run_work
+from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -77,7 +77,7 @@ def _plan(camera: str, depths: str, virtual_depths: str, cutout: str) -> ScanPla
         raise InputError("planes: give --depths (µm) or --virtual-depths, for example --virtual-depths 2:5.5:0.5")
     window = parse_pair(cutout, "cutout") if cutout else None
     if window is not None and not all(value.is_integer() for value in window):
-        raise InputError(expectation("cutout", "whole numbers of pixels", cutout, "correct it"))
+        raise InputError.expected("cutout", "whole numbers of pixels", cutout, "correct it")
     return ScanPlan.for_camera(
         load_camera(camera),
         depths_um=parse_depths(depths, lengths=True) if depths else None,
@@ -101,8 +101,8 @@ def _settings(effects: Sequence[str]) -> dict[str, str]:
     for item in effects:
         name, sign, setting = item.partition("=")
         if not sign:
-            raise InputError(
-                expectation("effect", "NAME=on, NAME=off or NAME=auto", repr(item), "for example bandwidth=on")
+            raise InputError.expected(
+                "effect", "NAME=on, NAME=off or NAME=auto", repr(item), "for example bandwidth=on"
             )
         settings[name.strip()] = setting.strip()
     return settings
@@ -112,16 +112,29 @@ def _show(found: EffectPlan, json: bool) -> None:
     from lfcal.units import format_seconds
 
     if json:
-        print_json({
-            "level": found.level, "tolerance": found.tolerance, "seconds": found.seconds,
-            "ideal_seconds": found.ideal_seconds,
-            "effects": [
-                {"name": r.name, "on": r.on, "setting": r.setting, "size": r.estimate.size, "unit": r.estimate.unit,
-                 "error": r.estimate.error, "formula": r.estimate.formula, "z_um": r.z_um, "seconds": r.seconds,
-                 "reason": r.reason}
-                for r in found.rows
-            ],
-        })  # fmt: skip
+        print_json(
+            {
+                "level": found.level,
+                "tolerance": found.tolerance,
+                "seconds": found.seconds,
+                "ideal_seconds": found.ideal_seconds,
+                "effects": [
+                    {
+                        "name": r.name,
+                        "on": r.on,
+                        "setting": r.setting,
+                        "size": r.estimate.size,
+                        "unit": r.estimate.unit,
+                        "error": r.estimate.error,
+                        "formula": r.estimate.formula,
+                        "z_um": r.z_um,
+                        "seconds": r.seconds,
+                        "reason": r.reason,
+                    }
+                    for r in found.rows
+                ],
+            }
+        )
         return
     rows = [["on" if r.on else "off", r.effect.title, r.reason] for r in found.rows]
     title = f"effects for a tolerance of {100 * found.tolerance:g} %, level {found.level}"
@@ -142,13 +155,25 @@ def _write_h(
     if not quiet:
         report(f"about {format_seconds(foretold)} of processor time ahead")
     work: Work[Any] = iter_simulate_psf(
-        planned.camera, planned, found, level, tolerance=tolerance, out=out, workers=workers,
+        planned.camera,
+        planned,
+        found,
+        level,
+        tolerance=tolerance,
+        out=out,
+        workers=workers,
         provenance={"plan": planned.to_dict()},
-    )  # fmt: skip
+    )
     with run_work(work, quiet=quiet) as matrix:
         shape = matrix.shape
-    return {"path": out, "what": f"H {shape}", "shape": shape, "level": found.level, "predicted_seconds": foretold,
-            "effects": [e.name for e in found.effects]}  # fmt: skip
+    return {
+        "path": out,
+        "what": f"H {shape}",
+        "shape": shape,
+        "level": found.level,
+        "predicted_seconds": foretold,
+        "effects": [e.name for e in found.effects],
+    }
 
 
 def _write_frames(
@@ -161,12 +186,16 @@ def _write_frames(
     peak: float,
     quiet: bool,
 ) -> dict[str, Any]:
-    from lfcal.simulate.camera_source import SimulatedCamera
-    from lfcal.simulate.session import iter_write_session
+    from lfcal.simulate.sensor.camera_source import SimulatedCamera
+    from lfcal.simulate.sensor.session import iter_write_session
 
     if folder.exists() and any(folder.iterdir()):
-        raise InputError(expectation(str(folder), "a new or empty folder", "one with files in it", "choose another"))
+        raise InputError.expected(str(folder), "a new or empty folder", "one with files in it", "choose another")
     source = SimulatedCamera(planned, found, level=level, tolerance=tolerance, seed=seed, peak=peak)
     count = run_work(iter_write_session(source, folder), quiet=quiet)
-    return {"path": folder, "what": f"{count} frames, dark and white frames, plan", "frames": count,
-            "effects": [e.name for e in found.effects]}  # fmt: skip
+    return {
+        "path": folder,
+        "what": f"{count} frames, dark and white frames, plan",
+        "frames": count,
+        "effects": [e.name for e in found.effects],
+    }

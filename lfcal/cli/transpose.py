@@ -26,8 +26,8 @@ def command(
     """
     import time
 
-    from lfcal.cli._common import print_json, run_work
-    from lfcal.psf.store import open_psf
+    from lfcal.cli.console import print_json, run_work
+    from lfcal.psf.opening import open_psf
     from lfcal.psf.transpose_file import iter_transpose_file
     from lfcal.units import format_bytes, format_seconds
 

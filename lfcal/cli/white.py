@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.camera import Camera
-from lfcal.cli._common import print_json, print_table
+from lfcal.cli.console import print_json, print_table
 from lfcal.cli.plan import load_camera, parse_depths
 from lfcal.errors import InputError
 from lfcal.files import replace_whole
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from lfcal.frames.lattice_fit import LatticeFit
-    from lfcal.frames.lens_types import LensTypes
-    from lfcal.frames.views import Views
-    from lfcal.frames.vignetting import Vignetting
+    from lfcal.lattice.fit import LatticeFit
+    from lfcal.lattice.lens_types import LensTypes
+    from lfcal.lattice.views import Views
+    from lfcal.lattice.vignetting import Vignetting
 
 __all__ = ["register"]
 
@@ -50,8 +50,17 @@ def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[li
 
 
 def _as_json(fit: LatticeFit, fall: Vignetting, types: LensTypes | None, camera: Camera | None) -> dict[str, Any]:
-    names = ("kind", "shape", "pitch_px", "row_pitch_px", "rotation_rad", "origin_px", "pitch_error_px", "shear_rad",
-             "residual_rms_px")  # fmt: skip
+    names = (
+        "kind",
+        "shape",
+        "pitch_px",
+        "row_pitch_px",
+        "rotation_rad",
+        "origin_px",
+        "pitch_error_px",
+        "shear_rad",
+        "residual_rms_px",
+    )
     return {
         **{name: getattr(fit, name) for name in names},
         "lenslets": len(fit.index),
@@ -68,7 +77,7 @@ def _save_views(views: Views, slopes: tuple[float, ...], samples: int, out: Path
     import tifffile
 
     from lfcal.figures import save_array_png
-    from lfcal.frames.views import refocus
+    from lfcal.lattice.views import refocus
 
     stack = refocus(views, slopes, samples=samples)
     written = [out / "views.png", out / "central_view.png", out / "focal_stack.tif"]
@@ -93,7 +102,7 @@ def _shown(image: NDArray[np.float32], times: int) -> NDArray[np.float32]:
 
 
 def _slopes(text: str, depths: str, camera: Camera | None) -> tuple[float, ...]:
-    from lfcal.frames.views import sensor_slope
+    from lfcal.lattice.views import sensor_slope
 
     if depths and camera is None:
         raise InputError("depths: need --camera to know where they are focused; give it, or --slopes instead")
@@ -103,7 +112,7 @@ def _slopes(text: str, depths: str, camera: Camera | None) -> tuple[float, ...]:
 
 
 def _types(white: NDArray[Any], dark: Any, fit: LatticeFit, camera: Camera | None) -> LensTypes | None:
-    from lfcal.frames.lens_types import classify_lens_types, expected_blur
+    from lfcal.lattice.lens_types import classify_lens_types, expected_blur
 
     if camera is None or len(camera.lattice.types) != 3:
         return None
@@ -133,9 +142,9 @@ def register(app: typer.Typer) -> None:
         Example: `lfcal white white.tif --dark dark.tif --views frame.tif -o out`
         """
         from lfcal.frames import read_image
-        from lfcal.frames.lattice_fit import fit_lattice
-        from lfcal.frames.views import extract_views
-        from lfcal.frames.vignetting import vignetting_map
+        from lfcal.lattice.fit import fit_lattice
+        from lfcal.lattice.views import extract_views
+        from lfcal.lattice.vignetting import vignetting_map
 
         if views is not None and out is None:
             raise InputError("views: need a folder for the pictures; add -o FOLDER")

@@ -15,77 +15,26 @@
 - ``views``: sub-aperture views and refocused images of a frame
 """
 
-from __future__ import annotations
-
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from lfcal.frames.background import Background
-    from lfcal.frames.channels import BalancedSource, ChannelSource, balanced_source, channel_source
-    from lfcal.frames.corrected_source import CorrectedSource, corrected
-    from lfcal.frames.corrections import CorrectionChain
-    from lfcal.frames.defect_search import find_defects, iter_find_defects
-    from lfcal.frames.defects import Defects
-    from lfcal.frames.folder import FolderSource
-    from lfcal.frames.images import open_image, read_image
-    from lfcal.frames.lattice_fit import LatticeFit, fit_lattice
-    from lfcal.frames.lens_types import LensTypes, classify_lens_types, expected_blur
-    from lfcal.frames.manifest import FrameEntry, Manifest
-    from lfcal.frames.manifest_file import read_manifest, write_manifest
-    from lfcal.frames.opening import open_frames
-    from lfcal.frames.positions import NamePattern, scan_positions
-    from lfcal.frames.regions import read_region
-    from lfcal.frames.source import FrameSource, Position
-    from lfcal.frames.stack import ArraySource, frame_drift, frame_exposure
-    from lfcal.frames.steps import Dark, Exposure, White, average_frames
-    from lfcal.frames.views import Views, extract_views, refocus, sensor_slope
-    from lfcal.frames.vignetting import Vignetting, vignetting_map
-
-_HOME = {
-    "ArraySource": "stack",
-    "Background": "background",
-    "BalancedSource": "channels",
-    "ChannelSource": "channels",
-    "CorrectedSource": "corrected_source",
-    "CorrectionChain": "corrections",
-    "Dark": "steps",
-    "Defects": "defects",
-    "Exposure": "steps",
-    "FolderSource": "folder",
-    "FrameEntry": "manifest",
-    "FrameSource": "source",
-    "LatticeFit": "lattice_fit",
-    "LensTypes": "lens_types",
-    "Manifest": "manifest",
-    "NamePattern": "positions",
-    "Position": "source",
-    "Views": "views",
-    "Vignetting": "vignetting",
-    "White": "steps",
-    "average_frames": "steps",
-    "balanced_source": "channels",
-    "channel_source": "channels",
-    "classify_lens_types": "lens_types",
-    "corrected": "corrected_source",
-    "expected_blur": "lens_types",
-    "extract_views": "views",
-    "find_defects": "defect_search",
-    "fit_lattice": "lattice_fit",
-    "frame_drift": "stack",
-    "frame_exposure": "stack",
-    "iter_find_defects": "defect_search",
-    "open_frames": "opening",
-    "open_image": "images",
-    "read_image": "images",
-    "read_manifest": "manifest_file",
-    "read_region": "regions",
-    "refocus": "views",
-    "scan_positions": "positions",
-    "sensor_slope": "views",
-    "vignetting_map": "vignetting",
-    "write_manifest": "manifest_file",
-}
+from lfcal.frames.channels import BalancedSource, ChannelSource, balanced_source, channel_source
+from lfcal.frames.corrections.background import Background
+from lfcal.frames.corrections.chain import CorrectionChain
+from lfcal.frames.corrections.defect_search import find_defects, iter_find_defects
+from lfcal.frames.corrections.defects import Defects
+from lfcal.frames.corrections.steps import Dark, Exposure, White, average_frames
+from lfcal.frames.corrections.view import CorrectedSource, corrected
+from lfcal.frames.folder import FolderSource
+from lfcal.frames.formats.opening import open_image, read_image
+from lfcal.frames.manifest import FrameEntry, Manifest
+from lfcal.frames.manifest_file import read_manifest, write_manifest
+from lfcal.frames.opening import open_frames
+from lfcal.frames.positions import NamePattern, scan_positions
+from lfcal.frames.regions import read_region
+from lfcal.frames.source import FrameSource, Position
+from lfcal.frames.stack import ArraySource, frame_drift, frame_exposure
+from lfcal.lattice.fit import LatticeFit, fit_lattice
+from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
+from lfcal.lattice.views import Views, extract_views, refocus, sensor_slope
+from lfcal.lattice.vignetting import Vignetting, vignetting_map
 
 __all__ = [
     "ArraySource",
@@ -131,9 +80,3 @@ __all__ = [
     "vignetting_map",
     "write_manifest",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(f"lfcal.frames.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, InputError, expectation
+from lfcal.errors import FileFormatError, InputError
 
 __all__ = [
     "channel_names",
@@ -26,10 +26,12 @@ _LETTERS = "RGBWCMYE"
 def check_cfa(cfa: str) -> str:
     """Return ``cfa`` or raise `InputError` unless it is a square pattern of filter letters by rows, or empty."""
     if not isinstance(cfa, str) or len(cfa) not in _SIDES or any(letter not in _LETTERS for letter in cfa):
-        raise InputError(
-            expectation("colour filter pattern", f"1, 4, 16 or 36 letters of {_LETTERS}", repr(cfa),
-                        'for example "GRBG", or "" for monochrome')
-        )  # fmt: skip
+        raise InputError.expected(
+            "colour filter pattern",
+            f"1, 4, 16 or 36 letters of {_LETTERS}",
+            repr(cfa),
+            'for example "GRBG", or "" for monochrome',
+        )
     return cfa
 
 
@@ -67,7 +69,7 @@ def channel_phase(cfa: str, channel: str) -> tuple[int, int]:
     names = channel_names(cfa)
     if channel not in names:
         known = ", ".join(names) or "none (monochrome frames)"
-        raise InputError(expectation("colour channel", f"one of {known}", repr(channel), "choose one of these"))
+        raise InputError.expected("colour channel", f"one of {known}", repr(channel), "choose one of these")
     return divmod(names.index(channel), pattern_side(cfa))
 
 
@@ -118,7 +120,9 @@ def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
     greens, others = (main, across) if cfa[0] == "G" else (across, main)
     if greens > 2.5 * others and greens > 0.0125 * float(light[bright].mean()):
         ratio = greens / max(others, 1e-9)
-        raise FileFormatError(
-            expectation(f"{name}, greens of {cfa}", "equal light on both", f"{ratio:.1f} times that of the rest",
-                        "its Bayer tag is wrong; correct it")
-        )  # fmt: skip
+        raise FileFormatError.expected(
+            f"{name}, greens of {cfa}",
+            "equal light on both",
+            f"{ratio:.1f} times that of the rest",
+            "its Bayer tag is wrong; correct it",
+        )

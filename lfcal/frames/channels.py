@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.frames.cfa import channel_names, channel_phase, pattern_side, phases
 from lfcal.frames.delegate import SourceView
 from lfcal.frames.regions import check_region, read_region, whole
@@ -79,10 +79,12 @@ class BalancedSource(SourceView):
         given = source.metadata.get("gains") if gains is None else gains
         values = () if given is None else tuple(float(g) for g in given)
         if not names or len(values) != len(names) or not all(np.isfinite(values)) or min(values) <= 0:
-            raise InputError(
-                expectation("gains of the colours", f"positive numbers for {', '.join(names) or 'a colour mosaic'}",
-                            given, "measure them on a white frame and give them")
-            )  # fmt: skip
+            raise InputError.expected(
+                "gains of the colours",
+                f"positive numbers for {', '.join(names) or 'a colour mosaic'}",
+                given,
+                "measure them on a white frame and give them",
+            )
         self.gains = values
         self._side = pattern_side(cfa)
         self._phases = phases(cfa)

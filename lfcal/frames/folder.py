@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera._checks import check_choice
-from lfcal.errors import FileFormatError, InputError, expectation
+from lfcal.checks import check_choice
+from lfcal.errors import FileFormatError, InputError
 from lfcal.frames.cfa import check_greens
-from lfcal.frames.images import ImageFile, open_image
+from lfcal.frames.formats.image_file import ImageFile
+from lfcal.frames.formats.opening import open_image
 from lfcal.frames.manifest import Manifest, resolve_inside
 from lfcal.frames.regions import check_region
 from lfcal.frames.source import Position
@@ -60,21 +61,23 @@ def check_frame(
         bad = ~np.isfinite(frame)
         count = int(np.count_nonzero(bad))
         if count and nan == "reject":
-            raise FileFormatError(
-                expectation(name, "finite values", f"{count} NaN or infinite", "take the frame again, or mask them")
+            raise FileFormatError.expected(
+                name, "finite values", f"{count} NaN or infinite", "take the frame again, or mask them"
             )
         if count:
             frame[bad] = np.nan
     first = frame[0, 0]
     if blank == "reject" and (frame[::61, ::53] == first).all() and (frame == first).all() and frame.size > 1:
-        raise FileFormatError(
-            expectation(name, "an image", f"the value {first} in every pixel", "check shutter and lamp; take it again")
+        raise FileFormatError.expected(
+            name, "an image", f"the value {first} in every pixel", "check shutter and lamp; take it again"
         )
     if bit_depth is not None and frame.max() >= 1 << bit_depth:
-        raise FileFormatError(
-            expectation(name, f"values below {1 << bit_depth} ({bit_depth} bits)", frame.max(),
-                        "correct the bit depth, or shift left-aligned samples")
-        )  # fmt: skip
+        raise FileFormatError.expected(
+            name,
+            f"values below {1 << bit_depth} ({bit_depth} bits)",
+            frame.max(),
+            "correct the bit depth, or shift left-aligned samples",
+        )
     return frame
 
 
@@ -148,13 +151,13 @@ class FolderSource:
         """Raise unless ``image`` has the shape, dtype and colour filter of all frames."""
         for what, wanted, got in (("shape", shape, image.shape), ("samples", dtype, image.dtype)):
             if wanted != got:
-                raise FileFormatError(
-                    expectation(f"{name}, {what}", wanted, got, "take all frames with one setting, or leave it out")
+                raise FileFormatError.expected(
+                    f"{name}, {what}", wanted, got, "take all frames with one setting, or leave it out"
                 )
         own = image.metadata.get("cfa", cfa)
         if cfa and own != cfa:
-            raise FileFormatError(
-                expectation(f"{name}, colour filter", cfa, own or "none", "correct its Bayer tag or the manifest")
+            raise FileFormatError.expected(
+                f"{name}, colour filter", cfa, own or "none", "correct its Bayer tag or the manifest"
             )
 
     @contextmanager
@@ -228,8 +231,9 @@ class FolderSource:
         with self._image(entry.file) as image:
             self._check_kind(self.label(index), image, self._shape, self._dtype, self._metadata.get("cfa", ""))
             part = image.read_region(entry.page, rows, columns)
-        return check_frame(part, self.label(index), nan=self._nan, blank="accept",
-                           bit_depth=self._metadata.get("bit_depth"))  # fmt: skip
+        return check_frame(
+            part, self.label(index), nan=self._nan, blank="accept", bit_depth=self._metadata.get("bit_depth")
+        )
 
     def close(self) -> None:
         """Close the files that are kept open."""

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.camera._checks import check_number
-from lfcal.errors import FileFormatError, InputError, StorageError, UnsafeFileError, expectation
+from lfcal.checks import check_number
+from lfcal.errors import FileFormatError, InputError, StorageError, UnsafeFileError
 from lfcal.frames.cfa import check_cfa
 from lfcal.frames.positions import NamePattern, check_plan_shape, natural_key, scan_positions
 from lfcal.frames.source import Position
@@ -50,7 +50,7 @@ class FrameEntry:
         """Check every value."""
         name = self.file
         if not name or "\0" in name or "\\" in name:
-            raise InputError(expectation("file of a frame", "a path with / in it", repr(name), "mend it"))
+            raise InputError.expected("file of a frame", "a path with / in it", repr(name), "mend it")
         if name[0] == "/" or name[1:2] == ":" or ".." in name.split("/"):
             raise _leads_out(name, "the session folder")
         object.__setattr__(self, "position", Position(*self.position))
@@ -100,7 +100,7 @@ class Manifest:
         """Check every value."""
         object.__setattr__(self, "entries", tuple(self.entries))
         if not self.entries:
-            raise InputError(expectation("frames of the session", "at least one", "none", "check folder and manifest"))
+            raise InputError.expected("frames of the session", "at least one", "none", "check folder and manifest")
         check_cfa(self.cfa)
         if self.bit_depth is not None:
             check_number("bit depth", self.bit_depth, at_least=1, at_most=32, integer=True)
@@ -113,10 +113,9 @@ class Manifest:
         seen: set[tuple[str, int]] = set()
         for entry in self.entries:
             if (entry.file, entry.page) in seen:
-                raise InputError(
-                    expectation(f"{entry.file} page {entry.page}", "one position", "several",
-                                "list every file and page once")
-                )  # fmt: skip
+                raise InputError.expected(
+                    f"{entry.file} page {entry.page}", "one position", "several", "list every file and page once"
+                )
             seen.add((entry.file, entry.page))
 
     def _check_positions(self) -> None:
@@ -125,10 +124,12 @@ class Manifest:
         for entry in self.entries:
             for value, n, axis in zip(entry.position, shape, "zyx", strict=True):
                 if value >= n:
-                    raise InputError(
-                        expectation(f"{axis} of {entry.file} page {entry.page}", f"0 … {n - 1}", value,
-                                    "correct it or the scan shape")
-                    )  # fmt: skip
+                    raise InputError.expected(
+                        f"{axis} of {entry.file} page {entry.page}",
+                        f"0 … {n - 1}",
+                        value,
+                        "correct it or the scan shape",
+                    )
 
     def coverage(self) -> tuple[tuple[Position, ...], tuple[Position, ...]]:
         """Return the positions without a frame and those with several; without a scan shape, of the box around all."""
@@ -154,8 +155,8 @@ class Manifest:
         entries = tuple(FrameEntry(name, hit[0], hit[1]) for name, hit in found if hit is not None)
         if not entries:
             example = repr(names[0]) if names else "an empty folder"
-            raise InputError(
-                expectation("files", f"names like {form.template!r}", example, "give the pattern of these names")
+            raise InputError.expected(
+                "files", f"names like {form.template!r}", example, "give the pattern of these names"
             )
         return cls(entries, **expected)
 
@@ -173,10 +174,12 @@ class Manifest:
         pages, positions = list(pages), scan_positions(plan_shape, order)
         if len(pages) != len(positions):
             nz, ny, nx = plan_shape
-            raise InputError(
-                expectation("frames", f"{len(positions)} for a scan of {nz} x {ny} x {nx}", len(pages),
-                            "write a manifest that says which are there")
-            )  # fmt: skip
+            raise InputError.expected(
+                "frames",
+                f"{len(positions)} for a scan of {nz} x {ny} x {nx}",
+                len(pages),
+                "write a manifest that says which are there",
+            )
         entries = tuple(FrameEntry(file, p, page) for (file, page), p in zip(pages, positions, strict=True))
         return cls(entries, plan_shape=plan_shape, **expected)
 
@@ -223,10 +226,9 @@ def _follow(path: str, name: str) -> str:
 
 
 def _leads_out(name: str, folder: str) -> UnsafeFileError:
-    return UnsafeFileError(
-        expectation(f"file of a frame {name!r}", f"a path inside {folder}", "one that leads out",
-                    "copy the file into the folder")
-    )  # fmt: skip
+    return UnsafeFileError.expected(
+        f"file of a frame {name!r}", f"a path inside {folder}", "one that leads out", "copy the file into the folder"
+    )
 
 
 def number(text: object, what: str, *, integer: bool = False) -> Any:
@@ -237,7 +239,7 @@ def number(text: object, what: str, *, integer: bool = False) -> Any:
         value = math.nan
     if not math.isfinite(value):
         wanted = "a whole number" if integer else "a number"
-        raise FileFormatError(expectation(what, wanted, repr(text), "correct it"))
+        raise FileFormatError.expected(what, wanted, repr(text), "correct it")
     return value
 
 
@@ -247,7 +249,7 @@ def entry_from(record: Mapping[str, Any], where: str) -> FrameEntry:
     missing = [key for key in ("file", "z", "y", "x") if record.get(key) in (None, "")]
     if unknown or missing:
         got = f"unknown {unknown[0]!r}" if unknown else f"no {missing[0]!r}"
-        raise FileFormatError(expectation(where, f"columns {', '.join(COLUMNS)}", got, "rename or fill the column"))
+        raise FileFormatError.expected(where, f"columns {', '.join(COLUMNS)}", got, "rename or fill the column")
     given = {key: value for key, value in record.items() if value not in (None, "")}
     place = Position(*(number(given[key], f"{where}, {key}", integer=True) for key in "zyx"))
     values = {key: number(given[key], f"{where}, {key}") for key in ("exposure_s", "dy", "dx") if key in given}
@@ -264,7 +266,7 @@ COLUMNS = ("file", "page", "z", "y", "x", "exposure_s", "dy", "dx")
 
 def _pair(shape: Any) -> tuple[int, int]:
     if not isinstance(shape, tuple | list) or len(shape) != 2:
-        raise InputError(expectation("frame shape", "(rows, columns)", shape, "correct it"))
+        raise InputError.expected("frame shape", "(rows, columns)", shape, "correct it")
     for n in shape:
         check_number("frame rows and columns", n, at_least=1, at_most=200_000, integer=True)
     return int(shape[0]), int(shape[1])
@@ -273,5 +275,5 @@ def _pair(shape: Any) -> tuple[int, int]:
 def _dtype(name: str) -> str:
     allowed = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64")
     if name not in allowed:
-        raise InputError(expectation("frame dtype", ", ".join(allowed), repr(name), "correct it"))
+        raise InputError.expected("frame dtype", ", ".join(allowed), repr(name), "correct it")
     return name

@@ -9,7 +9,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from lfcal.errors import FileFormatError, InputError, expectation
+from lfcal.errors import FileFormatError, InputError
 from lfcal.files import replace_whole, storage_errors
 from lfcal.frames.manifest import COLUMNS, FrameEntry, Manifest, entry_from
 from lfcal.units import format_bytes
@@ -44,7 +44,7 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
         return _named(path, tuple(_csv_rows(path, text)), {})
     if path.suffix.lower() == ".json":
         return _from_json(path, text)
-    raise FileFormatError(expectation(str(path), "a .csv or .json manifest", repr(path.suffix), "rename it"))
+    raise FileFormatError.expected(str(path), "a .csv or .json manifest", repr(path.suffix), "rename it")
 
 
 def write_manifest(path: str | os.PathLike[str], manifest: Manifest) -> None:
@@ -65,12 +65,12 @@ def write_manifest(path: str | os.PathLike[str], manifest: Manifest) -> None:
         text = json.dumps(body, indent=1, ensure_ascii=False, allow_nan=False)
     elif suffix == ".csv":
         if expected:
-            raise InputError(
-                expectation(f"manifest {path}", "JSON for what CSV cannot hold", ", ".join(expected), "name it .json")
+            raise InputError.expected(
+                f"manifest {path}", "JSON for what CSV cannot hold", ", ".join(expected), "name it .json"
             )
         text = _csv_text(manifest)
     else:
-        raise InputError(expectation(f"manifest {path}", "a name ending in .csv or .json", repr(suffix), "rename it"))
+        raise InputError.expected(f"manifest {path}", "a name ending in .csv or .json", repr(suffix), "rename it")
     with storage_errors(path), replace_whole(path) as part:
         part.write_text(text, encoding="utf-8")
 
@@ -95,15 +95,15 @@ def _text(path: Path) -> str:
     with storage_errors(path):
         size = path.stat().st_size
         if size > MAX_BYTES:
-            raise FileFormatError(
-                expectation(f"manifest {path}", f"at most {format_bytes(MAX_BYTES)}", format_bytes(size), "split it")
+            raise FileFormatError.expected(
+                f"manifest {path}", f"at most {format_bytes(MAX_BYTES)}", format_bytes(size), "split it"
             )
         data = path.read_bytes()
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise FileFormatError(
-            expectation(f"manifest {path}", "UTF-8 text", f"byte {data[error.start]:#04x}", "save it as UTF-8")
+        raise FileFormatError.expected(
+            f"manifest {path}", "UTF-8 text", f"byte {data[error.start]:#04x}", "save it as UTF-8"
         ) from error
 
 
@@ -114,7 +114,7 @@ def _csv_rows(path: Path, text: str) -> list[FrameEntry]:
         for row in reader:
             entries.append(entry_from(row, f"{path.name} line {reader.line_num}"))
     except csv.Error as error:
-        raise FileFormatError(expectation(f"manifest {path}", "CSV", str(error), "save it again")) from error
+        raise FileFormatError.expected(f"manifest {path}", "CSV", str(error), "save it again") from error
     return entries
 
 
@@ -122,18 +122,18 @@ def _from_json(path: Path, text: str) -> Manifest:
     try:
         body = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise FileFormatError(expectation(f"manifest {path}", "JSON", str(error), "mend or write it again")) from error
+        raise FileFormatError.expected(f"manifest {path}", "JSON", str(error), "mend or write it again") from error
     body = {"frames": body} if isinstance(body, list) else body
     frames = body.get("frames") if isinstance(body, dict) else None
     if not isinstance(frames, list) or not all(isinstance(f, dict) for f in frames):
-        raise FileFormatError(
-            expectation(f"manifest {path}", 'a list of objects under "frames"', "something else", "mend the file")
+        raise FileFormatError.expected(
+            f"manifest {path}", 'a list of objects under "frames"', "something else", "mend the file"
         )
     known = {"format", "version", "frames", *_EXPECTED}
     unknown = sorted(set(body) - known)
     if unknown or body.get("format", FORMAT) != FORMAT or body.get("version", VERSION) != VERSION:
         got = f"{unknown[0]!r}" if unknown else f"{body.get('format')!r} version {body.get('version')!r}"
-        raise FileFormatError(expectation(f"manifest {path}", f"{FORMAT} version {VERSION}", got, "mend the file"))
+        raise FileFormatError.expected(f"manifest {path}", f"{FORMAT} version {VERSION}", got, "mend the file")
     entries = tuple(entry_from(f, f"{path.name} frame {k}") for k, f in enumerate(frames))
     expected = {key: body[key] for key in _EXPECTED if body.get(key) is not None}
     return _named(path, entries, {k: tuple(v) if isinstance(v, list) else v for k, v in expected.items()})

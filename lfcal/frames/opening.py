@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lfcal.errors import FileFormatError, InputError, StorageError, expectation
+from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.files import storage_errors
 from lfcal.frames.folder import FolderSource
-from lfcal.frames.images import IMAGE_SUFFIXES, open_image
+from lfcal.frames.formats.opening import IMAGE_SUFFIXES, open_image
 from lfcal.frames.manifest import FrameEntry, Manifest
 from lfcal.frames.manifest_file import read_manifest
 from lfcal.frames.positions import NamePattern, check_plan_shape, natural_key
@@ -65,8 +65,8 @@ def open_frames(
     shape = None if plan_shape is None else check_plan_shape(plan_shape)
     given = [name for name, value in (("manifest", manifest), ("pattern", pattern), ("order", order)) if value]
     if len(given) > 1:
-        raise InputError(
-            expectation("positions of the frames", "one source of them", " and ".join(given), "give only one of these")
+        raise InputError.expected(
+            "positions of the frames", "one source of them", " and ".join(given), "give only one of these"
         )
     root = path if path.is_dir() else path.parent
     listed = _manifest(path, manifest) if not pattern and not order else None
@@ -81,10 +81,8 @@ def open_frames(
 
 def _bounded(manifest: Manifest, shape: tuple[int, int, int]) -> Manifest:
     if manifest.plan_shape is not None:
-        raise InputError(
-            expectation(
-                "scan shape", f"{manifest.plan_shape} as the manifest says", shape, "leave it out or correct it"
-            )
+        raise InputError.expected(
+            "scan shape", f"{manifest.plan_shape} as the manifest says", shape, "leave it out or correct it"
         )
     fields = {name: getattr(manifest, name) for name in ("shape", "dtype", "bit_depth", "cfa")}
     return Manifest(manifest.entries, plan_shape=shape, **fields)
@@ -100,9 +98,7 @@ def _manifest(path: Path, manifest: str | os.PathLike[str] | Manifest | None) ->
         return read_manifest(path)
     found = [path / name for name in ("manifest.json", "manifest.csv") if (path / name).is_file()]
     if len(found) > 1:
-        raise InputError(
-            expectation(f"manifest in {path}", "one", "manifest.json and manifest.csv", "name the right one")
-        )
+        raise InputError.expected(f"manifest in {path}", "one", "manifest.json and manifest.csv", "name the right one")
     return read_manifest(found[0]) if found else None
 
 
@@ -118,7 +114,7 @@ def _from_folder(
         form = NamePattern(pattern) if isinstance(pattern, str) else pattern
         return Manifest.from_names(_names(path, deep="/" in form.template), form, plan_shape=shape)
     if not order or shape is None:
-        raise InputError(_where_from(path))
+        raise _where_from(path)
     names = [name for name in _names(path, deep=False) if Path(name).suffix.lower() in IMAGE_SUFFIXES]
     pages = [(name, 0) for name in sorted(names, key=natural_key)]
     if len(pages) != shape[0] * shape[1] * shape[2]:
@@ -155,22 +151,24 @@ def _from_file(
     pages = [(path.name, k) for k in range(image.pages)]
     if order:
         if shape is None:
-            raise InputError(_where_from(path))
+            raise _where_from(path)
         return Manifest.from_order(pages, shape, order)
     if image.metadata.get("plan_shape") is not None:
         return Manifest.from_order(pages, image.metadata["plan_shape"], "raster")
     if image.metadata.get("positions") is None:
-        raise InputError(_where_from(path))
+        raise _where_from(path)
     return _from_tables(path, image.metadata, shape)
 
 
 def _from_tables(path: Path, metadata: Any, shape: tuple[int, int, int] | None) -> Manifest:
     positions, exposures = metadata["positions"], metadata.get("exposure_s")
     if positions.dtype.kind not in "iu" or positions.min() < 0:
-        raise FileFormatError(
-            expectation(f"{path}:/positions", "whole numbers from 0", f"{positions.dtype} from {positions.min()}",
-                        "correct the file")
-        )  # fmt: skip
+        raise FileFormatError.expected(
+            f"{path}:/positions",
+            "whole numbers from 0",
+            f"{positions.dtype} from {positions.min()}",
+            "correct the file",
+        )
     entries = tuple(
         FrameEntry(path.name, Position(*row), k, None if exposures is None else float(exposures[k]))
         for k, row in enumerate(positions.tolist())
@@ -178,8 +176,8 @@ def _from_tables(path: Path, metadata: Any, shape: tuple[int, int, int] | None) 
     return Manifest(entries, plan_shape=shape)
 
 
-def _where_from(path: Path) -> str:
-    return expectation(
+def _where_from(path: Path) -> InputError:
+    return InputError.expected(
         f"positions of the frames in {path}",
         "a manifest, a name pattern, or a scan order with the scan shape",
         "none",

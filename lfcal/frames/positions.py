@@ -9,8 +9,8 @@ from pathlib import PurePosixPath
 
 import numpy as np
 
-from lfcal.camera._checks import check_choice, check_number
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_choice, check_number
+from lfcal.errors import InputError
 from lfcal.frames.source import Position
 
 __all__ = ["NamePattern", "natural_key", "scan_positions"]
@@ -44,9 +44,7 @@ def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list
 def check_plan_shape(plan_shape: Sequence[int]) -> tuple[int, int, int]:
     """Return ``(nz, ny, nx)`` or raise `InputError` unless it is three positive whole numbers of believable size."""
     if not isinstance(plan_shape, Sequence) or len(plan_shape) != 3:
-        raise InputError(
-            expectation("scan shape", "three numbers nz, ny, nx", plan_shape, "give planes, rows and columns")
-        )
+        raise InputError.expected("scan shape", "three numbers nz, ny, nx", plan_shape, "give planes, rows and columns")
     for n, what in zip(plan_shape, ("planes nz", "rows ny", "columns nx"), strict=True):
         check_number(f"scan {what}", n, at_least=1, at_most=MAX_POSITIONS, integer=True)
     nz, ny, nx = (int(n) for n in plan_shape)
@@ -89,18 +87,22 @@ class NamePattern:
         check_number("first number in file names", self.first, at_least=0, at_most=1, integer=True)
         path = PurePosixPath(self.template)
         if not self.template or path.is_absolute() or ".." in path.parts or "\\" in self.template:
-            raise InputError(
-                expectation("name pattern", "a relative path with / between folders", repr(self.template),
-                            'use for example "z{z}_y{y}_x{x}.png"')
-            )  # fmt: skip
+            raise InputError.expected(
+                "name pattern",
+                "a relative path with / between folders",
+                repr(self.template),
+                'use for example "z{z}_y{y}_x{x}.png"',
+            )
         names = [name for name, _ in self._fields()]
         unknown = sorted({name for name in names if name not in _FIELDS})
         if unknown or "y" not in names or "x" not in names:
             got = f"field {unknown[0]!r}" if unknown else repr(self.template)
-            raise InputError(
-                expectation("name pattern", "{y} and {x}, and {z} and {page} where needed", got,
-                            'use for example "z{z}_y{y}_x{x}.png"')
-            )  # fmt: skip
+            raise InputError.expected(
+                "name pattern",
+                "{y} and {x}, and {z} and {page} where needed",
+                got,
+                'use for example "z{z}_y{y}_x{x}.png"',
+            )
         object.__setattr__(self, "expression", self._expression())
 
     def _fields(self) -> list[tuple[str, str]]:
@@ -136,8 +138,8 @@ class NamePattern:
         found = {key: int(value) for key, value in match.groupdict().items()}
         z, y, x = (found.get(key, self.first) - self.first for key in "zyx")
         if min(z, y, x) < 0:
-            raise InputError(
-                expectation(f"position in {name}", f"numbers from {self.first}", "0", "set first=0 for names from 0")
+            raise InputError.expected(
+                f"position in {name}", f"numbers from {self.first}", "0", "set first=0 for names from 0"
             )
         return Position(z, y, x), found.get("page", 0)
 
@@ -150,7 +152,7 @@ class NamePattern:
             If the template holds ``*``.
         """
         if "*" in self.template:
-            raise InputError(expectation("name pattern to write", "no *", repr(self.template), "leave * out"))
+            raise InputError.expected("name pattern to write", "no *", repr(self.template), "leave * out")
         values = {k: v + self.first for k, v in zip("zyx", position, strict=True)} | {"page": page}
 
         def fill(match: re.Match[str]) -> str:

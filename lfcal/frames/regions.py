@@ -7,7 +7,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
 
 __all__ = ["Region", "RegionReader", "check_region", "grow_region", "read_region", "region_shape", "whole"]
@@ -43,10 +43,12 @@ def check_region(region: Region, shape: tuple[int, int]) -> Region:
         stop = n if part.stop is None else int(part.stop)
         if part.step not in (None, 1) or not 0 <= start < stop <= n:
             step = "" if part.step in (None, 1) else f" in steps of {part.step}"
-            raise InputError(
-                expectation(f"region {what}", f"start < stop within 0 … {n}, step 1", f"{start} … {stop}{step}",
-                            "keep the region on the sensor")
-            )  # fmt: skip
+            raise InputError.expected(
+                f"region {what}",
+                f"start < stop within 0 … {n}, step 1",
+                f"{start} … {stop}{step}",
+                "keep the region on the sensor",
+            )
         checked.append(slice(start, stop))
     return checked[0], checked[1]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.frames.regions import check_region
 from lfcal.frames.source import FrameSource, Position
 
@@ -38,7 +38,7 @@ def frame_drift(source: FrameSource, index: int) -> tuple[float, float]:
 def check_index(index: int, count: int) -> int:
     """Return ``index`` or raise `InputError` unless it is one of ``count`` frames."""
     if not 0 <= index < count:
-        raise InputError(expectation("frame index", f"0 … {count - 1}", index, "ask for a frame that is there"))
+        raise InputError.expected("frame index", f"0 … {count - 1}", index, "ask for a frame that is there")
     return int(index)
 
 
@@ -77,23 +77,25 @@ class ArraySource:
         name: str = "frames",
     ) -> None:
         if len(frames.shape) not in (3, 5) or 0 in frames.shape or frames.dtype.kind not in "iuf":
-            raise InputError(
-                expectation(name, "numbers with axes (frame, row, column) or (z, y, x, row, column)",
-                            f"{frames.dtype} {tuple(frames.shape)}", "reshape the array")
-            )  # fmt: skip
+            raise InputError.expected(
+                name,
+                "numbers with axes (frame, row, column) or (z, y, x, row, column)",
+                f"{frames.dtype} {tuple(frames.shape)}",
+                "reshape the array",
+            )
         self._frames = frames
         self._lead = tuple(int(n) for n in frames.shape[:-2])
         count = int(np.prod(self._lead))
         if positions is None:
             if len(self._lead) != 3:
-                raise InputError(
-                    expectation(f"positions of {name}", f"{count} positions", "none", "give positions or a scan order")
+                raise InputError.expected(
+                    f"positions of {name}", f"{count} positions", "none", "give positions or a scan order"
                 )
             positions = [Position(*(int(n) for n in np.unravel_index(k, self._lead))) for k in range(count)]
         for what, values in (("positions", positions), ("exposures", exposures_s), ("drifts", drifts)):
             if values is not None and len(values) != count:
-                raise InputError(
-                    expectation(f"{what} of {name}", f"{count}, one per frame", len(values), "check the frame count")
+                raise InputError.expected(
+                    f"{what} of {name}", f"{count}, one per frame", len(values), "check the frame count"
                 )
         self._positions = [Position(*(int(n) for n in p)) for p in positions]
         self._exposures = None if exposures_s is None else [float(t) for t in exposures_s]

@@ -10,67 +10,24 @@
 - ``drawing``: the paper's figures as PNG
 """
 
-from __future__ import annotations
-
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
-    from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
-    from lfcal.multiplex.colours import ColourSource, colour_source
-    from lfcal.multiplex.demultiplexing import arrange, demultiplex, multiplex
-    from lfcal.multiplex.lattice import SuperPixelLattice, demultiplex_lattice, lattice_channels
-    from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern, shadow_shift_px
-    from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
-    from lfcal.multiplex.noise import (
-        GainCurves,
-        amplification,
-        camera_chi2,
-        gain_curves,
-        monte_carlo_gain,
-        snr_gain,
-        transmission,
-    )
-    from lfcal.multiplex.quality import FilterTrial, measure_filters, ringing
-    from lfcal.multiplex.search import Frontier, best_filter_set, best_mask, filter_set_frontier, mask_frontier
-
-_HOME = {
-    "Acquisition": "acquisition",
-    "CFA_PATTERNS": "colour_filters",
-    "ColourSource": "colours",
-    "FilterTrial": "quality",
-    "Frontier": "search",
-    "GainCurves": "noise",
-    "MASKS": "masks",
-    "Modulator": "modulator",
-    "SuperPixelLattice": "lattice",
-    "acquire_light_field": "acquisition",
-    "amplification": "noise",
-    "arrange": "demultiplexing",
-    "best_filter_set": "search",
-    "best_mask": "search",
-    "camera_chi2": "noise",
-    "cfa": "colour_filters",
-    "colour_source": "colours",
-    "demultiplex": "demultiplexing",
-    "demultiplex_lattice": "lattice",
-    "filter_set_frontier": "search",
-    "gain_curves": "noise",
-    "lattice_channels": "lattice",
-    "mask": "masks",
-    "mask_at_distance": "masks",
-    "mask_frontier": "search",
-    "mask_pattern": "masks",
-    "measure_filters": "quality",
-    "modulator_from_matrix": "modulator",
-    "monte_carlo_gain": "noise",
-    "multiplex": "demultiplexing",
-    "ringing": "quality",
-    "shadow_shift_px": "masks",
-    "snr_gain": "noise",
-    "transmission": "noise",
-}
+from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
+from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
+from lfcal.multiplex.colours import ColourSource, colour_source
+from lfcal.multiplex.demultiplexing import arrange, demultiplex, multiplex
+from lfcal.multiplex.lattice import SuperPixelLattice, demultiplex_lattice, lattice_channels
+from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern, shadow_shift_px
+from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
+from lfcal.multiplex.noise import (
+    GainCurves,
+    amplification,
+    camera_chi2,
+    gain_curves,
+    monte_carlo_gain,
+    snr_gain,
+    transmission,
+)
+from lfcal.multiplex.quality import FilterTrial, measure_filters, ringing
+from lfcal.multiplex.search import Frontier, best_filter_set, best_mask, filter_set_frontier, mask_frontier
 
 __all__ = [
     "CFA_PATTERNS",
@@ -108,9 +65,3 @@ __all__ = [
     "snr_gain",
     "transmission",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(f"lfcal.multiplex.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.threads import njit
+from lfcal.compiled import njit
 
 __all__ = ["bilateral_rows", "linear_rows"]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.threads import njit
+from lfcal.compiled import njit
 
 __all__ = ["lattice_rows"]
 
@@ -112,5 +112,8 @@ def lattice_rows(
                 target = out[v, u, r]
                 for c in range(target.size):
                     k = left[r, c]
-                    target[c] = lines[k, u] if share[r, c] == 0 else (
-                        lines[k, u] + share[r, c] * (lines[k + 1, u] - lines[k, u]))  # fmt: skip
+                    target[c] = (
+                        lines[k, u]
+                        if share[r, c] == 0
+                        else (lines[k, u] + share[r, c] * (lines[k + 1, u] - lines[k, u]))
+                    )

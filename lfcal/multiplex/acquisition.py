@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.camera._checks import check_number
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_number
+from lfcal.errors import InputError
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
 from lfcal.multiplex.modulator import Modulator
 from lfcal.progress import Clock, Work, drain
@@ -69,7 +69,7 @@ def iter_acquire_light_field(
     scene = np.asarray(light, float)
     check_number("electrons of unmodulated light", signal_e, above=0)
     if not chi2 > 0:
-        raise InputError(expectation("chi^2", "a number above 0, or inf", chi2, "correct it"))
+        raise InputError.expected("chi^2", "a number above 0, or inf", chi2, "correct it")
     clock = Clock("acquire", len(modulators))
     results = []
     for k, modulator in enumerate(modulators):

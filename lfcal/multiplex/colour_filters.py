@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera._checks import check_tuple
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_tuple
+from lfcal.errors import InputError
 from lfcal.multiplex.modulator import Modulator
 
 __all__ = ["CFA_PATTERNS", "FILTERS", "cfa", "parse_pattern", "pattern_letters"]
@@ -50,7 +50,7 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
         If a letter is no filter or the rows are not of one length.
     """
     if not isinstance(pattern, str):
-        raise InputError(expectation("colour filter pattern", "letters", repr(pattern)[:60], 'for example "RG/GB"'))
+        raise InputError.expected("colour filter pattern", "letters", repr(pattern)[:60], 'for example "RG/GB"')
     wanted = "".join(pattern.lower().split()).replace("-", "").replace("×", "x")
     known = {"".join(name.lower().split()).replace("-", ""): rows for name, rows in CFA_PATTERNS.items()}
     known |= {"rgbw2x2": CFA_PATTERNS["RGBW"], "rgbw4": CFA_PATTERNS["RGBW 4x4"]}
@@ -63,15 +63,19 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
     letters = set("".join(rows))
     square = len(rows) > 1 or len(rows[0] if rows else "") == 1
     if not rows or not letters <= set(filters) or len({len(r) for r in rows}) != 1 or not rows[0] or not square:
-        raise InputError(
-            expectation("colour filter pattern", f"{', '.join(CFA_PATTERNS)}, or equal rows of {''.join(filters)}",
-                        repr(pattern), 'for example "RG/GB" or "GRBG"')
-        )  # fmt: skip
+        raise InputError.expected(
+            "colour filter pattern",
+            f"{', '.join(CFA_PATTERNS)}, or equal rows of {''.join(filters)}",
+            repr(pattern),
+            'for example "RG/GB" or "GRBG"',
+        )
     if max(len(rows), len(rows[0])) > MAX_SIDE:
-        raise InputError(
-            expectation("colour filter pattern", f"up to {MAX_SIDE} x {MAX_SIDE} filters",
-                        f"{len(rows)} x {len(rows[0])}", "give one period of it")
-        )  # fmt: skip
+        raise InputError.expected(
+            "colour filter pattern",
+            f"up to {MAX_SIDE} x {MAX_SIDE} filters",
+            f"{len(rows)} x {len(rows[0])}",
+            "give one period of it",
+        )
     return rows
 
 

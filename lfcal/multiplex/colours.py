@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera._checks import check_choice
+from lfcal.checks import check_choice
 from lfcal.frames.delegate import SourceView
 from lfcal.frames.regions import check_region, read_region, whole
 from lfcal.frames.source import FrameSource

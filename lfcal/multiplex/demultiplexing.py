@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.camera._checks import check_choice, check_number, check_tuple
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_choice, check_number, check_tuple
+from lfcal.errors import InputError
 from lfcal.multiplex.filters import SPATIAL_FILTERS
 from lfcal.multiplex.modulator import Modulator
 
@@ -98,14 +98,19 @@ def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:
     """Return ``frame`` as an array of uint16, float32 or float64 of at least one super-pixel, or raise."""
     image = np.asarray(frame)
     if image.ndim != 2 or image.dtype.kind not in "uif":
-        raise InputError(expectation("frame", "numbers in rows and columns", f"{image.dtype} {image.shape}",
-                                     "give one plane, not a colour image"))  # fmt: skip
+        raise InputError.expected(
+            "frame", "numbers in rows and columns", f"{image.dtype} {image.shape}", "give one plane, not a colour image"
+        )
     if image.shape[0] < side[0] or image.shape[1] < side[1]:
-        raise InputError(expectation("frame", f"at least one super-pixel of {side} px", f"{image.shape} px",
-                                     "give a larger frame or a modulator of a shorter period"))  # fmt: skip
+        raise InputError.expected(
+            "frame",
+            f"at least one super-pixel of {side} px",
+            f"{image.shape} px",
+            "give a larger frame or a modulator of a shorter period",
+        )
     if image.dtype.kind == "f":
         if not np.isfinite(image).all():
-            raise InputError(expectation("frame", "finite values", "NaN or infinity", "correct defect pixels first"))
+            raise InputError.expected("frame", "finite values", "NaN or infinity", "correct defect pixels first")
         image = image if image.dtype == np.float64 else image.astype(np.float32, copy=False)
     elif image.dtype != np.uint16:
         image = image.astype(np.float32 if image.dtype.itemsize <= 2 else np.float64)
@@ -138,8 +143,12 @@ def _output(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[An
     if out is None:
         return np.empty(shape, np.float64 if dtype == np.float64 else np.float32)
     if out.shape != shape or out.dtype not in (np.float32, np.float64) or not out.flags.c_contiguous:
-        raise InputError(expectation("output array", f"contiguous float32 or float64 {shape}",
-                                     f"{out.dtype} {out.shape}", "allocate it like this"))  # fmt: skip
+        raise InputError.expected(
+            "output array",
+            f"contiguous float32 or float64 {shape}",
+            f"{out.dtype} {out.shape}",
+            "allocate it like this",
+        )
     return out
 
 
@@ -161,8 +170,12 @@ def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
     """
     light = np.asarray(samples, float)
     if light.ndim != 3 or len(light) != modulator.count:
-        raise InputError(expectation(f"samples for {modulator.name}", f"({modulator.count}, rows, columns)",
-                                     light.shape, "give one plane per sample"))  # fmt: skip
+        raise InputError.expected(
+            f"samples for {modulator.name}",
+            f"({modulator.count}, rows, columns)",
+            light.shape,
+            "give one plane per sample",
+        )
     rows, columns = light.shape[1:]
     if modulator.lenslets:
         light = _gathered(light, modulator.cell)

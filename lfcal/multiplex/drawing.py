@@ -36,8 +36,16 @@ def draw_curves(axes: Axes, curves: GainCurves, title: str = "") -> None:
     for name, chi2 in curves.cameras.items():
         if low <= chi2 <= high:
             axes.axvline(chi2, color=COLOURS["muted"], lw=0.8, ls=":")
-            axes.annotate(name, (chi2, 0.02), xycoords=("data", "axes fraction"), rotation=90, fontsize=7,
-                          color=COLOURS["muted"], ha="right", va="bottom")  # fmt: skip
+            axes.annotate(
+                name,
+                (chi2, 0.02),
+                xycoords=("data", "axes fraction"),
+                rotation=90,
+                fontsize=7,
+                color=COLOURS["muted"],
+                ha="right",
+                va="bottom",
+            )
     axes.set_xlabel("χ² = photon over additive noise variance (dimensionless)")
     axes.set_ylabel(f"gain of SNR over {curves.reference} (dB)")
     axes.set_title(title)
@@ -62,14 +70,27 @@ def save_modulator(modulator: Modulator, path: Path) -> None:
             one.grid(False)
             one.set(title=f"{modulator.name}: pattern", xlabel="column (px)", ylabel="row (px)")
         else:
-            draw_image(one, pattern[..., 0], title=f"{modulator.name}: pattern", unit="transmission",
-                       xlabel="column (px)", ylabel="row (px)")  # fmt: skip
+            draw_image(
+                one,
+                pattern[..., 0],
+                title=f"{modulator.name}: pattern",
+                unit="transmission",
+                xlabel="column (px)",
+                ylabel="row (px)",
+            )
         rows, columns = modulator.side
         extent = (-(columns // 2) - 0.5, (columns - 1) // 2 + 0.5, (rows - 1) // 2 + 0.5, -(rows // 2) - 0.5)
         weights = spectrum.mean(2)
         levels = np.log10(np.maximum(weights / max(float(weights.max()), 1e-300), 1e-3))
-        draw_image(two, levels, title="spectrum", unit="log10 of the magnitude, relative", extent=extent,
-                   xlabel="cycles per super-pixel, x", ylabel="cycles per super-pixel, y")  # fmt: skip
+        draw_image(
+            two,
+            levels,
+            title="spectrum",
+            unit="log10 of the magnitude, relative",
+            extent=extent,
+            xlabel="cycles per super-pixel, x",
+            ylabel="cycles per super-pixel, y",
+        )
         _basis(three, modulator.spatial, "spatial basis Σ", "basis function j", "pixel k of the super-pixel")
         _basis(four, modulator.plenoptic, "plenoptic basis Π", "basis function j", "plenoptic sample")
         save_figure(fig, path)
@@ -82,8 +103,15 @@ def _basis(axes: Axes, basis: Any, title: str, xlabel: str, ylabel: str) -> None
     part = np.real(basis[:MOST_SHOWN, :MOST_SHOWN])
     words = " (real part)" if np.iscomplexobj(basis) else ""
     cut = f", first {MOST_SHOWN}" if max(basis.shape) > MOST_SHOWN else ""
-    draw_image(axes, part, title=f"{title}{words}{cut}", unit="value", signed=bool((part < 0).any()), xlabel=xlabel,
-               ylabel=ylabel)  # fmt: skip
+    draw_image(
+        axes,
+        part,
+        title=f"{title}{words}{cut}",
+        unit="value",
+        signed=bool((part < 0).any()),
+        xlabel=xlabel,
+        ylabel=ylabel,
+    )
     axes.set_aspect("auto")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(integer=True))
@@ -96,18 +124,36 @@ def save_frontier(frontier: Frontier, path: Path, *, named: int = 8) -> None:
         axes.plot(frontier.photon, frontier.additive, ".", color=COLOURS["muted"], ms=4, label="candidates")
         order = np.flatnonzero(frontier.efficient)
         order = order[np.argsort(frontier.photon[order])]
-        axes.step(frontier.photon[order], frontier.additive[order], where="post", color=COLOURS["accent"], marker="o",
-                  ms=4, label="nothing better in both")  # fmt: skip
+        axes.step(
+            frontier.photon[order],
+            frontier.additive[order],
+            where="post",
+            color=COLOURS["accent"],
+            marker="o",
+            ms=4,
+            label="nothing better in both",
+        )
         best = int(np.argmax(frontier.chosen))
-        axes.plot(frontier.photon[best], frontier.additive[best], "*", ms=13, color=LINES[1],
-                  label=f"best at χ² = {frontier.chi2:.3g}: {frontier.chosen[best]:+.2f} dB")  # fmt: skip
+        axes.plot(
+            frontier.photon[best],
+            frontier.additive[best],
+            "*",
+            ms=13,
+            color=LINES[1],
+            label=f"best at χ² = {frontier.chi2:.3g}: {frontier.chosen[best]:+.2f} dB",
+        )
         seen: set[tuple[float, float]] = set()
         for k in sorted(order, key=lambda k: frontier.modulators[k].name not in CFA_PATTERNS):
             place = (round(float(frontier.photon[k]), 1), round(float(frontier.additive[k]), 1))
             if place not in seen and len(seen) < named:
                 seen.add(place)
-                axes.annotate(frontier.modulators[k].name, (frontier.photon[k], frontier.additive[k]), fontsize=7,
-                              xytext=(5, -9), textcoords="offset points")  # fmt: skip
+                axes.annotate(
+                    frontier.modulators[k].name,
+                    (frontier.photon[k], frontier.additive[k]),
+                    fontsize=7,
+                    xytext=(5, -9),
+                    textcoords="offset points",
+                )
         axes.set_xlabel(f"gain over {frontier.reference} at χ² = ∞, photon noise (dB)")
         axes.set_ylabel(f"gain over {frontier.reference} at χ² = 0, additive noise (dB)")
         axes.margins(x=0.12)

@@ -14,8 +14,15 @@ from lfcal.multiplex.acquisition import Acquisition
 from lfcal.multiplex.demultiplexing import demultiplex
 from lfcal.multiplex.modulator import Modulator
 
-__all__ = ["colour_picture", "log_spectrum", "mosaic_picture", "save_acquisition", "save_colour_routes",
-           "save_upsampling", "upsampled_views"]  # fmt: skip
+__all__ = [
+    "colour_picture",
+    "log_spectrum",
+    "mosaic_picture",
+    "save_acquisition",
+    "save_colour_routes",
+    "save_upsampling",
+    "upsampled_views",
+]
 
 Path = str | os.PathLike[str]
 Image = NDArray[Any]
@@ -93,9 +100,15 @@ def save_colour_routes(
     with figure(3.6 * (1 + len(results)), 5.6, dpi=150) as fig:
         grid = fig.subplots(2, 1 + len(results), squeeze=False)
         _show(grid[0, 0], mosaic_picture(image, modulator)[zoom], "raw frame, magnified", zoom)
-        draw_image(grid[1, 0], log_spectrum(image), title="spectrum of the raw frame", unit="log10, relative",
-                   extent=(-0.5, 0.5, 0.5, -0.5),
-                   xlabel="cycles per pixel, x", ylabel="cycles per pixel, y")  # fmt: skip
+        draw_image(
+            grid[1, 0],
+            log_spectrum(image),
+            title="spectrum of the raw frame",
+            unit="log10, relative",
+            extent=(-0.5, 0.5, 0.5, -0.5),
+            xlabel="cycles per pixel, x",
+            ylabel="cycles per pixel, y",
+        )
         for k, (title, colours) in enumerate(results, 1):
             picture = colour_picture(colours, top=top, gains=gains)
             _show(grid[0, k], picture, title)
@@ -139,8 +152,14 @@ def save_upsampling(frames: Sequence[tuple[str, Image, Modulator]], path: Path, 
         for k, (title, frame, modulator) in enumerate(frames):
             middle = modulator.count // 2
             for row, (name, views) in enumerate(upsampled_views(frame, modulator, factor)):
-                draw_image(grid[row, k], views[middle], title=f"{title}\n{name}", unit="light per sample",
-                           xlabel="column (samples)", ylabel="row (samples)")  # fmt: skip
+                draw_image(
+                    grid[row, k],
+                    views[middle],
+                    title=f"{title}\n{name}",
+                    unit="light per sample",
+                    xlabel="column (samples)",
+                    ylabel="row (samples)",
+                )
         save_figure(fig, path)
 
 
@@ -161,10 +180,22 @@ def save_acquisition(results: Sequence[Acquisition], path: Path) -> None:
                 xlabel="column (px)",
                 ylabel="row (px)",
             )
-            draw_image(row[1], r.frame[a : a + n, b : b + n], title="magnified", unit="share of unmodulated light",
-                       extent=(b - 0.5, b + n - 0.5, a + n - 0.5, a - 0.5), xlabel="column (px)",
-                       ylabel="row (px)")  # fmt: skip
+            draw_image(
+                row[1],
+                r.frame[a : a + n, b : b + n],
+                title="magnified",
+                unit="share of unmodulated light",
+                extent=(b - 0.5, b + n - 0.5, a + n - 0.5, a - 0.5),
+                xlabel="column (px)",
+                ylabel="row (px)",
+            )
             view = np.clip(r.views[r.modulator.count // 2], 0, 1.1 * high)
-            draw_image(row[2], view, title=f"middle view, SNR {r.snr_db:.1f} dB", unit="light per sample",
-                       xlabel="column (super-pixels)", ylabel="row (super-pixels)")  # fmt: skip
+            draw_image(
+                row[2],
+                view,
+                title=f"middle view, SNR {r.snr_db:.1f} dB",
+                unit="light per sample",
+                xlabel="column (super-pixels)",
+                ylabel="row (super-pixels)",
+            )
         save_figure(fig, path)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera._checks import check_choice
+from lfcal.checks import check_choice
 
 __all__ = ["EDGE_PRESERVING", "LINEAR_FILTERS", "SPATIAL_FILTERS", "dirichlet_table", "kernel", "tap_table"]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import Camera
-from lfcal.camera._checks import check_choice, check_number, check_tuple
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_choice, check_number, check_tuple
+from lfcal.errors import InputError
 from lfcal.multiplex._lattice_kernels import lattice_rows
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
@@ -151,10 +151,12 @@ def lattice_channels(
     half = [(n - 1) / 2 * s for n, s in zip(count, step, strict=True)]
     rows, columns = lattice.sites(image.shape, max(half))
     if not len(rows) or not len(columns):
-        raise InputError(
-            expectation("frame", f"a super-pixel of {2 * half[0] + 1:.0f} x {2 * half[1] + 1:.0f} px wholly inside",
-                        f"{image.shape} px", "give a larger frame or fewer views")
-        )  # fmt: skip
+        raise InputError.expected(
+            "frame",
+            f"a super-pixel of {2 * half[0] + 1:.0f} x {2 * half[1] + 1:.0f} px wholly inside",
+            f"{image.shape} px",
+            "give a larger frame or fewer views",
+        )
     place = columns[None, :] - lattice.lean * rows[:, None]
     # for each row of the lattice its own lenslets, from the first that is needed
     base = np.floor(place[:, 0] + 1e-9).astype(np.intp)
@@ -169,17 +171,20 @@ def lattice_channels(
     shape = (*count, *place.shape)
     result = np.empty(shape, np.float64 if image.dtype == np.float64 else np.float32) if out is None else out
     if result.shape != shape or result.dtype not in (np.float32, np.float64):
-        raise InputError(expectation("output array", f"float32 or float64 {shape}", f"{result.dtype} {result.shape}",
-                                     "allocate it like this"))  # fmt: skip
+        raise InputError.expected(
+            "output array", f"float32 or float64 {shape}", f"{result.dtype} {result.shape}", "allocate it like this"
+        )
     corner_y = np.ascontiguousarray(points[..., 1] + lattice.origin_px[0] - half[0])
     corner_x = np.ascontiguousarray(points[..., 0] + lattice.origin_px[1] - half[1])
     shares = share.astype(result.dtype)
     near = np.ascontiguousarray(left - base[:, None])
     for_each_chunk(
-        lambda a, b: lattice_rows(image, corner_y, corner_x, near, shares, count, step, LATTICE_FILTERS[filter],
-                                  result, a, b),
-        len(rows), workers,
-    )  # fmt: skip
+        lambda a, b: lattice_rows(
+            image, corner_y, corner_x, near, shares, count, step, LATTICE_FILTERS[filter], result, a, b
+        ),
+        len(rows),
+        workers,
+    )
     return result
 
 
@@ -214,10 +219,12 @@ def demultiplex_lattice(
         If the modulator is no single light-field super-pixel, or the frame holds none.
     """
     if modulator.side != modulator.cell:
-        raise InputError(
-            expectation("modulator on a lattice", "one super-pixel of a light field", modulator.name,
-                        "part the colours first (lfcal.frames.channel_source)")
-        )  # fmt: skip
+        raise InputError.expected(
+            "modulator on a lattice",
+            "one super-pixel of a light field",
+            modulator.name,
+            "part the colours first (lfcal.frames.channel_source)",
+        )
     channels = lattice_channels(frame, lattice, modulator.side, spacing_px=None, filter=filter, workers=workers)
     flat = channels.reshape(modulator.pixels, -1)
     inverse = modulator.inverse(rcond).astype(channels.dtype)

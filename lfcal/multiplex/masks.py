@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.camera._checks import check_choice, check_number, check_tuple
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_choice, check_number, check_tuple
+from lfcal.errors import InputError
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator
 
 __all__ = ["MASKS", "dirichlet_minimum", "mask", "mask_at_distance", "mask_pattern", "shadow_shift_px"]
@@ -44,8 +44,9 @@ def mask(kind: str, size: int) -> Modulator:
     if kind in ("pinhole", "lenslet"):
         lens = kind == "lenslet"
         identity = np.eye(size * size)
-        return Modulator(kind, views, (size * size if lens else 1.0) * identity, identity, views, cell=views,
-                         lenslets=lens)  # fmt: skip
+        return Modulator(
+            kind, views, (size * size if lens else 1.0) * identity, identity, views, cell=views, lenslets=lens
+        )
     return mask_at_distance(pattern, 1.0, name=kind)
 
 
@@ -65,7 +66,7 @@ def mask_pattern(kind: str, size: int) -> Array:
 def _mura(p: int) -> Array:
     """Return the modified uniformly redundant array of Gottesman and Fenimore (1989)."""
     if p < 3 or any(p % k == 0 for k in range(2, math.isqrt(p) + 1)):
-        raise InputError(expectation("size of MURA (px)", "an odd prime", p, "choose 3, 5, 7, 11, 13, 17 …"))
+        raise InputError.expected("size of MURA (px)", "an odd prime", p, "choose 3, 5, 7, 11, 13, 17 …")
     residue = -np.ones(p)
     residue[[k * k % p for k in range(1, p)]] = 1
     pattern = (np.outer(residue, residue) > 0).astype(float)
@@ -81,7 +82,7 @@ def _sinusoids(p: int) -> Array:
     negative lobes between the pixels; scaled on the samples alone it would be a pinhole.
     """
     if p % 2 == 0:
-        raise InputError(expectation("size of sum_of_sinusoids (px)", "an odd number", p, "choose an odd one"))
+        raise InputError.expected("size of sum_of_sinusoids (px)", "an odd number", p, "choose an odd one")
     highest, lowest = float(p * p), p * dirichlet_minimum(p)
     pattern = np.full((p, p), -lowest)
     pattern[0, 0] += highest
@@ -126,11 +127,9 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, name: str = "mask")
     values = np.asarray(pattern, float)
     good = values.ndim == 2 and values.size and np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1
     if not good:
-        raise InputError(
-            expectation("mask", "rows and columns of transmissions from 0 to 1", _told(values), "correct it")
-        )
+        raise InputError.expected("mask", "rows and columns of transmissions from 0 to 1", _told(values), "correct it")
     if values.size > MAX_SAMPLES:
-        raise InputError(expectation("mask", f"up to {MAX_SAMPLES} pixels", values.size, "choose a smaller one"))
+        raise InputError.expected("mask", f"up to {MAX_SAMPLES} pixels", values.size, "choose a smaller one")
     check_number("shift of the shadow (px per view)", shift_px)
     rows, columns = values.shape
     transfer = np.fft.fft2(values).ravel()

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera._checks import check_number, check_tuple
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_number, check_tuple
+from lfcal.errors import InputError
 
 __all__ = ["Modulator", "default_rcond", "modulator_from_matrix"]
 
@@ -71,13 +71,14 @@ class Modulator:
             value = check_tuple(f"{what} of {self.name}", getattr(self, what), 2, at_least=1, integer=True)
             object.__setattr__(self, what, value)
         if any(s % c for s, c in zip(self.side, self.cell, strict=True)):
-            raise InputError(expectation(f"cell of {self.name}", f"a divisor of {self.side}", self.cell, "correct it"))
+            raise InputError.expected(f"cell of {self.name}", f"a divisor of {self.side}", self.cell, "correct it")
         for what, rows in (("spatial", math.prod(self.side)), ("plenoptic", self.count)):
             array = np.array(getattr(self, what))
             wanted = (rows, np.shape(self.spatial)[-1])
             if array.shape != wanted or not np.isfinite(array).all():
-                raise InputError(expectation(f"{what} basis of {self.name}", f"finite values {wanted}", array.shape,
-                                             "correct it"))  # fmt: skip
+                raise InputError.expected(
+                    f"{what} basis of {self.name}", f"finite values {wanted}", array.shape, "correct it"
+                )
             array.setflags(write=False)
             object.__setattr__(self, what, array)
 
@@ -120,8 +121,12 @@ class Modulator:
         if np.iscomplexobj(product):
             worst = float(np.abs(product.imag).max(initial=0.0))
             if worst > 1e-9 * max(1.0, float(np.abs(product).max(initial=0.0))):
-                raise InputError(expectation(f"transmission of {self.name}", "real values",
-                                             f"imaginary parts of {worst:.1e}", "correct the bases"))  # fmt: skip
+                raise InputError.expected(
+                    f"transmission of {self.name}",
+                    "real values",
+                    f"imaginary parts of {worst:.1e}",
+                    "correct the bases",
+                )
         return np.ascontiguousarray(product.real)
 
     @cached_property
@@ -201,10 +206,12 @@ class Modulator:
     def shifted(self, rows: int, columns: int) -> Modulator:
         """Return the same modulator with its pattern moved down and to the right by whole pixels."""
         if self.lenslets and (rows % self.cell[0] or columns % self.cell[1]):
-            raise InputError(
-                expectation(f"shift of {self.name}", f"whole lenslets of {self.cell} px", (rows, columns),
-                            "crop the frame to whole lenslets")
-            )  # fmt: skip
+            raise InputError.expected(
+                f"shift of {self.name}",
+                f"whole lenslets of {self.cell} px",
+                (rows, columns),
+                "crop the frame to whole lenslets",
+            )
         block = np.asarray(self.spatial).reshape(*self.side, -1)
         moved = np.roll(block, (rows, columns), (0, 1)).reshape(self.pixels, -1)
         return Modulator(
@@ -231,28 +238,30 @@ def _orthogonal(basis: Basis) -> bool:
 def _product(one: Modulator, two: Modulator) -> Modulator:
     lf, colour = (one, two) if one.views != (1, 1) else (two, one)
     if colour.views != (1, 1) or (one.colours and two.colours):
-        raise InputError(
-            expectation("product of modulators", "one of views and one of colours", f"{one.name} and {two.name}",
-                        "combine a mask or lenslets with a colour filter array")
-        )  # fmt: skip
+        raise InputError.expected(
+            "product of modulators",
+            "one of views and one of colours",
+            f"{one.name} and {two.name}",
+            "combine a mask or lenslets with a colour filter array",
+        )
     side = (math.lcm(one.side[0], two.side[0]), math.lcm(one.side[1], two.side[1]))
     if max(math.prod(side), lf.count * colour.count) > MAX_SAMPLES:
-        raise InputError(
-            expectation("super-pixel of the product", f"up to {MAX_SAMPLES} pixels", math.prod(side),
-                        "choose a smaller mask")
-        )  # fmt: skip
+        raise InputError.expected(
+            "super-pixel of the product", f"up to {MAX_SAMPLES} pixels", math.prod(side), "choose a smaller mask"
+        )
     r, c = np.divmod(np.arange(math.prod(side)), side[1])
     rows_lf = lf.spatial[(r % lf.side[0]) * lf.side[1] + c % lf.side[1]]
     rows_colour = colour.spatial[(r % colour.side[0]) * colour.side[1] + c % colour.side[1]]
     spatial = (rows_lf[:, :, None] * rows_colour[:, None, :]).reshape(len(r), -1)
     plenoptic = np.kron(lf.plenoptic, colour.plenoptic)
-    return Modulator(f"{one.name} x {two.name}", side, spatial, plenoptic, lf.views, colour.colours, lf.cell,
-                     lf.lenslets)  # fmt: skip
+    return Modulator(
+        f"{one.name} x {two.name}", side, spatial, plenoptic, lf.views, colour.colours, lf.cell, lf.lenslets
+    )
 
 
 def modulator_from_matrix(name: str, side: tuple[int, int], matrix: Array, **options: object) -> Modulator:
     """Return a modulator of which only the transmissions ``matrix`` ``(K, N)`` are known: Sigma = A, Pi = identity."""
     array = np.asarray(matrix, float)
     if array.ndim != 2:
-        raise InputError(expectation(f"transmissions of {name}", "a matrix (K, N)", array.shape, "correct it"))
+        raise InputError.expected(f"transmissions of {name}", "a matrix (K, N)", array.shape, "correct it")
     return Modulator(name, side, array, np.eye(array.shape[1]), **options)  # type: ignore[arg-type]

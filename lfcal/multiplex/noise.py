@@ -11,12 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import Sensor
-from lfcal.camera._checks import check_choice, check_number
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_choice, check_number
+from lfcal.errors import InputError
 from lfcal.multiplex.modulator import Modulator
 
-__all__ = ["PAPER_CAMERAS", "GainCurves", "amplification", "camera_chi2", "gain_curves", "monte_carlo_gain", "snr_gain",
-           "transmission"]  # fmt: skip
+__all__ = [
+    "PAPER_CAMERAS",
+    "GainCurves",
+    "amplification",
+    "camera_chi2",
+    "gain_curves",
+    "monte_carlo_gain",
+    "snr_gain",
+    "transmission",
+]
 
 Array = NDArray[np.float64]
 
@@ -67,17 +75,21 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
     """
     ratios = np.asarray(chi2, float)
     if np.isnan(ratios).any() or (ratios < 0).any():
-        raise InputError(expectation("chi^2", "numbers from 0 to inf", chi2, "correct it"))
+        raise InputError.expected("chi^2", "numbers from 0 to inf", chi2, "correct it")
     if modulator.count != reference.count:
-        raise InputError(
-            expectation(f"reference of {modulator.name}", f"{modulator.count} plenoptic samples", reference.count,
-                        "compare modulators that recover the same samples")
-        )  # fmt: skip
+        raise InputError.expected(
+            f"reference of {modulator.name}",
+            f"{modulator.count} plenoptic samples",
+            reference.count,
+            "compare modulators that recover the same samples",
+        )
     if not math.isfinite(amplification(reference)):
-        raise InputError(
-            expectation(f"reference {reference.name}", f"rank {reference.count}", reference.rank(),
-                        "choose one that recovers every sample")
-        )  # fmt: skip
+        raise InputError.expected(
+            f"reference {reference.name}",
+            f"rank {reference.count}",
+            reference.rank(),
+            "choose one that recovers every sample",
+        )
     result = 5 * (np.log10(_variance(reference, ratios)) - np.log10(_variance(modulator, ratios)))
     return result if result.ndim else float(result)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.multiplex.demultiplexing import demultiplex, multiplex
 from lfcal.multiplex.filters import SPATIAL_FILTERS
 from lfcal.multiplex.modulator import Modulator
@@ -57,9 +57,7 @@ def ringing(result: ArrayLike, truth: ArrayLike, side: tuple[int, int]) -> Ringi
 
     seen, scene = np.asarray(result, float), np.asarray(truth, float)
     if seen.shape != scene.shape or seen.ndim != 3:
-        raise InputError(
-            expectation("reconstruction", f"the scene's shape {scene.shape}", seen.shape, "give both alike")
-        )
+        raise InputError.expected("reconstruction", f"the scene's shape {scene.shape}", seen.shape, "give both alike")
     size = (1, 4 * side[0] + 1, 4 * side[1] + 1)
     span = np.ptp(scene, axis=(1, 2))
     even = (maximum_filter(scene, size) - minimum_filter(scene, size)) <= 1e-9 * max(float(span.max()), 1e-300)
@@ -67,9 +65,7 @@ def ringing(result: ArrayLike, truth: ArrayLike, side: tuple[int, int]) -> Ringi
     even &= inner
     lit = span > 0
     if not lit.any() or not even[lit].any():
-        raise InputError(
-            expectation("scene", "edges and flat parts between them", "none", "choose one with flat patches")
-        )
+        raise InputError.expected("scene", "edges and flat parts between them", "none", "choose one with flat patches")
     flat, over = [], []
     for one, true, here, reach in zip(seen[lit], scene[lit], even[lit], span[lit], strict=True):
         flat.append(np.sqrt(np.mean((one - true)[here] ** 2)) / reach if here.any() else 0.0)

@@ -42,8 +42,9 @@ def filament_light_field(views: int, cells: tuple[int, int], rng: np.random.Gene
         for v in range(views):
             for u in range(views):
                 move = np.array([[1, 0, step * (u - (views - 1) / 2)], [0, 1, step * (v - (views - 1) / 2)]])
-                field[v, u] += cv2.warpAffine(layer, move, shape[::-1], flags=cv2.INTER_LINEAR,
-                                              borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
+                field[v, u] += cv2.warpAffine(
+                    layer, move, shape[::-1], flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+                )
     field += 0.05 * field.max()
     return np.asarray(field.reshape(views * views, *shape) / (field.max() * views * views), float)
 

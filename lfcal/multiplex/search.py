@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera._checks import check_number
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_number
+from lfcal.errors import InputError
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
@@ -84,18 +84,18 @@ def filter_set_frontier(
     """
     check_number("filters in the super-pixel", filters, at_least=3, at_most=6, integer=True)
     if not letters or not set(letters) <= set(FILTERS):
-        raise InputError(expectation("filters", f"letters of {''.join(FILTERS)}", repr(letters), "choose among these"))
+        raise InputError.expected("filters", f"letters of {''.join(FILTERS)}", repr(letters), "choose among these")
     kinds = sorted(set(letters), key=letters.index)
     layout = _layout(filters)
     known = {"".join(sorted(rows.replace("/", ""))): name for name, rows in CFA_PATTERNS.items()}
-    sets = ("/".join("".join(row) for row in np.reshape(s, layout))
-            for s in itertools.combinations_with_replacement(kinds, filters))  # fmt: skip
+    sets = (
+        "/".join("".join(row) for row in np.reshape(s, layout))
+        for s in itertools.combinations_with_replacement(kinds, filters)
+    )
     named = (known.get("".join(sorted(s.replace("/", ""))), s) for s in sets)
     candidates = [m for m in map(cfa, named) if math.isfinite(amplification(m))]
     if not candidates:
-        raise InputError(
-            expectation("filters", "letters that recover red, green and blue", repr(letters), "add filters")
-        )
+        raise InputError.expected("filters", "letters that recover red, green and blue", repr(letters), "add filters")
     return _frontier(candidates, reference or cfa("Bayer"), chi2)
 
 
@@ -132,7 +132,7 @@ def best_filter_set(
 def _weights(chi2: float) -> tuple[float, float]:
     """Share of additive and of photon noise."""
     if not chi2 >= 0:
-        raise InputError(expectation("chi^2", "a number from 0 to inf", chi2, "correct it"))
+        raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "correct it")
     additive = 1.0 / (1.0 + chi2)
     return additive, 1.0 - additive
 
@@ -175,8 +175,9 @@ def _descend(cost: Any, start: Array, chi2: float) -> tuple[float, Array]:
         value, gradient = cost(x.reshape(start.shape), chi2)
         return value, gradient.ravel()
 
-    found = minimize(flat, start.ravel(), jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * start.size,
-                     options={"maxiter": 300})  # fmt: skip
+    found = minimize(
+        flat, start.ravel(), jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * start.size, options={"maxiter": 300}
+    )
     return float(found.fun), np.clip(found.x, 0.0, 1.0).reshape(start.shape)
 
 

@@ -57,16 +57,19 @@ def reconstruct_spatial(
         low, high = np.percentile(guide, (2, 98))
         sharpness = 0.5 / max(EDGE_SHARE * float(high - low), 1e-30) ** 2
         for_each_chunk(
-            lambda a, b: bilateral_rows(frame, guide, modulator.side, first[0], wy, first[1], wx, table, sharpness,
-                                        out, a, b),
-            out.shape[1], workers,
-        )  # fmt: skip
+            lambda a, b: bilateral_rows(
+                frame, guide, modulator.side, first[0], wy, first[1], wx, table, sharpness, out, a, b
+            ),
+            out.shape[1],
+            workers,
+        )
         return out
     used = (table.reshape(len(table), *modulator.side) != 0).any(1)
     for_each_chunk(
         lambda a, b: linear_rows(frame, modulator.side, first[0], wy, first[1], wx, table, used, out, a, b),
-        out.shape[1], workers,
-    )  # fmt: skip
+        out.shape[1],
+        workers,
+    )
     return out
 
 

@@ -70,6 +70,14 @@ def describe(
     condition = modulator.condition if rank == modulator.count else math.inf
     lost = {name: float(s) for name, s in zip(modulator.sample_names, shares, strict=True) if s > 1e-9}
     return ModulatorNumbers(
-        modulator.name, modulator.side, modulator.pixels, modulator.count, rank, condition, transmission(modulator),
-        amplification(modulator, rcond=rcond), lost, *gains,
-    )  # fmt: skip
+        modulator.name,
+        modulator.side,
+        modulator.pixels,
+        modulator.count,
+        rank,
+        condition,
+        transmission(modulator),
+        amplification(modulator, rcond=rcond),
+        lost,
+        *gains,
+    )

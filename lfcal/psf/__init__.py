@@ -12,7 +12,8 @@ from lfcal.psf.assemble import AssemblyReport, assemble, iter_assemble
 from lfcal.psf.cutout import Cutout, find_cutout
 from lfcal.psf.export import export, iter_export
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.store import PSFWriter, iter_save, open_psf, save
+from lfcal.psf.opening import open_psf
+from lfcal.psf.store import PSFWriter, iter_save, save
 from lfcal.psf.transpose import transpose
 
 __all__ = [

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from lfcal.errors import FileFormatError, expectation
-from lfcal.threads import njit
+from lfcal.compiled import njit
+from lfcal.errors import FileFormatError
 
 __all__ = ["PIPELINE", "decode_chunk", "encode_chunk", "fletcher32"]
 
@@ -151,8 +151,8 @@ def _verified(data: bytes, where: str) -> bytes:
     # HDF5 before 1.6.3 stored the bytes of each half swapped on little-endian machines; it still reads them.
     swapped = ((found & 0x00FF00FF) << 8) | (found >> 8 & 0x00FF00FF)
     if len(data) < 4 or stored not in (found, swapped):
-        raise FileFormatError(
-            expectation(where, f"checksum {stored:08x}", f"{found:08x}", "the file is damaged; copy it again")
+        raise FileFormatError.expected(
+            where, f"checksum {stored:08x}", f"{found:08x}", "the file is damaged; copy it again"
         )
     return body
 
@@ -170,14 +170,12 @@ def _inflated(data: bytes, nbytes: int, where: str) -> bytes:
     try:
         plain = stream.decompress(data, nbytes + 1)  # never more than the chunk declares
     except zlib.error as error:
-        raise FileFormatError(
-            expectation(where, "compressed data", f"damaged bytes ({error})", "the file is damaged; copy it again")
+        raise FileFormatError.expected(
+            where, "compressed data", f"damaged bytes ({error})", "the file is damaged; copy it again"
         ) from error
     return plain
 
 
 def _check_size(data: Any, nbytes: int, where: str) -> None:
     if len(data) != nbytes:
-        raise FileFormatError(
-            expectation(where, f"{nbytes} bytes", f"{len(data)}", "the file is damaged; copy it again")
-        )
+        raise FileFormatError.expected(where, f"{nbytes} bytes", f"{len(data)}", "the file is damaged; copy it again")

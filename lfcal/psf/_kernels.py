@@ -14,7 +14,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from lfcal.threads import njit
+from lfcal.compiled import njit
 
 __all__ = ["LANES", "batch_rows", "source_rows", "transpose_batches", "transpose_rows"]
 

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import Camera
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource, Position
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.cutout import Cutout, frame_origin
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.store import PSFWriter, open_psf
+from lfcal.psf.opening import open_psf
+from lfcal.psf.store import PSFWriter
 from lfcal.threads import worker_count
 
 __all__ = ["AssemblyReport", "Corrections", "assemble", "iter_assemble"]
@@ -162,13 +163,15 @@ def iter_assemble(
     _check_complete(source, shape, frames, missing, duplicates, strict)
     offsets = None if drift is None else np.asarray(drift, np.float64)
     if offsets is not None and offsets.shape != (len(source), 2):
-        raise InputError(expectation("drift", f"shape ({len(source)}, 2)", offsets.shape, "one row per frame"))
+        raise InputError.expected("drift", f"shape ({len(source)}, 2)", offsets.shape, "one row per frame")
     if corrections is not None and corrections.shape is not None and not hasattr(source, "origin"):
         if tuple(corrections.shape) != tuple(source.shape):
-            raise InputError(
-                expectation("dark or white frame", f"shape {tuple(source.shape)} of the frames",
-                            tuple(corrections.shape), "take all frames with one sensor setting")
-            )  # fmt: skip
+            raise InputError.expected(
+                "dark or white frame",
+                f"shape {tuple(source.shape)} of the frames",
+                tuple(corrections.shape),
+                "take all frames with one sensor setting",
+            )
     job = _Job(source, cutout, corrections, offsets)
     counts = np.zeros(shape, np.uint16)
     for position in (source.position(k) for k in range(len(source))):
@@ -205,16 +208,24 @@ def iter_assemble(
                 raise
             if not plane.any() and (frames[z] >= 0).any():
                 first = job.source.label(int(frames[z].max()))
-                raise InputError(
-                    expectation(f"plane {z}", "light in its cutouts", f"only zeros ({first} and others)",
-                                "check exposure, anchor and dark frame")
-                )  # fmt: skip
+                raise InputError.expected(
+                    f"plane {z}",
+                    "light in its cutouts",
+                    f"only zeros ({first} and others)",
+                    "check exposure, anchor and dark frame",
+                )
             sink.write_plane(z, plane, recorded=counts[z], saturated=saturated[z])
     matrix = sink.matrix() if isinstance(sink, _Memory) else open_psf(sink.path)
     return AssemblyReport(
-        matrix, done, missing, duplicates, int((saturated > 0).sum()), padded, residual,
+        matrix,
+        done,
+        missing,
+        duplicates,
+        int((saturated > 0).sum()),
+        padded,
+        residual,
         _notes(missing, duplicates, padded, int((saturated > 0).sum())),
-    )  # fmt: skip
+    )
 
 
 def assemble(source: FrameSource, shape: tuple[int, int, int], cutout: Cutout, **options: Any) -> AssemblyReport:
@@ -240,8 +251,8 @@ class _Memory:
 
     def write_plane(self, z: int, plane: NDArray[Any], *, recorded: ArrayLike, saturated: ArrayLike) -> None:
         if not np.isfinite(plane.sum(dtype=np.float64)):
-            raise InputError(
-                expectation(f"plane {z}", "finite values", "NaN or infinity", "find the frame and record it again")
+            raise InputError.expected(
+                f"plane {z}", "finite values", "NaN or infinity", "find the frame and record it again"
             )
         self.values[z], self.recorded[z], self.saturated[z] = plane, recorded, saturated
 
@@ -259,8 +270,7 @@ def _by_position(source: FrameSource, shape: tuple[int, int, int]) -> tuple[NDAr
         position = Position(*source.position(index))
         if not all(0 <= p < n for p, n in zip(position, shape, strict=True)):
             where = f"{source.label(index)} at (z, y, x) = {tuple(position)}"
-            message = expectation(where, f"a position inside {shape}", "one outside", "check manifest and plan")
-            raise InputError(message)
+            raise InputError.expected(where, f"a position inside {shape}", "one outside", "check manifest and plan")
         if frames[position] >= 0:
             duplicates[position] = None
         frames[position] = index
@@ -276,13 +286,13 @@ def _check_complete(
     strict: bool,
 ) -> None:
     if not (frames >= 0).any():
-        raise InputError(expectation("frames", f"some of {int(np.prod(shape))}", "none", "check folder and pattern"))
+        raise InputError.expected("frames", f"some of {int(np.prod(shape))}", "none", "check folder and pattern")
     if strict and missing:
         what = f"{len(missing)} missing, first (z, y, x) = {tuple(missing[0])}"
-        raise InputError(expectation("positions", "a frame at every one", what, "record them or drop strict"))
+        raise InputError.expected("positions", "a frame at every one", what, "record them or drop strict")
     if strict and duplicates:
         what = f"{len(duplicates)} given twice, first (z, y, x) = {tuple(duplicates[0])}"
-        raise InputError(expectation("positions", "one frame at each", what, "remove one or drop strict"))
+        raise InputError.expected("positions", "one frame at each", what, "remove one or drop strict")
 
 
 def _check_windows(job: _Job, frames: NDArray[np.int64]) -> tuple[tuple[Position, ...], tuple[float, float]]:
@@ -303,7 +313,7 @@ def _check_windows(job: _Job, frames: NDArray[np.int64]) -> tuple[tuple[Position
                 where = f"cutout of {job.source.label(index)}, (z, y, x) = {tuple(position)}"
                 got = f"rows {top}..{top + nt - 1}, columns {left}..{left + ns - 1}"
                 wanted = f"rows 0..{height - 1}, columns 0..{width - 1}"
-                raise InputError(expectation(where, wanted, got, "move the anchor, shrink the cutout, or pad"))
+                raise InputError.expected(where, wanted, got, "move the anchor, shrink the cutout, or pad")
             padded.append(position)
     return tuple(padded), (largest[0], largest[1])
 
@@ -334,7 +344,7 @@ def _cut_frame(job: _Job, position: Position, index: int) -> tuple[NDArray[np.fl
     frame = job.source.read(index)
     where = f"{job.source.label(index)}, (z, y, x) = {tuple(position)}"
     if frame.ndim != 2 or frame.shape != tuple(job.source.shape):
-        raise InputError(expectation(where, f"{job.source.shape} pixels", frame.shape, "take the frame again"))
+        raise InputError.expected(where, f"{job.source.shape} pixels", frame.shape, "take the frame again")
     window = job.cutout.window(position, _drift(job, index))
     origin = frame_origin(job.source, index)
     rows, columns = (
@@ -347,10 +357,10 @@ def _cut_frame(job: _Job, position: Position, index: int) -> tuple[NDArray[np.fl
     else:
         saturated = job.corrections.saturated(frame)
         if saturated == frame.size:
-            raise InputError(expectation(where, "a point on a dark ground", "every pixel saturated", "expose shorter"))
+            raise InputError.expected(where, "a point on a dark ground", "every pixel saturated", "expose shorter")
         values = _corrected(job, index, frame, origin, (rows, columns))
     if values.dtype.kind == "f" and not np.isfinite(values).all():
-        raise InputError(expectation(where, "finite values", "NaN or infinity", "take the frame again or leave it out"))
+        raise InputError.expected(where, "finite values", "NaN or infinity", "take the frame again or leave it out")
     return job.cutout.resample(values, window), saturated
 
 
@@ -364,10 +374,12 @@ def _corrected(
     chain = job.corrections
     assert chain is not None
     if chain.measures_frames and origin != (0, 0):
-        raise InputError(
-            expectation("background", "a constant for frames that are cutouts", "one measured on whole frames",
-                        "use a constant background")
-        )  # fmt: skip
+        raise InputError.expected(
+            "background",
+            "a constant for frames that are cutouts",
+            "one measured on whole frames",
+            "use a constant background",
+        )
     exposure = getattr(job.source, "exposure_s", None)
     seconds = None if exposure is None else exposure(index)
 

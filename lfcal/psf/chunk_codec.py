@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, InputError, expectation
+from lfcal.errors import FileFormatError, InputError
 from lfcal.psf._chunk_filters import PIPELINE, decode_chunk, encode_chunk, fletcher32
 from lfcal.threads import worker_count
 
@@ -50,9 +50,7 @@ def chunk_pipeline(dataset: Any) -> tuple[str, ...] | None:
 
 def _check_plane_number(dataset: Any, z: int) -> None:
     if not 0 <= z < dataset.shape[0]:
-        raise InputError(
-            expectation("depth plane", f"0 to {dataset.shape[0] - 1}", z, "choose one of the file's planes")
-        )
+        raise InputError.expected("depth plane", f"0 to {dataset.shape[0] - 1}", z, "choose one of the file's planes")
 
 
 def _batch_size(dataset: Any) -> int:
@@ -90,9 +88,7 @@ def parallel_write(dataset: Any, z: int, plane: NDArray[Any], *, workers: int | 
     _check_plane_number(dataset, z)
     dtype, shape = dataset.dtype, tuple(dataset.shape[1:])
     if plane.shape != shape or not np.can_cast(plane.dtype, dtype, "safe"):
-        raise InputError(
-            expectation(f"plane {z}", f"{shape} {dtype}", f"{plane.shape} {plane.dtype}", "convert it first")
-        )
+        raise InputError.expected(f"plane {z}", f"{shape} {dtype}", f"{plane.shape} {plane.dtype}", "convert it first")
     filters = chunk_pipeline(dataset)
     if filters is None:
         before = dataset.id.get_storage_size()
@@ -179,8 +175,8 @@ def _stored_chunk(dataset: Any, index: Index, where: str) -> tuple[int, bytes]:
     try:
         mask, raw = dataset.id.read_direct_chunk((*index, 0, 0))
     except (OSError, RuntimeError, ValueError, MemoryError) as error:
-        raise FileFormatError(
-            expectation(f"{where} chunk {index}", "a readable chunk", str(error), "the file is damaged; copy it again")
+        raise FileFormatError.expected(
+            f"{where} chunk {index}", "a readable chunk", str(error), "the file is damaged; copy it again"
         ) from error
     return mask, raw
 

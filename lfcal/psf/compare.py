@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.threads import for_each_chunk
@@ -110,8 +110,8 @@ def iter_compare(
     """
     a, b = (m if isinstance(m, PSFMatrix) else PSFMatrix(m) for m in (H, reference))
     if a.shape != b.shape:
-        raise InputError(
-            expectation("reference", f"shape {a.shape}", b.shape, "give an H of the same positions and cutout")
+        raise InputError.expected(
+            "reference", f"shape {a.shape}", b.shape, "give an H of the same positions and cutout"
         )
     if "c" in (a.dtype.kind, b.dtype.kind):
         raise InputError("comparison: expected real numbers, got complex ones; give intensities")

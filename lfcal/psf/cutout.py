@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.axes import centre, check_cutout
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource, Position
 
 __all__ = ["INTERPOLATIONS", "Cutout", "Window", "find_cutout", "frame_origin"]
@@ -65,19 +65,19 @@ class Cutout:
         object.__setattr__(self, "anchor", tuple(float(v) for v in self.anchor))
         check_cutout(*self.shape)
         if not all(math.isfinite(v) for v in self.anchor):
-            raise InputError(expectation("anchor", "finite numbers (row, column)", self.anchor, "correct it"))
+            raise InputError.expected("anchor", "finite numbers (row, column)", self.anchor, "correct it")
         for what, value, choices in (
             ("interpolation", self.interpolation, INTERPOLATIONS),
             ("outside", self.outside, ("error", "zero")),
         ):
             if value not in choices:
-                raise InputError(expectation(what, " or ".join(choices), repr(value), "choose one of these"))
+                raise InputError.expected(what, " or ".join(choices), repr(value), "choose one of these")
         object.__setattr__(self, "scale", tuple(float(v) for v in self.scale))
         if not all(0.5 <= v <= 2 for v in self.scale):
-            raise InputError(expectation("resampling factor", "between 0.5 and 2", self.scale, "check the period"))
+            raise InputError.expected("resampling factor", "between 0.5 and 2", self.scale, "check the period")
         if self.resamples and self.interpolation not in ("linear", "cubic"):
-            raise InputError(
-                expectation("interpolation of resampled frames", "linear or cubic", self.interpolation, "choose cubic")
+            raise InputError.expected(
+                "interpolation of resampled frames", "linear or cubic", self.interpolation, "choose cubic"
             )
 
     @classmethod
@@ -195,7 +195,7 @@ def find_cutout(
         If an image holds no light, or ``lost`` is not in (0, 1).
     """
     if not 0 < lost < 1:
-        raise InputError(expectation("energy lost", "a share between 0 and 1", lost, "0.005 is usual"))
+        raise InputError.expected("energy lost", "a share between 0 and 1", lost, "0.005 is usual")
     height = width = 0
     for image, (row, column) in zip(images, centres, strict=True):
         data = np.asarray(image, np.float64)
@@ -204,7 +204,7 @@ def find_cutout(
         noise = 1.4826 * np.median(np.abs(_border(data)))
         data = np.where(data > 3 * noise, data, 0.0)  # noise far from the spots would count as energy
         if not data.sum() > 0:
-            raise InputError(expectation("frame", "light from the point", "none", "check exposure and position"))
+            raise InputError.expected("frame", "light from the point", "none", "check exposure and position")
         height = max(height, _half_width(data.sum(axis=1), row, lost / 2))
         width = max(width, _half_width(data.sum(axis=0), column, lost / 2))
     return 2 * height + 1, 2 * width + 1

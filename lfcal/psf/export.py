@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.files import replace_whole, require_space, storage_errors
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.matlab import iter_write_mat
@@ -50,7 +50,7 @@ def iter_write_tiff(
     if position is not None:
         y, x = position
         if not (0 <= y < matrix.period[0] and 0 <= x < matrix.period[1]):
-            raise InputError(expectation("position (y, x)", f"inside {matrix.period}", position, "choose another"))
+            raise InputError.expected("position (y, x)", f"inside {matrix.period}", position, "choose another")
         with replace_whole(target) as part, storage_errors(target):
             stack = np.stack([matrix[z, y, x] for z in range(len(matrix))])
             tifffile.imwrite(part, stack, photometric="minisblack", metadata={"axes": "ZYX"})
@@ -62,8 +62,9 @@ def iter_write_tiff(
         with replace_whole(name) as part, storage_errors(name):
             plane = matrix.plane(z)
             pages = plane.reshape(-1, *plane.shape[2:])
-            tifffile.imwrite(part, pages, photometric="minisblack", bigtiff=pages.nbytes > 1 << 31,
-                             metadata={"axes": "IYX"})  # fmt: skip
+            tifffile.imwrite(
+                part, pages, photometric="minisblack", bigtiff=pages.nbytes > 1 << 31, metadata={"axes": "IYX"}
+            )
         yield clock.at(z + 1)
     return target
 
@@ -85,7 +86,7 @@ def iter_export(matrix: PSFMatrix, path: str | os.PathLike[str], **options: Any)
     """
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
-        raise InputError(expectation("export format", " ".join(SUFFIXES), suffix or "no suffix", "name the file so"))
+        raise InputError.expected("export format", " ".join(SUFFIXES), suffix or "no suffix", "name the file so")
     return SUFFIXES[suffix](matrix, path, **options)
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, InputError, expectation
+from lfcal.errors import FileFormatError, InputError
 from lfcal.files import check_dataset, open_h5_file, replace_whole, require_space, storage_errors
 from lfcal.progress import Clock, Work
 from lfcal.psf.matrix import PSFMatrix
@@ -23,8 +23,18 @@ from lfcal.psf.store import store_plane
 
 __all__ = ["crop_index", "iter_write_mat", "mat_header", "open_mat"]
 
-_CLASSES = {"f4": b"single", "f8": b"double", "u1": b"uint8", "u2": b"uint16", "u4": b"uint32",
-            "i1": b"int8", "i2": b"int16", "i4": b"int32", "i8": b"int64", "u8": b"uint64"}  # fmt: skip
+_CLASSES = {
+    "f4": b"single",
+    "f8": b"double",
+    "u1": b"uint8",
+    "u2": b"uint16",
+    "u4": b"uint32",
+    "i1": b"int8",
+    "i2": b"int16",
+    "i4": b"int32",
+    "i8": b"int64",
+    "u8": b"uint64",
+}
 
 
 def mat_header() -> bytes:
@@ -110,7 +120,7 @@ def _create(file: Any, name: str, matrix: PSFMatrix, rows_first: bool, compress:
     data = file.create_dataset(name, shape, matrix.dtype, track_times=False, **options)
     kind = matrix.dtype.str[1:]
     if kind not in _CLASSES:
-        raise InputError(expectation("values for MATLAB", "real numbers", matrix.dtype, "convert them first"))
+        raise InputError.expected("values for MATLAB", "real numbers", matrix.dtype, "convert them first")
     data.attrs["MATLAB_class"] = np.bytes_(_CLASSES[kind])
     return data
 
@@ -141,8 +151,8 @@ def open_mat(path: Path) -> PSFMatrix:
         with storage_errors(path), path.open("rb") as raw:
             head = raw.read(128)
     if head.startswith(b"MATLAB 5.0"):
-        raise FileFormatError(
-            expectation(str(path), "a MATLAB v7.3 file", "one of version 5 to 7", "save it with save(..., '-v7.3')")
+        raise FileFormatError.expected(
+            str(path), "a MATLAB v7.3 file", "one of version 5 to 7", "save it with save(..., '-v7.3')"
         )
     file = open_h5_file(path)
     try:
@@ -150,8 +160,8 @@ def open_mat(path: Path) -> PSFMatrix:
         if data.ndim == 4:
             return PSFMatrix(data[()][None], depths=_depths(file, 1), provenance={"imported": path.name})
         if data.ndim != 5:
-            raise FileFormatError(
-                expectation(f"{path}: H", "5 axes (s, t, x, y, z)", f"{data.ndim} axes", "check the file")
+            raise FileFormatError.expected(
+                f"{path}: H", "5 axes (s, t, x, y, z)", f"{data.ndim} axes", "check the file"
             )
         return PSFMatrix(data, depths=_depths(file, data.shape[0]), provenance={"imported": path.name})
     except BaseException:

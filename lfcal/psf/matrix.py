@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.axes import check_psf_shape
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, Planes, ScaledPlanes
 
 if TYPE_CHECKING:
@@ -290,14 +290,14 @@ def _as_planes(data: Any) -> Planes:
         return DatasetPlanes(data)
     array = data if isinstance(data, np.ndarray) else np.asarray(data)
     if array.dtype.kind not in "iufcb":
-        raise InputError(expectation("PSF matrix", "numbers", f"dtype {array.dtype}", "convert it to numbers"))
+        raise InputError.expected("PSF matrix", "numbers", f"dtype {array.dtype}", "convert it to numbers")
     return ArrayPlanes(array)
 
 
 def _fitting(what: str, value: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     array = np.array(value, dtype)
     if array.shape != shape:
-        raise InputError(expectation(what, f"shape {shape}", array.shape, "give one value per entry"))
+        raise InputError.expected(what, f"shape {shape}", array.shape, "give one value per entry")
     array.setflags(write=False)
     return array
 

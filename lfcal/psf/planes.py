@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.axes import check_psf_shape
-from lfcal.errors import FileFormatError, expectation
+from lfcal.errors import FileFormatError
 
 __all__ = ["ArrayPlanes", "DatasetPlanes", "Planes", "ScaledPlanes", "TransposedPlanes"]
 
@@ -107,8 +107,9 @@ class _damage:
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, OSError) and not isinstance(error, FileFormatError):
             where = f"{self.dataset.file.filename}:{self.dataset.name}, {self.part}"
-            message = expectation(where, "intact data", f"{error}", "copy the file again from its source")
-            raise FileFormatError(message) from error
+            raise FileFormatError.expected(
+                where, "intact data", f"{error}", "copy the file again from its source"
+            ) from error
 
 
 class TransposedPlanes:

@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal import __version__
 from lfcal.axes import AXES, check_psf_shape
 from lfcal.camera import Camera
-from lfcal.errors import FileFormatError, InputError, StorageError, expectation
-from lfcal.files import check_dataset, open_h5_file, replace_whole, require_space, storage_errors
+from lfcal.errors import InputError
+from lfcal.files import replace_whole, require_space, storage_errors
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.matrix import PSFMatrix
 
-__all__ = ["FORMAT", "VERSION", "PSFWriter", "iter_save", "open_psf", "save"]
+__all__ = ["FORMAT", "VERSION", "PSFWriter", "iter_save", "save"]
 
 FORMAT = "lfcal-psf"
 VERSION = 1
@@ -78,12 +78,12 @@ class PSFWriter:
         self.path = Path(path)
         self.shape = check_psf_shape(shape)
         if dtype not in STORED_TYPES:
-            raise InputError(expectation("stored type", " or ".join(STORED_TYPES), dtype, "choose one of these"))
+            raise InputError.expected("stored type", " or ".join(STORED_TYPES), dtype, "choose one of these")
         if compression not in COMPRESSIONS:
-            raise InputError(expectation("compression", " or ".join(COMPRESSIONS), compression, "choose one of these"))
+            raise InputError.expected("compression", " or ".join(COMPRESSIONS), compression, "choose one of these")
         self.depths = np.asarray(np.arange(self.shape[0]) if depths is None else depths, np.float64)
         if self.depths.shape != (self.shape[0],):
-            raise InputError(expectation("depths", f"{self.shape[0]} values", self.depths.shape, "one per plane"))
+            raise InputError.expected("depths", f"{self.shape[0]} values", self.depths.shape, "one per plane")
         self.camera, self.anchor, self.transposed = camera, anchor, transposed
         self.dtype, self.compression, self.workers = np.dtype(dtype), compression, workers
         self.provenance = {"lfcal": __version__, **(provenance or {})}
@@ -138,13 +138,13 @@ class PSFWriter:
         from lfcal.psf.transpose import depth_sum
 
         if plane.shape != self.shape[1:]:
-            raise InputError(expectation(f"plane {z}", f"shape {self.shape[1:]}", plane.shape, "check the assembly"))
+            raise InputError.expected(f"plane {z}", f"shape {self.shape[1:]}", plane.shape, "check the assembly")
         if not 0 <= z < self.shape[0] or self._written[z]:
-            raise InputError(expectation("plane number", "each of them once", z, "write every plane once"))
+            raise InputError.expected("plane number", "each of them once", z, "write every plane once")
         sums = depth_sum(plane, workers=self.workers)
         if not np.isfinite(sums).all():
-            raise InputError(
-                expectation(f"plane {z}", "finite values", "NaN or infinity", "find the frame and record it again")
+            raise InputError.expected(
+                f"plane {z}", "finite values", "NaN or infinity", "find the frame and record it again"
             )
         self._sums[z] = sums
         with storage_errors(self.path):
@@ -175,7 +175,7 @@ class PSFWriter:
         """Complete the file and give it its name, or remove it after an error."""
         if error is None and not self._written.all():
             lacking = np.flatnonzero(~self._written)[:5].tolist()
-            error = InputError(expectation(str(self.path), "every plane written", f"planes {lacking} missing", "write"))
+            error = InputError.expected(str(self.path), "every plane written", f"planes {lacking} missing", "write")
             kind = type(error)
             self._stack.__exit__(kind, error, None)
             raise error
@@ -221,81 +221,6 @@ def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None =
         data[z] = plane
         return
     parallel_write(data, z, plane, workers=workers)
-
-
-def open_psf(path: str | os.PathLike[str]) -> PSFMatrix:
-    """Open an H file, a MATLAB v7.3 file of another code, or an ``.npy`` file as a lazy `PSFMatrix`.
-
-    Raises
-    ------
-    StorageError
-        If there is no such file or it may not be read.
-    FileFormatError, UnsafeFileError
-        If it is damaged, of another format, or asks for something unsafe.
-    """
-    source = Path(path)
-    suffix = source.suffix.lower()
-    if suffix == ".npy":
-        return PSFMatrix(_map_npy(source))
-    if suffix == ".mat":
-        from lfcal.psf.matlab import open_mat
-
-        return open_mat(source)
-    file = open_h5_file(source)
-    try:
-        return _matrix_of(file)
-    except BaseException:
-        file.close()
-        raise
-
-
-def _matrix_of(file: Any) -> PSFMatrix:
-    found = file.attrs.get("format")
-    if found != FORMAT:
-        what = f"format {found!r}" if found is not None else "an HDF5 file of another kind"
-        raise FileFormatError(expectation(file.filename, "an H file of lfcal", what, "import it as frames instead"))
-    version = file.attrs.get("version")
-    if version != VERSION:
-        raise FileFormatError(expectation(file.filename, f"version {VERSION}", version, "update lfcal"))
-    data = check_dataset(file, "H")
-    extra = {name: _small(file, name) for name in ("depth_sum", "recorded", "saturated") if name in file}
-    camera = file.attrs.get("camera")
-    try:
-        provenance = json.loads(file.attrs.get("provenance", "{}"))
-    except ValueError:
-        provenance = {}
-    anchor = np.asarray(file.attrs.get("anchor", (0.0, 0.0)), np.float64).ravel()
-    matrix = PSFMatrix(
-        data,
-        depths=_small(file, "depths"),
-        camera=Camera.from_json(camera) if camera is not None else None,
-        anchor=(float(anchor[0]), float(anchor[1])),
-        scale=data.attrs.get("scale", 1.0),
-        offset=data.attrs.get("offset", 0.0),
-        recorded=extra.get("recorded"),
-        depth_sums=extra.get("depth_sum"),
-        saturated=extra.get("saturated"),
-        provenance=provenance if isinstance(provenance, dict) else {},
-    )
-    matrix._is_transposed = file.attrs.get("matrix") == "HT"
-    return matrix
-
-
-def _small(file: Any, name: str) -> NDArray[Any]:
-    values: NDArray[Any] = check_dataset(file, name, max_bytes=1 << 32)[()]
-    return values
-
-
-def _map_npy(path: Path) -> NDArray[Any]:
-    if not path.exists():
-        raise StorageError(f"{path}: no such file; check the path")
-    try:
-        mapped: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
-        reason = "pickled objects" if "pickle" in str(error).lower() else "a damaged or other file"
-        message = expectation(str(path), "an .npy file of plain numbers", reason, "save the array itself again")
-        raise FileFormatError(message) from error
-    return mapped
 
 
 def iter_save(

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.axes import centre, check_psf_shape
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.threads import for_each_chunk
 
 __all__ = ["BORDER_LIMIT", "border_energy", "border_warning", "depth_sum", "ht_slice", "transpose"]
@@ -135,36 +135,34 @@ def _clear_border(plane: NDArray[Any]) -> None:
 
 def _check_dtype(dtype: np.dtype[Any]) -> None:
     if dtype.kind not in "biufc" or dtype.itemsize not in (1, 2, 4, 8, 16):
-        raise InputError(
-            expectation("PSF matrix", "integers, bool, float or complex numbers up to 16 bytes", f"dtype {dtype}",
-                        "convert it first")
-        )  # fmt: skip
+        raise InputError.expected(
+            "PSF matrix",
+            "integers, bool, float or complex numbers up to 16 bytes",
+            f"dtype {dtype}",
+            "convert it first",
+        )
 
 
 def _check_method(method: str, shape: tuple[int, ...]) -> None:
     if method not in ("exact", "paper", "paper-padded"):
-        raise InputError(
-            expectation("transpose method", "exact, paper or paper-padded", repr(method), "choose one of these")
+        raise InputError.expected(
+            "transpose method", "exact, paper or paper-padded", repr(method), "choose one of these"
         )
     ny, nx = shape[1:3]
     if method != "exact" and (ny % 2 == 0 or nx % 2 == 0):
-        raise InputError(
-            expectation(f"transpose method {method}", "a period odd in y and x", f"{ny} x {nx}", "use method exact")
+        raise InputError.expected(
+            f"transpose method {method}", "a period odd in y and x", f"{ny} x {nx}", "use method exact"
         )
 
 
 def _checked_out(out: NDArray[Any], source: Any, shape: tuple[int, ...]) -> NDArray[Any]:
     if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != source.dtype:
         got = f"{out.shape} {out.dtype}" if isinstance(out, np.ndarray) else type(out).__name__
-        raise InputError(
-            expectation("out", f"an array {shape} {source.dtype}", got, "make it with numpy.empty_like(H)")
-        )
+        raise InputError.expected("out", f"an array {shape} {source.dtype}", got, "make it with numpy.empty_like(H)")
     if not out.flags.writeable:
-        raise InputError(expectation("out", "a writeable array", "a read-only one", "copy it or open it for writing"))
+        raise InputError.expected("out", "a writeable array", "a read-only one", "copy it or open it for writing")
     if _overlap(source, out):
-        raise InputError(
-            expectation("out", "memory of its own", "memory shared with H", "transpose into another array")
-        )
+        raise InputError.expected("out", "memory of its own", "memory shared with H", "transpose into another array")
     return out
 
 
@@ -214,10 +212,9 @@ def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any] | None = Non
     if out is None:
         out = np.empty((nt, ns), plane.dtype)
     elif out.shape != (nt, ns) or out.dtype != plane.dtype or not out.flags.writeable:
-        raise InputError(
-            expectation("out", f"a writeable array {(nt, ns)} {plane.dtype}", f"{out.shape} {out.dtype}",
-                        "make it with numpy.empty")
-        )  # fmt: skip
+        raise InputError.expected(
+            "out", f"a writeable array {(nt, ns)} {plane.dtype}", f"{out.shape} {out.dtype}", "make it with numpy.empty"
+        )
     if _plain(plane) and _plain(out):
         flat = _as_words(plane).reshape(-1), _as_words(out, write=True).reshape(-1)
         _plane_kernels.gather_slice(flat[0], (ny, nx, nt, ns), y % ny, x % nx, flat[1])

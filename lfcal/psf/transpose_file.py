@@ -30,10 +30,17 @@ def iter_transpose_file(
     clock = Clock("transpose planes", len(matrix))
     stored = matrix.dtype.name if matrix.dtype.name in STORED_TYPES else "float32"
     with PSFWriter(
-        out, matrix.shape, depths=matrix.depths, camera=matrix.camera, anchor=matrix.anchor, dtype=stored,
-        compression=compression, provenance={**matrix.provenance, "transpose": method}, transposed=True,
+        out,
+        matrix.shape,
+        depths=matrix.depths,
+        camera=matrix.camera,
+        anchor=matrix.anchor,
+        dtype=stored,
+        compression=compression,
+        provenance={**matrix.provenance, "transpose": method},
+        transposed=True,
         workers=workers,
-    ) as writer:  # fmt: skip
+    ) as writer:
         for z in range(len(matrix)):
             writer.write_plane(z, transpose(matrix.plane(z)[None], method=method)[0], recorded=matrix.recorded[z])
             yield clock.at(z + 1)

@@ -9,52 +9,18 @@
 - ``resample``: light fields onto whole periods; ``series``, ``volumes``: many frames, results as files
 """
 
-from __future__ import annotations
-
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from lfcal.reconstruct.em import isra, iter_isra, iter_richardson_lucy, richardson_lucy
-    from lfcal.reconstruct.forecast import METHODS, Forecast
-    from lfcal.reconstruct.least_squares import conjugate_gradient, iter_conjugate_gradient
-    from lfcal.reconstruct.penalty import Tikhonov, TotalVariation
-    from lfcal.reconstruct.projector import Projector
-    from lfcal.reconstruct.records import Reconstruction, SolverProgress, SolverState
-    from lfcal.reconstruct.resample import Resampling
-    from lfcal.reconstruct.resolution import iter_two_point, two_point
-    from lfcal.reconstruct.series import iter_series
-    from lfcal.reconstruct.smoothing import DepthSmoothing
-    from lfcal.reconstruct.solvers import SOLVERS, SolverChoice, iter_reconstruct, reconstruct
-    from lfcal.reconstruct.volumes import load_volume, save_volume
-
-_HOME = {
-    "METHODS": "forecast",
-    "SOLVERS": "solvers",
-    "DepthSmoothing": "smoothing",
-    "Forecast": "forecast",
-    "Projector": "projector",
-    "Reconstruction": "records",
-    "Resampling": "resample",
-    "SolverChoice": "solvers",
-    "SolverProgress": "records",
-    "SolverState": "records",
-    "Tikhonov": "penalty",
-    "TotalVariation": "penalty",
-    "conjugate_gradient": "least_squares",
-    "isra": "em",
-    "iter_conjugate_gradient": "least_squares",
-    "iter_isra": "em",
-    "iter_reconstruct": "solvers",
-    "iter_richardson_lucy": "em",
-    "iter_series": "series",
-    "iter_two_point": "resolution",
-    "load_volume": "volumes",
-    "reconstruct": "solvers",
-    "richardson_lucy": "em",
-    "save_volume": "volumes",
-    "two_point": "resolution",
-}
+from lfcal.reconstruct.projectors.forecast import METHODS, Forecast
+from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.resample import Resampling
+from lfcal.reconstruct.resolution import iter_two_point, two_point
+from lfcal.reconstruct.series import iter_series
+from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_reconstruct, reconstruct
+from lfcal.reconstruct.solvers.em import isra, iter_isra, iter_richardson_lucy, richardson_lucy
+from lfcal.reconstruct.solvers.least_squares import conjugate_gradient, iter_conjugate_gradient
+from lfcal.reconstruct.solvers.penalty import Tikhonov, TotalVariation
+from lfcal.reconstruct.solvers.records import Reconstruction, SolverProgress, SolverState
+from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
+from lfcal.reconstruct.volumes import load_volume, save_volume
 
 __all__ = [
     "METHODS",
@@ -83,9 +49,3 @@ __all__ = [
     "save_volume",
     "two_point",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(f"lfcal.reconstruct.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

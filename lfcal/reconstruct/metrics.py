@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.special import gammaln, logsumexp
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 
 __all__ = ["best_scale", "nrmse", "poisson_gauss_log_likelihood", "psnr", "ssim", "ssim_map"]
 
@@ -23,7 +23,7 @@ def nrmse(estimate: ArrayLike, truth: ArrayLike) -> float:
     a, b = _pair(estimate, truth)
     size = float(np.linalg.norm(b))
     if size == 0:
-        raise InputError(expectation("truth", "something that is not zero", "zeros", "use another measure"))
+        raise InputError.expected("truth", "something that is not zero", "zeros", "use another measure")
     return float(np.linalg.norm(a - b)) / size
 
 
@@ -89,10 +89,12 @@ def poisson_gauss_log_likelihood(
     """
     f, m = _pair(image, model)
     if read_noise <= 0 or gain <= 0 or (m < 0).any():
-        raise InputError(
-            expectation("read noise, gain, model", "positive, positive, not negative",
-                        f"{read_noise}, {gain}, least {m.min()}", "correct them")
-        )  # fmt: skip
+        raise InputError.expected(
+            "read noise, gain, model",
+            "positive, positive, not negative",
+            f"{read_noise}, {gain}, least {m.min()}",
+            "correct them",
+        )
     noise = read_noise / gain
     seen, rate = f.ravel() / gain, m.ravel() / gain
     parts = [_summed(seen[k : k + CHUNK], rate[k : k + CHUNK], noise) for k in range(0, seen.size, CHUNK)]
@@ -134,5 +136,5 @@ def _mode(seen: NDArray[np.float64], rate: NDArray[np.float64], noise: float) ->
 def _pair(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     x, y = np.asarray(a, np.float64), np.asarray(b, np.float64)
     if x.shape != y.shape or x.size == 0:
-        raise InputError(expectation("arrays to compare", f"one shape, {y.shape}", x.shape, "crop them alike"))
+        raise InputError.expected("arrays to compare", f"one shape, {y.shape}", x.shape, "crop them alike")
     return x, y

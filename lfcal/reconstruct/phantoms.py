@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 
 __all__ = ["PHANTOMS", "phantom", "plume", "points", "vesicle"]
 
@@ -20,7 +20,7 @@ def points(shape: Shape, positions: Iterable[tuple[int, int, int]], brightness: 
     volume = np.zeros(shape)
     for position in positions:
         if not all(0 <= p < n for p, n in zip(position, shape, strict=True)):
-            raise InputError(expectation("point", f"inside {shape}", position, "move it"))
+            raise InputError.expected("point", f"inside {shape}", position, "move it")
         volume[position] += brightness
     return volume
 
@@ -85,7 +85,7 @@ def phantom(name: str, shape: Shape, seed: int = 0) -> NDArray[np.float64]:
         return vesicle(shape, z_step=max(1.0, min(shape[1:]) / (2 * shape[0])))
     if name == "plume":
         return plume(shape, seed=seed)
-    raise InputError(expectation("phantom", " or ".join(PHANTOMS), repr(name), "choose one of these"))
+    raise InputError.expected("phantom", " or ".join(PHANTOMS), repr(name), "choose one of these")
 
 
 PHANTOMS = ("points", "vesicle", "plume")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.threads import for_each_chunk
 
 __all__ = ["Resampling", "lattice_anchor_of"]
@@ -46,8 +46,8 @@ class Resampling:
     def __post_init__(self) -> None:
         """Check that the map exists."""
         if min(self.period) < 1 or min(self.shape) < 1:
-            raise InputError(
-                expectation("period and shape", "positive", (self.period, self.shape), "give pixels per period")
+            raise InputError.expected(
+                "period and shape", "positive", (self.period, self.shape), "give pixels per period"
             )
         _invertible(self.down, self.across, self.period)
 
@@ -130,9 +130,13 @@ class Resampling:
         down = 2 * b - a if kind == "hexagonal" else b
         whole = (max(1, round(float(np.hypot(*down)))), max(1, round(float(np.hypot(*across)))))
         return cls.to_period(
-            (int(shape[0]), int(shape[1])), (float(origin[0]), float(origin[1])), (float(down[1]), float(down[0])),
-            (float(across[1]), float(across[0])), period or whole, lattice_anchor,
-        )  # fmt: skip
+            (int(shape[0]), int(shape[1])),
+            (float(origin[0]), float(origin[1])),
+            (float(down[1]), float(down[0])),
+            (float(across[1]), float(across[0])),
+            period or whole,
+            lattice_anchor,
+        )
 
     @property
     def scale(self) -> Pair:
@@ -161,7 +165,7 @@ class Resampling:
 
         data = np.asarray(frame, np.float64)
         if data.ndim != 2:
-            raise InputError(expectation("frame", "two axes (rows, columns)", data.shape, "give one frame"))
+            raise InputError.expected("frame", "two axes (rows, columns)", data.shape, "give one frame")
         spline: Any = order
         prepared: Any = spline_filter(data, spline, mode="mirror") if order > 1 else data
         area = abs(float(np.linalg.det(self._matrix())))
@@ -198,7 +202,7 @@ class Resampling:
 def _invertible(down: Pair, across: Pair, period: tuple[int, int]) -> NDArray[np.float64]:
     matrix: NDArray[np.float64] = np.array([down, across], float).T / np.array(period, float)
     if not abs(float(np.linalg.det(matrix))) > 1e-6:
-        raise InputError(expectation("lattice periods", "two directions", (down, across), "fit the lattice again"))
+        raise InputError.expected("lattice periods", "two directions", (down, across), "fit the lattice again")
     return matrix
 
 

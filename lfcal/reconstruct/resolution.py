@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.progress import Clock, Work, drain
-from lfcal.reconstruct.em import richardson_lucy
-from lfcal.reconstruct.projector import Projector
+from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.solvers.em import richardson_lucy
 
 __all__ = ["TwoPoint", "dip", "iter_two_point", "two_point"]
 

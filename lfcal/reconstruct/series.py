@@ -10,9 +10,9 @@ from typing import Any
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.progress import Progress, Work, drain
-from lfcal.reconstruct.projector import Projector
-from lfcal.reconstruct.records import Reconstruction
-from lfcal.reconstruct.solvers import SolverChoice, iter_reconstruct
+from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.solvers.choice import SolverChoice, iter_reconstruct
+from lfcal.reconstruct.solvers.records import Reconstruction
 
 __all__ = ["FrameResult", "iter_series"]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.files import check_dataset, open_h5, replace_whole, require_space, storage_errors
 
 __all__ = ["SUFFIXES", "check_suffix", "load_volume", "save_volume"]
@@ -26,7 +26,7 @@ def check_suffix(path: str | os.PathLike[str]) -> Path:
     """Return ``path`` or raise `InputError` if no volume can have such a name."""
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
-        raise InputError(expectation("volume file", " or ".join(SUFFIXES), target.name, "give it one of these endings"))
+        raise InputError.expected("volume file", " or ".join(SUFFIXES), target.name, "give it one of these endings")
     return target
 
 
@@ -62,7 +62,7 @@ def save_volume(
     target = check_suffix(path)
     data = np.ascontiguousarray(volume, np.float32)
     if data.ndim != 3:
-        raise InputError(expectation("volume", "three axes (z, y, x)", data.shape, "add the missing axis"))
+        raise InputError.expected("volume", "three axes (z, y, x)", data.shape, "add the missing axis")
     depths = None if depths_um is None else np.asarray(depths_um, np.float64)
     require_space(target.parent, data.nbytes + (1 << 16), what="the volume")
     with replace_whole(target) as part, storage_errors(target):
@@ -105,9 +105,14 @@ def _save_h5(
 
     with h5py.File(part, "w") as file:
         stored = file.create_dataset(
-            DATASET, data=data, chunks=(1, *data.shape[1:]), compression="gzip", compression_opts=1, shuffle=True,
+            DATASET,
+            data=data,
+            chunks=(1, *data.shape[1:]),
+            compression="gzip",
+            compression_opts=1,
+            shuffle=True,
             fletcher32=True,
-        )  # fmt: skip
+        )
         stored.attrs["axes"] = "z, y, x"
         file.attrs["format"] = "lfcal-volume"
         file.attrs["version"] = 1
@@ -142,5 +147,5 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     if volume.ndim == 2:
         volume = volume[None]
     if volume.ndim != 3:
-        raise InputError(expectation(str(source), "a volume (z, y, x)", volume.shape, "choose another file"))
+        raise InputError.expected(str(source), "a volume (z, y, x)", volume.shape, "choose another file")
     return volume

@@ -13,12 +13,12 @@
 - ``ladder``, ``forecast``: what each step of accuracy costs, and how long the whole will take
 """
 
-from lfcal.simulate.camera_source import SimulatedCamera
-from lfcal.simulate.forecast import predict_seconds
-from lfcal.simulate.ladder import draw_ladder, iter_ladder, ladder
-from lfcal.simulate.noise import expose
-from lfcal.simulate.planner import EffectPlan, PlannedEffect, plan_effects
-from lfcal.simulate.session import iter_write_session, write_session
+from lfcal.simulate.accuracy.forecast import predict_seconds
+from lfcal.simulate.accuracy.ladder import draw_ladder, iter_ladder, ladder
+from lfcal.simulate.accuracy.planner import EffectPlan, PlannedEffect, plan_effects
+from lfcal.simulate.sensor.camera_source import SimulatedCamera
+from lfcal.simulate.sensor.noise import expose
+from lfcal.simulate.sensor.session import iter_write_session, write_session
 from lfcal.simulate.simulate import iter_simulate_psf, simulate_psf
 from lfcal.simulate.volume import iter_light_field, light_field, plume, points, vesicle
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.threads import chunks, for_each_chunk, njit
+from lfcal.compiled import njit
+from lfcal.threads import chunks, for_each_chunk
 
 __all__ = ["scatter"]
 

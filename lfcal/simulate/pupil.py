@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lfcal.camera._checks import check_number
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_number
+from lfcal.errors import InputError
 
 __all__ = ["Iris", "Wavefront", "seidel"]
 
@@ -46,7 +46,7 @@ class Iris:
         if self.stop is not None:
             object.__setattr__(self, "stop", tuple(float(v) for v in self.stop))
             if len(self.stop) != 3:
-                raise InputError(expectation("second stop", "(x, y, radius)", self.stop, "give three numbers"))
+                raise InputError.expected("second stop", "(x, y, radius)", self.stop, "give three numbers")
             for value in self.stop:
                 check_number("second stop (pupil radii)", value)
             check_number("second stop's radius (pupil radii)", self.stop[2], above=0)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import ScanPlan
+from lfcal.simulate.accuracy.sampling import checked_engine, sampling_for
 from lfcal.simulate.effects.base import Effect, LightSample
-from lfcal.simulate.engine import Certificate, PlaneEngine, Sampling, engine_for
-from lfcal.simulate.sampling import checked_engine, sampling_for
+from lfcal.simulate.engines.base import Certificate, PlaneEngine, Sampling
+from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, light_samples, outlook_of, resolve_level, scene_for
 from lfcal.simulate.symmetry import mirrored_rows

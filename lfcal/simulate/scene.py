@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from lfcal.axes import check_cutout
 from lfcal.camera import Camera, LensletLattice, Microscope
-from lfcal.camera._checks import check_choice, check_number
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_choice, check_number
+from lfcal.errors import InputError
 from lfcal.simulate.pupil import Iris, Wavefront, seidel
 
 __all__ = ["Grid", "Iris", "Scene", "Wavefront", "scene_of", "seidel"]
@@ -125,8 +125,8 @@ class Scene:
         for n, m, waves in self.wavefront:
             check_number("wavefront coefficient (waves)", waves)
             if n < 0 or abs(m) > n or (n - abs(m)) % 2:
-                raise InputError(
-                    expectation("Zernike term", "n >= |m| >= 0 with n - |m| even", f"n={n}, m={m}", "correct it")
+                raise InputError.expected(
+                    "Zernike term", "n >= |m| >= 0 with n - |m| even", f"n={n}, m={m}", "correct it"
                 )
         if self.offsets_um is not None:
             self._check_offsets(np.array(self.offsets_um, np.float64))
@@ -135,13 +135,13 @@ class Scene:
         b = self.pupil_um
         if not (b > 0 and 1.0 + self.image_um / b > 0):
             limit = f"beyond {max(0.0, -self.image_um):g} µm, or inf for a telecentric lens"
-            raise InputError(expectation("exit pupil's distance (µm)", limit, b, "correct the pupil or the depth"))
+            raise InputError.expected("exit pupil's distance (µm)", limit, b, "correct the pupil or the depth")
 
     def _check_offsets(self, offsets: NDArray[np.float64]) -> None:
         wanted = (*self.period, 2)
         if offsets.shape != wanted or not np.isfinite(offsets).all():
-            raise InputError(
-                expectation("source offsets", f"finite numbers of shape {wanted}", offsets.shape, "correct them")
+            raise InputError.expected(
+                "source offsets", f"finite numbers of shape {wanted}", offsets.shape, "correct them"
             )
         offsets.flags.writeable = False
         object.__setattr__(self, "offsets_um", offsets)
@@ -259,12 +259,12 @@ def scene_of(
     """
     unknown = sorted(set(overrides) - {f.name for f in fields(Scene)})
     if unknown:
-        raise InputError(expectation("scene", "fields of Scene", unknown[0], "correct the name"))
+        raise InputError.expected("scene", "fields of Scene", unknown[0], "correct the name")
     if z_um is not None and virtual_depth is not None:
-        raise InputError(expectation("depth", "z or virtual depth", "both", "give one of them"))
+        raise InputError.expected("depth", "z or virtual depth", "both", "give one of them")
     window = cutout if cutout is not None else (grid.cutout if grid is not None else None)
     if window is None:
-        raise InputError(expectation("cutout", "(nt, ns) pixels", None, "give a scan plan or a cutout"))
+        raise InputError.expected("cutout", "(nt, ns) pixels", None, "give a scan plan or a cutout")
     positions = period if period is not None else (grid.period if grid is not None else _whole_period(camera))
     depth = camera.depth_of(virtual_depth) if virtual_depth is not None else float(z_um or 0.0)
     a = virtual_depth * camera.lattice.gap_um if virtual_depth is not None else camera.image_shift_um(depth)

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.progress import Clock, Progress, Work, drain
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.store import PSFWriter
+from lfcal.simulate.accuracy.planner import EffectPlan, plan_effects
 from lfcal.simulate.effects.base import Effect
-from lfcal.simulate.engine import Sampling
-from lfcal.simulate.planner import EffectPlan, plan_effects
+from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.threads import worker_count
 from lfcal.units import format_bytes
@@ -40,12 +40,12 @@ def effects_of(effects: EffectsLike, plan: ScanPlan, tolerance: float) -> tuple[
         return effects.effects
     if isinstance(effects, str):
         if effects != "auto":
-            raise InputError(expectation("effects", "effects, an EffectPlan or 'auto'", repr(effects), "correct it"))
+            raise InputError.expected("effects", "effects, an EffectPlan or 'auto'", repr(effects), "correct it")
         return plan_effects(plan.camera, plan, tolerance).effects
     chosen = tuple(effects)
     for effect in chosen:
         if not isinstance(effect, Effect):
-            raise InputError(expectation("effects", "effect objects", type(effect).__name__, "see lfcal.simulate"))
+            raise InputError.expected("effects", "effect objects", type(effect).__name__, "see lfcal.simulate")
     return chosen
 
 
@@ -77,7 +77,7 @@ def iter_simulate_psf(
         need = int(np.prod(plan.shape, dtype=np.int64)) * 4
         if need > MEMORY_LIMIT:
             limit = f"at most {format_bytes(MEMORY_LIMIT)}"
-            raise InputError(expectation("H in memory", limit, format_bytes(need), "name a file with out="))
+            raise InputError.expected("H in memory", limit, format_bytes(need), "name a file with out=")
         whole = np.zeros(plan.shape, np.float32)
         for z in range(plan.shape[0]):
             yield from _plane(whole[z], plan, z, chosen, level, tolerance, sampling, workers)
@@ -149,14 +149,16 @@ def simulate_psf(
 def _check_plan(camera: Camera, plan: ScanPlan) -> None:
     """Raise `InputError` unless H of ``plan`` can be computed for ``camera``."""
     if camera != plan.camera:
-        raise InputError(
-            expectation("camera", f"the plan's ({plan.camera.name})", camera.name, "make the plan for this camera")
+        raise InputError.expected(
+            "camera", f"the plan's ({plan.camera.name})", camera.name, "make the plan for this camera"
         )
     if plan.resample_factors != (1.0, 1.0):
-        raise InputError(
-            expectation("scan plan", "one that keeps the sensor's pixels", "resample=True",
-                        "plan with resample=False, or simulate frames and assemble them")
-        )  # fmt: skip
+        raise InputError.expected(
+            "scan plan",
+            "one that keeps the sensor's pixels",
+            "resample=True",
+            "plan with resample=False, or simulate frames and assemble them",
+        )
 
 
 def _plane(

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.simulate.effects.base import Effect, LightEffect, LightSample, PsfEffect, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
-from lfcal.simulate.engine import LEVELS
+from lfcal.simulate.engines.base import LEVELS
 from lfcal.simulate.scene import Iris, Scene, scene_of
 
 __all__ = [
@@ -99,10 +99,10 @@ def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
 
     A named wave level computes lenslet diffraction whatever the effects say; ``microscope`` is the Debye path.
     """
-    from lfcal.simulate.field import choose_mode  # compiled code: not loaded before it is needed
+    from lfcal.simulate.engines.field import choose_mode  # compiled code: not loaded before it is needed
 
     if level not in ALL_LEVELS:
-        raise InputError(expectation("level", " or ".join(ALL_LEVELS), repr(level), "choose one of these"))
+        raise InputError.expected("level", " or ".join(ALL_LEVELS), repr(level), "choose one of these")
     if level == "microscope":
         level = "debye"
     if level == "auto":

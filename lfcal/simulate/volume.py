@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from lfcal.axes import centre
 from lfcal.camera import ScanPlan
-from lfcal.camera._checks import check_number
-from lfcal.errors import InputError, expectation
+from lfcal.checks import check_number
+from lfcal.errors import InputError
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf import PSFMatrix
-from lfcal.simulate.engine import Sampling
+from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import EffectsLike, effects_of
 from lfcal.threads import worker_count
@@ -83,8 +83,9 @@ def iter_light_field(
     )
     nz, ny, nx, nt, ns = source.shape
     if volume.ndim != 3 or volume.shape[0] != nz or not np.isfinite(volume).all():
-        message = expectation("volume", f"finite values of shape ({nz}, rows, columns)", volume.shape, "one per plane")
-        raise InputError(message)
+        raise InputError.expected(
+            "volume", f"finite values of shape ({nz}, rows, columns)", volume.shape, "one per plane"
+        )
     rows, columns = volume.shape[1:]
     half_t, half_s = centre(nt), centre(ns)
     image = np.zeros((rows + nt - 1, columns + ns - 1))
@@ -215,7 +216,7 @@ def _from_middle(shape: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.
 
 def _checked_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     if len(shape) != 3:
-        raise InputError(expectation("volume", "(planes, rows, columns)", shape, "give three numbers"))
+        raise InputError.expected("volume", "(planes, rows, columns)", shape, "give three numbers")
     for n in shape:
         check_number("size of the volume (voxels)", n, at_least=1, integer=True)
     return shape

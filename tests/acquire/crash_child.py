@@ -10,12 +10,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from lfcal.acquire.backends.sim import simulated_rig
 from lfcal.acquire.options import Options
-from lfcal.acquire.records import Kind, Note
+from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.schedule import Step
 from lfcal.acquire.session import record
 from lfcal.camera import ScanPlan
+from lfcal.devices.simulated.backend import simulated_rig
 
 
 def main() -> None:

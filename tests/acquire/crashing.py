@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from lfcal.acquire.finish import iter_assemble_session
-from lfcal.acquire.recording import RecordingSource
+from lfcal.acquire.recording.source import RecordingSource
 from lfcal.camera import ScanPlan
 from lfcal.progress import drain
 

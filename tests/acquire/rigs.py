@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.backends.sim import simulated_rig
-from lfcal.acquire.backends.sim_faults import Fault
-from lfcal.acquire.devices import Rig
 from lfcal.acquire.options import Options
-from lfcal.acquire.recording import RecordingSource
+from lfcal.acquire.recording.source import RecordingSource
 from lfcal.camera import ScanPlan, preset
+from lfcal.devices.protocols import Rig
+from lfcal.devices.simulated.backend import simulated_rig
+from lfcal.devices.simulated.faults import Fault
 
 CAREFUL = Options(origin_tolerance_px=0.5, keep_free_bytes=0)
 

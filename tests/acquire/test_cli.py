@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.acquire.recording import RecordingSource
+from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.redo import RedoList
 from lfcal.camera import ScanPlan, preset
 from lfcal.cli import main
@@ -119,9 +119,13 @@ def test_fault_resume_redo_and_coarse_order(
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
-    tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-    arguments: list[str], message: str,
-) -> None:  # fmt: skip
+    tmp_path: Path,
+    plan_file: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    message: str,
+) -> None:
     out = tmp_path / "session"
     assert run("acquire", plan_file, "--out", out, *arguments, monkeypatch=monkeypatch) == 2
     said = capsys.readouterr().err
@@ -132,10 +136,15 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 
 @pytest.mark.parametrize(
     "text",
-    ["", "[]", '{"format":"lfcal-redo","version":2}', '{"format":"lfcal-redo","version":1,"positions":[[0,1]]}',
-     '{"format":"lfcal-redo","version":1,"positions":[[0,1,2.5]]}',
-     '{"format":"lfcal-redo","version":1,"positions":[],"reasons":["x"]}'],
-)  # fmt: skip
+    [
+        "",
+        "[]",
+        '{"format":"lfcal-redo","version":2}',
+        '{"format":"lfcal-redo","version":1,"positions":[[0,1]]}',
+        '{"format":"lfcal-redo","version":1,"positions":[[0,1,2.5]]}',
+        '{"format":"lfcal-redo","version":1,"positions":[],"reasons":["x"]}',
+    ],
+)
 def test_bad_redo_lists_are_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "redo.json"
     path.write_text(text)

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.acquire import journal as journal_module
-from lfcal.acquire.backends.sim_faults import Fault
-from lfcal.acquire.durable import FolderLock, write_at
-from lfcal.acquire.errors import (
-    AcquisitionStopped,
+from lfcal.acquire.errors import AcquisitionStopped
+from lfcal.acquire.recording import slots as journal_module
+from lfcal.acquire.recording.durable import FolderLock, write_at
+from lfcal.acquire.recording.source import RecordingSource
+from lfcal.acquire.session import record
+from lfcal.acquire.session_file import SessionFile
+from lfcal.devices.errors import (
     DeviceLost,
     FrameTimeout,
     IncompleteFrame,
@@ -24,9 +26,7 @@ from lfcal.acquire.errors import (
     StaleFrame,
     WrongFrame,
 )
-from lfcal.acquire.recording import RecordingSource
-from lfcal.acquire.session import record
-from lfcal.acquire.session_file import SessionFile
+from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import LfcalError, StorageError
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 

@@ -11,15 +11,15 @@ import pytest
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.finish import iter_assemble_session, iter_finish, iter_repack
-from lfcal.acquire.journal import read_layout
-from lfcal.acquire.recording import RecordingSource, complete_planes
+from lfcal.acquire.recording.slots import read_layout
+from lfcal.acquire.recording.source import RecordingSource, complete_planes
 from lfcal.acquire.session import iter_record, record
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.source import Position
 from lfcal.progress import drain
 from lfcal.psf import open_psf
-from lfcal.simulate.camera_source import SimulatedCamera
+from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 PLAN = small_plan()
@@ -111,8 +111,7 @@ def test_packing_names_a_damaged_frame_and_leaves_the_recording(tmp_path: Path) 
 
 def test_an_unfinished_recording_is_not_packed_and_one_in_use_is_left_alone(tmp_path: Path) -> None:
     control = Control()
-    record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL, control=control,
-           observers=(lambda *_: control.stop(),))  # fmt: skip
+    record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(lambda *_: control.stop(),))
     assert drain(iter_finish(tmp_path / "s")) == 0
     assert read_layout(tmp_path / "s" / "recording.h5").in_place
     report = drain(iter_assemble_session(tmp_path / "s"))

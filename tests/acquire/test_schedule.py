@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lfcal.acquire.options import Options
 from lfcal.acquire.orders import coarse_order
-from lfcal.acquire.records import Kind
+from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.schedule import Schedule, window_shape
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
@@ -21,10 +21,15 @@ from tests.acquire.rigs import small_plan
 
 @settings(derandomize=True, deadline=None, max_examples=60)
 @given(
-    st.tuples(st.integers(1, 6), st.integers(1, 6)), st.integers(1, 3), st.sampled_from(["plan", "coarse"]),
-    st.sampled_from(["serpentine", "raster"]), st.integers(0, 7), st.integers(0, 2), st.integers(0, 9),
+    st.tuples(st.integers(1, 6), st.integers(1, 6)),
+    st.integers(1, 3),
+    st.sampled_from(["plan", "coarse"]),
+    st.sampled_from(["serpentine", "raster"]),
+    st.integers(0, 7),
     st.integers(0, 2),
-)  # fmt: skip
+    st.integers(0, 9),
+    st.integers(0, 2),
+)
 def test_every_position_once_and_every_slot_once(
     period: tuple[int, int], planes: int, order: str, scan: str, reference: int, darks: int, every: int, controls: int
 ) -> None:

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.devices import Rig
-from lfcal.acquire.errors import LimitError
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import Preview
-from lfcal.acquire.recording import RecordingSource, complete_planes, read_checks
-from lfcal.acquire.records import Kind
+from lfcal.acquire.recording.records import Kind
+from lfcal.acquire.recording.source import RecordingSource, complete_planes, read_checks
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.setup.levels import levels
 from lfcal.camera import StageAxes
+from lfcal.devices.errors import LimitError
+from lfcal.devices.protocols import Rig
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.source import FrameSource, Position
 from lfcal.progress import drain
@@ -153,7 +153,7 @@ def test_disk_that_cannot_hold_the_session_is_refused_before_anything_is_made(tm
 
 
 def test_limits_are_checked_before_anything_moves_or_is_made(tmp_path: Path) -> None:
-    from lfcal.acquire.backends.sim_stage import StageModel
+    from lfcal.devices.simulated.stage import StageModel
 
     rig = rig_for(PLAN, model=StageModel(limits=((-1e5, 1e5), (-1e5, 0.0), (-1e5, 1e5))))
     with pytest.raises(LimitError, match="nothing was moved"):
@@ -214,8 +214,9 @@ def test_redo_records_some_positions_again_and_the_later_frame_counts(tmp_path: 
     record(tmp_path, PLAN, rig_for(PLAN), CAREFUL)
     again = [Position(0, 1, 2), Position(2, 0, 0)]
     control = Control()
-    record(tmp_path, PLAN, rig_for(PLAN, seed=7), CAREFUL, redo=again, control=control,
-           observers=(stop_after(1, control),))  # fmt: skip
+    record(
+        tmp_path, PLAN, rig_for(PLAN, seed=7), CAREFUL, redo=again, control=control, observers=(stop_after(1, control),)
+    )
     record(tmp_path, PLAN, rig_for(PLAN, seed=7), CAREFUL, resume=True)
     assert SessionFile.read(tmp_path).recordings == ("recording.h5", "recording-002.h5")
     old, new = frames_of(whole), frames_of(tmp_path)

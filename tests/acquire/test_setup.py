@@ -11,10 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from lfcal.acquire.backends.sim_faults import Fault
 from lfcal.acquire.control import Control
-from lfcal.acquire.devices import Roi
-from lfcal.acquire.errors import LimitError
 from lfcal.acquire.preview import Preview
 from lfcal.acquire.setup import (
     check_stage,
@@ -33,6 +30,9 @@ from lfcal.acquire.setup import (
     suggest_exposure,
 )
 from lfcal.camera import ScanPlan, StageAxes, preset
+from lfcal.devices.errors import LimitError
+from lfcal.devices.protocols import Roi
+from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import InputError
 from lfcal.progress import drain
 from tests.acquire.rigs import rig_for, small_plan
@@ -150,7 +150,7 @@ def test_stage_fit_refuses_moves_on_a_line_and_images_that_stand_still() -> None
 
 
 def test_stage_fit_keeps_to_the_limits() -> None:
-    from lfcal.acquire.backends.sim_stage import StageModel
+    from lfcal.devices.simulated.stage import StageModel
 
     rig = rig_for(PLAN, model=StageModel(limits=((-100.0, 100.0), (-1e5, 1e5), (-1e5, 1e5))))
     with pytest.raises(LimitError):

@@ -7,7 +7,7 @@ import json
 from typer.testing import CliRunner
 
 from lfcal.bench.frames import iter_compare
-from lfcal.cli._common import build_app
+from lfcal.cli.app import build_app
 from lfcal.progress import drain
 
 

@@ -101,8 +101,18 @@ def test_plane_lines(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_table_1_as_printed() -> None:
-    assert [size.name for size in bench.TABLE_1] == ["111/11", "221/11", "331/11", "551/11", "771/11", "1101/11",
-                                                     "127/21", "187/31", "307/51", "181/55x95"]  # fmt: skip
+    assert [size.name for size in bench.TABLE_1] == [
+        "111/11",
+        "221/11",
+        "331/11",
+        "551/11",
+        "771/11",
+        "1101/11",
+        "127/21",
+        "187/31",
+        "307/51",
+        "181/55x95",
+    ]
     assert bench.chosen("111/11, 9/3x5")[0].printed == (29.0, 1.3, 14.5, 0.2)
     assert bench.chosen("9/3x5") == (bench.Size(9, 3, 5),)
 

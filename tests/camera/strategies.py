@@ -61,6 +61,8 @@ cameras = st.builds(
     sensor=sensors,
     wavelength_um=numbers(0.3, 1),
     bandwidth_um=numbers(0, 0.2),
-    distortion=st.none() | st.builds(BrownDistortion, st.tuples(numbers(-1, 1), numbers(-1, 1)),
-                                     st.tuples(numbers(0, 4000), numbers(0, 4000))),
-)  # fmt: skip
+    distortion=st.none()
+    | st.builds(
+        BrownDistortion, st.tuples(numbers(-1, 1), numbers(-1, 1)), st.tuples(numbers(0, 4000), numbers(0, 4000))
+    ),
+)

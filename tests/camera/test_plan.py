@@ -64,8 +64,9 @@ def test_every_preset_can_be_planned(name: str) -> None:
 def test_serpentine_moves_one_step_at_a_time_and_raster_always_the_same_way(shape: tuple[int, int, int]) -> None:
     nz, ny, nx = shape
     for order in ("serpentine", "raster"):
-        plan = ScanPlan(preset("bench"), (ny, nx), (9, 9), tuple(-1000.0 * k for k in range(nz)), (50.0, 50.0),
-                        order=order)  # fmt: skip
+        plan = ScanPlan(
+            preset("bench"), (ny, nx), (9, 9), tuple(-1000.0 * k for k in range(nz)), (50.0, 50.0), order=order
+        )
         index = plan.order_indices()
         assert sorted(map(tuple, index.tolist())) == list(np.ndindex(shape))
         if order == "serpentine":

@@ -139,8 +139,7 @@ def test_the_real_camera() -> None:
     assert abs(camera.lattice.rotation_rad) == pytest.approx(2.54e-5, abs=2e-7)
     x, y = camera.lattice.offset_um
     assert (x / 5.5, -y / 5.5) == pytest.approx((22.0742185007, 8.62280279398))
-    assert [t.depth_range for t in camera.lattice.types] == [
-        (1.0, 3.0), (2.79999995232, 4.0), (3.79999995232, 100.0)]  # fmt: skip
+    assert [t.depth_range for t in camera.lattice.types] == [(1.0, 3.0), (2.79999995232, 4.0), (3.79999995232, 100.0)]
     assert camera.distortion is not None
     assert camera.distortion.coefficients == (-0.00145956683518, 0.000735560442194)
     assert camera.distortion.centre_px == (3186.70925279, 2651.12256994)
@@ -149,8 +148,13 @@ def test_the_real_camera() -> None:
     assert plan.period_residual_px == pytest.approx((0.465, 0.121), abs=1e-3)
     assert Camera.from_json(camera.to_json()) == camera
     left = (-1.0, -8.74227765735e-08)
-    numbers = ((left, (-0.499999910593, -0.866025447845)), ((0.0, 0.0), left, (1.0, 8.74227765735e-08)),
-               2.54233651836e-05, (22.0742185007, 8.62280279398), 38.3737792969)  # fmt: skip
+    numbers = (
+        (left, (-0.499999910593, -0.866025447845)),
+        ((0.0, 0.0), left, (1.0, 8.74227765735e-08)),
+        2.54233651836e-05,
+        (22.0742185007, 8.62280279398),
+        38.3737792969,
+    )
     assert_same_lenses(camera, *straight_from_the_file(*numbers, camera.sensor.shape))
 
 
@@ -164,8 +168,14 @@ def test_what_the_file_does_not_hold_is_given(tmp_path: Path) -> None:
     # sigma = 1/vf - 1/v has opposite signs and equal size at both ends of the range (1, 3)
     vf = camera.lattice.types[0].focus_depth(camera.lattice.gap_um)
     assert 1 / vf - 1 / 1 == pytest.approx(-(1 / vf - 1 / 3))
-    other = read_raytrix_xml(path, sensor=Sensor((3000, 4000), 4.0), optics=MainLens(100e3, 8.0, 5e5), gap_um=700.0,
-                             focus_depths=(2, 3, 5), name="mine")  # fmt: skip
+    other = read_raytrix_xml(
+        path,
+        sensor=Sensor((3000, 4000), 4.0),
+        optics=MainLens(100e3, 8.0, 5e5),
+        gap_um=700.0,
+        focus_depths=(2, 3, 5),
+        name="mine",
+    )
     assert other.lattice.pitch_um == pytest.approx(38.3737792969 * 4.0)
     assert [t.focus_depth(700.0) for t in other.lattice.types] == pytest.approx([2, 3, 5])
     assert other.name == "mine"

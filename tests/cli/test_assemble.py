@@ -12,9 +12,20 @@ Lfcal = Callable[..., Run]
 
 
 def test_the_main_job(lfcal: Lfcal, session: Path, tmp_path: Path) -> None:
-    run = lfcal("assemble", session / "frames", "--dark", session / "dark", "--white", session / "white",
-                "--white-mode", "pixels",
-                "-o", tmp_path / "H.h5", "--strict", "--json")  # fmt: skip
+    run = lfcal(
+        "assemble",
+        session / "frames",
+        "--dark",
+        session / "dark",
+        "--white",
+        session / "white",
+        "--white-mode",
+        "pixels",
+        "-o",
+        tmp_path / "H.h5",
+        "--strict",
+        "--json",
+    )
     assert run.code == 0, run.err
     assert run.json["shape"] == [*SHAPE, *CUTOUT]  # type: ignore[index, call-overload]
     with open_psf(tmp_path / "H.h5") as H:

@@ -47,15 +47,22 @@ def test_frames_of_a_session(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> N
     folder = tmp_path / "session"
     run = lfcal("simulate", plan_file, "--frames", folder, "--level", "geometric", "--seed", 3)
     assert run.code == 0, run.err
-    assert {p.name for p in folder.iterdir()} == {
-        "frames", "dark", "white", "camera.json", "plan.json", "truth.json"
-    }  # fmt: skip
+    assert {p.name for p in folder.iterdir()} == {"frames", "dark", "white", "camera.json", "plan.json", "truth.json"}
     with open_frames(folder / "frames", plan_shape=(1, 2, 3)) as source:
         assert len(source) == 6 and source.shape == (90, 100)
     again = lfcal("simulate", plan_file, "--frames", folder)
     assert again.code == 2 and "empty folder" in again.err
-    assembled = lfcal("assemble", folder / "frames", "--dark", folder / "dark", "--plan", folder / "plan.json",
-                      "-o", tmp_path / "H.h5", "--strict")  # fmt: skip
+    assembled = lfcal(
+        "assemble",
+        folder / "frames",
+        "--dark",
+        folder / "dark",
+        "--plan",
+        folder / "plan.json",
+        "-o",
+        tmp_path / "H.h5",
+        "--strict",
+    )
     assert assembled.code == 0, assembled.err
 
 

@@ -12,7 +12,7 @@ import tifffile
 
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor
 from lfcal.cli import main
-from tests.frames.white_frames import WhiteFrame, draw_white
+from tests.lattice.white_frames import WhiteFrame, draw_white
 
 Run = Callable[..., tuple[int, str, str]]
 EDGES = (3.9, 2.6, 1.6)
@@ -48,8 +48,16 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, WhiteFrame]:
 
 def test_the_fit_is_shown_and_becomes_the_camera_s(run: Run, files: tuple[Path, WhiteFrame], tmp_path: Path) -> None:
     folder, _ = files
-    code, out, err = run("white", folder / "white.tif", "--dark", folder / "dark.tif", "--camera",
-                         folder / "camera.json", "-o", tmp_path / "out")  # fmt: skip
+    code, out, err = run(
+        "white",
+        folder / "white.tif",
+        "--dark",
+        folder / "dark.tif",
+        "--camera",
+        folder / "camera.json",
+        "-o",
+        tmp_path / "out",
+    )
     assert (code, err) == (0, "")
     for shown in ("hexagonal", "16.00", "px", "lens types", "standard errors"):
         assert shown in out
@@ -61,8 +69,19 @@ def test_the_fit_is_shown_and_becomes_the_camera_s(run: Run, files: tuple[Path, 
 
 def test_json_and_pictures(run: Run, files: tuple[Path, WhiteFrame], tmp_path: Path) -> None:
     folder, truth = files
-    code, out, _ = run("white", folder / "white.tif", "--views", folder / "white.tif", "-o", tmp_path, "--json",
-                       "--slopes", "-2,0,2", "--samples", "2")  # fmt: skip
+    code, out, _ = run(
+        "white",
+        folder / "white.tif",
+        "--views",
+        folder / "white.tif",
+        "-o",
+        tmp_path,
+        "--json",
+        "--slopes",
+        "-2,0,2",
+        "--samples",
+        "2",
+    )
     assert code == 0
     data: dict[str, Any] = json.loads(out)
     assert data["pitch_px"] == pytest.approx(16.0, abs=0.005) and data["lens_types"] is None

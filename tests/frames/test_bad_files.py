@@ -88,14 +88,26 @@ BAD: dict[str, tuple[str, Callable[[], bytes], type[LfcalError], str]] = {
     "PNG of a header only": ("a.png", lambda: _png()[:20], FileFormatError, "no header"),
     "PNG with one flipped byte": ("a.png", lambda: _flip(_png(), 1500), FileFormatError, "a wrong checksum at byte"),
     "PNG with too few pixels": (
-        "a.png", lambda: png_bytes(40, 50, 16, 0, bytes(101 * 20)), FileFormatError, "be decoded"),
+        "a.png",
+        lambda: png_bytes(40, 50, 16, 0, bytes(101 * 20)),
+        FileFormatError,
+        "be decoded",
+    ),
     "PNG of 8-bit colour": ("a.png", lambda: png_bytes(4, 5, 8, 2, bytes(64)), FileFormatError, "3 samples of 8 bits"),
     "PNG with transparency": (
-        "a.png", lambda: png_bytes(4, 5, 8, 4, bytes(44)), FileFormatError, "2 samples of 8 bits"),
+        "a.png",
+        lambda: png_bytes(4, 5, 8, 4, bytes(44)),
+        FileFormatError,
+        "2 samples of 8 bits",
+    ),
     "PNG with a palette": ("a.png", lambda: png_bytes(4, 5, 8, 3, bytes(24)), FileFormatError, "got a palette"),
     "PNG of single bits": ("a.png", lambda: png_bytes(4, 8, 1, 0, bytes(8)), FileFormatError, "1-bit samples"),
     "PNG of declared 60000 x 60000": (
-        "a.png", lambda: png_bytes(60000, 60000, 16, 0, bytes(64)), UnsafeFileError, "7.2 GB declared in a file of"),
+        "a.png",
+        lambda: png_bytes(60000, 60000, 16, 0, bytes(64)),
+        UnsafeFileError,
+        "7.2 GB declared in a file of",
+    ),
     "PNG of no rows": ("a.png", lambda: png_bytes(0, 5, 16, 0, b""), UnsafeFileError, "0 x 5"),
     "JPEG": ("a.jpg", _jpeg, FileFormatError, "a JPEG picture; JPEG loses what calibration needs"),
     "JPEG named PNG": ("a.png", _jpeg, FileFormatError, "got a JPEG picture"),
@@ -106,30 +118,58 @@ BAD: dict[str, tuple[str, Callable[[], bytes], type[LfcalError], str]] = {
     "TIFF of declared 60000 x 60000": ("a.tif", _tiff_huge, UnsafeFileError, "7.2 GB declared in a file of"),
     "TIFF with an unwritten strip": ("a.tif", _zeroed_strip, FileFormatError, "the samples of page 0 are not"),
     "TIFF of JPEG data": (
-        "a.tif", lambda: _tiff((FRAME // 16).astype(np.uint8), compression="jpeg"), FileFormatError, "got JPEG"),
+        "a.tif",
+        lambda: _tiff((FRAME // 16).astype(np.uint8), compression="jpeg"),
+        FileFormatError,
+        "got JPEG",
+    ),
     "TIFF of 8-bit colour": (
-        "a.tif", lambda: _tiff(np.zeros((4, 5, 3), np.uint8), photometric="rgb"), FileFormatError, "3 samples of 8"),
+        "a.tif",
+        lambda: _tiff(np.zeros((4, 5, 3), np.uint8), photometric="rgb"),
+        FileFormatError,
+        "3 samples of 8",
+    ),
     "TIFF with white at zero": (
-        "a.tif", lambda: _tiff(FRAME, photometric="miniswhite"), FileFormatError, "photometric interpretation 0"),
+        "a.tif",
+        lambda: _tiff(FRAME, photometric="miniswhite"),
+        FileFormatError,
+        "photometric interpretation 0",
+    ),
     "TIFF with damaged compression": (
-        "a.tif", lambda: _flip(_tiff(FRAME, compression="zlib", metadata=None), 700), FileFormatError, "damaged data"),
+        "a.tif",
+        lambda: _flip(_tiff(FRAME, compression="zlib", metadata=None), 700),
+        FileFormatError,
+        "damaged data",
+    ),
     "TIFF of complex numbers": (
-        "a.tif", lambda: _tiff(FRAME.astype(np.complex64)), FileFormatError, "samples of 8 bits"),
+        "a.tif",
+        lambda: _tiff(FRAME.astype(np.complex64)),
+        FileFormatError,
+        "samples of 8 bits",
+    ),
     "pickled npy": ("a.npy", lambda: _npy(np.array([{"a": 1}], object)), UnsafeFileError, "pickled Python objects"),
     "npy cut short": ("a.npy", lambda: _npy(STACK)[:-7], FileFormatError, "damaged data"),
     "npy of a declared petabyte": (
-        "a.npy", lambda: _npy_header((1 << 19, 1 << 15, 1 << 15)), FileFormatError, "damaged"),
+        "a.npy",
+        lambda: _npy_header((1 << 19, 1 << 15, 1 << 15)),
+        FileFormatError,
+        "damaged",
+    ),
     "npy of text": ("a.npy", lambda: _npy(np.array([["a", "b"]])), UnsafeFileError, "dtype <U1"),
     "npy of one axis": ("a.npy", lambda: _npy(np.arange(5)), FileFormatError, "shape (5,)"),
     "npy with a damaged header": (
-        "a.npy", lambda: b"\x93NUMPY\x01\x00\x20\x00{'descr': __import__('os')}", FileFormatError, "damaged data"),
+        "a.npy",
+        lambda: b"\x93NUMPY\x01\x00\x20\x00{'descr': __import__('os')}",
+        FileFormatError,
+        "damaged data",
+    ),
     "npz archive": ("a.npz", lambda: b"PK\x03\x04" + bytes(30), FileFormatError, "a ZIP or .npz archive"),
     "HDF5 cut short": ("a.h5", lambda: b"\x89HDF\r\n\x1a\n" + bytes(200), FileFormatError, "a damaged or other file"),
     "PGM cut short": ("a.pgm", lambda: b"P5 50 40 65535\n" + bytes(100), FileFormatError, "the file is cut short"),
     "PGM without a header": ("a.pgm", lambda: b"P5 fifty", FileFormatError, "a PGM header"),
     "RAW that is none": ("a.dng", lambda: b"II*\0" + bytes(400), FileFormatError, "camera RAW"),
     "BMP": ("a.bmp", lambda: b"BM" + bytes(60), FileFormatError, "a BMP picture"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", BAD)
@@ -153,24 +193,36 @@ def _h5(path: Path, make: Callable[[h5py.File], object]) -> None:
 
 BAD_H5: dict[str, tuple[Callable[[h5py.File], object], type[LfcalError], str]] = {
     "external link": (
-        lambda f: f.__setitem__("frames", h5py.ExternalLink("b.h5", "/x")), UnsafeFileError, "ExternalLink"),
+        lambda f: f.__setitem__("frames", h5py.ExternalLink("b.h5", "/x")),
+        UnsafeFileError,
+        "ExternalLink",
+    ),
     "soft link": (lambda f: f.__setitem__("frames", h5py.SoftLink("/x")), UnsafeFileError, "SoftLink"),
     "external storage": (
-        lambda f: f.create_dataset("frames", (2, 3, 4), "u2", external=[("/etc/passwd", 0, 48)]), UnsafeFileError,
-        "external storage"),
+        lambda f: f.create_dataset("frames", (2, 3, 4), "u2", external=[("/etc/passwd", 0, 48)]),
+        UnsafeFileError,
+        "external storage",
+    ),
     "strings": (lambda f: f.create_dataset("frames", data=np.zeros((2, 3, 4), "S3")), UnsafeFileError, "dtype |S3"),
     "unwritten chunks": (
-        lambda f: f.create_dataset("frames", (2, 30, 40), "u2", chunks=(1, 30, 40)), FileFormatError, "written chunks"),
+        lambda f: f.create_dataset("frames", (2, 30, 40), "u2", chunks=(1, 30, 40)),
+        FileFormatError,
+        "written chunks",
+    ),
     "huge declared shape": (
-        lambda f: f.create_dataset("frames", (1 << 20, 1 << 14, 1 << 14), "u2", chunks=(1, 64, 64)), UnsafeFileError,
-        "TB"),
+        lambda f: f.create_dataset("frames", (1 << 20, 1 << 14, 1 << 14), "u2", chunks=(1, 64, 64)),
+        UnsafeFileError,
+        "TB",
+    ),
     "two axes": (lambda f: f.create_dataset("frames", data=FRAME), FileFormatError, "numbers with axes"),
     "two stacks": (lambda f: [f.create_dataset(k, data=STACK) for k in "ab"], FileFormatError, "got a, b; name"),
     "no stack": (lambda f: f.create_group("g"), FileFormatError, "got none; name the dataset"),
     "positions of another count": (
         lambda f: [f.create_dataset("frames", data=STACK), f.create_dataset("positions", data=np.zeros((3, 3), int))],
-        FileFormatError, "one per frame, got (3, 3)"),
-}  # fmt: skip
+        FileFormatError,
+        "one per frame, got (3, 3)",
+    ),
+}
 
 
 @pytest.mark.parametrize("kind", BAD_H5)

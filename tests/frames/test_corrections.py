@@ -40,8 +40,14 @@ def frame(dtype: Any = np.uint16, seed: int = 3) -> np.ndarray:
 
 def chain(cfa: str = "", kind: str = "constant", exposure_first: bool = False) -> CorrectionChain:
     ends = [Background(kind, 40.0 if kind == "constant" else 0.0, width=5), Exposure(0.1)]
-    return CorrectionChain((Dark(DARK, 12.5), White(WHITE, DARK, cfa=cfa), Defects(PIXELS, SHAPE, cfa),
-                            *(ends[::-1] if exposure_first else ends)))  # fmt: skip
+    return CorrectionChain(
+        (
+            Dark(DARK, 12.5),
+            White(WHITE, DARK, cfa=cfa),
+            Defects(PIXELS, SHAPE, cfa),
+            *(ends[::-1] if exposure_first else ends),
+        )
+    )
 
 
 # -- the definition, step by step in float64 ------------------------------------------------------------------

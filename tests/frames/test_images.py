@@ -16,7 +16,7 @@ import tifffile
 
 from lfcal.errors import FileFormatError, InputError
 from lfcal.frames import open_image, read_image
-from lfcal.frames.tiff import count_pages
+from lfcal.frames.formats.tiff import count_pages
 from tests.frames.scenes import session
 
 STACK = session((5, 24, 31))
@@ -47,8 +47,19 @@ def written(folder: Path, kind: str) -> Path:
     return path
 
 
-MANY = ["tif", "tif-deflate", "tif-lzw-strips", "tif-tiles", "tif-big-endian", "tif-bigtiff", "tif-imagej", "npy",
-        "npy-swapped", "h5", "h5-zstd"]  # fmt: skip
+MANY = [
+    "tif",
+    "tif-deflate",
+    "tif-lzw-strips",
+    "tif-tiles",
+    "tif-big-endian",
+    "tif-bigtiff",
+    "tif-imagej",
+    "npy",
+    "npy-swapped",
+    "h5",
+    "h5-zstd",
+]
 
 
 @pytest.mark.parametrize("kind", MANY)

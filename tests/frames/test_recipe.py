@@ -10,7 +10,7 @@ import tifffile
 
 from lfcal.errors import InputError, StorageError
 from lfcal.frames import ArraySource, Background, CorrectionChain, Dark, Exposure, White, channel_source, corrected
-from lfcal.frames.recipe import CorrectionRecipe, build_chain, read_average
+from lfcal.frames.corrections.recipe import CorrectionRecipe, build_chain, read_average
 from tests.frames.scenes import session
 
 FRAMES = session((2, 20, 30))

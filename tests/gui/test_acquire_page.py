@@ -19,7 +19,7 @@ from gui.models.session import Session, SessionState
 from gui.models.stages import STAGES
 from gui.pages.acquire import Page
 from gui.theme import DARK, LIGHT, apply_theme
-from lfcal.acquire.recording import RecordingSource
+from lfcal.acquire.recording.source import RecordingSource
 from lfcal.psf import open_psf
 from tests.acquire.rigs import small_plan
 
@@ -73,8 +73,9 @@ def test_backends_say_why_they_are_absent(page: Page, qtbot: QtBot, context: Con
         assert devices.backend.itemData(k, Qt.ItemDataRole.ToolTipRole)
     devices.set_backends(
         [type("F", (), {"name": "gone", "title": "gone", "version": "", "reason": "gone: not installed; install it"})],
-        {"gone": {}}, {"gone": False},
-    )  # fmt: skip
+        {"gone": {}},
+        {"gone": False},
+    )
     devices.set_choice("gone", {}, "")
     assert "not installed" in devices.reason.text() and not devices.button.isEnabled()
 

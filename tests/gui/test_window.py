@@ -212,8 +212,9 @@ def test_dropped_files_find_their_page(window: MainWindow, tmp_path: Path, qtbot
     np.save(tmp_path / "H.npy", np.random.default_rng(0).random((2, 3, 3, 5, 5)))
     data = QMimeData()
     data.setUrls([QUrl.fromLocalFile(str(tmp_path / "H.npy"))])
-    event = QDropEvent(QPoint(5, 5), Qt.DropAction.CopyAction, data, Qt.MouseButton.LeftButton,
-                       Qt.KeyboardModifier.NoModifier)  # fmt: skip
+    event = QDropEvent(
+        QPoint(5, 5), Qt.DropAction.CopyAction, data, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
+    )
     window.dropEvent(event)
     assert window.session.state.psf.endswith("H.npy")
     idle(window, qtbot)
@@ -239,8 +240,21 @@ def controls(page: QWidget) -> list[QWidget]:
     return [w for w in found if w.isVisibleTo(page) and w.isEnabled()]
 
 
-SAFE = ("…", "Assemble", "Simulate H", "ladder", "Export", "Start", "Record", "Connect", "Report", "Reconstruct",
-        "Run", "Measure", "Make")  # fmt: skip
+SAFE = (
+    "…",
+    "Assemble",
+    "Simulate H",
+    "ladder",
+    "Export",
+    "Start",
+    "Record",
+    "Connect",
+    "Report",
+    "Reconstruct",
+    "Run",
+    "Measure",
+    "Make",
+)
 
 
 def test_a_random_walk_over_all_controls(

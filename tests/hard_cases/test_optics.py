@@ -11,16 +11,16 @@ import numpy as np
 from scipy.special import j1
 
 from lfcal.camera import LensletLattice, LensType, Microscope
-from lfcal.simulate.debye import debye_field, debye_nodes
-from lfcal.simulate.engine import Sampling
-from lfcal.simulate.field import wavefront_waves
-from lfcal.simulate.geometric import GeometricPlane
-from lfcal.simulate.microscope import DebyePlane
-from lfcal.simulate.polygon import area, iris_outline, regular, transform
-from lfcal.simulate.radial import focus_integral
-from lfcal.simulate.reference import ReferencePlane, sensor_propagator
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines.debye import debye_field, debye_nodes
+from lfcal.simulate.engines.field import wavefront_waves
+from lfcal.simulate.engines.geometric import GeometricPlane
+from lfcal.simulate.engines.microscope import DebyePlane
+from lfcal.simulate.engines.polygon import area, iris_outline, regular, transform
+from lfcal.simulate.engines.radial import focus_integral
+from lfcal.simulate.engines.reference import ReferencePlane, sensor_propagator
+from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import Iris, seidel
-from lfcal.simulate.wave import WavePlane
 from tests.hard_cases.record import hard_case
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error
 
@@ -334,8 +334,11 @@ def test_centring():
     lattice = LensletLattice("square", 15 * PIXEL, 5 * 15 * PIXEL, (LensType(600.0),), clear_um=78.0)
     scene = camera_scene(3.0, lattice=lattice, iris=Iris())
     images = [
-        wave(scene, at=(0.0, 0.0)), wave(replace(scene, image_um=0.0), at=(0.0, 0.0)),
-        GeometricPlane(scene).point(0.0, 0.0), reference(scene, (0.0, 0.0), 4.0), reference(scene, (0.0, 0.0), 5.0),
+        wave(scene, at=(0.0, 0.0)),
+        wave(replace(scene, image_um=0.0), at=(0.0, 0.0)),
+        GeometricPlane(scene).point(0.0, 0.0),
+        reference(scene, (0.0, 0.0), 4.0),
+        reference(scene, (0.0, 0.0), 5.0),
         DebyePlane(microscope_scene(5.0)).point(0.0, 0.0),
-    ]  # fmt: skip
+    ]
     return max(abs(value) for image in images for value in moments(image))

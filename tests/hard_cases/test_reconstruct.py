@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.forecast import METHODS
-from lfcal.reconstruct.least_squares import conjugate_gradient
-from lfcal.reconstruct.solvers import SOLVERS, SolverChoice, reconstruct
+from lfcal.reconstruct.projectors.forecast import METHODS
+from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, reconstruct
+from lfcal.reconstruct.solvers.least_squares import conjugate_gradient
 from tests.reconstruct.oracles import lenslet_psf
 
 pytestmark = pytest.mark.hard_case

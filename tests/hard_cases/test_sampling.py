@@ -8,13 +8,13 @@ import re
 import numpy as np
 import pytest
 
-from lfcal.simulate import _kernels as kernels
-from lfcal.simulate.engine import EnergyError, Sampling
-from lfcal.simulate.geometric import GeometricPlane
-from lfcal.simulate.masks import disc_table
-from lfcal.simulate.microscope import DebyePlane
+from lfcal.simulate.engines import _kernels as kernels
+from lfcal.simulate.engines.base import EnergyError, Sampling
+from lfcal.simulate.engines.geometric import GeometricPlane
+from lfcal.simulate.engines.masks import disc_table
+from lfcal.simulate.engines.microscope import DebyePlane
+from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import Iris
-from lfcal.simulate.wave import WavePlane
 from tests.hard_cases.record import hard_case
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, relative_error
 

@@ -29,8 +29,9 @@ def test_measured_gain_is_the_forecast(chi2: float) -> None:
 def test_figure_7_order_of_modulators() -> None:
     scene = filament_light_field(5, (24, 28), np.random.default_rng(3))
     kinds = ("lenslet", "MURA", "pinhole", "sum_of_sinusoids")
-    found = acquire_light_field(scene, [mask(k, 5) for k in kinds], chi2=DRAGONFLY, signal_e=2e4,
-                                rng=np.random.default_rng(4))  # fmt: skip
+    found = acquire_light_field(
+        scene, [mask(k, 5) for k in kinds], chi2=DRAGONFLY, signal_e=2e4, rng=np.random.default_rng(4)
+    )
     noise = [one.noise for one in found]
     assert noise == sorted(noise)
     assert found[0].views.shape == (25, 24, 28) and found[0].frame.shape == (120, 140)

@@ -16,8 +16,20 @@ from tests.frames.scenes import shared
 
 
 def test_compare_tells_the_numbers(lfcal, tmp_path: Path) -> None:  # noqa: F811
-    done = lfcal("multiplex", "compare", "Bayer", "CYMG", "RRGG", "--camera", "r29", "--monte-carlo", 20000, "--json",
-                 "-o", tmp_path / "gain.png")  # fmt: skip
+    done = lfcal(
+        "multiplex",
+        "compare",
+        "Bayer",
+        "CYMG",
+        "RRGG",
+        "--camera",
+        "r29",
+        "--monte-carlo",
+        20000,
+        "--json",
+        "-o",
+        tmp_path / "gain.png",
+    )
     assert done.code == 0, done.err
     found = done.json
     bayer, cymg, poor = found["modulators"]
@@ -44,9 +56,17 @@ def test_demosaic_writes_what_the_library_gives(lfcal, tmp_path: Path) -> None: 
 def test_views_of_a_measured_lattice(lfcal, tmp_path: Path) -> None:  # noqa: F811
     folder = shared("lfm_guv/Lightfield_GUVExperim1.tif").parent
     out = tmp_path / "views.tif"
-    done = lfcal("multiplex", "views", folder / "Lightfield_GUVExperim1.tif", "--white",
-                 folder / "Radiometry_GUVExperim1.tif", "--dark", folder / "DarkFrame_GUVExperim1.tif",
-                 "-o", out)  # fmt: skip
+    done = lfcal(
+        "multiplex",
+        "views",
+        folder / "Lightfield_GUVExperim1.tif",
+        "--white",
+        folder / "Radiometry_GUVExperim1.tif",
+        "--dark",
+        folder / "DarkFrame_GUVExperim1.tif",
+        "-o",
+        out,
+    )
     assert done.code == 0, done.err
     views = tifffile.imread(out)
     assert views.shape[0] == 15 * 15 and min(views.shape[1:]) >= 25
@@ -67,7 +87,7 @@ def test_search_filters_and_pictures(lfcal, tmp_path: Path) -> None:  # noqa: F8
 
 
 def test_the_papers_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
-    from lfcal.cli import _multiplex_figures as pictures
+    from lfcal.cli import multiplex_figures as pictures
 
     monkeypatch.setattr(pictures, "RIGHT", ("MURA", "pinhole"))
     monkeypatch.setattr(pictures, "SIDE", 5)

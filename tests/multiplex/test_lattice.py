@@ -9,8 +9,8 @@ import pytest
 
 from lfcal.camera import preset
 from lfcal.errors import InputError
-from lfcal.frames.lattice_fit import LatticeFit
-from lfcal.frames.views import extract_views
+from lfcal.lattice.fit import LatticeFit
+from lfcal.lattice.views import extract_views
 from lfcal.multiplex import SuperPixelLattice, cfa, demultiplex, demultiplex_lattice, lattice_channels, mask, multiplex
 
 
@@ -30,8 +30,21 @@ def as_fit(given: SuperPixelLattice, shape: tuple[int, int]) -> LatticeFit:
     n = len(index)
     row, pitch = given.pitch_px
     angle = math.atan2(given.along_px[1], given.along_px[0])
-    return LatticeFit(given.kind, shape, pitch, row, angle, given.origin_px, 0.0, 0.0, 0.0, index, np.zeros((n, 2)),
-                      np.ones(n), np.zeros(n, bool))  # fmt: skip
+    return LatticeFit(
+        given.kind,
+        shape,
+        pitch,
+        row,
+        angle,
+        given.origin_px,
+        0.0,
+        0.0,
+        0.0,
+        index,
+        np.zeros((n, 2)),
+        np.ones(n),
+        np.zeros(n, bool),
+    )
 
 
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])

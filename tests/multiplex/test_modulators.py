@@ -12,16 +12,33 @@ from lfcal.multiplex import cfa, mask, mask_at_distance, mask_pattern, modulator
 from lfcal.multiplex.masks import dirichlet_minimum
 from lfcal.multiplex.summary import describe
 
-FILTERS = {"R": (1, 0, 0), "G": (0, 1, 0), "B": (0, 0, 1), "C": (0, 1, 1), "M": (1, 0, 1), "Y": (1, 1, 0),
-           "W": (1, 1, 1), "E": (0, 1, 1)}  # fmt: skip
+FILTERS = {
+    "R": (1, 0, 0),
+    "G": (0, 1, 0),
+    "B": (0, 0, 1),
+    "C": (0, 1, 1),
+    "M": (1, 0, 1),
+    "Y": (1, 1, 0),
+    "W": (1, 1, 1),
+    "E": (0, 1, 1),
+}
 
 
 @pytest.mark.parametrize(
     ("name", "rows"),
-    [("Bayer", "RGGB"), ("CYMG", "CYMG"), ("cyym", "CYYM"), ("RGBE", "RGEB"), ("RGBW 2x2", "RGBW"), ("CMYW", "CMYW"),
-     ("RGBW 4x4", "WBWGBWGWWGWRGWRW"), ("x-trans", "GBGGRGRGRBGBGBGGRGGRGGBGBGBRGRGRGGBG"), ("grbg", "GRBG"),
-     ("RGB/GBR", "RGBGBR")],
-)  # fmt: skip
+    [
+        ("Bayer", "RGGB"),
+        ("CYMG", "CYMG"),
+        ("cyym", "CYYM"),
+        ("RGBE", "RGEB"),
+        ("RGBW 2x2", "RGBW"),
+        ("CMYW", "CMYW"),
+        ("RGBW 4x4", "WBWGBWGWWGWRGWRW"),
+        ("x-trans", "GBGGRGRGRBGBGBGGRGGRGGBGBGBRGRGRGGBG"),
+        ("grbg", "GRBG"),
+        ("RGB/GBR", "RGBGBR"),
+    ],
+)
 def test_each_pixel_of_a_cfa_sees_its_filter(name: str, rows: str) -> None:
     m = cfa(name)
     np.testing.assert_array_equal(m.matrix, [FILTERS[letter] for letter in rows])
@@ -150,10 +167,18 @@ def test_bad_modulators_are_refused_in_one_line(make) -> None:
 
 @pytest.mark.parametrize(
     "m",
-    [cfa("Bayer"), cfa("CYMG"), mask("MURA", 5), mask("lenslet", 4), mask("lenslet", 3) * cfa("X-Trans"),
-     mask_at_distance(np.zeros((3, 3)), 1.0), mask_at_distance(np.eye(4), 1.0), mask_at_distance(np.eye(3), 0.4)],
+    [
+        cfa("Bayer"),
+        cfa("CYMG"),
+        mask("MURA", 5),
+        mask("lenslet", 4),
+        mask("lenslet", 3) * cfa("X-Trans"),
+        mask_at_distance(np.zeros((3, 3)), 1.0),
+        mask_at_distance(np.eye(4), 1.0),
+        mask_at_distance(np.eye(3), 0.4),
+    ],
     ids=lambda m: m.name,
-)  # fmt: skip
+)
 def test_decomposition_is_that_of_the_matrix(m) -> None:
     """Orthogonal bases are taken as they are: same values, rank and pseudo-inverse as by numpy."""
     values = np.linalg.svd(m.matrix, compute_uv=False)

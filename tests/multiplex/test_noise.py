@@ -100,10 +100,15 @@ def test_gain_is_continuous_up_to_infinity() -> None:
 @pytest.mark.parametrize("chi2", [0.0, 10**-0.93, 30.0, math.inf])
 @pytest.mark.parametrize(
     ("modulator", "reference", "trials"),
-    [(cfa("CYMG"), BAYER, 60_000), (cfa("X-Trans"), BAYER, 60_000), (mask("MURA", 11), PINHOLE, 1500),
-     (mask("sum_of_sinusoids", 5), mask("pinhole", 5), 5000), (mask("lenslet", 5), mask("pinhole", 5), 5000)],
+    [
+        (cfa("CYMG"), BAYER, 60_000),
+        (cfa("X-Trans"), BAYER, 60_000),
+        (mask("MURA", 11), PINHOLE, 1500),
+        (mask("sum_of_sinusoids", 5), mask("pinhole", 5), 5000),
+        (mask("lenslet", 5), mask("pinhole", 5), 5000),
+    ],
     ids=lambda v: getattr(v, "name", None),
-)  # fmt: skip
+)
 def test_monte_carlo_agrees_within_one_per_cent(modulator, reference, trials: int, chi2: float) -> None:
     measured = monte_carlo_gain(modulator, reference, chi2, rng=np.random.default_rng(5), trials=trials)
     ratio = 10 ** ((measured - snr_gain(modulator, reference, chi2)) / 10)

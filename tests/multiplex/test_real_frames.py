@@ -10,15 +10,8 @@ import pytest
 import rawpy
 from numpy.typing import NDArray
 
-from lfcal.frames import (
-    ArraySource,
-    channel_source,
-    extract_views,
-    fit_lattice,
-    open_frames,
-    open_image,
-    read_image,
-)
+from lfcal.frames import ArraySource, channel_source, open_frames, open_image, read_image
+from lfcal.lattice import extract_views, fit_lattice
 from lfcal.multiplex import SuperPixelLattice, cfa, colour_source, demultiplex, lattice_channels, multiplex
 from lfcal.psf import Cutout, assemble
 from tests.frames.scenes import shared
@@ -64,9 +57,15 @@ def test_routes_on_a_raw_frame() -> None:
     beyond = [np.mean((r > frame.max()) | (r < frame.min())) for r in (bilateral, cubic, fourier)]
     assert beyond[0] < 1e-6 and beyond[0] <= beyond[1] < beyond[2]
     with rawpy.imread(str(shared("bayer_raw/RAW_KODAK_DC50.KDC"))) as raw:
-        settings = {"demosaic_algorithm": rawpy.DemosaicAlgorithm.LINEAR, "output_bps": 16, "gamma": (1, 1),
-                    "no_auto_bright": True, "use_camera_wb": False, "user_wb": [1, 1, 1, 1],
-                    "output_color": rawpy.ColorSpace.raw}  # fmt: skip
+        settings = {
+            "demosaic_algorithm": rawpy.DemosaicAlgorithm.LINEAR,
+            "output_bps": 16,
+            "gamma": (1, 1),
+            "no_auto_bright": True,
+            "use_camera_wb": False,
+            "user_wb": [1, 1, 1, 1],
+            "output_color": rawpy.ColorSpace.raw,
+        }
         libraw = raw.postprocess(**settings).transpose(2, 0, 1).astype(float)
     for ours, theirs in zip(demultiplex(frame, cfa(pattern), filter="linear"), libraw, strict=True):
         if ours.shape == theirs.shape:
@@ -145,8 +144,9 @@ def test_bayer_plenoptic_frames_feed_the_core_demosaiced(blur_px: float, most: f
 
 def test_regions_of_a_colour_are_parts_of_its_frame() -> None:
     rng = np.random.default_rng(0)
-    source = ArraySource(rng.integers(0, 4096, (1, 1, 2, 33, 41)).astype(np.uint16),
-                         metadata={"cfa": "GRBG", "bit_depth": 12})  # fmt: skip
+    source = ArraySource(
+        rng.integers(0, 4096, (1, 1, 2, 33, 41)).astype(np.uint16), metadata={"cfa": "GRBG", "bit_depth": 12}
+    )
     for name in ("linear", "cubic", "lanczos"):
         green = colour_source(source, "G", filter=name)
         assert green.dtype == np.float32 and "cfa" not in green.metadata and green.metadata["colour"] == "G"

@@ -96,8 +96,9 @@ def band_limited(modulator: Modulator, cells: tuple[int, int]) -> NDArray[np.flo
     return light
 
 
-@pytest.mark.parametrize("modulator", [cfa("Bayer"), cfa("CYYM"), mask("MURA", 5), mask("sum_of_sinusoids", 3)],
-                         ids=lambda m: m.name)  # fmt: skip
+@pytest.mark.parametrize(
+    "modulator", [cfa("Bayer"), cfa("CYYM"), mask("MURA", 5), mask("sum_of_sinusoids", 3)], ids=lambda m: m.name
+)
 def test_band_limited_light_is_recovered_exactly(modulator: Modulator) -> None:
     light = band_limited(modulator, (9, 8))
     frame = multiplex(light, modulator)
@@ -115,8 +116,9 @@ def test_linear_filters_commute_with_decorrelation(modulator: Modulator) -> None
     """Corollary 1: blurring the correlated channels is blurring the samples; a median is not."""
     py, px = modulator.side
     frame = RNG(5).random((py * 12, px * 12))
-    identity = Modulator("channels", modulator.side, np.eye(modulator.pixels), np.eye(modulator.pixels),
-                         views=modulator.side)  # fmt: skip
+    identity = Modulator(
+        "channels", modulator.side, np.eye(modulator.pixels), np.eye(modulator.pixels), views=modulator.side
+    )
     channels = demultiplex(frame, identity, samples=modulator.side)
     samples = demultiplex(frame, modulator, samples=modulator.side)
     inverse = modulator.inverse()
@@ -181,9 +183,16 @@ def test_views_and_colours_are_told_apart() -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{"route": "radon"}, {"filter": "box"}, {"samples": 0}, {"samples": (1, 2, 3)}, {"origin": (0.5, 0)},
-     {"rcond": 2.0}, {"out": np.empty((3, 4, 4))}],
-)  # fmt: skip
+    [
+        {"route": "radon"},
+        {"filter": "box"},
+        {"samples": 0},
+        {"samples": (1, 2, 3)},
+        {"origin": (0.5, 0)},
+        {"rcond": 2.0},
+        {"out": np.empty((3, 4, 4))},
+    ],
+)
 def test_bad_options(options) -> None:
     with pytest.raises(InputError):
         demultiplex(np.ones((8, 8)), cfa("Bayer"), **options)

@@ -61,7 +61,11 @@ def test_frontier_of_masks() -> None:
 
 
 def test_bad_searches() -> None:
-    for call in (lambda: filter_set_frontier(0.0, letters="RX"), lambda: filter_set_frontier(0.0, letters="RG"),
-                 lambda: best_mask(5, -1.0), lambda: filter_set_frontier(0.0, filters=2)):  # fmt: skip
+    for call in (
+        lambda: filter_set_frontier(0.0, letters="RX"),
+        lambda: filter_set_frontier(0.0, letters="RG"),
+        lambda: best_mask(5, -1.0),
+        lambda: filter_set_frontier(0.0, filters=2),
+    ):
         with pytest.raises(InputError):
             call()

@@ -22,8 +22,14 @@ def values(dtype: str = "float32") -> np.ndarray:
 @pytest.mark.parametrize("compression", ["gzip", "zstd", "none"])
 @pytest.mark.parametrize("dtype", ["float32", "float64", "uint16"])
 def test_round_trip(tmp_path: Path, dtype: str, compression: str) -> None:
-    H = PSFMatrix(values(dtype), depths=[-1.5, 2.5], camera=preset("bench"), anchor=(10.25, 20.5),
-                  recorded=np.arange(24).reshape(2, 3, 4), provenance={"who": "test"})  # fmt: skip
+    H = PSFMatrix(
+        values(dtype),
+        depths=[-1.5, 2.5],
+        camera=preset("bench"),
+        anchor=(10.25, 20.5),
+        recorded=np.arange(24).reshape(2, 3, 4),
+        provenance={"who": "test"},
+    )
     save(H, tmp_path / "H.h5", compression=compression)
     with open_psf(tmp_path / "H.h5") as back:
         np.testing.assert_array_equal(np.asarray(back), values(dtype))

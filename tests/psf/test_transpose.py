@@ -279,8 +279,12 @@ def test_arguments_that_do_not_fit_are_refused() -> None:
     H = numbered((1, 3, 4, 5, 7), "f4")
     read_only = np.zeros_like(H)
     read_only.flags.writeable = False
-    for out, found in ((np.zeros((1, 3, 4, 5, 9), "f4"), "(1, 3, 4, 5, 9)"), (np.zeros(H.shape), "float64"),
-                       (H.tolist(), "list"), (read_only, "read-only")):  # fmt: skip
+    for out, found in (
+        (np.zeros((1, 3, 4, 5, 9), "f4"), "(1, 3, 4, 5, 9)"),
+        (np.zeros(H.shape), "float64"),
+        (H.tolist(), "list"),
+        (read_only, "read-only"),
+    ):
         with pytest.raises(InputError, match="out: expected") as error:
             transpose(H, out=out)  # type: ignore[arg-type]
         assert found in str(error.value)

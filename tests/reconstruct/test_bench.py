@@ -11,8 +11,12 @@ from tests.reconstruct.oracles import lenslet_psf
 
 def test_projections_side_by_side(capsys):
     rows = project.measure(60, 5, 21, 1, 1, 1)
-    assert [r.name for r in rows[:4]] == ["polyphase, float64", "polyphase, float32", "direct, float32",
-                                          "per-position FFT, scipy"]  # fmt: skip
+    assert [r.name for r in rows[:4]] == [
+        "polyphase, float64",
+        "polyphase, float32",
+        "direct, float32",
+        "per-position FFT, scipy",
+    ]
     assert rows[0].mismatch < 1e-12
     assert all(r.error < 1e-5 and r.pair_s > 0 for r in rows)
     project.show(rows, "small")
@@ -22,8 +26,11 @@ def test_projections_side_by_side(capsys):
 def test_error_against_seconds(tmp_path, capsys):
     H = PSFMatrix(lenslet_psf(2, 5, 15).astype(np.float32))
     truth, frame = reconstruct.scene(H, 40, 500.0, "points", 1)
-    settings = [s for s in reconstruct.SETTINGS if s.name in ("Richardson-Lucy", "threshold 5e-2", "Biggs-Andrews",
-                                                              "float64", "depth smoothing")]  # fmt: skip
+    settings = [
+        s
+        for s in reconstruct.SETTINGS
+        if s.name in ("Richardson-Lucy", "threshold 5e-2", "Biggs-Andrews", "float64", "depth smoothing")
+    ]
     curves = [reconstruct.measure(s, H, truth, frame, 4, 1) for s in settings]
     plain = curves[0]
     assert plain.iterations == (1, 2, 3, 4)

@@ -11,7 +11,7 @@ import tifffile
 from lfcal.cli import main
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.em import richardson_lucy
+from lfcal.reconstruct.solvers.em import richardson_lucy
 from lfcal.reconstruct.volumes import load_volume
 from tests.reconstruct.oracles import lenslet_psf
 
@@ -55,9 +55,17 @@ def files(tmp_path_factory):
 def test_one_frame_to_a_stack(files, run, tmp_path):
     folder, clean, P = files
     code, out, err = run(
-        folder / "H.h5", folder / "frames" / "t0.tif", "-o", tmp_path / "v.tif", "--dark", folder / "dark.png",
-        "--white", folder / "white.png", "-n", 5,
-    )  # fmt: skip
+        folder / "H.h5",
+        folder / "frames" / "t0.tif",
+        "-o",
+        tmp_path / "v.tif",
+        "--dark",
+        folder / "dark.png",
+        "--white",
+        folder / "white.png",
+        "-n",
+        5,
+    )
     assert code == 0, err
     assert "residual" in out
     volume = tifffile.imread(tmp_path / "v.tif")
@@ -69,9 +77,22 @@ def test_one_frame_to_a_stack(files, run, tmp_path):
 def test_a_series_to_hdf5_as_json(files, run, tmp_path):
     folder, _, P = files
     code, out, err = run(
-        folder / "H.h5", "--batch", folder / "frames", "-o", tmp_path / "out", "--format", ".h5", "--warm", "--json",
-        "--dark", folder / "dark.png", "--solver", "rl-biggs", "-n", 4,
-    )  # fmt: skip
+        folder / "H.h5",
+        "--batch",
+        folder / "frames",
+        "-o",
+        tmp_path / "out",
+        "--format",
+        ".h5",
+        "--warm",
+        "--json",
+        "--dark",
+        folder / "dark.png",
+        "--solver",
+        "rl-biggs",
+        "-n",
+        4,
+    )
     assert code == 0, err
     answer = json.loads(out)
     assert [v["name"] for v in answer["volumes"]] == ["t0", "t1", "t2"]

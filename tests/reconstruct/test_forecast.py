@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.grid import Grid
-from lfcal.reconstruct.tiles import AxisTiles, TilePlan
+from lfcal.reconstruct.projectors.grid import Grid
+from lfcal.reconstruct.projectors.tiles import AxisTiles, TilePlan
 
 
 def test_transform_matrices_are_the_fourier_transform():

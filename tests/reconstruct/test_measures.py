@@ -14,7 +14,7 @@ from lfcal.reconstruct import Projector
 from lfcal.reconstruct.metrics import best_scale, nrmse, poisson_gauss_log_likelihood, psnr, ssim
 from lfcal.reconstruct.phantoms import PHANTOMS, phantom, points, vesicle
 from lfcal.reconstruct.resolution import dip, two_point
-from lfcal.reconstruct.smoothing import DepthSmoothing, lanczos_kernel, smoothing_widths
+from lfcal.reconstruct.solvers.smoothing import DepthSmoothing, lanczos_kernel, smoothing_widths
 from tests.reconstruct.oracles import lenslet_psf
 
 

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix, transpose
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.forecast import METHODS
-from lfcal.reconstruct.polyphase import Polyphase
-from lfcal.reconstruct.tiles import TilePlan
+from lfcal.reconstruct.projectors.forecast import METHODS
+from lfcal.reconstruct.projectors.polyphase import Polyphase
+from lfcal.reconstruct.projectors.tiles import TilePlan
 from tests.reconstruct.oracles import convolved, dense
 
 # (image, period, cutout, anchor, planes)

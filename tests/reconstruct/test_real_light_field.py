@@ -10,11 +10,11 @@ import pytest
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.frames import CorrectionChain, Dark, White, read_image
-from lfcal.frames.lattice_fit import fit_lattice
+from lfcal.lattice.fit import fit_lattice
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.em import richardson_lucy
 from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
-from lfcal.simulate.planner import plan_effects
+from lfcal.reconstruct.solvers.em import richardson_lucy
+from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.simulate import simulate_psf
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "lfm_guv"

@@ -5,13 +5,13 @@ import pytest
 
 from lfcal.errors import InputError
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.em import isra, iter_richardson_lucy, richardson_lucy
-from lfcal.reconstruct.least_squares import conjugate_gradient, iter_conjugate_gradient
 from lfcal.reconstruct.metrics import nrmse
-from lfcal.reconstruct.penalty import Tikhonov, TotalVariation
 from lfcal.reconstruct.phantoms import phantom
-from lfcal.reconstruct.solvers import SOLVERS, SolverChoice, reconstruct
-from lfcal.reconstruct.subsets import angular_subsets, by_energy, interleaved_subsets
+from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, reconstruct
+from lfcal.reconstruct.solvers.em import isra, iter_richardson_lucy, richardson_lucy
+from lfcal.reconstruct.solvers.least_squares import conjugate_gradient, iter_conjugate_gradient
+from lfcal.reconstruct.solvers.penalty import Tikhonov, TotalVariation
+from lfcal.reconstruct.solvers.subsets import angular_subsets, by_energy, interleaved_subsets
 from tests.reconstruct.oracles import dense, lenslet_psf
 
 
@@ -92,15 +92,19 @@ def test_every_solver_improves_and_reports(scene, name):
 
 def test_acceleration_and_subsets_get_further_in_as_many_iterations(scene):
     P, _, image = scene
-    likelihood = {n: reconstruct(P, image, SolverChoice(n, 12, background=2)).history[-1].likelihood
-                  for n in ("rl", "rl-biggs", "rl-nesterov", "osem")}  # fmt: skip
+    likelihood = {
+        n: reconstruct(P, image, SolverChoice(n, 12, background=2)).history[-1].likelihood
+        for n in ("rl", "rl-biggs", "rl-nesterov", "osem")
+    }
     assert all(likelihood[n] > likelihood["rl"] + 10 for n in ("rl-biggs", "rl-nesterov", "osem"))
 
 
 def test_penalties_and_smoothing_keep_noise_out(scene):
     P, truth, image = scene
-    error = {n: nrmse(reconstruct(P, image, SolverChoice(n, 40, background=2)).volume, truth)
-             for n in ("rl", "rl-tv", "rl-tikhonov", "ems")}  # fmt: skip
+    error = {
+        n: nrmse(reconstruct(P, image, SolverChoice(n, 40, background=2)).volume, truth)
+        for n in ("rl", "rl-tv", "rl-tikhonov", "ems")
+    }
     assert all(error[n] < 0.98 * error["rl"] for n in ("rl-tv", "rl-tikhonov", "ems"))
 
 

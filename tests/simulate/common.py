@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.simulate.effects import Effect, IrisDiffraction, IrisShape, LensletDiffraction, LensTypes, Telecentricity
-from lfcal.simulate.engine import Sampling
+from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
 
 BASE: tuple[Effect, ...] = (LensTypes(), LensletDiffraction(), IrisDiffraction(), IrisShape(), Telecentricity())

@@ -21,9 +21,15 @@ def camera_scene(v: float = 3.0, **changes: Any) -> Scene:
     types = tuple(LensType.focused_at(depth, gap) for depth in (2.0, 3.0, 5.0))
     lattice = LensletLattice("hexagonal", pitch, gap, types, clear_um=14.5 * PIXEL)
     values: dict[str, Any] = {
-        "wavelength_um": 0.55, "pixel_um": PIXEL, "image_um": v * gap, "lattice": lattice, "cutout": (61, 61),
-        "period": (26, 45), "f_number": 5.0, "iris": Iris(9, 0.0, 0.1),
-    }  # fmt: skip
+        "wavelength_um": 0.55,
+        "pixel_um": PIXEL,
+        "image_um": v * gap,
+        "lattice": lattice,
+        "cutout": (61, 61),
+        "period": (26, 45),
+        "f_number": 5.0,
+        "iris": Iris(9, 0.0, 0.1),
+    }
     return Scene(**(values | changes))
 
 
@@ -32,9 +38,17 @@ def microscope_scene(z_um: float = 5.0, **changes: Any) -> Scene:
     pixel, optics = 8.0, Microscope(20.0, 0.5, 1.0)
     lattice = LensletLattice("square", 9 * pixel, 1440.0, (LensType(1440.0),))
     values: dict[str, Any] = {
-        "wavelength_um": 0.525, "pixel_um": pixel, "image_um": -400 * z_um, "lattice": lattice, "cutout": (45, 45),
-        "period": (9, 9), "f_number": 20.0, "aperture": "cell", "objective": optics, "z_um": z_um,
-    }  # fmt: skip
+        "wavelength_um": 0.525,
+        "pixel_um": pixel,
+        "image_um": -400 * z_um,
+        "lattice": lattice,
+        "cutout": (45, 45),
+        "period": (9, 9),
+        "f_number": 20.0,
+        "aperture": "cell",
+        "objective": optics,
+        "z_um": z_um,
+    }
     return Scene(**(values | changes))
 
 

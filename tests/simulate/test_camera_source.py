@@ -13,7 +13,6 @@ from lfcal.errors import InputError
 from lfcal.frames import FrameSource, Position
 from lfcal.psf.assemble import assemble
 from lfcal.psf.cutout import Cutout
-from lfcal.simulate.camera_source import SimulatedCamera
 from lfcal.simulate.effects import (
     Backlash,
     CosFourth,
@@ -29,8 +28,9 @@ from lfcal.simulate.effects import (
     ShotNoise,
     StageError,
 )
+from lfcal.simulate.sensor.camera_source import SimulatedCamera
+from lfcal.simulate.sensor.white import fold, white_tile
 from lfcal.simulate.simulate import simulate_psf
-from lfcal.simulate.white import fold, white_tile
 from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan
 
 NOISE = (ShotNoise(), ReadNoise(), FixedPattern(), DarkCurrent(), Quantisation())

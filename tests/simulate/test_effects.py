@@ -39,7 +39,8 @@ from lfcal.simulate.effects.aberrations import wavefront_rms
 from lfcal.simulate.effects.field import overlap
 from lfcal.simulate.effects.light import disc_rule
 from lfcal.simulate.effects.outlook import share_moved, share_widened
-from lfcal.simulate.engine import Sampling, engine_for
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse, filtered
 from lfcal.simulate.staging import outlook_of
 from tests.simulate.common import BASE, FAST, difference, responses, small_camera, small_plan, some_positions, switched
@@ -275,9 +276,12 @@ def test_disc_rule_integrates_polynomials(degree: int, moments: int) -> None:
             if i % 2 or j % 2:
                 exact = 0.0
             else:  # mean of y^i x^j over the unit disc
-                exact = 2 * math.gamma((i + 1) / 2) * math.gamma((j + 1) / 2) / (
-                    math.pi * (i + j + 2) * math.gamma((i + j + 2) / 2)
-                )  # fmt: skip
+                exact = (
+                    2
+                    * math.gamma((i + 1) / 2)
+                    * math.gamma((j + 1) / 2)
+                    / (math.pi * (i + j + 2) * math.gamma((i + j + 2) / 2))
+                )
             assert float((rule[:, 2] * rule[:, 0] ** i * rule[:, 1] ** j).sum()) == pytest.approx(exact, abs=1e-14)
 
 

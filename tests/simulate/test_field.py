@@ -9,8 +9,8 @@ import pytest
 from scipy.special import j1
 
 from lfcal.errors import InputError
-from lfcal.simulate.field import choose_mode, field_table
-from lfcal.simulate.radial import focus_integral
+from lfcal.simulate.engines.field import choose_mode, field_table
+from lfcal.simulate.engines.radial import focus_integral
 from lfcal.simulate.scene import Iris, seidel
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from lfcal.camera import preset
-from lfcal.simulate.geometric import GeometricPlane
-from lfcal.simulate.polygon import half_planes, iris_outline
+from lfcal.simulate.engines.geometric import GeometricPlane
+from lfcal.simulate.engines.polygon import half_planes, iris_outline
 from lfcal.simulate.scene import Iris, Scene, scene_of
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error
 

@@ -11,9 +11,9 @@ import pytest
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
-from lfcal.simulate.engine import Sampling
-from lfcal.simulate.forecast import predict_seconds
-from lfcal.simulate.ladder import Ladder, Rung, _marked, _places, draw_ladder, iter_ladder, ladder
+from lfcal.simulate.accuracy.forecast import predict_seconds
+from lfcal.simulate.accuracy.ladder import Ladder, Rung, _marked, _places, draw_ladder, iter_ladder, ladder
+from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.simulate import simulate_psf
 from tests.simulate.common import BASE, small_camera, small_plan
 

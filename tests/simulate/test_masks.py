@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.simulate.masks import FLAT, RING, cell_outline, disc_table, disc_values, polygon_mask, polygon_table
-from lfcal.simulate.nodes import fitted_rule
-from lfcal.simulate.polygon import area, disc_transform, transform
+from lfcal.simulate.engines.masks import FLAT, RING, cell_outline, disc_table, disc_values, polygon_mask, polygon_table
+from lfcal.simulate.engines.nodes import fitted_rule
+from lfcal.simulate.engines.polygon import area, disc_transform, transform
 
 RADIUS, DX = 40.0, 2.75
 

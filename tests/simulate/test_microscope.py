@@ -12,12 +12,13 @@ from scipy.integrate import quad
 
 from lfcal.camera import LensletLattice, LensType, Microscope
 from lfcal.errors import InputError
-from lfcal.simulate.debye import debye_field, debye_nodes, radial_field
-from lfcal.simulate.engine import PlaneEngine, Sampling, engine_for
-from lfcal.simulate.microscope import DebyePlane, is_separable
-from lfcal.simulate.reference import ReferencePlane
+from lfcal.simulate.engines.base import PlaneEngine, Sampling
+from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.engines.debye import debye_field, debye_nodes, radial_field
+from lfcal.simulate.engines.microscope import DebyePlane, is_separable
+from lfcal.simulate.engines.reference import ReferencePlane
+from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import seidel
-from lfcal.simulate.wave import WavePlane
 from tests.simulate.scenes import microscope_scene, moments, relative_error
 
 
@@ -73,7 +74,7 @@ def test_energy_through_the_pupil_is_one(aperture):
 
 
 def test_paraxial_limit_is_the_focus_integral():
-    from lfcal.simulate.radial import focus_integral
+    from lfcal.simulate.engines.radial import focus_integral
 
     scene = microscope_scene(400.0, objective=Microscope(20.0, 0.02, 1.0), f_number=500.0)
     r = np.linspace(0, 3000, 50)

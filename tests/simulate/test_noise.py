@@ -10,7 +10,6 @@ import pytest
 
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
-from lfcal.simulate.camera_source import SimulatedCamera
 from lfcal.simulate.effects import (
     ColourFilter,
     CosFourth,
@@ -24,7 +23,8 @@ from lfcal.simulate.effects import (
     StrayLight,
 )
 from lfcal.simulate.effects.sensor import poisson_quantile
-from lfcal.simulate.noise import FrameKind, expose, random_numbers
+from lfcal.simulate.sensor.camera_source import SimulatedCamera
+from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers
 from lfcal.simulate.staging import outlook_of
 from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan
 

@@ -10,6 +10,7 @@ import pytest
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
+from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects import (
     Bandwidth,
     Crosstalk,
@@ -24,7 +25,6 @@ from lfcal.simulate.effects import (
     StageError,
     catalogue,
 )
-from lfcal.simulate.planner import plan_effects
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.simulate import simulate_psf
@@ -92,8 +92,11 @@ def test_what_is_left_out_adds_up_to_less_than_the_tolerance() -> None:
     plan = small_plan()
     for tolerance in (0.005, 0.02, 0.05, 0.2, 0.6):
         found = plan_effects(plan.camera, plan, tolerance)
-        out = [r.estimate.error for r in found.rows
-               if not r.on and not r.effect.deviation and r.effect.stage not in ("frame", "motion")]  # fmt: skip
+        out = [
+            r.estimate.error
+            for r in found.rows
+            if not r.on and not r.effect.deviation and r.effect.stage not in ("frame", "motion")
+        ]
         assert sum(out) <= tolerance
 
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.simulate.polygon import area, clip, disc_transform, half_planes, iris_outline, regular, transform
+from lfcal.simulate.engines.polygon import area, clip, disc_transform, half_planes, iris_outline, regular, transform
 from lfcal.simulate.scene import Iris
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lfcal.errors import InputError
-from lfcal.simulate.engine import Sampling
-from lfcal.simulate.reference import ReferencePlane, pixel_bins, sensor_propagator
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines.reference import ReferencePlane, pixel_bins, sensor_propagator
 from lfcal.simulate.scene import Iris
 from tests.simulate.scenes import PIXEL, camera_scene, moments, relative_error
 

@@ -10,8 +10,8 @@ import pytest
 
 from lfcal.camera import PRESETS, preset
 from lfcal.errors import InputError
+from lfcal.simulate.engines.zernike import zernike_radial
 from lfcal.simulate.scene import Iris, Scene, scene_of, seidel
-from lfcal.simulate.zernike import zernike_radial
 from tests.simulate.scenes import camera_scene
 
 
@@ -109,12 +109,21 @@ def test_seidel_terms_are_the_powers():
 @pytest.mark.parametrize(
     "change",
     [
-        {"wavelength_um": math.nan}, {"pixel_um": 0.0}, {"image_um": math.inf}, {"cutout": (4, 5)}, {"period": (0, 3)},
-        {"f_number": 0.2}, {"aperture": "star"}, {"pupil_um": -1.0}, {"wavefront": ((3, 2, 0.1),)},
-        {"wavefront": ((4, 0, math.inf),)}, {"pixel_fill": 0.0}, {"offsets_um": np.zeros((2, 2, 2))},
+        {"wavelength_um": math.nan},
+        {"pixel_um": 0.0},
+        {"image_um": math.inf},
+        {"cutout": (4, 5)},
+        {"period": (0, 3)},
+        {"f_number": 0.2},
+        {"aperture": "star"},
+        {"pupil_um": -1.0},
+        {"wavefront": ((3, 2, 0.1),)},
+        {"wavefront": ((4, 0, math.inf),)},
+        {"pixel_fill": 0.0},
+        {"offsets_um": np.zeros((2, 2, 2))},
         {"pupil_um": 100.0, "image_um": -200.0},
     ],
-)  # fmt: skip
+)
 def test_impossible_scenes_are_refused_in_one_line(change):
     with pytest.raises(InputError) as error:
         camera_scene(**change)

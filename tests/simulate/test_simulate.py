@@ -12,10 +12,11 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.psf import open_psf
 from lfcal.simulate import iter_simulate_psf, plan_effects, simulate_psf
+from lfcal.simulate.accuracy.sampling import STEPS, sampling_for
 from lfcal.simulate.effects import Bandwidth, Crosstalk, ReadNoise, StageError
-from lfcal.simulate.engine import Sampling, engine_for
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.sampling import STEPS, sampling_for
 from lfcal.simulate.staging import outlook_of, resolve_level, scene_for
 from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan
 

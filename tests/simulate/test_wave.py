@@ -10,12 +10,13 @@ import pytest
 from scipy.special import fresnel
 
 from lfcal.camera import LensletLattice, LensType
-from lfcal.simulate.engine import EnergyError, PlaneEngine, Sampling, engine_for
-from lfcal.simulate.field import FieldTable
-from lfcal.simulate.reference import ReferencePlane
+from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
+from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.engines.field import FieldTable
+from lfcal.simulate.engines.reference import ReferencePlane
+from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import Iris, seidel
 from lfcal.simulate.symmetry import mirrored_rows
-from lfcal.simulate.wave import WavePlane
 from tests.simulate.scenes import PIXEL, camera_scene, moments, relative_error
 
 FINE = Sampling(nodes_per_px=4, margin_px=12, energy_floor=1e-3, coherent=True)
@@ -184,8 +185,11 @@ def test_every_level_is_a_plane_engine(level):
 
 
 def test_engine_for_refuses_what_makes_no_sense():
-    for level, scene in (("debye", camera_scene()), ("fast", camera_scene()),
-                         ("wave", camera_scene(lenslet_diffraction=False))):  # fmt: skip
+    for level, scene in (
+        ("debye", camera_scene()),
+        ("fast", camera_scene()),
+        ("wave", camera_scene(lenslet_diffraction=False)),
+    ):
         with pytest.raises(ValueError, match=";"):
             engine_for(scene, level)
 

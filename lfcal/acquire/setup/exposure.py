@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.devices import Rig
 from lfcal.acquire.exposing import Exposer
 from lfcal.acquire.motion import Mover, check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.schedule import Schedule
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError, expectation
+from lfcal.devices.protocols import Rig
+from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
 
 __all__ = ["iter_exposures", "suggest_exposure"]
@@ -32,9 +32,14 @@ def suggest_exposure(
 
 
 def iter_exposures(
-    rig: Rig, plan: ScanPlan, *, target: float = 0.7, longest_s: float = 10.0, options: Options | None = None,
+    rig: Rig,
+    plan: ScanPlan,
+    *,
+    target: float = 0.7,
+    longest_s: float = 10.0,
+    options: Options | None = None,
     control: Control | None = None,
-) -> Work[tuple[float, ...]]:  # fmt: skip
+) -> Work[tuple[float, ...]]:
     """Find an exposure for every plane at four positions of its cell; nothing is recorded.
 
     The brightest of the positions (corner, middle, and half-way along either side) peaks at ``target`` of the
@@ -67,10 +72,12 @@ def iter_exposures(
             mover.go((x, y, depth))
             suggestion = _settle(rig, exposer, seconds, sensor.black_level, target, longest_s)
             if suggestion is None:
-                raise InputError(
-                    expectation(f"plane z={z} ({plan.depths_um[z]:g} µm)", "light within the camera's range",
-                                "too dark or too bright at every exposure", "change the lamp or the iris")
-                )  # fmt: skip
+                raise InputError.expected(
+                    f"plane z={z} ({plan.depths_um[z]:g} µm)",
+                    "light within the camera's range",
+                    "too dark or too bright at every exposure",
+                    "change the lamp or the iris",
+                )
             seconds = min(seconds, suggestion) if (x, y, depth) != tuple(targets[z * len(places)]) else suggestion
         found.append(seconds)
     yield clock.at(nz)

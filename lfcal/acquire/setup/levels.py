@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError, expectation
-from lfcal.threads import njit
+from lfcal.compiled import njit
+from lfcal.errors import InputError
 
 __all__ = ["Levels", "levels"]
 
@@ -58,8 +58,8 @@ class Levels:
 def levels(frame: NDArray[Any], max_value: int) -> Levels:
     """Return the histogram of ``frame`` ``(rows, columns)``, unsigned samples that saturate at ``max_value``."""
     if frame.ndim != 2 or frame.dtype.kind != "u" or frame.size == 0:
-        raise InputError(
-            expectation("frame", "a 2-D array of unsigned samples", f"{frame.ndim}-D {frame.dtype}", "pass a raw frame")
+        raise InputError.expected(
+            "frame", "a 2-D array of unsigned samples", f"{frame.ndim}-D {frame.dtype}", "pass a raw frame"
         )
     histogram = np.zeros(max_value + 1, np.int64)
     _count(frame, histogram)

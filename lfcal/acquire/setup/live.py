@@ -6,13 +6,13 @@ from collections.abc import Generator
 from dataclasses import dataclass
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.devices import Rig, Roi
-from lfcal.acquire.errors import FrameTimeout, IncompleteFrame
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.setup.levels import Levels, levels
 from lfcal.acquire.setup.overlay import predicted_image
 from lfcal.acquire.spots import Spot, find_spot
 from lfcal.camera import ScanPlan
+from lfcal.devices.errors import FrameTimeout, IncompleteFrame
+from lfcal.devices.protocols import Rig, Roi
 from lfcal.errors import InputError
 
 __all__ = ["LiveState", "iter_live"]
@@ -51,9 +51,14 @@ class LiveState:
 
 
 def iter_live(
-    rig: Rig, preview: Preview, control: Control, exposure_s: float, *, plan: ScanPlan | None = None,
+    rig: Rig,
+    preview: Preview,
+    control: Control,
+    exposure_s: float,
+    *,
+    plan: ScanPlan | None = None,
     timeout_s: float = 5.0,
-) -> Generator[LiveState, float | None, None]:  # fmt: skip
+) -> Generator[LiveState, float | None, None]:
     """Grab whole frames until stopped, put each into ``preview`` and yield its numbers.
 
     Send a number to change the exposure (s). A frame that does not come, or not whole, is reported in

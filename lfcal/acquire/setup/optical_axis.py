@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.devices import Rig, Roi
 from lfcal.acquire.exposing import Exposer
 from lfcal.acquire.motion import Mover, check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.spots import find_spot
 from lfcal.camera import ScanPlan
-from lfcal.errors import InputError, expectation
+from lfcal.devices.protocols import Rig, Roi
+from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
 
 __all__ = ["OpticalAxis", "find_optical_axis", "iter_optical_axis"]
@@ -61,8 +61,8 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
     """
     places, seen = np.asarray(object_um, float), np.asarray(image_px, float)
     if places.shape != seen.shape or places.ndim != 3 or places.shape[0] < 2 or places.shape[1] < 3:
-        raise InputError(
-            expectation("optical axis", "3 or more places in 2 or more planes", places.shape, "measure more of them")
+        raise InputError.expected(
+            "optical axis", "3 or more places in 2 or more planes", places.shape, "measure more of them"
         )
     maps, shifts, rest = [], [], []
     for place, image in zip(places, seen, strict=True):
@@ -77,10 +77,12 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
     span = float(np.ptp(places.reshape(-1, 2), axis=0).max())
     # the change of scale must move the edge of the measured field by more than the centroids' noise
     if np.linalg.svd(change, compute_uv=False)[-1] * span < max(3 * noise, 1e-6):
-        raise InputError(
-            expectation("magnification", "one that changes with depth", "the same in all planes",
-                        "a telecentric system has no such axis; use planes farther apart, or centre by the field")
-        )  # fmt: skip
+        raise InputError.expected(
+            "magnification",
+            "one that changes with depth",
+            "the same in all planes",
+            "a telecentric system has no such axis; use planes farther apart, or centre by the field",
+        )
     axis, *_ = np.linalg.lstsq(change, -(offset - offset.mean(axis=0)).ravel(), rcond=None)
     images = scale @ axis + offset
     middle = images.mean(axis=0)
@@ -89,9 +91,13 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
 
 
 def iter_optical_axis(
-    rig: Rig, plan: ScanPlan, *, planes: Sequence[int] | None = None, options: Options | None = None,
+    rig: Rig,
+    plan: ScanPlan,
+    *,
+    planes: Sequence[int] | None = None,
+    options: Options | None = None,
     control: Control | None = None,
-) -> Work[OpticalAxis]:  # fmt: skip
+) -> Work[OpticalAxis]:
     """Look at 45 places in each of ``planes`` (default: first and last) and find the axis; nothing is recorded."""
     options, control = options or Options(), control or Control()
     chosen = list(planes) if planes is not None else sorted({0, len(plan.depths_um) - 1})

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.devices import Point, Roi
 from lfcal.axes import centre
 from lfcal.camera import ScanPlan
+from lfcal.devices.protocols import Point, Roi
 
 __all__ = ["lattice_centres", "predicted_cutout", "predicted_image"]
 
@@ -42,7 +42,8 @@ def lattice_centres(plan: ScanPlan, roi: Roi) -> tuple[NDArray[np.float64], NDAr
     rows, columns = sensor.centre_px
     middle = roi.row + (roi.rows - 1) / 2 - rows, roi.column + (roi.columns - 1) / 2 - columns
     found, types = lattice.lenslets_within(
-        roi.columns / 2 * sensor.pixel_um, roi.rows / 2 * sensor.pixel_um,
+        roi.columns / 2 * sensor.pixel_um,
+        roi.rows / 2 * sensor.pixel_um,
         (middle[1] * sensor.pixel_um, middle[0] * sensor.pixel_um),
-    )  # fmt: skip
+    )
     return found[:, ::-1] / sensor.pixel_um + np.array([rows, columns]), types

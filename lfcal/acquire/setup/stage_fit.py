@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.devices import Rig, Roi
 from lfcal.acquire.exposing import Exposer
 from lfcal.acquire.motion import Mover, check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.spots import find_spot
 from lfcal.camera import ScanPlan, StageAxes
-from lfcal.errors import InputError, expectation
+from lfcal.devices.protocols import Rig, Roi
+from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
 
 __all__ = ["StageFit", "check_stage", "fit_stage", "iter_stage_fit"]
@@ -90,17 +90,19 @@ def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) 
     design = np.column_stack([moves, np.ones(len(moves))])
     spread = np.linalg.svd(moves - moves.mean(axis=0), compute_uv=False) if len(moves) > 2 else np.zeros(2)
     if len(moves) < 3 or spread[-1] < 1e-3 * spread[0] or spread[0] == 0:
-        raise InputError(
-            expectation("moves of the stage", "three or more positions, not on one line", len(moves), "move both axes")
+        raise InputError.expected(
+            "moves of the stage", "three or more positions, not on one line", len(moves), "move both axes"
         )
     solution, *_ = np.linalg.lstsq(design, seen, rcond=None)
     matrix = solution[:2].T
     residual = float(np.sqrt(((design @ solution - seen) ** 2).sum(axis=1).mean()))
     if np.linalg.norm(matrix) < 0.05:
-        raise InputError(
-            expectation("image", "one that moves with the stage", "one that stands still",
-                        "check which stage carries the source, and the focus")
-        )  # fmt: skip
+        raise InputError.expected(
+            "image",
+            "one that moves with the stage",
+            "one that stands still",
+            "check which stage carries the source, and the focus",
+        )
     (a, b), (c, d) = matrix.tolist()
     return StageFit(((a, b), (c, d)), _axes(plan, z, matrix, solution[2]), residual)
 
@@ -139,28 +141,34 @@ def check_stage(
     """
     old, new = plan.stage, fit.axes
     if (old.right, old.down) != (new.right, new.down):
-        raise InputError(
-            expectation("stage axes (right, down)", f"{old.right}, {old.down} as in the plan",
-                        f"{new.right}, {new.down} by what the image does", "set these in the plan: the scan would "
-                        "run the wrong way")
-        )  # fmt: skip
+        raise InputError.expected(
+            "stage axes (right, down)",
+            f"{old.right}, {old.down} as in the plan",
+            f"{new.right}, {new.down} by what the image does",
+            "set these in the plan: the scan would run the wrong way",
+        )
     for value, sense in zip(fit.scale, SENSES, strict=True):
         if abs(value - 1) > scale:
-            raise InputError(
-                expectation(f"image movement to the {sense}" if sense == "right" else "image movement down",
-                            f"{1 - scale:g} to {1 + scale:g} px per planned pixel", f"{value:.3f} px",
-                            "check magnification and working distance of the plan")
-            )  # fmt: skip
+            raise InputError.expected(
+                f"image movement to the {sense}" if sense == "right" else "image movement down",
+                f"{1 - scale:g} to {1 + scale:g} px per planned pixel",
+                f"{value:.3f} px",
+                "check magnification and working distance of the plan",
+            )
     if abs(fit.rotation_rad) > rotation_rad:
-        raise InputError(
-            expectation("angle between stage and sensor", f"below {math.degrees(rotation_rad):.1f}°",
-                        f"{math.degrees(fit.rotation_rad):.2f}°", "turn the camera")
-        )  # fmt: skip
+        raise InputError.expected(
+            "angle between stage and sensor",
+            f"below {math.degrees(rotation_rad):.1f}°",
+            f"{math.degrees(fit.rotation_rad):.2f}°",
+            "turn the camera",
+        )
     if fit.residual_px > residual_px:
-        raise InputError(
-            expectation("image movement", f"straight to {residual_px:g} px rms", f"{fit.residual_px:.2f} px",
-                        "check that only one spot is seen, and the stage")
-        )  # fmt: skip
+        raise InputError.expected(
+            "image movement",
+            f"straight to {residual_px:g} px rms",
+            f"{fit.residual_px:.2f} px",
+            "check that only one spot is seen, and the stage",
+        )
 
 
 def iter_stage_fit(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 
 __all__ = ["FNumber", "working_f_number"]
 
@@ -59,10 +59,12 @@ def working_f_number(diameters_px: ArrayLike, image_shifts_um: ArrayLike, pixel_
     a = np.asarray(image_shifts_um, float).ravel()
     d = np.asarray(diameters_px, float).ravel() * pixel_um
     if a.shape != d.shape or a.size < 2 or np.ptp(a) == 0 or not np.isfinite([a, d]).all():
-        raise InputError(
-            expectation("diameters over depth", "one finite diameter for each of two or more depths",
-                        f"{d.size} diameters and {a.size} depths", "give one for each plane, all different")
-        )  # fmt: skip
+        raise InputError.expected(
+            "diameters over depth",
+            "one finite diameter for each of two or more depths",
+            f"{d.size} diameters and {a.size} depths",
+            "give one for each plane, all different",
+        )
     signed = d * np.where(a < 0, -1.0, 1.0)
     weight = np.ones(a.size)
     for _ in range(10):
@@ -74,7 +76,7 @@ def working_f_number(diameters_px: ArrayLike, image_shifts_um: ArrayLike, pixel_
             break
         weight = 1.0 / np.sqrt(np.maximum(1.0, np.abs(residual) / (3.0 * scale)))
     if slope == 0 or not math.isfinite(slope):
-        raise InputError(expectation("diameters over depth", "a slope", "none", "give planes of different blur"))
+        raise InputError.expected("diameters over depth", "a slope", "none", "give planes of different blur")
     rms = float(np.sqrt(np.mean(residual**2)))
     error = math.nan
     if a.size > 2:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 from lfcal.psf.aperture import refine as model
 from lfcal.psf.aperture.locate import Patch, despike, find_patch, flatten
 from lfcal.psf.aperture.profile import ANGLES, RAYS, edge_profile, shrink
@@ -173,10 +173,12 @@ def _best_of_each(fits: Iterable[Fit]) -> list[Fit]:
 def _clean(depth_sum: ArrayLike) -> NDArray[np.float64]:
     image = np.array(depth_sum, np.float64)
     if image.ndim != 2 or min(image.shape) < SMALLEST:
-        raise InputError(
-            expectation("depth-plane sum", f"an image of at least {SMALLEST} x {SMALLEST} pixels",
-                        f"shape {image.shape}", "give the sum over all positions of one plane")
-        )  # fmt: skip
+        raise InputError.expected(
+            "depth-plane sum",
+            f"an image of at least {SMALLEST} x {SMALLEST} pixels",
+            f"shape {image.shape}",
+            "give the sum over all positions of one plane",
+        )
     finite = np.isfinite(image)
     if not finite.all():
         image[~finite] = np.median(image[finite]) if finite.any() else 0.0
@@ -197,8 +199,9 @@ def _none() -> Aperture:
 
 def _circle(patch: Patch, refusal: str) -> Aperture:
     area = math.pi * patch.radius**2
-    return Aperture(0, (patch.row, patch.column), 0.0, patch.radius, area, 1.0, snr=_snr(patch.level, patch.noise),
-                    refusal=refusal)  # fmt: skip
+    return Aperture(
+        0, (patch.row, patch.column), 0.0, patch.radius, area, 1.0, snr=_snr(patch.level, patch.noise), refusal=refusal
+    )
 
 
 def _snr(level: float, noise: float) -> float:

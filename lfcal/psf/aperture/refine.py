@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from lfcal.compiled import njit
 from lfcal.psf.aperture.locate import Patch, offsets
 from lfcal.psf.aperture.profile import RAYS
 from lfcal.psf.aperture.select import Candidate
-from lfcal.threads import njit
 
 __all__ = ["EdgePixels", "Fit", "matched_profile", "refine"]
 
@@ -236,8 +236,36 @@ def _start(patch: Patch, candidate: Candidate) -> tuple[NDArray[np.float64], NDA
     else:
         apothem, turn, half, curvature = radius, 0.0, 0.0, (1.0, 1.0, 1.0)
     p = np.array([0, 0, apothem, turn, curvature[0], 0.02 * radius + 0.5, level, 0, 0, 0, 0, 0])
-    low = np.array([-0.2 * radius, -0.2 * radius, 0.6 * radius, turn - half, curvature[1], 0.3,
-                    0.3 * level, -0.6, -0.6, -0.6, -0.12, -0.12])  # fmt: skip
-    high = np.array([0.2 * radius, 0.2 * radius, 1.3 * radius, turn + half, curvature[2], 0.3 * radius + 1.0,
-                     3 * level, 0.6, 0.6, 0.6, 0.12, 0.12])  # fmt: skip
+    low = np.array(
+        [
+            -0.2 * radius,
+            -0.2 * radius,
+            0.6 * radius,
+            turn - half,
+            curvature[1],
+            0.3,
+            0.3 * level,
+            -0.6,
+            -0.6,
+            -0.6,
+            -0.12,
+            -0.12,
+        ]
+    )
+    high = np.array(
+        [
+            0.2 * radius,
+            0.2 * radius,
+            1.3 * radius,
+            turn + half,
+            curvature[2],
+            0.3 * radius + 1.0,
+            3 * level,
+            0.6,
+            0.6,
+            0.6,
+            0.12,
+            0.12,
+        ]
+    )
     return p, low, high

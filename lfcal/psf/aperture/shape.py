@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 
 __all__ = ["REFUSALS", "Aperture", "blade_radius", "polygon_area"]
 
@@ -118,11 +118,11 @@ class Aperture:
     def __post_init__(self) -> None:
         """Check every value."""
         if self.refusal and self.refusal not in REFUSALS:
-            raise InputError(expectation("refusal", " or ".join(REFUSALS), repr(self.refusal), "choose one"))
+            raise InputError.expected("refusal", " or ".join(REFUSALS), repr(self.refusal), "choose one")
         if self.refusal and self.confident:
-            raise InputError(expectation("aperture", "no refusal where confident", self.refusal, "drop either"))
+            raise InputError.expected("aperture", "no refusal where confident", self.refusal, "drop either")
         if self.blades < 0 or self.blades in (1, 2):
-            raise InputError(expectation("blades", "0 (a circle) or 3 and more", self.blades, "correct it"))
+            raise InputError.expected("blades", "0 (a circle) or 3 and more", self.blades, "correct it")
 
     @property
     def diameter_px(self) -> float:

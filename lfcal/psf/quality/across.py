@@ -92,8 +92,9 @@ def _copies(planes: list[PlaneMeasures], lit: NDArray[np.bool_]) -> tuple[NDArra
     apart = 1 - (vectors @ vectors.T).astype(np.float64) / np.maximum(np.outer(norms, norms), 1e-300)
     step = float(np.median(np.diagonal(apart, 1))) if len(chosen) > 2 else 0.0
     # what noise alone makes two recordings of the same patterns differ by
-    noisy = [planes[z].dark.noise * math.sqrt((vectors[k] > 0).sum()) / max(norms[k], 1e-300)
-             for k, z in enumerate(chosen)]  # fmt: skip
+    noisy = [
+        planes[z].dark.noise * math.sqrt((vectors[k] > 0).sum()) / max(norms[k], 1e-300) for k, z in enumerate(chosen)
+    ]
     pairs = []
     for b in range(1, len(chosen)):
         for a in range(b):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.threads import njit
+from lfcal.compiled import njit
 
 __all__ = ["FRAME_COLUMNS", "frame_pass", "spot_pass", "step_pass"]
 

@@ -125,8 +125,13 @@ def _ordered(y: NDArray[np.int64], x: NDArray[np.int64], period: tuple[int, int]
     swapped = (y, x)
     if ny != nx:  # the frames ran along y first but were counted along x
         swapped = ((y * nx + x) // ny, (y * nx + x) % ny)
-    places = {"as planned": (x, y), "x reversed": (-x, y), "y reversed": (x, -y), "both reversed": (-x, -y),
-              "axes swapped": swapped}  # fmt: skip
+    places = {
+        "as planned": (x, y),
+        "x reversed": (-x, y),
+        "y reversed": (x, -y),
+        "both reversed": (-x, -y),
+        "axes swapped": swapped,
+    }
     return {name: np.stack(place, -1).astype(float) for name, place in places.items()}
 
 

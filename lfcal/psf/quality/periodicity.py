@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError, expectation
+from lfcal.errors import InputError
 
 __all__ = ["Periodicity", "periodicity"]
 
@@ -82,10 +82,12 @@ def periodicity(
     """
     frames, places = np.asarray(control_frames, np.float64), np.asarray(positions, np.float64)
     if frames.ndim != 3 or frames.shape[1:] != plane.shape[2:] or places.shape != (len(frames), 2):
-        raise InputError(
-            expectation("control frames", f"n frames of {plane.shape[2]} x {plane.shape[3]} pixels and n positions",
-                        f"{frames.shape} and {places.shape}", "cut them out like those of H")
-        )  # fmt: skip
+        raise InputError.expected(
+            "control frames",
+            f"n frames of {plane.shape[2]} x {plane.shape[3]} pixels and n positions",
+            f"{frames.shape} and {places.shape}",
+            "cut them out like those of H",
+        )
     size = np.array(plane.shape[:2])
     steps = np.round(places - np.array(anchor)).astype(np.intp)
     index, away = steps % size, steps // size

@@ -95,8 +95,10 @@ def _figures(pictures: Sequence[Picture], section: str) -> str:
         if p.section == section:
             data = base64.b64encode(p.png).decode("ascii")
             caption = _text(p.caption)
-            parts.append(f'<figure><img alt="{caption}" src="data:image/png;base64,{data}">'
-                         f"<figcaption>{caption}</figcaption></figure>\n")  # fmt: skip
+            parts.append(
+                f'<figure><img alt="{caption}" src="data:image/png;base64,{data}">'
+                f"<figcaption>{caption}</figcaption></figure>\n"
+            )
     return "".join(parts)
 
 
@@ -185,16 +187,32 @@ def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
     rows = []
     for z, a in enumerate(quality.apertures):
         dim = a.refusal == "too dim"
-        rows.append([
-            _text(format_length(float(quality.depths[z]))), _number(float(quality.virtual_depths[z])),
-            str(a.blades) if a.blades else "—", "—" if dim else f"{a.diameter_px:.2f}",
-            "—" if dim else f"{a.centre[0]:.2f}, {a.centre[1]:.2f}",
-            f"{math.degrees(a.rotation_rad):.1f}" if a.blades else "—", f"{a.curvature:.2f}" if a.blades else "—",
-            "—" if dim else f"{100 * a.ellipticity:.1f}", f"{a.confidence:.2f}",
-            '<b class="advice good">certain</b>' if a.confident else _text(a.reason or "not certain"),
-        ])  # fmt: skip
-    headers = ("depth z", "virtual depth", "blades", "diameter (px)", "centre row, column (px)", "rotation (°)",
-               "curvature", "ellipticity (%)", "confidence", "answer")  # fmt: skip
+        rows.append(
+            [
+                _text(format_length(float(quality.depths[z]))),
+                _number(float(quality.virtual_depths[z])),
+                str(a.blades) if a.blades else "—",
+                "—" if dim else f"{a.diameter_px:.2f}",
+                "—" if dim else f"{a.centre[0]:.2f}, {a.centre[1]:.2f}",
+                f"{math.degrees(a.rotation_rad):.1f}" if a.blades else "—",
+                f"{a.curvature:.2f}" if a.blades else "—",
+                "—" if dim else f"{100 * a.ellipticity:.1f}",
+                f"{a.confidence:.2f}",
+                '<b class="advice good">certain</b>' if a.confident else _text(a.reason or "not certain"),
+            ]
+        )
+    headers = (
+        "depth z",
+        "virtual depth",
+        "blades",
+        "diameter (px)",
+        "centre row, column (px)",
+        "rotation (°)",
+        "curvature",
+        "ellipticity (%)",
+        "confidence",
+        "answer",
+    )
     return _table(headers, rows, range(9)) + _f_number(H, quality)
 
 
@@ -212,15 +230,26 @@ def _tilings(quality: QualityReport) -> str:
     for z, tiling in enumerate(quality.tilings):
         if tiling is not None:
             y, x = tiling.fitting_period
-            rows.append([
-                _text(format_length(float(quality.depths[z]))), str(len(tiling.difference)),
-                f"{100 * float(np.median(tiling.difference)):.1f}", f"{100 * float(tiling.difference.max()):.1f}",
-                f"{100 * float(np.median(tiling.best)):.1f}", f"{_number(y, 5)} × {_number(x, 5)}",
-            ])  # fmt: skip
+            rows.append(
+                [
+                    _text(format_length(float(quality.depths[z]))),
+                    str(len(tiling.difference)),
+                    f"{100 * float(np.median(tiling.difference)):.1f}",
+                    f"{100 * float(tiling.difference.max()):.1f}",
+                    f"{100 * float(np.median(tiling.best)):.1f}",
+                    f"{_number(y, 5)} × {_number(x, 5)}",
+                ]
+            )
     if not rows:
         return ""
-    headers = ("depth z", "control frames", "difference, median (%)", "largest (%)", "at the best fit (%)",
-               "period that fits best, y × x (px)")  # fmt: skip
+    headers = (
+        "depth z",
+        "control frames",
+        "difference, median (%)",
+        "largest (%)",
+        "at the best fit (%)",
+        "period that fits best, y × x (px)",
+    )
     return _table(headers, rows, range(6))
 
 

@@ -157,8 +157,11 @@ def _transposed_sum(H: PSFMatrix) -> Picture:
 def _over_depth(quality: QualityReport) -> Picture:
     depths, unit = (quality.depths / 1e3, "mm") if np.abs(quality.depths).max() >= 1e3 else (quality.depths, "µm")
     sizes = np.array([a.diameter_px if a.refusal != "too dim" else np.nan for a in quality.apertures])
-    curves = ((sizes, "aperture diameter (px)"), (quality.energy, "mean energy of a pattern"),
-              (quality.peak / np.where(quality.noise > 0, quality.noise, np.nan), "peak over noise"))  # fmt: skip
+    curves = (
+        (sizes, "aperture diameter (px)"),
+        (quality.energy, "mean energy of a pattern"),
+        (quality.peak / np.where(quality.noise > 0, quality.noise, np.nan), "peak over noise"),
+    )
     with _sheet(3, 2.5) as sheet:
         for (values, label), axes in zip(curves, sheet.grid(3, 3), strict=True):
             axes.plot(depths, values, "o-", color=LINES[0], ms=4)
@@ -177,8 +180,14 @@ def _slices(H: PSFMatrix) -> Picture:
         grid = sheet.grid(2 * len(planes), 2)
         for z in planes:
             draw_image(next(grid), H[z, y, x], title=f"H: point at {_depth(H.depths[z])}", unit="value")
-            draw_image(next(grid), H.T[z, y, x], title=f"HT: pixel at {_depth(H.depths[z])}", unit="value",
-                       xlabel="voxel column s (px)", ylabel="voxel row t (px)")  # fmt: skip
+            draw_image(
+                next(grid),
+                H.T[z, y, x],
+                title=f"HT: pixel at {_depth(H.depths[z])}",
+                unit="value",
+                xlabel="voxel column s (px)",
+                ylabel="voxel row t (px)",
+            )
     caption = f"Slices at position y {y}, x {x}: where a point's light goes, and where a pixel's light comes from."
     return Picture("slices", "slices.png", caption, sheet.png)
 

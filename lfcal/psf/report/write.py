@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from lfcal.errors import InputError, StorageError, expectation
+from lfcal.errors import InputError, StorageError
 from lfcal.files import replace_whole
 from lfcal.plain import plain
 from lfcal.progress import Clock, Work, drain
@@ -76,11 +76,11 @@ def iter_report(
     """
     target = Path(folder)
     if target.exists() and not target.is_dir():
-        raise StorageError(expectation(str(target), "a folder for the report", "a file", "name a folder"))
+        raise StorageError.expected(str(target), "a folder for the report", "a file", "name a folder")
     H = _straight(matrix)
     other = None if reference is None else _straight(reference)
     if quality is not None and quality.shape != H.shape:
-        raise InputError(expectation("quality", f"that of H {H.shape}", quality.shape, "inspect this H"))
+        raise InputError.expected("quality", f"that of H {H.shape}", quality.shape, "inspect this H")
     comparison: Comparison | None = None
     if other is not None:
         comparison = yield from iter_compare(H, other, workers=workers)

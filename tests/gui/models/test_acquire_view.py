@@ -13,11 +13,11 @@ from gui.models.acquire_view import FIELDS, AcquireSettings
 from gui.models.recorder import Recorder, folder_state, record_picture
 from gui.models.session import SessionState
 from gui.models.station import Station, cut, open_station
-from lfcal.acquire.backends.sim import simulated_rig
 from lfcal.acquire.control import Control
 from lfcal.acquire.options import Options
 from lfcal.acquire.setup import OpticalAxis, fit_stage
 from lfcal.camera import StageAxes
+from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.errors import InputError
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
@@ -33,9 +33,14 @@ def station() -> Station:
 
 def test_settings_go_through_json_and_survive_damage() -> None:
     settings = AcquireSettings(
-        backend="micromanager", device_options=(("config", "demo"), ("light", "S")), bracket=(1.0, 0.25), darks=8,
-        margin_px=3, tolerance_um=(1.0, 2.0, 3.0), coarse=True,
-    )  # fmt: skip
+        backend="micromanager",
+        device_options=(("config", "demo"), ("light", "S")),
+        bracket=(1.0, 0.25),
+        darks=8,
+        margin_px=3,
+        tolerance_um=(1.0, 2.0, 3.0),
+        coarse=True,
+    )
     state = SessionState(extra=settings.into(SessionState(extra={"other": 1})))
     again = SessionState.from_json(state.to_json())
     assert AcquireSettings.of(again) == settings and again.extra["other"] == 1
@@ -49,10 +54,18 @@ def test_every_field_changes_one_thing() -> None:
     values = AcquireSettings().values(PLAN)
     assert set(values) == {spec.key for spec in FIELDS}
     changes = {
-        "order": "coarse", "frames_averaged": 4, "bracket": (1.0, 0.5), "darks": 5, "dark_every": 7,
-        "reference_every": 9, "controls": 1, "retries": 0, "margin_px": 2, "tolerance_um": (1.0, 1.0, 2.0),
+        "order": "coarse",
+        "frames_averaged": 4,
+        "bracket": (1.0, 0.5),
+        "darks": 5,
+        "dark_every": 7,
+        "reference_every": 9,
+        "controls": 1,
+        "retries": 0,
+        "margin_px": 2,
+        "tolerance_um": (1.0, 1.0, 2.0),
         "overshoot_um": (0.0, 0.0, 0.0),
-    }  # fmt: skip
+    }
     for key, value in changes.items():
         settings, plan = AcquireSettings().changed(PLAN, key, value)
         assert settings.values(plan) == values | {key: value}
@@ -76,9 +89,9 @@ def test_a_live_picture_counts_every_pixel_and_predicts_the_cutout(station: Stat
     assert picture.point == pytest.approx(tuple(expected), abs=0.05)
     row, column = picture.window[:2]
     np.testing.assert_array_equal(
-        picture.seen - picture.seen.min(), cut(picture.frame, row, column, (nt, ns)) * 1.0
-        - cut(picture.frame, row, column, (nt, ns)).min(),
-    )  # fmt: skip
+        picture.seen - picture.seen.min(),
+        cut(picture.frame, row, column, (nt, ns)) * 1.0 - cut(picture.frame, row, column, (nt, ns)).min(),
+    )
     assert "centroid" in picture.spot and picture.predicted is not None and -1 <= picture.likeness <= 1
     bright = view.live_picture(station.look(10.0, PLAN), PLAN, None)
     assert bright.frame is not None and bright.saturated == int((bright.frame >= 4095).sum()) > 0

@@ -55,10 +55,21 @@ def test_types_keep_what_they_have_in_focus_when_the_gap_changes() -> None:
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("optics.f_number", 0.0), ("optics.f_number", -1.0), ("optics.blades", 2), ("optics.working_distance_um", 1.0),
-     ("lattice.pitch_um", math.nan), ("lattice.focus", ()), ("lattice.focus", (2.0, 3.0)), ("lattice.focus", (1.0,)),
-     ("sensor.rows", 0), ("sensor.bit_depth", 99), ("sensor.cfa", "XY"), ("camera.wavelength_um", 0.0)],
-)  # fmt: skip
+    [
+        ("optics.f_number", 0.0),
+        ("optics.f_number", -1.0),
+        ("optics.blades", 2),
+        ("optics.working_distance_um", 1.0),
+        ("lattice.pitch_um", math.nan),
+        ("lattice.focus", ()),
+        ("lattice.focus", (2.0, 3.0)),
+        ("lattice.focus", (1.0,)),
+        ("sensor.rows", 0),
+        ("sensor.bit_depth", 99),
+        ("sensor.cfa", "XY"),
+        ("camera.wavelength_um", 0.0),
+    ],
+)
 def test_refusals_are_one_line(key: str, value: Any) -> None:
     camera, error = camera_form.apply_change(preset("bench"), key, value)
     assert camera is None and error and "\n" not in error

@@ -35,9 +35,15 @@ def test_settings_survive_a_saved_session_and_damaged_ones_take_defaults() -> No
 
 @pytest.mark.parametrize(
     ("key", "value", "word"),
-    [("pattern", "RGX", "colour filter pattern"), ("size", 4, "odd prime"), ("size", 99, "1 to 31"),
-     ("gain", 0, "gain"), ("scene", "moon", "scene"), ("right", "frame", "right")],
-)  # fmt: skip
+    [
+        ("pattern", "RGX", "colour filter pattern"),
+        ("size", 4, "odd prime"),
+        ("size", 99, "1 to 31"),
+        ("gain", 0, "gain"),
+        ("scene", "moon", "scene"),
+        ("right", "frame", "right"),
+    ],
+)
 def test_what_cannot_be_is_refused_in_words(key: str, value: object, word: str) -> None:
     with pytest.raises(InputError, match=word):
         MultiplexSettings().changed(key, value)

@@ -58,10 +58,19 @@ def test_settings_go_through_json_and_survive_damage() -> None:
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("iterations", 0), ("threshold", 1.0), ("threshold", -0.1), ("subsets", 0), ("background", -1.0),
-     ("read_noise", float("nan")), ("region", (0, 0, 0, 5)), ("region", (1, 2)), ("region", (0.5, 0, 3, 3)),
-     ("anchor", (1,))],
-)  # fmt: skip
+    [
+        ("iterations", 0),
+        ("threshold", 1.0),
+        ("threshold", -0.1),
+        ("subsets", 0),
+        ("background", -1.0),
+        ("read_noise", float("nan")),
+        ("region", (0, 0, 0, 5)),
+        ("region", (1, 2)),
+        ("region", (0.5, 0, 3, 3)),
+        ("anchor", (1,)),
+    ],
+)
 def test_refusals_are_one_line(key: str, value: object) -> None:
     with pytest.raises(InputError) as error:
         ReconstructSettings().changed(key, value)

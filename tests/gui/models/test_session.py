@@ -15,10 +15,19 @@ from lfcal.errors import FileFormatError, LfcalError, StorageError
 def full_state() -> SessionState:
     camera = preset("bench")
     return SessionState(
-        "all of it", camera, default_plan(camera), FrameSettings("f", "m", "p", "d", "w", False, True, True, True),
-        SimulateSettings(0.01, "wave", (("coma", "on"),)), "a.h5", "b.h5", "rec", "lf.tif", "v.h5",
-        ((0, 1, 2), (3, 4, 5)), {"multiplex": {"filter": "CYMG"}},
-    )  # fmt: skip
+        "all of it",
+        camera,
+        default_plan(camera),
+        FrameSettings("f", "m", "p", "d", "w", False, True, True, True),
+        SimulateSettings(0.01, "wave", (("coma", "on"),)),
+        "a.h5",
+        "b.h5",
+        "rec",
+        "lf.tif",
+        "v.h5",
+        ((0, 1, 2), (3, 4, 5)),
+        {"multiplex": {"filter": "CYMG"}},
+    )
 
 
 @pytest.mark.parametrize("state", [SessionState(), full_state()])

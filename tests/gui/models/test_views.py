@@ -96,9 +96,13 @@ def test_binning_keeps_every_point_source(step: int, dtype: str) -> None:
 
 
 @given(
-    st.tuples(st.integers(1, 5000), st.integers(1, 7000)), st.floats(-500, 5000), st.floats(0.1, 9000),
-    st.floats(-500, 7000), st.floats(0.1, 9000), st.tuples(st.integers(0, 2000), st.integers(0, 3000)),
-)  # fmt: skip
+    st.tuples(st.integers(1, 5000), st.integers(1, 7000)),
+    st.floats(-500, 5000),
+    st.floats(0.1, 9000),
+    st.floats(-500, 7000),
+    st.floats(0.1, 9000),
+    st.tuples(st.integers(0, 2000), st.integers(0, 3000)),
+)
 @settings(max_examples=100, deadline=None, derandomize=True)
 def test_tiles_stay_on_the_frame_and_small(
     shape: tuple[int, int], top: float, height: float, left: float, width: float, screen: tuple[int, int]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Microscope, Sensor
 from lfcal.psf.aperture.shape import blade_radius
-from lfcal.threads import njit
+from lfcal.compiled import njit
 
 PEAK = 3000.0
 """Counts of the brightest pixel of a scene."""
@@ -176,8 +176,9 @@ def hexagonal() -> Scene:
     pixel, pitch = 5.5, 9.0
     gap = pitch * pixel * 4.8
     types = tuple(LensType.focused_at(v, gap) for v in (2.0, 3.0, 5.0))
-    lattice = LensletLattice("hexagonal", pitch * pixel, gap, types, clear_um=8.7 * pixel, offset_um=(9.0, -14.0),
-                             row_pitch_um=7.97 * pixel)  # fmt: skip
+    lattice = LensletLattice(
+        "hexagonal", pitch * pixel, gap, types, clear_um=8.7 * pixel, offset_um=(9.0, -14.0), row_pitch_um=7.97 * pixel
+    )
     optics = MainLens(50e3, 4.0, 300e3, blades=7, blade_rotation_rad=0.2)
     return Scene(Camera("hex", optics, lattice, Sensor((320, 320), pixel)), (4.0, 3.0, -2.6), 59)
 

@@ -6,8 +6,7 @@ from lfcal.psf.quality import inspect
 from .faults import CLEAN, FAULTS
 from .scenes import Scene, hexagonal, single, square
 
-SQUARE = ("two rows swapped", "axes swapped", "stage step 10 % too large", "planes in the wrong order",
-          "a hot pixel")  # fmt: skip
+SQUARE = ("two rows swapped", "axes swapped", "stage step 10 % too large", "planes in the wrong order", "a hot pixel")
 
 
 def named(scene: Scene, name: str) -> list[str]:

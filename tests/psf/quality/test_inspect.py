@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from lfcal.cli._common import plain
+from lfcal.cli.console import plain
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import SPECS, inspect, iter_inspect

@@ -125,8 +125,12 @@ def test_spacing_and_order_of_the_spots_are_found():
     plane = recorded(scene.planes[:1], 0, 3.0)[0]
     waves = lattice.wave_vectors(scene.camera, scene.period)
     use = np.ones(scene.period, bool)
-    for turned, order in ((plane, "as planned"), (plane[:, ::-1], "x reversed"), (plane[::-1], "y reversed"),
-                          (plane.transpose(1, 0, 2, 3), "axes swapped")):  # fmt: skip
+    for turned, order in (
+        (plane, "as planned"),
+        (plane[:, ::-1], "x reversed"),
+        (plane[::-1], "y reversed"),
+        (plane.transpose(1, 0, 2, 3), "axes swapped"),
+    ):
         spots = lattice.find_spots(np.ascontiguousarray(turned), use, 12.0, waves, 70.0)
         assert spots is not None and spots.order == order
     assert lattice.find_spots(plane, use, 12.0, waves, 70.0).virtual_depth == pytest.approx(-3.8, rel=0.03)

@@ -1,1 +1,0 @@
-"""Device backends; each is found by name through `lfcal.acquire.registry`."""

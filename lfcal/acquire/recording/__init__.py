@@ -1,0 +1,7 @@
+"""The crash-safe recording: frames and records in place, one sync each, readable at any moment.
+
+- ``records``: what is noted with every frame, and the proof that both are whole
+- ``slots``: one recording file, written in place; ``store``: the files of one session; ``writer``: the writing thread
+- ``durable``: locks, reservation and syncs of the operating system
+- ``reader``: one recording file, read; ``source``: a recorded session as frames
+"""

@@ -1,0 +1,84 @@
+"""Validation of what users and files give, shared by every part."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.errors import InputError
+
+__all__ = ["as_sensor_frame", "check_choice", "check_number", "check_tuple", "check_type"]
+
+
+def check_number(
+    what: str,
+    value: object,
+    *,
+    above: float | None = None,
+    below: float | None = None,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    integer: bool = False,
+    remedy: str = "correct this value",
+) -> None:
+    """Raise `InputError` unless ``value`` is a finite number within the bounds."""
+    kind = Integral if integer else Real
+    bounds = [
+        f"{sign} {limit:g}"
+        for sign, limit in ((">", above), ("≥", at_least), ("<", below), ("≤", at_most))
+        if limit is not None
+    ]
+    wanted = " ".join([("a whole number" if integer else "a number"), " and ".join(bounds)]).strip()
+    good = isinstance(value, kind) and not isinstance(value, bool) and math.isfinite(float(value))
+    if good:
+        number = float(value)  # type: ignore[arg-type]
+        good = (
+            (above is None or number > above)
+            and (at_least is None or number >= at_least)
+            and (below is None or number < below)
+            and (at_most is None or number <= at_most)
+        )
+    if not good:
+        raise InputError.expected(what, wanted, repr(value), remedy)
+
+
+def check_choice(what: str, value: object, choices: tuple[str, ...]) -> None:
+    """Raise `InputError` unless ``value`` is one of ``choices``."""
+    if value not in choices:
+        raise InputError.expected(what, " or ".join(choices), repr(value), "choose one of these")
+
+
+def check_tuple(what: str, values: object, count: int | None = None, **bounds: Any) -> tuple[Any, ...]:
+    """Return ``values`` as a tuple of ``count`` numbers (None: one or more), each within `check_number`'s bounds."""
+    wanted = "one or more numbers" if count is None else f"{count} numbers"
+    if not isinstance(values, Sequence) or isinstance(values, str) or (len(values) != count if count else not values):
+        raise InputError.expected(what, wanted, repr(values)[:60], "correct it")
+    for value in values:
+        check_number(what, value, **bounds)
+    return tuple(int(v) if bounds.get("integer") else float(v) for v in values)
+
+
+def check_type(what: str, value: object, kind: type | tuple[type, ...]) -> None:
+    """Raise `InputError` unless ``value`` is of ``kind``."""
+    if not isinstance(value, kind):
+        names = " or ".join(k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,)))
+        raise InputError.expected(what, names, repr(value)[:60], "correct it")
+
+
+def as_sensor_frame(what: str, frame: ArrayLike) -> NDArray[np.float32]:
+    """Return ``frame`` as a read-only, contiguous float32 array after checking that it is a finite 2-D frame."""
+    array = np.asarray(frame)
+    if array.ndim != 2 or not array.size or array.dtype.kind not in "iuf":
+        raise InputError.expected(
+            what, "a 2-D frame of numbers", f"{array.dtype} {array.shape}", "give one frame or their mean"
+        )
+    if not np.isfinite(array).all():
+        raise InputError.expected(what, "finite values", "NaN or infinity", "take it again")
+    result = np.array(array, np.float32, order="C")
+    result.setflags(write=False)
+    return result

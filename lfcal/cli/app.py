@@ -1,0 +1,67 @@
+"""The application: every command of this package, in the order of the data."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from types import ModuleType
+
+import typer
+
+from lfcal import __version__
+
+__all__ = ["build_app", "command_modules"]
+
+ORDER = (
+    "demo",
+    "plan",
+    "white",
+    "simulate",
+    "acquire",
+    "assemble",
+    "inspect",
+    "transpose",
+    "export",
+    "reconstruct",
+    "multiplex",
+    "bench",
+    "doctor",
+)
+"""The order of the data; commands not named here come after."""
+
+
+def command_modules(package: str, order: tuple[str, ...] = ()) -> list[ModuleType]:
+    """Import the public modules of ``package`` that register commands, in ``order`` and then by name."""
+    path = importlib.import_module(package).__path__
+    names = sorted(m.name for m in pkgutil.iter_modules(path) if not m.name.startswith("_"))
+    names.sort(key=lambda name: order.index(name) if name in order else len(order))
+    loaded = [importlib.import_module(f"{package}.{name}") for name in names]
+    return [module for module in loaded if hasattr(module, "register")]
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"lfcal {__version__}")
+        raise typer.Exit
+
+
+def build_app() -> typer.Typer:
+    """Return the application with every command registered."""
+    app = typer.Typer(
+        name="lfcal",
+        help="PSF calibration and acquisition for plenoptic (light-field) cameras.",
+        no_args_is_help=True,
+        add_completion=False,
+        rich_markup_mode="markdown",
+        pretty_exceptions_enable=False,
+    )
+
+    @app.callback()
+    def _root(
+        version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
+    ) -> None:
+        """PSF calibration and acquisition for plenoptic (light-field) cameras."""
+
+    for module in command_modules("lfcal.cli", ORDER):
+        module.register(app)
+    return app

@@ -1,0 +1,77 @@
+"""What the commands print: progress bars, tables, JSON, one-line errors."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any, TypeVar
+
+import typer
+
+from lfcal.plain import plain
+from lfcal.progress import Progress, Work, drain
+from lfcal.units import format_seconds
+
+__all__ = ["print_json", "print_table", "report", "run_work"]
+
+R = TypeVar("R")
+
+
+def report(message: str) -> None:
+    """Print one line to standard error."""
+    print(f"lfcal: {' '.join(message.split())}", file=sys.stderr)
+
+
+def run_work(work: Work[R], *, quiet: bool = False) -> R:
+    """Drain ``work`` with a progress bar on standard error (none when ``quiet`` or not a terminal)."""
+    if quiet or not sys.stderr.isatty():
+        return drain(work)
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        tasks: dict[str, Any] = {}
+
+        def show(record: Progress) -> None:
+            if record.stage not in tasks:
+                tasks[record.stage] = bar.add_task(record.stage, total=record.total or None, note="")
+            bar.update(tasks[record.stage], completed=record.done, total=record.total or None, note=record.note)
+
+        return drain(work, show)
+
+
+def print_json(value: Any) -> None:
+    """Print ``value`` as JSON to standard output."""
+    typer.echo(json.dumps(plain(value), indent=2, ensure_ascii=False))
+
+
+def print_table(headers: list[str], rows: list[list[str]], *, title: str = "") -> None:
+    """Print a table to standard output; numbers align to the right."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left")
+    for k, header in enumerate(headers):
+        numeric = bool(rows) and all(_numeric(row[k]) for row in rows)
+        table.add_column(header, justify="right" if numeric else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    Console(width=None if sys.stdout.isatty() else 132).print(table)
+
+
+def _numeric(text: str) -> bool:
+    return not text or text[0].isdigit() or text[0] in "-+–<≈" or text == "—"
+
+
+def seconds(value: float) -> str:
+    """Return a duration for a table."""
+    return format_seconds(value)

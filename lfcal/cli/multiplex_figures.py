@@ -1,0 +1,228 @@
+"""What ``lfcal multiplex`` reads, draws and prints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lfcal.cli.console import print_json, print_table
+from lfcal.errors import InputError
+from lfcal.files import replace_whole
+from lfcal.progress import Clock, Work
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lfcal.multiplex import FilterTrial, Frontier, Modulator
+
+LEFT = ("CYMG", "CYYM", "RGBE", "RGBW", "RGBW 4x4", "CMYW", "X-Trans", "Bayer")
+RIGHT = ("lenslet", "MURA", "pinhole", "sum_of_sinusoids")
+PICTURED = ("Bayer", "X-Trans", "MURA:11", "sum_of_sinusoids:11", "lenslet:3*Bayer")
+SIDE = 11
+"""Super-pixel of figures 6 and 7."""
+
+DRAGONFLY = 10**-0.93
+"""chi^2 of the paper's figure 7."""
+
+
+def gains(chosen: list[Modulator], base: Modulator, marks: Mapping[str, float], out: Path, curves: Any) -> None:
+    """Draw the gains of ``chosen`` over ``base``."""
+    from lfcal.multiplex.drawing import save_gain_curves
+
+    save_gain_curves([("", curves(chosen, base, cameras=marks))], out)
+
+
+def without_dark(frame: NDArray[Any], levels: Any) -> NDArray[Any]:
+    """Return a mosaic less its black level, one number or one per place of a square pattern."""
+    import numpy as np
+
+    level = np.asarray(levels, np.float32)
+    light = frame.astype(np.float32)
+    if level.ndim == 0:
+        dimmed: NDArray[Any] = light - level
+        return dimmed
+    side = round(level.size**0.5)
+    for k, value in enumerate(level):
+        light[k // side :: side, k % side :: side] -= value
+    return light
+
+
+def less(frame: NDArray[Any], dark: Path | None) -> NDArray[Any]:
+    """Return a frame less a dark frame."""
+    import numpy as np
+
+    from lfcal.frames import read_image
+
+    light = frame.astype(np.float32)
+    if dark is None:
+        return light
+    level = read_image(dark)
+    if level.shape != frame.shape:
+        raise InputError.expected(f"{dark}", f"{frame.shape} px", f"{level.shape} px", "use one sensor setting")
+    dimmed: NDArray[Any] = light - level
+    return dimmed
+
+
+def write_tiff(path: Path, planes: NDArray[Any]) -> None:
+    """Write ``(n, rows, columns)`` as float32 TIFF, one page each, whole or not at all."""
+    import numpy as np
+    import tifffile
+
+    with replace_whole(path) as part:
+        tifffile.imwrite(part, planes.astype(np.float32), photometric="minisblack", metadata=None)
+
+
+def show_frontier(frontier: Frontier, *, json: bool) -> None:
+    """Print the efficient candidates and the best at the camera's chi^2."""
+    import numpy as np
+
+    best = int(np.argmax(frontier.chosen))
+    order = [int(k) for k in np.argsort(-frontier.chosen) if frontier.efficient[k] or k == best]
+    rows: list[dict[str, Any]] = [
+        {
+            "name": frontier.modulators[k].name,
+            "gain_db": float(frontier.chosen[k]),
+            "gain_additive_db": float(frontier.additive[k]),
+            "gain_photon_db": float(frontier.photon[k]),
+        }
+        for k in order
+    ]
+    if json:
+        print_json(
+            {
+                "reference": frontier.reference,
+                "chi2": frontier.chi2,
+                "candidates": len(frontier.modulators),
+                "frontier": rows,
+                "best": frontier.best.matrix,
+            }
+        )
+        return
+    headers = ["modulator", f"gain at χ² = {frontier.chi2:.4g} (dB)", "additive (dB)", "photon (dB)"]
+    cells = [[r["name"], *(f"{r[k]:+.3f}" for k in ("gain_db", "gain_additive_db", "gain_photon_db"))] for r in rows]
+    title = f"Gain over {frontier.reference}: {len(rows)} of {len(frontier.modulators)} candidates nothing beats"
+    print_table(headers, cells, title=title)
+
+
+def filter_choice(size: int, out: Path | None, *, json: bool) -> None:
+    """Measure every route and filter on two scenes, print and draw them."""
+    from lfcal.multiplex import cfa, measure_filters
+    from lfcal.multiplex.scenes import colour_edges, zone_plate
+
+    scenes = (("smooth zone plate", zone_plate((size, size), 0.2)), ("sharp edges", colour_edges((size, size))))
+    found = [(name, measure_filters(scene, cfa("Bayer"))) for name, scene in scenes]
+    if out is not None:
+        from lfcal.multiplex.drawing import save_filter_choice
+
+        save_filter_choice(found, out)
+    if json:
+        print_json(dict(found))
+        return
+    for name, trials in found:
+        rows = [
+            [t.name, f"{1e3 * t.seconds:.1f}", f"{100 * t.error:.2f}", *_ringing(t), "yes" if t.efficient else ""]
+            for t in trials
+        ]
+        headers = ["way", "time (ms)", "rms error (%)", "ringing in flat parts (%)", "overshoot (%)", "efficient"]
+        print_table(headers, rows, title=f"{name}, Bayer, {size} x {size} px; shares of the scene's range")
+
+
+def _ringing(trial: FilterTrial) -> tuple[str, str]:
+    found = trial.ringing
+    return ("—", "—") if found is None else (f"{100 * found.flat:.2f}", f"{100 * found.overshoot:.1f}")
+
+
+def iter_paper_figures(folder: Path, raw: Path | None, marks: Mapping[str, float], seed: int) -> Work[list[Path]]:
+    """Draw figures 3, 5, 6 and 7 and the modulators into ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    works: list[tuple[str, Callable[[Path], None]]] = [
+        ("figure3.png", lambda p: _figure3(p, raw)),
+        ("figure5.png", _figure5),
+        ("figure6.png", lambda p: _figure6(p, marks)),
+        ("figure7.png", lambda p: _figure7(p, seed)),
+        *((f"modulator_{name.replace(':', '')}.png", lambda p, n=name: _modulator(p, n)) for name in PICTURED),
+    ]
+    clock, written = Clock("figures", len(works)), []
+    for k, (name, draw) in enumerate(works):
+        yield clock.at(k, name)
+        written.append(folder / name.replace("*", "_"))
+        draw(written[-1])
+    yield clock.at(len(works))
+    return written
+
+
+def _modulator(path: Path, name: str) -> None:
+    from lfcal.multiplex.drawing import save_modulator
+    from lfcal.multiplex.naming import modulator_of
+
+    save_modulator(modulator_of(name), path)
+
+
+def _figure3(path: Path, raw: Path | None) -> None:
+    from lfcal.multiplex import cfa, multiplex
+    from lfcal.multiplex.drawing_images import save_colour_routes
+    from lfcal.multiplex.scenes import colour_edges
+
+    if raw is None:
+        modulator = cfa("Bayer")
+        save_colour_routes(
+            multiplex(colour_edges((256, 320)), modulator), modulator, path, zoom=(slice(70, 120), slice(110, 170))
+        )
+        return
+    from lfcal.frames import open_image
+
+    image = open_image(raw)
+    frame = without_dark(image.read(), image.metadata.get("black_level", 0))
+    pattern = str(image.metadata.get("cfa", ""))
+    image.close()
+    rows, columns = (n // 2 for n in frame.shape)
+    zoom = (slice(rows - rows // 8, rows + rows // 8), slice(columns - columns // 8, columns + columns // 8))
+    ways = (("spatial", "cubic"), ("spatial", "bilateral"), ("fourier", "sinc"))
+    save_colour_routes(frame, cfa(pattern), path, zoom=zoom, others=_opencv(frame, pattern), ways=ways)
+
+
+def _opencv(frame: NDArray[Any], pattern: str) -> list[tuple[str, NDArray[Any]]]:
+    """Return OpenCV's bilinear demosaic of a Bayer frame, nothing for other patterns."""
+    import cv2
+    import numpy as np
+
+    code = getattr(cv2, f"COLOR_Bayer{pattern}2RGB", None) if len(pattern) == 4 else None
+    if code is None:
+        return []
+    whole = np.clip(np.rint(frame), 0, 65535).astype(np.uint16)
+    return [("OpenCV, bilinear", cv2.demosaicing(whole, code).transpose(2, 0, 1))]
+
+
+def _figure5(path: Path) -> None:
+    from lfcal.multiplex import mask, multiplex
+    from lfcal.multiplex.drawing_images import save_upsampling
+    from lfcal.multiplex.scenes import view_edges
+
+    frames = [
+        (kind.replace("_", " "), multiplex(view_edges(7, (36, 48)), mask(kind, 7)), mask(kind, 7))
+        for kind in ("sum_of_sinusoids", "MURA")
+    ]
+    save_upsampling(frames, path)
+
+
+def _figure6(path: Path, marks: Mapping[str, float]) -> None:
+    from lfcal.multiplex import cfa, gain_curves, mask
+    from lfcal.multiplex.drawing import save_gain_curves
+
+    left = gain_curves([cfa(name) for name in LEFT], cfa("Bayer"), cameras=marks)
+    right = gain_curves([mask(kind, SIDE) for kind in RIGHT], mask("pinhole", SIDE), cameras=marks)
+    save_gain_curves([("colour filter arrays", left), (f"light-field modulators, {SIDE} x {SIDE}", right)], path)
+
+
+def _figure7(path: Path, seed: int) -> None:
+    import numpy as np
+
+    from lfcal.multiplex import acquire_light_field, mask
+    from lfcal.multiplex.drawing_images import save_acquisition
+    from lfcal.multiplex.scenes import filament_light_field
+
+    rng = np.random.default_rng(seed)
+    scene = filament_light_field(SIDE, (40, 48), rng)
+    results = acquire_light_field(scene, [mask(kind, SIDE) for kind in RIGHT], chi2=DRAGONFLY, signal_e=1e7, rng=rng)
+    save_acquisition(results, path)

@@ -1,0 +1,64 @@
+"""Kernels that numba compiles when they are first called.
+
+Loading numba takes longer than loading the rest of the library, so a kernel is an ordinary function until it is
+needed; packages can then import their modules plainly.
+"""
+
+from __future__ import annotations
+
+import functools
+import threading
+from collections.abc import Callable
+from typing import Any, Generic, ParamSpec, TypeVar
+
+__all__ = ["Kernel", "njit"]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_LOCK = threading.RLock()
+
+
+class Kernel(Generic[P, R]):
+    """A Python function and, from its first call on, its compiled form.
+
+    Parameters
+    ----------
+    function
+        What is compiled; it may call other kernels by their names in its module.
+    options
+        Those of `numba.njit`.
+    """
+
+    def __init__(self, function: Callable[P, R], options: dict[str, object]) -> None:
+        functools.update_wrapper(self, function)
+        self.function = function
+        self._options = options
+        self._compiled: Any = None
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Run the compiled function."""
+        result: R = (self._compiled or self.compiled())(*args, **kwargs)
+        return result
+
+    def compiled(self) -> Any:
+        """Return numba's own object for this kernel."""
+        with _LOCK:
+            if self._compiled is None:
+                import numba
+
+                # Compiled code finds the kernels it calls among the names of its module, where numba
+                # understands its own objects only.
+                names = self.function.__globals__
+                for name in self.function.__code__.co_names:
+                    called = names.get(name)
+                    if isinstance(called, Kernel):
+                        names[name] = called.compiled()
+                self._compiled = numba.njit(**self._options)(self.function)
+            return self._compiled
+
+
+def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:
+    """Compile the decorated function at its first call: cached on disk, without the GIL, typed for mypy."""
+    settings = {"cache": True, "nogil": True, **options}
+    return lambda function: Kernel(function, settings)

@@ -1,0 +1,1 @@
+"""Backends of real devices, one module each; `lfcal.devices.registry` finds them by name."""

@@ -1,0 +1,276 @@
+"""GigE Vision and USB3 Vision cameras through Aravis."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes as c
+import re
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.devices.backends._aravis_lib import STATUS, AravisError, Library, library
+from lfcal.devices.backends._fixed_stage import NoStage
+from lfcal.devices.backends._options import number_option
+from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTimeout
+from lfcal.devices.protocols import Frame, Rig, Roi, Setting
+from lfcal.errors import InputError
+
+__all__ = ["AravisBackend"]
+
+BUFFERS = 4
+FREE_RUNNING_DISCARD = 2
+"""Without a trigger, one frame may be on the wire and one being exposed when a frame is asked for."""
+
+
+class AravisBackend:
+    """Aravis as a backend."""
+
+    name = "aravis"
+    title = "GigE Vision and USB3 Vision (Aravis)"
+    has_stage = False
+    options: Mapping[str, str] = {
+        "camera": "its id, or its network address; the only one found by default",
+        "format": "pixel format, e.g. Mono8, Mono12, BayerRG16 (unpacked); the camera's by default",
+        "trigger": "software or none; software where the camera has it by default",
+        "packet_size": "bytes per network packet (GigE Vision)",
+        "fake": "1 looks for Aravis's built-in fake camera too",
+    }
+
+    def probe(self) -> str:
+        """Return the version of libaravis."""
+        return f"libaravis {library().version}"
+
+    def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
+        """Return the camera with no stage."""
+        lib = library()
+        if options.get("fake") == "1":
+            lib.enable_interface(b"Fake")
+        wanted = options.get("camera") or _only_camera(lib)
+        packet = int(number_option(options, "packet_size", 0, low=0, high=65535))
+        trigger = options.get("trigger", "")
+        if trigger not in ("", "software", "none"):
+            raise InputError.expected("option trigger", "software or none", repr(trigger), "choose one of these")
+        try:
+            return Rig(_Camera(lib, wanted, options.get("format", ""), trigger, packet), NoStage())
+        except AravisError as error:
+            raise DeviceMissing(f"Aravis camera {wanted}: {error}; check power, cable and address") from error
+
+
+def _only_camera(lib: Library) -> str:
+    lib.update_device_list()
+    names = [lib.get_device_id(k).decode() for k in range(lib.get_n_devices())]
+    if len(names) != 1:
+        raise DeviceMissing.expected(
+            "Aravis", "one camera", ", ".join(names) or "none", "name it with option camera, or plug it in"
+        )
+    return str(names[0])
+
+
+class _Camera:
+    """One camera with its stream; triggered by software, or free-running and flushed."""
+
+    def __init__(self, lib: Library, wanted: str, pixel_format: str, trigger: str, packet_size: int) -> None:
+        self._lib = lib
+        self._stream: Any = None
+        self._lost = False
+        self._camera = lib.camera_new(wanted.encode())
+        if not self._camera:
+            raise AravisError("no such camera")
+        try:
+            self._configure(pixel_format, trigger, packet_size)
+        except BaseException:
+            self.close()
+            raise
+
+    def _configure(self, pixel_format: str, trigger: str, packet_size: int) -> None:
+        lib, camera = self._lib, self._camera
+        parts = [
+            lib.camera_get_vendor_name(camera),
+            lib.camera_get_model_name(camera),
+            lib.camera_get_device_serial_number(camera),
+        ]
+        self.name = " ".join(part.decode(errors="replace") for part in parts if part)
+        if pixel_format:
+            lib.camera_set_pixel_format_from_string(camera, pixel_format.encode())
+        name = lib.camera_get_pixel_format_as_string(camera).decode()
+        match = re.fullmatch(r"(Mono|Bayer[A-Z]{2})(8|10|12|14|16)", name)
+        if match is None:
+            raise InputError.expected(
+                f"pixel format of {self.name}", "unpacked Mono or Bayer", name, "set option format"
+            )
+        self._bits = int(match[2])
+        self._dtype = np.dtype(np.uint8 if self._bits == 8 else np.uint16)
+        width, height = c.c_int(), c.c_int()
+        lib.camera_get_sensor_size(camera, c.byref(width), c.byref(height))
+        self._shape = height.value, width.value
+        if packet_size and lib.camera_is_gv_device(camera):
+            lib.camera_gv_set_packet_size(camera, packet_size)
+        self._triggered = trigger == "software" or (
+            not trigger and bool(lib.camera_is_software_trigger_supported(camera))
+        )
+        if self._triggered:
+            lib.camera_set_trigger(camera, b"Software")
+        else:
+            lib.camera_clear_triggers(camera)
+        self._exposure = float(lib.camera_get_exposure_time(camera)) / 1e6
+        self._number = 0
+        self._dirty = False
+        self._start()
+
+    @property
+    def sensor_shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self._shape
+
+    @property
+    def bit_depth(self) -> int:
+        """Bits per sample."""
+        return self._bits
+
+    @property
+    def max_value(self) -> int:
+        """Saturated sample value."""
+        return (1 << self._bits) - 1
+
+    def set_exposure(self, seconds: float) -> Setting[float]:
+        """Set the exposure (s)."""
+        try:
+            self._lib.camera_set_exposure_time(self._camera, seconds * 1e6)
+            self._exposure = float(self._lib.camera_get_exposure_time(self._camera)) / 1e6
+        except AravisError as error:
+            raise self._explained(error) from error
+        return Setting(seconds, self._exposure)
+
+    def set_roi(self, roi: Roi) -> Setting[Roi]:
+        """Read ``roi``, grown to what the camera's increments allow; restarts the stream."""
+        lib, camera = self._lib, self._camera
+        try:
+            self._stop()
+            steps = [
+                max(1, function(camera))
+                for function in (
+                    lib.camera_get_y_offset_increment,
+                    lib.camera_get_x_offset_increment,
+                    lib.camera_get_height_increment,
+                    lib.camera_get_width_increment,
+                )
+            ]
+            row, rows = _grown(roi.row, roi.rows, steps[0], steps[2], self._shape[0])
+            column, columns = _grown(roi.column, roi.columns, steps[1], steps[3], self._shape[1])
+            lib.camera_set_region(camera, column, row, columns, rows)
+            taken = [c.c_int() for _ in range(4)]
+            lib.camera_get_region(camera, *(c.byref(value) for value in taken))
+            self._start()
+        except AravisError as error:
+            raise self._explained(error) from error
+        x, y, w, h = (value.value for value in taken)
+        return Setting(roi, Roi(y, x, h, w))
+
+    def grab(self, timeout_s: float) -> Frame:
+        """Trigger, or let what may be old pass, and return the next frame."""
+        lib = self._lib
+        try:
+            if self._dirty:  # a frame of an earlier call may still be on its way
+                self._stop()
+                self._start()
+                self._dirty = False
+            self._drain()
+            started = time.monotonic()
+            if self._triggered:
+                lib.camera_software_trigger(self._camera)
+            else:
+                for _ in range(FREE_RUNNING_DISCARD):
+                    lib.stream_push_buffer(self._stream, self._pop(timeout_s))
+            buffer = self._pop(timeout_s)
+        except AravisError as error:
+            self._dirty = True
+            raise self._explained(error) from error
+        try:
+            status = lib.buffer_get_status(buffer)
+            text = STATUS[status] if 0 <= status < len(STATUS) else "unknown"
+            data = self._copy(buffer) if status == 0 else np.zeros((0, 0), self._dtype)
+        finally:
+            lib.stream_push_buffer(self._stream, buffer)
+        self._number += 1
+        return Frame(data, self._number, self._exposure, started if self._triggered else None, text)
+
+    def close(self) -> None:
+        """Stop and release the camera."""
+        if self._camera:
+            with contextlib.suppress(AravisError):
+                self._stop()
+            self._lib.unref(self._camera)
+            self._camera = None
+
+    # -- stream ----------------------------------------------------------------------------------------
+    def _start(self) -> None:
+        lib = self._lib
+        payload = lib.camera_get_payload(self._camera)
+        self._stream = lib.camera_create_stream(self._camera, None, None)
+        for _ in range(BUFFERS):
+            lib.stream_push_buffer(self._stream, lib.buffer_new_allocate(payload))
+        lib.camera_start_acquisition(self._camera)
+
+    def _stop(self) -> None:
+        if self._stream is not None:
+            try:
+                if not self._lost:
+                    self._lib.camera_stop_acquisition(self._camera)
+            finally:
+                self._lib.unref(self._stream)
+                self._stream = None
+
+    def _drain(self) -> None:
+        while buffer := self._lib.stream_try_pop_buffer(self._stream):
+            self._lib.stream_push_buffer(self._stream, buffer)
+
+    def _pop(self, timeout_s: float) -> Any:
+        buffer = self._lib.stream_timeout_pop_buffer(self._stream, int(timeout_s * 1e6))
+        if buffer:
+            return buffer
+        self._dirty = True
+        self._check_there()
+        raise FrameTimeout(f"{self.name}: no frame in {timeout_s:g} s; check trigger, light and cable")
+
+    def _copy(self, buffer: Any) -> NDArray[Any]:
+        lib, size = self._lib, c.c_size_t()
+        address = lib.buffer_get_image_data(buffer, c.byref(size))
+        shape = int(lib.buffer_get_image_height(buffer)), int(lib.buffer_get_image_width(buffer))
+        bits = lib.buffer_get_image_pixel_format(buffer) >> 16 & 0xFF
+        if bits != self._dtype.itemsize * 8 or size.value < shape[0] * shape[1] * self._dtype.itemsize:
+            raise CameraError(f"{self.name}: {size.value} bytes of {bits} bits for {shape}; check the pixel format")
+        raw = memoryview((c.c_char * size.value).from_address(address)).cast("B")
+        flat: NDArray[Any] = np.frombuffer(raw, self._dtype, shape[0] * shape[1])
+        return flat.reshape(shape).copy()  # the buffer goes back to the stream
+
+    def _check_there(self) -> None:
+        """Raise `DeviceLost` unless the camera answers."""
+        try:
+            self._lib.camera_get_exposure_time(self._camera)
+        except AravisError as error:
+            raise self._gone(error) from error
+
+    def _gone(self, error: AravisError) -> DeviceLost:
+        self._lost = True  # from now on every request would wait for seconds
+        return DeviceLost(f"{self.name}: no answer ({error}); check power and cable")
+
+    def _explained(self, error: AravisError) -> CameraError | DeviceLost:
+        if error.silent:
+            return self._gone(error)
+        try:
+            self._check_there()
+        except DeviceLost as lost:
+            return lost
+        return CameraError(f"{self.name}: {error}; check the camera's settings")
+
+
+def _grown(start: int, size: int, start_step: int, size_step: int, whole: int) -> tuple[int, int]:
+    """Return the smallest allowed range that holds ``start, size``, or all of it."""
+    first = start // start_step * start_step
+    length = -(-(start + size - first) // size_step) * size_step
+    return (first, length) if first + length <= whole else (0, whole)

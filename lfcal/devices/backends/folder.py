@@ -1,0 +1,184 @@
+"""Another program records; its files are picked up as they appear, complete or not at all.
+
+For each frame a request file is written: the number, the exposure, and where the source should be. The other
+program (or a person) moves the source if lfcal does not, records, and saves one image.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.devices.backends._fixed_stage import MovedElsewhere
+from lfcal.devices.backends._options import number_option
+from lfcal.devices.errors import DeviceLost, FrameTimeout, IncompleteFrame
+from lfcal.devices.protocols import Frame, Rig, Roi, Setting
+from lfcal.errors import InputError, LfcalError
+from lfcal.files import replace_whole
+from lfcal.frames.formats.opening import IMAGE_SUFFIXES, read_image
+
+__all__ = ["FolderBackend"]
+
+REQUEST = "lfcal-request.json"
+Signature = tuple[int, int]
+
+
+class FolderBackend:
+    """A folder as a camera."""
+
+    name = "folder"
+    title = "files of another program, as they appear"
+    has_stage = True
+    options: Mapping[str, str] = {
+        "path": "folder in which the files appear",
+        "pattern": "name of the files: with {number} for the request's number, or with * for any (default *)",
+        "quiet": "seconds for which a file must not grow before it is read (default 0.2)",
+        "wait": "longest wait for a file (s, default 60)",
+        "bits": "bits per sample; the plan's by default",
+    }
+
+    def probe(self) -> str:
+        """Return what is read."""
+        return "TIFF, PNG, PGM, NPY, camera RAW"
+
+    def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
+        """Return the folder as a camera, and a stage that trusts the other program."""
+        path = Path(options.get("path", ""))
+        if not options.get("path") or not path.is_dir():
+            raise InputError.expected("option path", "a folder", repr(options.get("path", "")), "make it first")
+        pattern = options.get("pattern", "*")
+        if "/" in pattern or os.sep in pattern:
+            raise InputError.expected("option pattern", "a name without folders", repr(pattern), "correct it")
+        stage = MovedElsewhere()
+        bits = int(number_option(options, "bits", plan.camera.sensor.bit_depth, low=1, high=16))
+        quiet = number_option(options, "quiet", 0.2, low=0)
+        wait = number_option(options, "wait", 60.0, low=0.01)
+        return Rig(_Camera(path, pattern, plan.camera.sensor.shape, bits, quiet, wait, stage), stage)
+
+
+class _Camera:
+    """The files of one folder."""
+
+    def __init__(
+        self,
+        folder: Path,
+        pattern: str,
+        shape: tuple[int, int],
+        bits: int,
+        quiet_s: float,
+        wait_s: float,
+        stage: MovedElsewhere,
+    ) -> None:
+        self._folder, self._pattern, self._quiet, self._wait, self._stage = folder, pattern, quiet_s, wait_s, stage
+        self._shape, self._bits = shape, bits
+        self._dtype = np.dtype(np.uint8 if bits <= 8 else np.uint16)
+        self._exposure = 0.0
+        self._number = 0
+        self.name = f"files {pattern} in {folder.resolve()}"
+
+    @property
+    def sensor_shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self._shape
+
+    @property
+    def bit_depth(self) -> int:
+        """Bits per sample."""
+        return self._bits
+
+    @property
+    def max_value(self) -> int:
+        """Saturated sample value."""
+        return (1 << self._bits) - 1
+
+    def set_exposure(self, seconds: float) -> Setting[float]:
+        """Ask for this exposure in the next requests; whether it is taken is for the other program."""
+        self._exposure = seconds
+        return Setting(seconds, seconds)
+
+    def set_roi(self, roi: Roi) -> Setting[Roi]:
+        """Keep to whole frames."""
+        return Setting(roi, Roi(0, 0, *self._shape))
+
+    def grab(self, timeout_s: float) -> Frame:
+        """Write the request and return the file that answers it."""
+        known = self._listing()
+        self._number += 1
+        started = time.monotonic()
+        self._request()
+        deadline = started + max(timeout_s, self._wait)
+        trouble = ""
+        while time.monotonic() < deadline:
+            for path in self._new(known):
+                try:
+                    data = self._read(path)
+                except LfcalError as error:
+                    trouble = str(error)  # it may still be growing; the deadline decides
+                    continue
+                if data is not None:
+                    return Frame(data, self._number, self._exposure, started)
+            time.sleep(min(0.02, max(self._quiet, 0.001)))
+        if trouble:
+            raise IncompleteFrame(f"{self._folder}: a file stayed unreadable: {trouble}")
+        message = f"{self._folder}: no file {self._pattern} for request {self._number} in {self._wait:g} s"
+        if "{number" in self._pattern:
+            raise FrameTimeout(f"{message}; check the other program")
+        raise DeviceLost(f"{message}; as a late one could not be told from the next, use {{number}} in the pattern")
+
+    def close(self) -> None:
+        """Take the request back."""
+        (self._folder / REQUEST).unlink(missing_ok=True)
+
+    def _request(self) -> None:
+        if not self._folder.is_dir():
+            raise DeviceLost(f"{self._folder}: the folder is gone; make it again and start the other program")
+        with replace_whole(self._folder / REQUEST) as part:
+            part.write_text(
+                json.dumps({"number": self._number, "exposure_s": self._exposure, "stage_um": self._stage.position()})
+            )
+
+    def _listing(self) -> dict[str, Signature]:
+        """Return name, size and time of every image in the folder that may answer."""
+        found: dict[str, Signature] = {}
+        pattern = self._pattern if "{number" not in self._pattern else "*"
+        try:
+            for path in self._folder.glob(pattern):
+                if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith("."):
+                    info = path.stat()
+                    found[path.name] = (info.st_size, info.st_mtime_ns)
+        except FileNotFoundError:  # a file that went while it was looked at
+            pass
+        return found
+
+    def _new(self, known: dict[str, Signature]) -> list[Path]:
+        """Return files that are new, or were written again, since ``known``."""
+        if "{number" in self._pattern:
+            name = self._pattern.format(number=self._number)
+            path = self._folder / name
+            return [path] if path.exists() and self._listing().get(name) != known.get(name) else []
+        return [self._folder / name for name, signature in self._listing().items() if known.get(name) != signature]
+
+    def _read(self, path: Path) -> NDArray[Any] | None:
+        """Return the frame if the file is quiet and whole, None while it grows; raises if it is no frame."""
+        try:
+            before = path.stat()
+            time.sleep(self._quiet)
+            after = path.stat()
+        except FileNotFoundError:  # renamed or removed while it was looked at
+            return None
+        if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns) or not after.st_size:
+            return None
+        frame = np.asarray(read_image(path))
+        if frame.shape != self._shape:
+            raise InputError.expected(path.name, f"{self._shape} pixels", frame.shape, "match plan and camera")
+        if frame.dtype != self._dtype and not (frame.dtype == np.uint8 and self._dtype == np.uint16):
+            raise InputError.expected(path.name, f"{self._dtype}", frame.dtype, "save raw samples")
+        return frame.astype(self._dtype)

@@ -1,0 +1,211 @@
+"""GenTL producers through harvesters: how CoaXPress, Camera Link and many other heads are reached."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from lfcal.camera import ScanPlan
+from lfcal.devices.backends._fixed_stage import NoStage
+from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTimeout
+from lfcal.devices.protocols import Frame, Rig, Roi, Setting
+from lfcal.errors import InputError
+
+__all__ = ["GenTLBackend"]
+
+FREE_RUNNING_DISCARD = 2
+INSTALL = "uv pip install 'lfcal[acquire]'"
+
+
+class GenTLBackend:
+    """GenTL as a backend."""
+
+    name = "gentl"
+    title = "GenTL producers (harvesters)"
+    has_stage = False
+    options: Mapping[str, str] = {
+        "cti": "GenTL producer file (.cti) of the maker; 'virtual' for the one that comes with genicam",
+        "camera": "number of the device in the producer's list, from 0; or its serial number",
+        "format": "pixel format, e.g. Mono8, Mono12, BayerRG16 (unpacked); the camera's by default",
+        "set": "Feature=value separated by ';', set before the session",
+        "trigger": "software or none; software where the camera has it by default",
+    }
+
+    def probe(self) -> str:
+        """Return the version of harvesters."""
+        try:
+            import genicam.gentl  # noqa: F401
+            import harvesters
+        except ImportError:
+            raise DeviceMissing(f"harvesters: not installed; {INSTALL}") from None
+        return f"harvesters {harvesters.__version__}"
+
+    def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
+        """Return the camera with no stage."""
+        import genicam
+        from harvesters.core import Harvester
+
+        cti = options.get("cti", "")
+        if cti == "virtual":
+            cti = os.path.join(os.path.dirname(genicam.__file__), "viky.cti")
+        if not os.path.isfile(cti):
+            raise InputError.expected("option cti", "a GenTL producer (.cti)", repr(cti), "name the maker's file")
+        harvester = Harvester()
+        try:
+            harvester.add_file(cti)
+            harvester.update()
+            return Rig(_Camera(harvester, _chosen(harvester, options.get("camera", "0")), options), NoStage())
+        except (InputError, DeviceMissing, CameraError):
+            harvester.reset()
+            raise
+        except Exception as error:  # harvesters and producers raise kinds of their own
+            harvester.reset()
+            raise DeviceMissing(f"GenTL camera: {type(error).__name__}: {error}; check the producer {cti}") from error
+
+
+def _chosen(harvester: Any, wanted: str) -> int:
+    devices = harvester.device_info_list
+    serials = [str(device.serial_number) for device in devices]
+    if wanted.isdigit() and int(wanted) < len(devices):
+        return int(wanted)
+    if wanted in serials:
+        return serials.index(wanted)
+    raise DeviceMissing.expected(
+        "GenTL camera", f"0 to {len(devices) - 1}, or one of {serials}", wanted, "name one, or plug it in"
+    )
+
+
+class _Camera:
+    """One device of a producer; triggered by software, or free-running and flushed."""
+
+    def __init__(self, harvester: Any, number: int, options: Mapping[str, str]) -> None:
+        from genicam.gentl import TimeoutException
+
+        self._timeout_error = TimeoutException
+        self._harvester = harvester
+        info = harvester.device_info_list[number]
+        self.name = f"{info.vendor} {info.model} {info.serial_number}"
+        self._device = harvester.create(number)
+        self._nodes = self._device.remote_device.node_map
+        for entry in filter(None, options.get("set", "").split(";")):
+            key, _, value = entry.partition("=")
+            self._set(key.strip(), value.strip())
+        if options.get("format"):
+            self._set("PixelFormat", options["format"])
+        pixel_format = str(self._nodes.PixelFormat.value)
+        match = re.fullmatch(r"(Mono|Bayer[A-Z]{2})(8|10|12|14|16)", pixel_format)
+        if match is None:
+            raise InputError.expected(
+                f"pixel format of {self.name}", "unpacked Mono or Bayer", pixel_format, "set option format"
+            )
+        self._bits = int(match[2])
+        self._dtype = np.dtype(np.uint8 if self._bits == 8 else np.uint16)
+        self._shape = self._size("HeightMax", "Height"), self._size("WidthMax", "Width")
+        self._number = 0
+        self._exposure = self._read_exposure()
+        self._triggered = options.get("trigger", "") != "none" and self._arm_trigger()
+        self._device.start()
+
+    @property
+    def sensor_shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self._shape
+
+    @property
+    def bit_depth(self) -> int:
+        """Bits per sample."""
+        return self._bits
+
+    @property
+    def max_value(self) -> int:
+        """Saturated sample value."""
+        return (1 << self._bits) - 1
+
+    def set_exposure(self, seconds: float) -> Setting[float]:
+        """Set the exposure (s); a camera without this feature keeps its own."""
+        if self._nodes.has_node("ExposureTime"):
+            self._set("ExposureTime", seconds * 1e6)
+        self._exposure = self._read_exposure()
+        return Setting(seconds, self._exposure if self._exposure > 0 else seconds)
+
+    def set_roi(self, roi: Roi) -> Setting[Roi]:
+        """Keep reading the whole sensor: what increments a camera allows differs from maker to maker."""
+        return Setting(roi, Roi(0, 0, *self._shape))
+
+    def grab(self, timeout_s: float) -> Frame:
+        """Trigger, or let what may be old pass, and return the next frame."""
+        while self._device.num_holding_filled_buffers:
+            self._fetch(timeout_s)
+        started = time.monotonic()
+        if self._triggered:
+            self._command("TriggerSoftware")
+        else:
+            for _ in range(FREE_RUNNING_DISCARD):
+                self._fetch(timeout_s)
+        data, status = self._fetch(timeout_s)
+        self._number += 1
+        exposure = self._exposure if self._exposure > 0 else 0.0
+        return Frame(data, self._number, exposure, started if self._triggered else None, status)
+
+    def close(self) -> None:
+        """Stop and release the device and the producer."""
+        if self._device is not None:
+            device, self._device = self._device, None
+            try:
+                device.stop()
+                device.destroy()
+            finally:
+                self._harvester.reset()
+
+    # -- features --------------------------------------------------------------------------------------
+    def _fetch(self, timeout_s: float) -> tuple[Any, str]:
+        """Return the next frame as its own array, and what is wrong with its buffer."""
+        try:
+            buffer = self._device.fetch(timeout=timeout_s)
+        except self._timeout_error:
+            raise FrameTimeout(f"{self.name}: no frame in {timeout_s:g} s; check trigger, light and cable") from None
+        except Exception as error:
+            raise DeviceLost(f"{self.name}: {type(error).__name__}: {error}; check power and cable") from error
+        with buffer:
+            if not buffer.module.is_complete():
+                return np.zeros((0, 0), self._dtype), "parts are missing"
+            component = buffer.payload.components[0]
+            data = np.asarray(component.data).reshape(component.height, component.width)
+            return data.astype(self._dtype, copy=True), "complete"
+
+    def _set(self, name: str, value: Any) -> None:
+        try:
+            node = self._nodes.get_node(name)
+            if isinstance(value, str):
+                node.from_string(value)
+            else:
+                node.value = value
+        except Exception as error:
+            raise CameraError(f"{self.name}: {name} = {value}: {error}; check the feature") from error
+
+    def _command(self, name: str) -> None:
+        try:
+            self._nodes.get_node(name).execute()
+        except Exception as error:
+            raise DeviceLost(f"{self.name}: {name}: {error}; check power and cable") from error
+
+    def _size(self, *names: str) -> int:
+        return int(next(self._nodes.get_node(name).value for name in names if self._nodes.has_node(name)))
+
+    def _read_exposure(self) -> float:
+        if not self._nodes.has_node("ExposureTime"):
+            return 0.0
+        return float(self._nodes.ExposureTime.value) / 1e6
+
+    def _arm_trigger(self) -> bool:
+        """Set the camera to expose on command; return whether it can."""
+        if not all(self._nodes.has_node(name) for name in ("TriggerMode", "TriggerSource", "TriggerSoftware")):
+            return False
+        self._set("TriggerSource", "Software")
+        self._set("TriggerMode", "On")
+        return True

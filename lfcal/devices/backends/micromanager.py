@@ -1,0 +1,251 @@
+"""Micro-Manager's device drivers through raw pymmcore: any configuration file."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import TimeoutError as FutureTimeout
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from lfcal.camera import ScanPlan
+from lfcal.devices.backends._options import limits_option
+from lfcal.devices.errors import CameraError, DeviceError, DeviceLost, DeviceMissing, FrameTimeout, StageError
+from lfcal.devices.protocols import Frame, Limits, Point, Rig, Roi, Setting
+from lfcal.errors import InputError
+
+__all__ = ["MicroManagerBackend"]
+
+T = TypeVar("T")
+INSTALL = "uv pip install 'lfcal[acquire]', and Micro-Manager for its drivers"
+
+
+class MicroManagerBackend:
+    """Micro-Manager as a backend."""
+
+    name = "micromanager"
+    title = "Micro-Manager drivers (pymmcore)"
+    has_stage = True
+    options: Mapping[str, str] = {
+        "config": "configuration file (.cfg) made with Micro-Manager; 'demo' for its demo devices",
+        "adapters": "folder of Micro-Manager's device adapters",
+        "camera": "label of the camera; the configuration's by default",
+        "xy": "label of the XY stage; the configuration's by default",
+        "z": "label of the Z stage; the configuration's by default",
+        "light": "label of a shutter in front of the source, for dark frames",
+        "limits": "travel x0:x1,y0:y1,z0:z1 (µm); Micro-Manager does not know it, so it must be given",
+        "set": "Device.Property=value separated by ';', set before the session",
+    }
+
+    def probe(self) -> str:
+        """Return the core's version."""
+        try:
+            import pymmcore
+        except ImportError:
+            raise DeviceMissing(f"pymmcore: not installed; {INSTALL}") from None
+        return f"pymmcore {pymmcore.__version__}"
+
+    def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
+        """Load the configuration and return its camera and stages."""
+        import pymmcore
+
+        limits = limits_option(options)
+        if limits is None:
+            raise InputError.expected(
+                "option limits", "x0:x1,y0:y1,z0:z1 in µm", "nothing", "give the travel of your stage"
+            )
+        core = pymmcore.CMMCore()
+        config, folder = _config(options)
+        if folder:
+            core.setDeviceAdapterSearchPaths([folder])
+        try:
+            core.loadSystemConfiguration(config)
+            for entry in filter(None, options.get("set", "").split(";")):
+                label, _, rest = entry.partition(".")
+                key, _, value = rest.partition("=")
+                core.setProperty(label.strip(), key.strip(), value.strip())
+            core.setAutoShutter(False)
+            labels = {
+                key: options.get(key) or default()
+                for key, default in (
+                    ("camera", core.getCameraDevice),
+                    ("xy", core.getXYStageDevice),
+                    ("z", core.getFocusDevice),
+                )
+            }
+            for key, label in labels.items():
+                if label not in core.getLoadedDevices():
+                    raise DeviceMissing.expected(
+                        f"Micro-Manager {key}", f"one of {core.getLoadedDevices()}", label, "name it"
+                    )
+            core.setCameraDevice(labels["camera"])
+            light = _Shutter(core, options["light"]) if options.get("light") else None
+            return Rig(_Camera(core, labels["camera"]), _Stage(core, labels["xy"], labels["z"], limits), light)
+        except RuntimeError as error:
+            core.reset()
+            raise DeviceError(f"Micro-Manager: {error}; check the configuration {config}") from error
+
+
+def _config(options: Mapping[str, str]) -> tuple[str, str]:
+    """Return configuration file and adapter folder."""
+    folder = options.get("adapters", "")
+    config = options.get("config", "")
+    if config == "demo" and not folder:
+        try:
+            adapters: Any = importlib.import_module("mm_test_adapters")
+        except ImportError:
+            raise DeviceMissing("mm-test-adapters: not installed; uv pip install mm-test-adapters") from None
+        folder = str(adapters.device_adapter_path())
+    if config == "demo":
+        config = os.path.join(folder, "MMConfig_demo.cfg")
+    if not Path(config).is_file():
+        raise InputError.expected("option config", "a configuration file (.cfg)", repr(config), "check the path")
+    return config, folder
+
+
+class _Camera:
+    """The camera of a core; snapping starts the exposure, so a frame is never stale."""
+
+    def __init__(self, core: Any, label: str) -> None:
+        self._core = core
+        library, device = core.getDeviceLibrary(label), core.getDeviceName(label)
+        serial = _property(core, label, "SerialNumber") or _property(core, label, "Serial Number")
+        self.name = " ".join(filter(None, ("Micro-Manager", library, device, label, serial)))
+        core.clearROI()
+        self._shape = int(core.getImageHeight()), int(core.getImageWidth())
+        self._bits = int(core.getImageBitDepth())
+        if core.getNumberOfComponents() != 1:
+            raise CameraError.expected(label, "grey pixels", "colour", "set a grey PixelType with option set")
+        self._number = 0
+        # a driver that hangs must not hang the session
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="micromanager")
+        self._pending: Future[Any] | None = None
+
+    @property
+    def sensor_shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self._shape
+
+    @property
+    def bit_depth(self) -> int:
+        """Bits per sample."""
+        return self._bits
+
+    @property
+    def max_value(self) -> int:
+        """Saturated sample value."""
+        return (1 << self._bits) - 1
+
+    def set_exposure(self, seconds: float) -> Setting[float]:
+        """Set the exposure (s)."""
+        self._call(self._core.setExposure, seconds * 1e3)
+        return Setting(seconds, float(self._call(self._core.getExposure)) / 1e3)
+
+    def set_roi(self, roi: Roi) -> Setting[Roi]:
+        """Read only ``roi``; the whole sensor by clearing the region."""
+        if roi.shape == self._shape:
+            self._call(self._core.clearROI)
+        else:
+            self._call(self._core.setROI, roi.column, roi.row, roi.columns, roi.rows)
+        column, row, columns, rows = self._call(self._core.getROI)
+        return Setting(roi, Roi(row, column, rows, columns))
+
+    def grab(self, timeout_s: float) -> Frame:
+        """Snap a frame."""
+        if self._pending is not None and not self._pending.done():
+            raise DeviceLost(f"{self.name}: still hangs in the last frame; switch it off and on")
+        started = time.monotonic()
+        self._pending = self._pool.submit(self._snap)
+        try:
+            data, exposure = self._pending.result(timeout_s)
+        except FutureTimeout:
+            raise FrameTimeout(f"{self.name}: no frame in {timeout_s:g} s; check trigger and cable") from None
+        except RuntimeError as error:
+            raise CameraError(f"{self.name}: {error}; check the camera") from error
+        self._number += 1
+        return Frame(data, self._number, exposure, started)
+
+    def close(self) -> None:
+        """Unload all devices of the core."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        if self._pending is None or self._pending.done():
+            self._core.reset()
+
+    def _snap(self) -> tuple[Any, float]:
+        self._core.snapImage()
+        data = np.asarray(self._core.getImage())
+        return data.astype(np.uint8 if self._bits <= 8 else np.uint16, copy=False), self._core.getExposure() / 1e3
+
+    def _call(self, function: Callable[..., T], *args: Any) -> T:
+        try:
+            return function(*args)
+        except RuntimeError as error:
+            raise CameraError(f"{self.name}: {error}; check the camera") from error
+
+
+class _Stage:
+    """An XY stage and a focus drive as one stage."""
+
+    def __init__(self, core: Any, xy: str, z: str, limits: Limits) -> None:
+        self._core, self._xy, self._z = core, xy, z
+        self.limits = limits
+        self.name = f"Micro-Manager {core.getDeviceName(xy)} {xy}, {core.getDeviceName(z)} {z}"
+
+    def move(self, target: Point) -> None:
+        """Begin to move."""
+        self._call(self._core.setXYPosition, self._xy, target[0], target[1])
+        self._call(self._core.setPosition, self._z, target[2])
+
+    def moving(self) -> bool:
+        """Return whether one of the two is busy."""
+        return bool(self._call(self._core.deviceBusy, self._xy) or self._call(self._core.deviceBusy, self._z))
+
+    def position(self) -> Point:
+        """Return the read-back (µm)."""
+        x = float(self._call(self._core.getXPosition, self._xy))
+        y = float(self._call(self._core.getYPosition, self._xy))
+        return x, y, float(self._call(self._core.getPosition, self._z))
+
+    def stop(self) -> None:
+        """Stop both."""
+        self._call(self._core.stop, self._xy)
+        self._call(self._core.stop, self._z)
+
+    def home(self) -> None:
+        """Send both to their reference."""
+        self._call(self._core.home, self._xy)
+        self._call(self._core.home, self._z)
+
+    def close(self) -> None:
+        """Do nothing: the camera closes the core."""
+
+    def _call(self, function: Callable[..., T], *args: Any) -> T:
+        try:
+            return function(*args)
+        except RuntimeError as error:
+            raise StageError(f"{self.name}: {error}; check the stage") from error
+
+
+class _Shutter:
+    """A shutter in front of the source."""
+
+    def __init__(self, core: Any, label: str) -> None:
+        self._core, self._label = core, label
+        self.switch(True)
+
+    def switch(self, on: bool) -> None:
+        """Open or close it and wait."""
+        try:
+            self._core.setShutterOpen(self._label, on)
+            self._core.waitForDevice(self._label)
+        except RuntimeError as error:
+            raise DeviceError(f"shutter {self._label}: {error}; check it") from error
+
+
+def _property(core: Any, label: str, key: str) -> str:
+    return str(core.getProperty(label, key)) if core.hasProperty(label, key) else ""

@@ -1,0 +1,238 @@
+"""The small protocols behind which any camera and any stage can stand.
+
+Lengths are µm, times s. Stage coordinates are ``(x, y, z)``; image coordinates ``(row, column)``.
+A call that fails raises one of `lfcal.devices.errors`; nothing else may escape from a backend.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+
+from numpy.typing import NDArray
+
+__all__ = ["Camera", "Frame", "Light", "Limits", "Point", "Rig", "Roi", "Setting", "Stage", "SystemTime", "TimeSource"]
+
+T = TypeVar("T")
+
+Point = tuple[float, float, float]
+"""Stage coordinates (x, y, z) in µm."""
+
+Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+"""Lowest and highest stage coordinate of x, y, z in µm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Roi:
+    """A rectangle of the sensor: first row and column, number of rows and columns (pixels)."""
+
+    row: int
+    column: int
+    rows: int
+    columns: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows, self.columns
+
+    def holds(self, other: Roi) -> bool:
+        """Return whether ``other`` lies inside."""
+        return (
+            self.row <= other.row
+            and self.column <= other.column
+            and self.row + self.rows >= other.row + other.rows
+            and self.column + self.columns >= other.column + other.columns
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Setting(Generic[T]):
+    """A value asked for and the value the device took."""
+
+    requested: T
+    actual: T
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One exposure of the region of interest.
+
+    Attributes
+    ----------
+    data
+        ``(rows, columns)`` of the region of interest, a buffer that nobody writes to any more.
+    number
+        The device's or the backend's count of exposures; grows with every exposure.
+    exposure_s
+        Exposure time the device reports (s).
+    started_s
+        Earliest start of the exposure on the rig's clock (s), or None where only `number` tells.
+    status
+        ``"complete"``, or what is wrong with the buffer.
+    """
+
+    data: NDArray[Any]
+    number: int
+    exposure_s: float
+    started_s: float | None = None
+    status: str = "complete"
+
+
+@runtime_checkable
+class Camera(Protocol):
+    """A camera that exposes when asked."""
+
+    @property
+    def name(self) -> str:
+        """Maker, model and serial number: the same camera has the same name after a restart."""
+        ...
+
+    @property
+    def sensor_shape(self) -> tuple[int, int]:
+        """Rows and columns of the whole sensor."""
+        ...
+
+    @property
+    def bit_depth(self) -> int:
+        """Bits per sample; samples are at most `max_value` and come as uint8 or uint16."""
+        ...
+
+    @property
+    def max_value(self) -> int:
+        """Sample value of a saturated pixel (4095 for 12 bits, not the end of the sample type)."""
+        ...
+
+    def set_exposure(self, seconds: float) -> Setting[float]:
+        """Set the exposure time; return it with the value the camera took (s)."""
+        ...
+
+    def set_roi(self, roi: Roi) -> Setting[Roi]:
+        """Read only ``roi`` from now on; the camera may take a larger one and says so."""
+        ...
+
+    def grab(self, timeout_s: float) -> Frame:
+        """Return a frame whose exposure started after this call: trigger, or flush and wait.
+
+        Raises
+        ------
+        FrameTimeout, DeviceLost
+        """
+        ...
+
+    def close(self) -> None:
+        """Release the camera; may be called twice."""
+        ...
+
+
+@runtime_checkable
+class Stage(Protocol):
+    """A stage that carries the point source along x, y and z."""
+
+    @property
+    def name(self) -> str:
+        """Maker, model and serial number."""
+        ...
+
+    @property
+    def limits(self) -> Limits:
+        """Travel of each axis (µm); infinite where the controller does not know it."""
+        ...
+
+    def move(self, target: Point) -> None:
+        """Begin to move to ``target`` (µm) and return."""
+        ...
+
+    def moving(self) -> bool:
+        """Return whether any axis is on its way."""
+        ...
+
+    def position(self) -> Point:
+        """Return the position read back from the device (µm)."""
+        ...
+
+    def stop(self) -> None:
+        """Stop all axes at once."""
+        ...
+
+    def home(self) -> None:
+        """Begin to move to the reference switches and return."""
+        ...
+
+    def close(self) -> None:
+        """Release the stage; may be called twice."""
+        ...
+
+
+@runtime_checkable
+class Light(Protocol):
+    """The point source's lamp or a shutter in front of it."""
+
+    def switch(self, on: bool) -> None:
+        """Switch the light on or off and return when it is."""
+        ...
+
+
+class TimeSource(Protocol):
+    """Time as the rig sees it; the simulator's runs as fast as the machine."""
+
+    def monotonic(self) -> float:
+        """Return seconds from an arbitrary start; never runs backwards."""
+        ...
+
+    def sleep(self, seconds: float) -> None:
+        """Let ``seconds`` pass."""
+        ...
+
+    def wall(self) -> float:
+        """Return seconds since 1970 by the computer's clock, which may jump."""
+        ...
+
+
+class SystemTime:
+    """The computer's own clocks."""
+
+    def monotonic(self) -> float:
+        """Return `time.monotonic`."""
+        return time.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        """Sleep."""
+        time.sleep(max(0.0, seconds))
+
+    def wall(self) -> float:
+        """Return `time.time`."""
+        return time.time()
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """A camera, a stage, and a light where it can be switched; closes them as a context manager.
+
+    ``others`` are devices that had to be opened along with these and are closed with them.
+    """
+
+    camera: Camera
+    stage: Stage
+    light: Light | None = None
+    time: TimeSource = field(default_factory=SystemTime)
+    others: tuple[Camera | Stage, ...] = ()
+
+    def close(self) -> None:
+        """Release all devices, each even if another fails."""
+        with ExitStack() as stack:
+            for device in (self.camera, *self.others, self.stage):
+                stack.callback(device.close)
+
+    def __enter__(self) -> Rig:
+        """Return the rig."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the rig."""
+        self.close()

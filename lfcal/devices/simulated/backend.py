@@ -1,0 +1,159 @@
+"""The simulator: a plenoptic camera and a stage that need no hardware; the default backend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+
+from lfcal import __version__
+from lfcal.camera import ScanPlan, StageAxes
+from lfcal.checks import check_choice
+from lfcal.devices.backends._options import limits_option, number_option
+from lfcal.devices.protocols import Rig, SystemTime, TimeSource
+from lfcal.devices.simulated.camera import Renderer, SimCamera, SimLight
+from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.optics import FramesRenderer, PatternRenderer
+from lfcal.devices.simulated.stage import SimStage, StageModel, VirtualTime
+from lfcal.errors import InputError
+from lfcal.frames.source import FrameSource
+
+__all__ = ["SimBackend", "simulated_rig"]
+
+OPTICS = ("pattern", "auto", "geometric", "wave", "microscope")
+CLOCKS = ("virtual", "real")
+
+
+def simulated_rig(
+    plan: ScanPlan,
+    *,
+    model: StageModel | None = None,
+    faults: Iterable[Fault] = (),
+    axes: StageAxes | None = None,
+    optics: Renderer | FrameSource | None = None,
+    time: TimeSource | None = None,
+    seed: int = 0,
+) -> Rig:
+    """Return a simulated rig for ``plan``.
+
+    Parameters
+    ----------
+    plan
+        Camera, period and exposures.
+    model, faults
+        How the stage moves, and what goes wrong.
+    axes
+        How the stage's axes really move the source; by default as the plan says.
+    optics
+        A `Renderer`, or a `FrameSource` of full sensor frames such as `lfcal.simulate.SimulatedCamera`;
+        by default a light, quick pattern.
+    time
+        By default virtual: waits pass at once.
+    seed
+        Of the camera's noise.
+    """
+    faults = tuple(faults)
+    clock = time or VirtualTime()
+    stage = SimStage(clock, model, faults)
+    light = SimLight()
+    if optics is None:
+        renderer: Renderer = PatternRenderer(plan)
+    else:
+        renderer = FramesRenderer(plan, optics) if isinstance(optics, FrameSource) else optics
+    camera = SimCamera(plan.camera, axes or plan.stage, stage, clock, light, renderer, faults=faults, seed=seed)
+    return Rig(camera, stage, light, clock)
+
+
+class SimBackend:
+    """The simulator as a backend.
+
+    Parameters
+    ----------
+    optics
+        Makes the frames for a plan and a level of simulation, such as `lfcal.simulate.SimulatedCamera`;
+        None leaves the light, quick pattern only.
+    """
+
+    name = "sim"
+    title = "simulated camera and stage"
+    has_stage = True
+    options: Mapping[str, str] = {
+        "optics": "pattern (quick), or a level of the simulator: auto, geometric, wave, microscope",
+        "time": "virtual (waits pass at once) or real",
+        "velocity": "speed of the stage (µm/s)",
+        "backlash": "play of each axis (µm)",
+        "drift": "creep of each axis after arrival (µm/s)",
+        "limits": "travel x0:x1,y0:y1,z0:z1 (µm)",
+        "axes": "how the stage really moves the image, e.g. -x,+y,+z (right,down,away)",
+        "faults": "kind@call[*times] separated by ';', e.g. 'times out@5*2;stale@9'",
+        "seed": "of the camera's noise",
+    }
+
+    def __init__(self, optics: Callable[[ScanPlan, str], FrameSource] | None = None) -> None:
+        self._optics = optics
+
+    def probe(self) -> str:
+        """Return the version; the simulator is always there."""
+        return __version__
+
+    def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
+        """Return a simulated rig as ``options`` say."""
+        clock = options.get("time", "virtual")
+        check_choice("option time", clock, CLOCKS)
+        level = options.get("optics", "pattern")
+        check_choice("option optics", level, OPTICS)
+        optics: FrameSource | None = None
+        if level != "pattern":
+            if self._optics is None:
+                raise InputError.expected("option optics", "pattern", level, "open it where a simulator is given")
+            optics = self._optics(plan, level)
+        return simulated_rig(
+            plan,
+            model=_stage_model(plan, options),
+            faults=_faults(options.get("faults", "")),
+            axes=_axes(plan, options.get("axes")),
+            optics=optics,
+            seed=int(number_option(options, "seed", 0, low=0)),
+            time=SystemTime() if clock == "real" else VirtualTime(),
+        )
+
+
+def _stage_model(plan: ScanPlan, options: Mapping[str, str]) -> StageModel:
+    model = StageModel()
+    backlash = number_option(options, "backlash", model.backlash_um[0], low=0)
+    drift = number_option(options, "drift", 0.0)
+    return StageModel(
+        velocity_um_s=number_option(options, "velocity", model.velocity_um_s, low=1e-3),
+        backlash_um=(backlash,) * 3,
+        drift_um_s=(drift,) * 3,
+        limits=limits_option(options) or _around(plan),
+    )
+
+
+def _around(plan: ScanPlan) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """Return a generous travel about the plan's positions."""
+    places = plan.stage_um(plan.order_indices()[:: max(1, plan.n_positions // 1000)])
+    (x0, y0, z0), (x1, y1, z1) = (places.min(axis=0) - 5e5).tolist(), (places.max(axis=0) + 5e5).tolist()
+    return (x0, x1), (y0, y1), (z0, z1)
+
+
+def _axes(plan: ScanPlan, text: str | None) -> StageAxes | None:
+    if text is None:
+        return None
+    names = [name.strip() for name in text.split(",")]
+    if len(names) != 3:
+        raise InputError.expected("option axes", "right,down,away such as +x,+y,+z", repr(text), "correct it")
+    return replace(plan.stage, right=names[0], down=names[1], away=names[2])
+
+
+def _faults(text: str) -> list[Fault]:
+    faults = []
+    for part in filter(None, (p.strip() for p in text.split(";"))):
+        kind, _, call = part.partition("@")
+        at, _, times = call.partition("*")
+        try:
+            faults.append(Fault(kind.strip(), int(at), int(times or 1)))
+        except ValueError as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError.expected("option faults", "kind@call[*times]", repr(part), "correct it") from None
+    return faults

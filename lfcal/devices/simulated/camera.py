@@ -1,0 +1,200 @@
+"""The simulated camera: sensor noise, exposure, regions and injected faults around a renderer."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterable
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera as CameraDescription
+from lfcal.camera import StageAxes
+from lfcal.devices.errors import DeviceLost, FrameTimeout
+from lfcal.devices.protocols import Frame, Point, Roi, Setting, TimeSource
+from lfcal.devices.simulated.faults import CAMERA_FAULTS, Fault, FaultBook
+from lfcal.devices.simulated.stage import SimStage, VirtualTime
+
+__all__ = ["Patch", "Renderer", "SimCamera", "SimLight"]
+
+SPREAD = 64
+"""The noise field is this much larger than the region, to take a different part for every frame."""
+
+
+class Patch(NamedTuple):
+    """Light on a part of the sensor: its first row and column, and counts above black ``(rows, columns)``."""
+
+    row: int
+    column: int
+    counts: NDArray[Any]
+
+
+class Renderer(Protocol):
+    """What the optics make of a point source."""
+
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+        """Return the expected light of a source at (right, down, away) µm; it may reach beyond ``roi``."""
+        ...
+
+
+class SimLight:
+    """The simulated lamp."""
+
+    def __init__(self) -> None:
+        self.on = True
+
+    def switch(self, on: bool) -> None:
+        """Switch the lamp."""
+        self.on = on
+
+
+class SimCamera:
+    """A camera in a simulated world.
+
+    The same place and exposure always give the same frame, so that an interrupted session can be compared
+    with an undisturbed one; a second frame without a move differs in its noise.
+
+    Parameters
+    ----------
+    description
+        Sensor, noise, bit depth.
+    axes
+        How the stage's axes really move the source.
+    stage, time, light
+        The rest of the world.
+    renderer
+        The optics.
+    seed
+        Of the noise.
+    """
+
+    name = "simulated camera"
+
+    def __init__(
+        self,
+        description: CameraDescription,
+        axes: StageAxes,
+        stage: SimStage,
+        time: TimeSource,
+        light: SimLight,
+        renderer: Renderer,
+        *,
+        faults: Iterable[Fault] = (),
+        seed: int = 0,
+    ) -> None:
+        self._sensor = description.sensor
+        self._axes, self._stage, self._time, self._light, self._renderer = axes, stage, time, light, renderer
+        self._matrix, self._origin = axes.matrix().tolist(), axes.origin_um
+        self._faults = FaultBook(faults, CAMERA_FAULTS)
+        self._seed = seed
+        self._number = 0
+        self._exposure = 0.01
+        self._last: Frame | None = None
+        self._lost = False
+        self._since_move = (-1, 0)
+        self.set_roi(Roi(0, 0, *self._sensor.shape))
+
+    @property
+    def sensor_shape(self) -> tuple[int, int]:
+        """Rows and columns of the sensor."""
+        return self._sensor.shape
+
+    @property
+    def bit_depth(self) -> int:
+        """Bits per sample."""
+        return self._sensor.bit_depth
+
+    @property
+    def max_value(self) -> int:
+        """Saturated sample value."""
+        return self._sensor.max_value
+
+    def set_exposure(self, seconds: float) -> Setting[float]:
+        """Take the exposure in steps of 1 µs, from 10 µs to 60 s."""
+        self._check_there()
+        self._exposure = min(max(round(seconds * 1e6), 10), 60_000_000) / 1e6
+        return Setting(seconds, self._exposure)
+
+    def set_roi(self, roi: Roi) -> Setting[Roi]:
+        """Take the region, clipped to the sensor."""
+        rows, columns = self._sensor.shape
+        row, column = min(max(roi.row, 0), rows - 1), min(max(roi.column, 0), columns - 1)
+        actual = Roi(row, column, min(roi.rows, rows - row), min(roi.columns, columns - column))
+        self._roi = actual
+        sensor = self._sensor
+        rng = np.random.default_rng((self._seed, actual.row, actual.column, actual.rows, actual.columns))
+        shape = (actual.rows + SPREAD, actual.columns + SPREAD)
+        self._normal = rng.standard_normal(shape, np.float32)
+        dark = sensor.black_level + self._normal * np.float32(sensor.read_noise_e / sensor.electrons_per_count)
+        self._dark = np.clip(np.rint(dark), 0, sensor.max_value).astype(
+            np.uint8 if sensor.bit_depth <= 8 else np.uint16
+        )
+        return Setting(roi, actual)
+
+    def grab(self, timeout_s: float) -> Frame:
+        """Expose and return the frame; a struck fault replaces it."""
+        struck = self._faults.next_call()
+        self._lost = self._lost or "vanishes" in struck
+        self._check_there()
+        if "clock jumps" in struck and isinstance(self._time, VirtualTime):
+            self._time.jump(-86400.0)
+        if "times out" in struck:
+            self._time.sleep(timeout_s)
+            raise FrameTimeout(f"simulated camera: no frame in {timeout_s:g} s; check the trigger")
+        if "stale" in struck and self._last is not None:
+            return self._last
+        started = self._time.monotonic()
+        self._time.sleep(self._exposure)
+        data = self._expose()
+        self._number += 1
+        status = "complete"
+        if "incomplete" in struck:
+            data[data.shape[0] // 2 :] = 0
+            status = "half of the packets are missing"
+        if "wrong shape" in struck:
+            data = data[:-1]
+        self._last = Frame(data, self._number, self._exposure, started, status)
+        return self._last
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _expose(self) -> NDArray[Any]:
+        place = self._stage.true_position()
+        count = self._since_move[1] + 1 if self._since_move[0] == self._stage.moves else 0
+        self._since_move = (self._stage.moves, count)
+        key = struct.pack(
+            "<4q2I", *(round(v * 1000) for v in place), round(self._exposure * 1e6), count, self._light.on
+        )
+        draw = zlib.crc32(key, self._seed)
+        top, left = draw % SPREAD, (draw >> 8) % SPREAD
+        rows, columns = self._roi.shape
+        frame: NDArray[Any] = self._dark[top : top + rows, left : left + columns].copy()
+        if self._light.on:
+            offset = [p - o for p, o in zip(place, self._origin, strict=True)]
+            source = tuple(sum(offset[k] * self._matrix[k][j] for k in range(3)) for j in range(3))
+            patch = self._renderer.render((source[0], source[1], source[2]), self._exposure, self._roi)
+            self._add(frame, patch, (left, top))
+        return frame
+
+    def _add(self, frame: NDArray[Any], patch: Patch, draw: tuple[int, int]) -> None:
+        """Add the light of ``patch`` with its shot noise to ``frame`` in place, clipped at saturation."""
+        row, column = patch.row - self._roi.row, patch.column - self._roi.column
+        top, left = max(row, 0), max(column, 0)
+        bottom = min(row + patch.counts.shape[0], frame.shape[0])
+        right = min(column + patch.counts.shape[1], frame.shape[1])
+        if bottom <= top or right <= left:
+            return
+        light = patch.counts[top - row : bottom - row, left - column : right - column]
+        normal = self._normal[draw[0] : draw[0] + frame.shape[0], draw[1] : draw[1] + frame.shape[1]]
+        shot = np.sqrt(light * np.float32(1 / self._sensor.electrons_per_count)) * normal[top:bottom, left:right]
+        part = frame[top:bottom, left:right]
+        total = np.rint(part + light + shot)
+        np.clip(total, 0, self._sensor.max_value, out=total)
+        part[...] = total
+
+    def _check_there(self) -> None:
+        if self._lost:
+            raise DeviceLost("simulated camera: no answer; check cable and power")

@@ -1,0 +1,55 @@
+"""Faults the simulated rig can be told to commit, each at a chosen call."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from lfcal.checks import check_choice, check_number
+
+__all__ = ["CAMERA_FAULTS", "FAULTS", "STAGE_FAULTS", "Fault", "FaultBook"]
+
+STAGE_FAULTS = ("move fails", "stops short", "drifts", "never arrives", "stage vanishes")
+CAMERA_FAULTS = ("times out", "incomplete", "stale", "wrong shape", "vanishes", "clock jumps")
+FAULTS = STAGE_FAULTS + CAMERA_FAULTS
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault.
+
+    Attributes
+    ----------
+    kind
+        One of `FAULTS`.
+    at
+        Number of the call to ``move`` (stage faults) or ``grab`` (camera faults), from 0.
+    times
+        How many calls in a row are struck; a device that vanishes stays away.
+    """
+
+    kind: str
+    at: int
+    times: int = 1
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_choice("fault", self.kind, FAULTS)
+        check_number("call", self.at, at_least=0, integer=True)
+        check_number("times", self.times, at_least=1, integer=True)
+
+
+class FaultBook:
+    """Count the calls of one device and tell which faults strike."""
+
+    def __init__(self, faults: Iterable[Fault], kinds: tuple[str, ...]) -> None:
+        self._faults = [fault for fault in faults if fault.kind in kinds]
+        self.calls = 0
+
+    def next_call(self) -> frozenset[str]:
+        """Return the kinds of fault that strike this call."""
+        call = self.calls
+        self.calls += 1
+        if not self._faults:
+            return frozenset()
+        return frozenset(f.kind for f in self._faults if f.at <= call < f.at + f.times)

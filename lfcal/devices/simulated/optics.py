@@ -1,0 +1,118 @@
+"""Renderers for the simulated camera: a quick pattern of its own, or frames made elsewhere."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.devices.protocols import Point, Roi
+from lfcal.devices.simulated.camera import Patch
+from lfcal.errors import InputError
+from lfcal.frames.source import FrameSource
+
+__all__ = ["FramesRenderer", "PatternRenderer"]
+
+
+class PatternRenderer:
+    """A light, quick stand-in for plenoptic optics: a blurred disc seen through a periodic mask.
+
+    The disc lies on the paraxial image of the source and grows with its distance from the native plane;
+    the mask has exactly the plan's period, so the resulting H is periodic. It is for exercising a session,
+    not for judging a PSF.
+
+    Parameters
+    ----------
+    plan
+        Camera, period and exposures; the brightest plane peaks at ``peak`` of the sensor's range.
+    peak
+        Share of the range between black and saturation.
+    """
+
+    def __init__(self, plan: ScanPlan, *, peak: float = 0.6) -> None:
+        self._plan = plan
+        self._camera = plan.camera
+        self._centre = plan.camera.sensor.centre_px
+        self._limit = max(1.0, (min(plan.cutout) - 1) / 2)
+        sigmas = [self._sigma(z) for z in plan.depths_um]
+        brightest = max(t / s**2 for t, s in zip(plan.exposures, sigmas, strict=True))
+        sensor = plan.camera.sensor
+        self._rate = peak * (sensor.max_value - sensor.black_level) / brightest
+
+    def _sigma(self, depth_um: float) -> float:
+        return min(1.5 + 0.3 * abs(self._camera.virtual_depth(depth_um)), self._limit / 3)
+
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+        """Return a patch of six standard deviations about the image of ``source_um``."""
+        step = self._camera.step_um(source_um[2])
+        row = self._centre[0] + source_um[1] / step
+        column = self._centre[1] + source_um[0] / step
+        sigma = self._sigma(source_um[2])
+        peak = np.float32(self._rate * exposure_s / sigma**2)
+        top, down = _profile(round(row, 6), sigma, self._plan.period[0])
+        left, along = _profile(round(column, 6), sigma, self._plan.period[1])
+        return Patch(top, left, np.multiply.outer(peak * down, along))
+
+
+@functools.lru_cache(maxsize=4096)
+def _profile(middle: float, sigma: float, period: int) -> tuple[int, NDArray[np.float32]]:
+    """Return first pixel and values of a Gaussian about ``middle`` seen through a mask of ``period`` pixels."""
+    half = math.ceil(3 * sigma)
+    first = math.floor(middle + 0.5) - half
+    pixels = np.arange(first, first + 2 * half + 1)
+    mask = 0.75 + 0.25 * np.cos((2 * math.pi / period) * (pixels % period))
+    return first, (mask * np.exp(-((pixels - middle) ** 2) / (2 * sigma**2))).astype(np.float32)
+
+
+class FramesRenderer:
+    """Frames of a `FrameSource` (a simulated camera, a recorded session) as what the optics make.
+
+    The frame of the plan's position nearest to the source is taken, whole periods away moved by them, and
+    scaled by the exposure. The camera adds black level and noise: of a source that has ``light(index)``, the
+    electrons before the sensor disturbs them (`lfcal.simulate.SimulatedCamera`), those are taken; else the
+    frames should be free of noise.
+
+    Parameters
+    ----------
+    plan
+        The plan the frames belong to.
+    frames
+        One full sensor frame per position, in sample values with the sensor's black level.
+    """
+
+    def __init__(self, plan: ScanPlan, frames: FrameSource) -> None:
+        if tuple(frames.shape) != tuple(plan.camera.sensor.shape):
+            raise InputError.expected(
+                "frames", f"the sensor's shape {plan.camera.sensor.shape}", frames.shape, "match them"
+            )
+        self._plan, self._frames = plan, frames
+        self._index = {tuple(frames.position(k)): k for k in range(len(frames))}
+
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+        """Return the frame of the nearest position, whatever ``roi`` is."""
+        plan = self._plan
+        z = int(np.argmin(np.abs(np.array(plan.depths_um) - source_um[2])))
+        step = plan.camera.step_um(plan.depths_um[z])
+        centre, factors = plan.camera.sensor.centre_px, plan.resample_factors
+        steps = [round((centre[k] + source_um[1 - k] / step - plan.anchor[k]) * factors[k]) for k in range(2)]
+        (ky, y), (kx, x) = (divmod(n, period) for n, period in zip(steps, plan.period, strict=True))
+        index = self._index.get((z, y, x))
+        if index is None:
+            raise InputError.expected(
+                "simulated frames", f"one of position (z, y, x) = {(z, y, x)}", "none", "simulate it too"
+            )
+        light = self._light(index)
+        shift = round(ky * plan.period[0] / factors[0]), round(kx * plan.period[1] / factors[1])
+        return Patch(shift[0], shift[1], light * np.float32(exposure_s / plan.exposures[z]))
+
+    def _light(self, index: int) -> NDArray[Any]:
+        """Return counts above black of frame ``index``."""
+        sensor = self._plan.camera.sensor
+        light = getattr(self._frames, "light", None)
+        if light is not None:
+            return np.asarray(light(index) * np.float32(1 / sensor.electrons_per_count))
+        return (self._frames.read(index) - np.float32(sensor.black_level)).clip(0)

@@ -1,0 +1,192 @@
+"""The simulated stage: velocity, ringing, backlash, drift and injected faults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from lfcal.checks import check_number
+from lfcal.devices.errors import DeviceLost, StageError
+from lfcal.devices.protocols import Limits, Point, TimeSource
+from lfcal.devices.simulated.faults import STAGE_FAULTS, Fault, FaultBook
+
+__all__ = ["SimStage", "StageModel", "VirtualTime"]
+
+
+class VirtualTime:
+    """Time that passes only when someone sleeps: a session of hours runs in seconds.
+
+    Parameters
+    ----------
+    wall_s
+        Seconds since 1970 at the start.
+    """
+
+    def __init__(self, wall_s: float = 1.7e9) -> None:
+        self._now = 0.0
+        self._wall = wall_s
+
+    def monotonic(self) -> float:
+        """Return seconds since the start."""
+        return self._now
+
+    def sleep(self, seconds: float) -> None:
+        """Let ``seconds`` pass at once."""
+        self._now += max(0.0, seconds)
+
+    def wall(self) -> float:
+        """Return seconds since 1970."""
+        return self._wall + self._now
+
+    def jump(self, seconds: float) -> None:
+        """Set the wall clock forward or back, as an operator or a time server does."""
+        self._wall += seconds
+
+
+@dataclass(frozen=True, slots=True)
+class StageModel:
+    """How the simulated stage moves.
+
+    Attributes
+    ----------
+    velocity_um_s
+        Speed of each axis (µm/s).
+    ringing_um, ringing_s
+        Amplitude after a stop (µm) and the time constant with which it dies out (s).
+    backlash_um
+        Play of each axis: after moving in the negative sense the source stands this far towards +; the
+        encoder sits on the motor and does not see it (µm).
+    drift_um_s
+        Speed at which each axis creeps after arrival (µm/s).
+    limits
+        Travel of x, y and z (µm).
+    """
+
+    velocity_um_s: float = 20e3
+    ringing_um: float = 0.5
+    ringing_s: float = 0.005
+    backlash_um: tuple[float, float, float] = (3.0, 3.0, 3.0)
+    drift_um_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    limits: Limits = ((-5e5, 5e5), (-5e5, 5e5), (-5e5, 5e5))
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("velocity (µm/s)", self.velocity_um_s, above=0)
+        check_number("ringing (µm)", self.ringing_um, at_least=0)
+        check_number("ringing time (s)", self.ringing_s, above=0)
+        for backlash in self.backlash_um:
+            check_number("backlash (µm)", backlash, at_least=0)
+
+
+class SimStage:
+    """A stage in a simulated world; see `StageModel`."""
+
+    name = "simulated stage"
+
+    def __init__(self, time: TimeSource, model: StageModel | None = None, faults: Iterable[Fault] = ()) -> None:
+        self.model = model or StageModel()
+        self._time = time
+        self._faults = FaultBook(faults, STAGE_FAULTS)
+        self._start: Point = (0.0, 0.0, 0.0)
+        self._target: Point = self._start
+        self._began = self._ends = time.monotonic()
+        self._true: Point = self._start
+        self._drift: Point = self.model.drift_um_s
+        self._lost = False
+        # after this the ringing is below 0.1 nm and is taken to be nothing, so that places repeat exactly
+        self._quiet_s = self.model.ringing_s * math.log(max(self.model.ringing_um, 1e-4) / 1e-4)
+        self.moves = 0
+
+    @property
+    def limits(self) -> Limits:
+        """Travel of each axis (µm)."""
+        return self.model.limits
+
+    def move(self, target: Point) -> None:
+        """Begin to move; a target beyond the limits is refused as a controller does."""
+        struck = self._faults.next_call()
+        self._check_there("stage vanishes" in struck)
+        if any(not lo <= t <= hi for t, (lo, hi) in zip(target, self.limits, strict=True)):
+            raise StageError.expected("stage", f"a target within {self.limits} µm", target, "correct the plan")
+        if "move fails" in struck:
+            raise StageError("simulated stage: the controller refused the move; try again")
+        here = self.position()
+        # ringing dies out within the play and drags nothing along
+        self._true = self._follow(here if self._time.monotonic() < self._ends else self._settled())
+        short = 0.6 if "stops short" in struck else 1.0
+        self._start = here
+        self._target = _between(here, target, short) if short < 1 else target
+        self._drift = (400.0, 0.0, 0.0) if "drifts" in struck else self.model.drift_um_s
+        self._began = self._time.monotonic()
+        way = max(abs(t - h) for t, h in zip(self._target, here, strict=True))
+        self._ends = math.inf if "never arrives" in struck else self._began + way / self.model.velocity_um_s
+        self.moves += 1
+
+    def moving(self) -> bool:
+        """Return whether the move is still under way."""
+        self._check_there(False)
+        return self._time.monotonic() < self._ends
+
+    def position(self) -> Point:
+        """Return what the encoders on the motors say (µm)."""
+        self._check_there(False)
+        now = self._time.monotonic()
+        if now < self._ends:
+            return self._on_the_way(now)
+        rest = now - self._ends
+        if rest > self._quiet_s:
+            return self._settled()
+        ring = self.model.ringing_um * math.exp(-rest / self.model.ringing_s)
+        x, y, z = (p + ring * (t != s) for p, t, s in zip(self._settled(), self._target, self._start, strict=True))
+        return x, y, z
+
+    def true_position(self) -> Point:
+        """Return where the source really is: the read-back with the play taken into account (µm)."""
+        return self._follow(self.position())
+
+    def stop(self) -> None:
+        """Stop where the stage is."""
+        self._check_there(False)
+        now = self._time.monotonic()
+        if now < self._ends:
+            self._true = self._follow(self._on_the_way(now))
+            self._start = self._target = self._on_the_way(now)
+            self._ends = now
+
+    def home(self) -> None:
+        """Begin to move to (0, 0, 0)."""
+        self.move((0.0, 0.0, 0.0))
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _on_the_way(self, now: float) -> Point:
+        way = self.model.velocity_um_s * (now - self._began)
+        x, y, z = (
+            h + math.copysign(min(way, abs(t - h)), t - h) for h, t in zip(self._start, self._target, strict=True)
+        )
+        return x, y, z
+
+    def _settled(self) -> Point:
+        """Return where the motors stand after arrival, ringing left out."""
+        if self._drift == (0.0, 0.0, 0.0):
+            return self._target
+        rest = self._time.monotonic() - self._ends
+        x, y, z = (t + d * rest for t, d in zip(self._target, self._drift, strict=True))
+        return x, y, z
+
+    def _follow(self, motor: Point) -> Point:
+        """Return the source's place when its motors stand at ``motor``: dragged within the play."""
+        x, y, z = (min(max(t, m), m + b) for t, m, b in zip(self._true, motor, self.model.backlash_um, strict=True))
+        return x, y, z
+
+    def _check_there(self, vanishes: bool) -> None:
+        self._lost = self._lost or vanishes
+        if self._lost:
+            raise DeviceLost("simulated stage: no answer; check cable and power")
+
+
+def _between(a: Point, b: Point, share: float) -> Point:
+    x, y, z = (p + share * (q - p) for p, q in zip(a, b, strict=True))
+    return x, y, z

@@ -1,0 +1,7 @@
+"""Between a raw frame and a clean one.
+
+- ``steps``, ``defects``, ``background``: single corrections; ``chain``: all of them in their order, in one pass
+- ``defect_search``: defect pixels found over many frames
+- ``recipe``: which corrections are asked for, with which calibration frames
+- ``view``: a frame source seen through a chain
+"""

@@ -1,0 +1,130 @@
+"""Compiled inner loops of the corrections."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.compiled import njit
+
+__all__ = ["correct_rows", "neighbour_of_rank", "repair_pixels"]
+
+
+@njit()
+def correct_rows(
+    raw: NDArray[Any],
+    dark: NDArray[np.float32],
+    gain: NDArray[np.float32],
+    r0: int,
+    c0: int,
+    level: np.float32,
+    scale: np.float32,
+    plane: NDArray[np.float64],
+    start: int,
+    stop: int,
+    out: NDArray[np.float32],
+) -> None:
+    """Write ``(raw - level - dark) gain scale - plane`` for rows ``start … stop`` of ``raw``.
+
+    ``raw`` and ``out`` hold the region whose first pixel is ``(r0, c0)`` of the sensor; ``dark`` and ``gain``
+    hold the whole sensor or are empty. ``plane`` is the offset at (0, 0) and its slopes per row and column.
+    """
+    columns = raw.shape[1]
+    slope = np.float32(plane[2])
+    for r in range(start, stop):
+        offset = np.float32(plane[0] + plane[1] * (r + r0))
+        if dark.size and gain.size:
+            for c in range(columns):
+                value = (np.float32(raw[r, c]) - level - dark[r0 + r, c0 + c]) * gain[r0 + r, c0 + c]
+                out[r, c] = value * scale - offset - slope * np.float32(c0 + c)
+        elif dark.size:
+            for c in range(columns):
+                value = np.float32(raw[r, c]) - level - dark[r0 + r, c0 + c]
+                out[r, c] = value * scale - offset - slope * np.float32(c0 + c)
+        elif gain.size:
+            for c in range(columns):
+                value = (np.float32(raw[r, c]) - level) * gain[r0 + r, c0 + c]
+                out[r, c] = value * scale - offset - slope * np.float32(c0 + c)
+        else:
+            for c in range(columns):
+                out[r, c] = (np.float32(raw[r, c]) - level) * scale - offset - slope * np.float32(c0 + c)
+
+
+@njit()
+def repair_pixels(
+    values: NDArray[np.float32],
+    r0: int,
+    c0: int,
+    plane: NDArray[np.float64],
+    pixels: NDArray[np.int32],
+    neighbours: NDArray[np.int32],
+) -> None:
+    """Set ``pixels`` of the region ``values`` to the mean of their ``neighbours``, where those lie in the region.
+
+    ``plane`` has already been subtracted; it is added back to the neighbours and subtracted at the pixel,
+    so that repairing comes before the background as the chain says. A pixel without any neighbour becomes NaN.
+    """
+    rows, columns = values.shape
+    for k in range(pixels.shape[0]):
+        r = pixels[k, 0] - r0
+        c = pixels[k, 1] - c0
+        if r < 0 or c < 0 or r >= rows or c >= columns:
+            continue
+        total = 0.0
+        count = 0
+        for j in range(neighbours.shape[1]):
+            nr = neighbours[k, j, 0]
+            nc = neighbours[k, j, 1]
+            if nr < r0 or nc < c0 or nr >= r0 + rows or nc >= c0 + columns:
+                continue
+            value = values[nr - r0, nc - c0]
+            if np.isnan(value):
+                continue
+            total += value + plane[1] * (nr - pixels[k, 0]) + plane[2] * (nc - pixels[k, 1])
+            count += 1
+        values[r, c] = total / count if count else np.nan
+
+
+@njit()
+def neighbour_of_rank(
+    image: NDArray[np.float32],
+    offsets: NDArray[np.int32],
+    rank: int,
+    start: int,
+    stop: int,
+    out: NDArray[np.float32],
+) -> None:
+    """Write, for rows ``start … stop``, the value of rank ``rank`` (0 lowest) among each pixel's neighbours.
+
+    ``offsets`` has shape ``(phases_y, phases_x, n, 2)``: the same-colour neighbours of each colour filter phase.
+    At the border, where some are missing, a rank below the middle takes the lowest of the others and one above it
+    the highest: the strictest comparison that is left.
+    """
+    rows, columns = image.shape
+    py, px, n, _ = offsets.shape
+    found = np.empty(n, np.float32)
+    for r in range(start, stop):
+        for c in range(columns):
+            m = 0
+            for j in range(n):
+                nr = r + offsets[r % py, c % px, j, 0]
+                nc = c + offsets[r % py, c % px, j, 1]
+                if nr < 0 or nr >= rows or nc < 0 or nc >= columns:
+                    continue
+                value = image[nr, nc]
+                k = m
+                while k > 0 and found[k - 1] > value:
+                    found[k] = found[k - 1]
+                    k -= 1
+                found[k] = value
+                m += 1
+            if m == n:
+                out[r, c] = found[rank]
+            elif m == 0:
+                out[r, c] = image[r, c]
+            elif rank == n // 2:
+                out[r, c] = found[m // 2]
+            else:
+                out[r, c] = found[0] if rank < n // 2 else found[m - 1]

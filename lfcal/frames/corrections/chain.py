@@ -1,0 +1,308 @@
+"""The ordered chain of corrections between a raw frame and a clean one, in signed float32."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.frames.corrections import _kernels
+from lfcal.frames.corrections.background import Background, Plane
+from lfcal.frames.corrections.defects import Defects, repair_nan
+from lfcal.frames.corrections.steps import Dark, Exposure, White
+from lfcal.frames.regions import Region, check_region, grow_region, region_shape, whole
+from lfcal.threads import for_each_chunk
+
+__all__ = ["CorrectionChain", "Step"]
+
+Step: TypeAlias = Dark | White | Defects | Background | Exposure
+
+_RANK = {Dark: 0, White: 1, Defects: 2, Background: 3, Exposure: 3}
+_EMPTY = np.zeros((0, 0), np.float32)
+_EMPTY.setflags(write=False)  # as the frames of the steps are: one compiled kernel for both
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectionChain:
+    """Corrections in their order: dark, white, defects, then background and exposure in either order.
+
+    Every step may be left out and none comes twice; the empty chain only turns samples into float32. Nothing is
+    clipped. One compiled pass does dark, white, background and exposure together; defects are mended after it
+    with the values they have at their place in the chain.
+
+    Attributes
+    ----------
+    steps
+        `Dark`, `White`, `Defects`, `Background`, `Exposure`.
+    saturation
+        Sample value from which a pixel counts as saturated; None takes the highest value of an integer type,
+        and counts nothing in frames of floats.
+
+    Raises
+    ------
+    InputError
+        If the order is wrong (it says what to swap), a step comes twice, or two steps fit different sensors.
+    """
+
+    steps: tuple[Step, ...] = ()
+    saturation: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check order and shapes."""
+        steps = tuple(self.steps)
+        object.__setattr__(self, "steps", steps)
+        for step in steps:
+            if type(step) not in _RANK:
+                raise InputError.expected(
+                    "correction", "Dark, White, Defects, Background or Exposure", type(step).__name__, "leave it out"
+                )
+        for before, after in itertools.pairwise(steps):
+            if _RANK[type(before)] > _RANK[type(after)]:
+                a, b = _name(before), _name(after)
+                raise InputError.expected("order of corrections", f"{b} before {a}", f"{a} before {b}", "swap them")
+        for kind in _RANK:
+            if sum(type(step) is kind for step in steps) > 1:
+                raise InputError.expected("corrections", f"one {kind.__name__}", "two", "merge them into one")
+        sized = [step for step in steps if step.shape is not None]
+        for step in sized[1:]:
+            if step.shape != sized[0].shape:
+                raise InputError.expected(
+                    f"sensor of {_name(step)}",
+                    f"{sized[0].shape} as that of {_name(sized[0])}",
+                    step.shape,
+                    "take all calibration frames with one sensor setting",
+                )
+
+    @property
+    def shape(self) -> tuple[int, int] | None:
+        """Rows and columns of the frames the chain fits; None for any."""
+        return next((step.shape for step in self.steps if step.shape is not None), None)
+
+    @property
+    def margin(self) -> int:
+        """Pixels around a region that must be known to correct it exactly as the whole frame would be."""
+        defects = self._find(Defects)
+        return 0 if defects is None else defects.margin
+
+    @property
+    def measures_frames(self) -> bool:
+        """Whether a background is measured on each frame, so that a region alone is not enough."""
+        background: Background | None = self._find(Background)
+        return background is not None and background.measured
+
+    def apply(
+        self,
+        frame: NDArray[Any],
+        *,
+        exposure_s: float | None = None,
+        out: NDArray[np.float32] | None = None,
+        workers: int | None = 1,
+    ) -> NDArray[np.float32]:
+        """Return the corrected frame, ``(rows, columns)`` float32.
+
+        Parameters
+        ----------
+        frame
+            Raw frame of any integer or float type; not changed.
+        exposure_s
+            Exposure of this frame (s); needed if the chain has an `Exposure`.
+        out
+            Contiguous float32 array to write to; made when None.
+        workers
+            Threads; None takes all processors.
+
+        Raises
+        ------
+        InputError
+            If the frame is not 2-D or its shape is not that of the chain.
+        """
+        shape = self._check_frame(frame)
+        plane = self.measure(lambda region: frame[region], shape, exposure_s=exposure_s)
+        return self._run(frame, whole(shape), plane, exposure_s, out=out, workers=workers)
+
+    def apply_region(
+        self,
+        part: NDArray[Any],
+        region: Region,
+        *,
+        inside: Region | None = None,
+        exposure_s: float | None = None,
+        background: Plane | None = None,
+    ) -> NDArray[np.float32]:
+        """Return a corrected part of a frame, float32.
+
+        Parameters
+        ----------
+        part
+            Raw pixels of ``region``.
+        region
+            Rows and columns of ``part`` in sensor coordinates, ``slice(start, stop)`` each.
+        inside
+            Region returned, within ``region``; all of it when None. To get exactly what the whole frame gives,
+            read `grow_region` of it by `margin`.
+        exposure_s
+            As in `apply`.
+        background
+            What `measure` returned for this frame; needed if `measures_frames`.
+
+        Raises
+        ------
+        InputError
+            If the shapes do not fit, or the background of the frame is needed and not given.
+        """
+        limit = self.shape or (1 << 30, 1 << 30)
+        region = check_region(region, limit)
+        if part.shape != region_shape(region):
+            raise InputError.expected(
+                "part of a frame", f"shape {region_shape(region)}", part.shape, "pass the pixels of the region"
+            )
+        if self.measures_frames and background is None:
+            raise InputError.expected(
+                "background of the frame",
+                "what measure() returned for it",
+                "none",
+                "call measure() first, correct whole frames, or use a constant background",
+            )
+        if background is None:
+            background = self.measure(lambda _: part, region_shape(region), exposure_s=exposure_s)
+        result = self._run(part, region, background, exposure_s)
+        if inside is None:
+            return result
+        (r, c), (rows, columns) = region, check_region(inside, (region[0].stop, region[1].stop))
+        return np.ascontiguousarray(
+            result[rows.start - r.start : rows.stop - r.start, columns.start - c.start : columns.stop - c.start]
+        )
+
+    def measure(
+        self,
+        read: Callable[[Region], NDArray[Any]],
+        shape: tuple[int, int],
+        *,
+        exposure_s: float | None = None,
+    ) -> Plane:
+        """Return the background of one frame, ``(at pixel (0, 0), per row, per column)``, for `apply_region`.
+
+        ``read`` returns raw regions of the frame of ``shape``; only the border is asked for, and nothing where
+        the background is constant.
+        """
+        background: Background | None = self._find(Background)
+        if background is None:
+            return 0.0, 0.0, 0.0
+        if not background.measured:
+            return background.measure(lambda _: _EMPTY, shape)
+        ahead = CorrectionChain(self.steps[: self.steps.index(background)])
+
+        def part(region: Region) -> NDArray[np.float32]:
+            grown = grow_region(region, ahead.margin, shape)
+            return ahead.apply_region(read(grown), grown, inside=region, exposure_s=exposure_s)
+
+        return background.measure(part, shape)
+
+    def saturation_level(self, dtype: np.dtype[Any]) -> float | None:
+        """Return the sample value from which pixels of ``dtype`` count as saturated, None if there is none."""
+        if self.saturation is not None:
+            return self.saturation
+        return float(np.iinfo(dtype).max) if dtype.kind in "iu" else None
+
+    def saturated(self, frame: NDArray[Any], region: Region | None = None) -> int:
+        """Return how many pixels of a raw frame, or of its part ``region``, are saturated, known defects left out."""
+        level = self.saturation_level(frame.dtype)
+        if level is None:
+            return 0
+        if frame.dtype.kind in "iu":
+            if level > np.iinfo(frame.dtype).max:
+                return 0
+            level = math.ceil(level)
+        count = int(np.count_nonzero(frame >= frame.dtype.type(level)))
+        defects = self._find(Defects)
+        if count and defects is not None and len(defects):
+            rows, columns = region if region is not None else whole((frame.shape[0], frame.shape[1]))
+            at = np.asarray(defects.pixels) - np.array([rows.start, columns.start])
+            at = at[((at >= 0) & (at < np.array(frame.shape))).all(axis=1)]
+            count -= int(np.count_nonzero(frame[at[:, 0], at[:, 1]] >= level))
+        return count
+
+    def describe(self) -> dict[str, Any]:
+        """Return a JSON description for provenance: every step with its parameters and checksums."""
+        return {"steps": [step.describe() for step in self.steps], "saturation": self.saturation}
+
+    def _find(self, kind: type[Any]) -> Any:
+        return next((step for step in self.steps if type(step) is kind), None)
+
+    def _check_frame(self, frame: NDArray[Any]) -> tuple[int, int]:
+        if frame.ndim != 2:
+            raise InputError.expected("frame", "2 axes (rows, columns)", frame.shape, "pass one frame at a time")
+        shape = (frame.shape[0], frame.shape[1])
+        if self.shape is not None and shape != self.shape:
+            raise InputError.expected(
+                "frame",
+                f"shape {self.shape} of the calibration frames",
+                shape,
+                "take frame, dark and white with one sensor setting",
+            )
+        return shape
+
+    def _affine(self, plane: Plane, exposure_s: float | None) -> tuple[float, NDArray[np.float64]]:
+        """Return factor and plane such that the chain's end is ``value * factor - plane``."""
+        factor, offset = 1.0, np.zeros(3)
+        for step in self.steps:
+            if isinstance(step, Background):
+                offset = offset + np.array(plane)
+            elif isinstance(step, Exposure):
+                scale = step.factor(exposure_s)
+                factor, offset = factor * scale, offset * scale
+        return factor, offset
+
+    def _run(
+        self,
+        part: NDArray[Any],
+        region: Region,
+        plane: Plane,
+        exposure_s: float | None,
+        *,
+        out: NDArray[np.float32] | None = None,
+        workers: int | None = 1,
+    ) -> NDArray[np.float32]:
+        dark, white, defects = self._find(Dark), self._find(White), self._find(Defects)
+        dark_frame = _EMPTY if dark is None or dark.frame is None else dark.frame
+        level = 0.0 if dark is None else dark.level
+        gain = _EMPTY if white is None else white.gain
+        r0, c0 = region[0].start, region[1].start
+        raw = _narrow(part)
+        result = np.empty(part.shape, np.float32) if out is None else _check_out(out, part.shape)
+        factor, offset = self._affine(plane, exposure_s)
+
+        def rows(start: int, stop: int) -> None:
+            _kernels.correct_rows(
+                raw, dark_frame, gain, r0, c0, np.float32(level), np.float32(factor), offset, start, stop, result
+            )
+
+        for_each_chunk(rows, part.shape[0], workers)
+        if defects is not None:
+            _kernels.repair_pixels(result, r0, c0, offset, defects.pixels, defects.neighbours)
+            if part.dtype.kind == "f":
+                repair_nan(result, (r0, c0), offset, defects.cfa)
+        return result
+
+
+def _narrow(part: NDArray[Any]) -> NDArray[Any]:
+    """Return the samples as uint16 or float32, contiguous: the two types the kernel is compiled for."""
+    return np.ascontiguousarray(part, np.uint16 if part.dtype in (np.uint8, np.uint16) else np.float32)
+
+
+def _check_out(out: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    if out.shape != shape or out.dtype != np.float32 or not out.flags.c_contiguous:
+        raise InputError.expected(
+            "output array", f"contiguous float32 {shape}", f"{out.dtype} {out.shape}", "pass None"
+        )
+    return out
+
+
+def _name(step: object) -> str:
+    return type(step).__name__

@@ -1,0 +1,228 @@
+"""Single corrections of a frame: dark, white (vignetting) and exposure."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable
+from dataclasses import InitVar, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.checks import as_sensor_frame, check_number
+from lfcal.errors import InputError
+from lfcal.frames.cfa import phases
+
+__all__ = ["Dark", "Exposure", "White", "average_frames", "white_gain"]
+
+
+def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
+    """Return the mean of equally shaped frames ``(rows, columns)``, summed in float64.
+
+    For dark and white sequences, and for repeated frames of one position.
+    """
+    total: NDArray[np.float64] | None = None
+    count = 0
+    for frame in frames:
+        if total is None:
+            total = np.zeros(frame.shape, np.float64)
+        if frame.shape != total.shape:
+            raise InputError.expected(
+                f"frame {count} of the average", f"shape {total.shape}", frame.shape, "leave it out"
+            )
+        total += frame
+        count += 1
+    if total is None:
+        raise InputError.expected("frames to average", "at least one", "none", "check the path")
+    return (total / count).astype(np.float32)
+
+
+def fingerprint(array: NDArray[Any]) -> str:
+    """Return the CRC-32 of an array's bytes as eight hexadecimal digits, for provenance."""
+    return f"{zlib.crc32(np.ascontiguousarray(array).data):08x}"
+
+
+@dataclass(frozen=True, eq=False)
+class Dark:
+    """Subtract what the sensor shows without light; differences stay signed.
+
+    Attributes
+    ----------
+    frame
+        Mean dark frame ``(rows, columns)`` in sample values, or None where a level is enough.
+    level
+        Constant level subtracted as well (sample values), e.g. the black level of a camera RAW.
+
+    Raises
+    ------
+    InputError
+        If the frame is not a finite 2-D array.
+    """
+
+    frame: NDArray[Any] | None = field(default=None, repr=False)
+    level: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check and freeze the frame."""
+        check_number("dark level", self.level)
+        if self.frame is not None:
+            object.__setattr__(self, "frame", as_sensor_frame("dark frame", self.frame))
+
+    @property
+    def shape(self) -> tuple[int, int] | None:
+        """Shape of the frames it fits, None for any."""
+        return None if self.frame is None else (self.frame.shape[0], self.frame.shape[1])
+
+    def describe(self) -> dict[str, Any]:
+        """Return a JSON description."""
+        record: dict[str, Any] = {"kind": "dark", "level": float(self.level)}
+        if self.frame is not None:
+            record |= {"mean": float(self.frame.mean(dtype=np.float64)), "crc32": fingerprint(self.frame)}
+        return record
+
+
+def white_gain(
+    light: NDArray[np.float32], floor: float, cfa: str = ""
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return the factors that even out the white image ``light``, and where they were limited to ``1 / floor``.
+
+    ``light`` is relative to its 99th percentile, for each position of the pattern ``cfa`` on its own.
+    """
+    relative = np.empty_like(light)
+    for rows, columns in phases(cfa):
+        part = light[rows, columns]
+        peak = float(np.percentile(part, 99))
+        if not peak > 0:
+            raise InputError.expected(
+                "white frame",
+                "light above the dark level",
+                f"99th percentile {peak:g}",
+                "check lamp, shutter and that white and dark are not swapped",
+            )
+        np.divide(part, np.float32(peak), out=relative[rows, columns])
+    dim = relative < floor
+    np.maximum(relative, np.float32(floor), out=relative)
+    return np.reciprocal(relative, out=relative), dim
+
+
+@dataclass(frozen=True, eq=False)
+class White:
+    """Divide by the relative brightness of a white frame (vignetting).
+
+    The white frame less its dark is divided by its 99th percentile, for each colour of a mosaic on its own, so
+    that the brightest part of the field keeps its values and colours keep their ratio. Pixels below ``floor``,
+    such as the gaps between lenslet images, are divided by ``floor`` and marked in ``dim``: they stay finite.
+
+    Attributes
+    ----------
+    frame
+        Mean white frame ``(rows, columns)`` in sample values; not kept.
+    dark
+        Dark frame or level to subtract from it, 0 where that has been done; not kept.
+    floor
+        Lowest relative brightness divided by, in ]0, 1].
+    cfa
+        Colour filter pattern by rows, empty for monochrome.
+    saturation
+        Sample value at which a pixel is saturated; None takes the highest value of an integer type.
+    gain, dim
+        The factors applied, and where they were limited; made from the above.
+
+    Raises
+    ------
+    InputError
+        If the frame is not finite, holds no light, or more than 0.1 % of it is saturated.
+    """
+
+    frame: InitVar[NDArray[Any]]
+    dark: InitVar[NDArray[Any] | float]
+    floor: float = 0.05
+    cfa: str = ""
+    saturation: float | None = None
+    gain: NDArray[np.float32] = field(init=False, repr=False)
+    dim: NDArray[np.bool_] = field(init=False, repr=False)
+
+    def __post_init__(self, frame: NDArray[Any], dark: NDArray[Any] | float) -> None:
+        """Check the frames and make the gain."""
+        check_number("white floor", self.floor, above=0, at_most=1)
+        raw = np.asarray(frame)
+        white = as_sensor_frame("white frame", raw)
+        self._check_saturation(raw)
+        level = np.asarray(dark, np.float32)
+        if level.ndim:
+            level = as_sensor_frame("dark of the white frame", level)
+        if level.ndim and level.shape != white.shape:
+            raise InputError.expected(
+                "dark of the white frame", f"shape {white.shape}", level.shape, "use one sensor setting"
+            )
+        gain, dim = white_gain(white - level, self.floor, self.cfa)
+        for name, value in (("gain", gain), ("dim", dim)):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    def _check_saturation(self, raw: NDArray[Any]) -> None:
+        level = self.saturation
+        if level is None and raw.dtype.kind in "iu":
+            level = np.iinfo(raw.dtype).max
+        if level is None:
+            return
+        share = float(np.count_nonzero(raw >= level)) / raw.size
+        if share > 1e-3:
+            raise InputError.expected(
+                "white frame", "at most 0.1 % saturated", f"{100 * share:.3g} %", "expose it less"
+            )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape of the frames it fits."""
+        return self.gain.shape[0], self.gain.shape[1]
+
+    def describe(self) -> dict[str, Any]:
+        """Return a JSON description."""
+        return {
+            "kind": "white",
+            "floor": float(self.floor),
+            "cfa": self.cfa,
+            "dim_pixels": int(np.count_nonzero(self.dim)),
+            "largest_gain": float(self.gain.max()),
+            "crc32": fingerprint(self.gain),
+        }
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """Scale a frame to what it would show at ``reference_s`` (s), by the ratio of exposures."""
+
+    reference_s: float
+
+    def __post_init__(self) -> None:
+        """Check the reference."""
+        check_number("reference exposure (s)", self.reference_s, above=0)
+
+    @property
+    def shape(self) -> tuple[int, int] | None:
+        """Fits any frame."""
+        return None
+
+    def factor(self, exposure_s: float | None) -> float:
+        """Return the factor for a frame exposed for ``exposure_s`` (s).
+
+        Raises
+        ------
+        InputError
+            If the exposure of the frame is not known or not positive.
+        """
+        if exposure_s is None:
+            raise InputError.expected(
+                "exposure of the frame",
+                "a time in seconds",
+                "none",
+                "add an exposure_s column to the manifest or leave out the exposure correction",
+            )
+        check_number("exposure of the frame (s)", exposure_s, above=0)
+        return self.reference_s / float(exposure_s)
+
+    def describe(self) -> dict[str, Any]:
+        """Return a JSON description."""
+        return {"kind": "exposure", "reference_s": float(self.reference_s)}

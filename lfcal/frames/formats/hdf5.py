@@ -1,0 +1,115 @@
+"""HDF5 stacks as frames, opened without trusting them."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError
+from lfcal.files import check_dataset, open_h5_file
+from lfcal.frames.formats.image_file import ImageFile, decoding
+from lfcal.frames.regions import check_region
+
+__all__ = ["Hdf5Image"]
+
+
+class Hdf5Image(ImageFile):
+    """A dataset with axes (frame, row, column) or (z, y, x, row, column) of an HDF5 file.
+
+    Beside the frames, in the same group, ``positions`` (frame, 3) as z, y, x and ``exposure_s`` (frame) are read
+    where they are there.
+
+    Parameters
+    ----------
+    path
+        The file.
+    dataset
+        Name of the dataset; None takes ``frames``, or the only one with three or five axes.
+
+    Raises
+    ------
+    FileFormatError, UnsafeFileError
+        As `lfcal.files.check_dataset`, or if there is not one stack to choose.
+    """
+
+    def __init__(self, path: Path, dataset: str | None = None) -> None:
+        self.path = path
+        self._lock = threading.Lock()
+        self._file = open_h5_file(path)
+        try:
+            with decoding(path, "HDF5"):
+                self._open(dataset)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _open(self, name: str | None) -> None:
+        name = self._choose() if name is None else name
+        self._data = check_dataset(self._file, name)
+        shape = tuple(int(n) for n in self._data.shape)
+        if len(shape) not in (3, 5) or 0 in shape or self._data.dtype.kind not in "iuf":
+            raise FileFormatError.expected(
+                f"{self.path}:/{name}",
+                "numbers with axes (frame, row, column) or (z, y, x, row, column)",
+                f"{self._data.dtype} {shape}",
+                "name another dataset",
+            )
+        self._lead = shape[:-2]
+        self.shape = (shape[-2], shape[-1])
+        self.dtype = self._data.dtype.newbyteorder("=")
+        self.pages = int(np.prod(self._lead))
+        metadata: dict[str, Any] = {"plan_shape": self._lead} if len(self._lead) == 3 else {}
+        folder = name.rpartition("/")[0]
+        for key, width in (("positions", (3,)), ("exposure_s", ())):
+            beside = f"{folder}/{key}" if folder else key
+            if beside in self._file:
+                metadata[key] = self._table(beside, (self.pages, *width))
+        self.metadata = metadata
+
+    def _choose(self) -> str:
+        import h5py
+
+        found = [
+            key
+            for key in self._file
+            if self._file.get(key, getclass=True, getlink=True) is h5py.HardLink
+            and isinstance(self._file[key], h5py.Dataset)
+            and len(self._file[key].shape or ()) in (3, 5)
+        ]
+        if "frames" in found or "frames" in self._file:
+            return "frames"
+        if len(found) != 1:
+            got = ", ".join(found[:8]) or "none"
+            raise FileFormatError.expected(
+                str(self.path), "one dataset of frames, or one named frames", got, "name the dataset"
+            )
+        return str(found[0])
+
+    def _table(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
+        data = check_dataset(self._file, name)
+        if data.shape != shape:
+            raise FileFormatError.expected(
+                f"{self.path}:/{name}", f"shape {shape}, one per frame", data.shape, "correct the file"
+            )
+        return np.asarray(data[...])
+
+    def read(self, page: int = 0) -> NDArray[Any]:
+        """Return one frame."""
+        return self.read_region(page, slice(0, self.shape[0]), slice(0, self.shape[1]))
+
+    def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
+        """Return a part of one frame; only the chunks it touches are read."""
+        rows, columns = check_region((rows, columns), self.shape)
+        at = np.unravel_index(self.check_page(page), self._lead)
+        with self._lock, decoding(self.path, "HDF5"):
+            part = self._data[(*(int(k) for k in at), rows, columns)]
+        return np.ascontiguousarray(part, self.dtype)
+
+    def close(self) -> None:
+        """Close the file."""
+        with self._lock:
+            self._file.close()

@@ -1,0 +1,114 @@
+"""Image files: found out by their first bytes, opened as pages, never trusted."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError, LfcalError, UnsafeFileError
+from lfcal.files import MAX_EXPANSION, storage_errors
+from lfcal.frames.regions import check_region
+from lfcal.units import format_bytes
+
+__all__ = ["MAX_SIDE", "ImageFile", "check_declared", "check_grey", "decoding"]
+
+MAX_SIDE = 200_000
+
+
+class ImageFile(ABC):
+    """Pages of equal shape and dtype in one file; reading is safe from several threads.
+
+    Attributes
+    ----------
+    path
+        The file.
+    shape, dtype
+        Rows and columns, and sample type, of every page.
+    pages
+        Number of pages.
+    metadata
+        What the file says of them: ``cfa``, ``black_level``, ``saturation``, ``gains``, ``positions`` …
+    """
+
+    path: Path
+    shape: tuple[int, int]
+    dtype: np.dtype[Any]
+    pages: int = 1
+    metadata: Mapping[str, Any] = MappingProxyType({})
+
+    @abstractmethod
+    def read(self, page: int = 0) -> NDArray[Any]:
+        """Return ``page`` as a new array ``(rows, columns)`` of `dtype`."""
+
+    def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
+        """Return the part ``[rows, columns]`` of ``page``."""
+        rows, columns = check_region((rows, columns), self.shape)
+        return np.ascontiguousarray(self.read(page)[rows, columns])
+
+    def close(self) -> None:  # noqa: B027  most kinds keep nothing open
+        """Release the file."""
+
+    def check_page(self, page: int) -> int:
+        """Return ``page`` or raise `FileFormatError` where the file has fewer."""
+        if not 0 <= page < self.pages:
+            raise FileFormatError.expected(
+                str(self.path),
+                f"page {page}",
+                f"{self.pages} pages (0 … {self.pages - 1})",
+                "the file is cut short or the manifest is wrong",
+            )
+        return page
+
+
+@contextmanager
+def decoding(path: Path, kind: str) -> Iterator[None]:
+    """Turn whatever a decoder raises into one line of `FileFormatError` that names the file."""
+    try:
+        yield
+    except (LfcalError, MemoryError):
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            with storage_errors(path):
+                raise
+        said = error.args[0].decode(errors="replace") if error.args and isinstance(error.args[0], bytes) else str(error)
+        reason = " ".join(said.split())[:120] or type(error).__name__
+        raise FileFormatError.expected(
+            str(path), f"an intact {kind} file", f"damaged data ({reason})", "record or copy it again"
+        ) from error
+
+
+def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: int) -> None:
+    """Raise unless ``shape`` is that of a frame and its bytes are believable for ``stored`` bytes of file."""
+    rows, columns = shape[:2]
+    if not (1 <= rows <= MAX_SIDE and 1 <= columns <= MAX_SIDE):
+        raise UnsafeFileError.expected(
+            str(path), f"frames of 1 … {MAX_SIDE} px a side", f"{rows} x {columns}", "check the file"
+        )
+    nbytes = int(np.prod(shape, dtype=object)) * itemsize
+    if nbytes > MAX_EXPANSION * stored + (1 << 20):
+        raise UnsafeFileError.expected(
+            str(path),
+            "a size the file can hold",
+            f"{format_bytes(nbytes)} declared in a file of {format_bytes(stored)}",
+            "the header is wrong; take it from its source again",
+        )
+
+
+def check_grey(path: Path, components: int, colour: str | None, bits: int) -> None:
+    """Raise unless an image of ``components`` samples per pixel can be taken as data."""
+    if components == 1 or (components in (3, 4) and colour is not None):
+        return
+    raise FileFormatError.expected(
+        str(path),
+        "grey data, one sample per pixel",
+        f"{components} samples of {bits} bits per pixel",
+        "record grey or RAW" if components == 2 or bits < 16 else 'record RAW, or take one with colour="G"',
+    )

@@ -1,0 +1,59 @@
+"""``.npy`` arrays as frames, mapped from disk so that a region costs no more than itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError, UnsafeFileError
+from lfcal.frames.formats.image_file import ImageFile, decoding
+from lfcal.frames.regions import check_region
+
+__all__ = ["NpyImage"]
+
+
+class NpyImage(ImageFile):
+    """A ``.npy`` file with axes (row, column), (frame, row, column) or (z, y, x, row, column)."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            with decoding(path, "NPY"):
+                array = np.load(path, mmap_mode="r", allow_pickle=False)
+        except FileFormatError as error:
+            if "allow_pickle" in str(error) or "Python objects" in str(error):
+                raise UnsafeFileError.expected(
+                    str(path), "plain numbers", "pickled Python objects", "save it as an array of numbers"
+                ) from error
+            raise
+        if array.dtype.kind not in "iuf":
+            raise UnsafeFileError.expected(
+                str(path), "whole numbers or floats", f"dtype {array.dtype}", "save it as numbers"
+            )
+        if array.ndim not in (2, 3, 5) or not array.size:
+            raise FileFormatError.expected(
+                str(path),
+                "axes (row, column), (frame, row, column) or (z, y, x, row, column)",
+                f"shape {array.shape}",
+                "reshape it",
+            )
+        self._array = array
+        self.shape = (int(array.shape[-2]), int(array.shape[-1]))
+        self.dtype = array.dtype.newbyteorder("=")
+        self._lead = tuple(int(n) for n in array.shape[:-2])
+        self.pages = int(np.prod(self._lead))
+        if len(self._lead) == 3:
+            self.metadata = {"plan_shape": self._lead}
+
+    def read(self, page: int = 0) -> NDArray[Any]:
+        """Return a copy of one frame."""
+        return self.read_region(page, slice(0, self.shape[0]), slice(0, self.shape[1]))
+
+    def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
+        """Return a copy of a part of one frame."""
+        rows, columns = check_region((rows, columns), self.shape)
+        at = np.unravel_index(self.check_page(page), self._lead) if self._lead else ()
+        return np.array(self._array[(*(int(k) for k in at), rows, columns)], self.dtype, order="C")

@@ -1,0 +1,121 @@
+"""Image files opened by what their first bytes say, whatever their name."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError, InputError, StorageError
+from lfcal.files import storage_errors
+from lfcal.frames.formats.image_file import ImageFile
+
+__all__ = ["IMAGE_SUFFIXES", "RAW_SUFFIXES", "open_image", "read_image"]
+
+RAW_SUFFIXES = frozenset(
+    ".3fr .arw .cr2 .cr3 .crw .dcr .dng .erf .iiq .kdc .mef .mos .mrw .nef .nrw .orf .pef .raf .rw2 .rwl .sr2 .srf"
+    " .srw .x3f".split()
+)
+"""Names of camera RAW files; they are told by name, as most look like TIFF inside."""
+
+HDF5_SUFFIXES = frozenset({".h5", ".hdf5", ".mat"})
+
+IMAGE_SUFFIXES = frozenset({".tif", ".tiff", ".png", ".pgm", ".npy"} | RAW_SUFFIXES)
+"""Names of the files that are looked for in a folder."""
+
+
+def open_image(path: str | os.PathLike[str], *, colour: str | None = None, dataset: str | None = None) -> ImageFile:
+    """Open an image file of pages, each one frame.
+
+    16-bit and other grey TIFF (single and multi-page), PNG, PGM, ``.npy`` arrays, HDF5 stacks, and camera RAW (the
+    mosaic as it is). The kind is told by the first bytes, not by the name, except for camera RAW.
+
+    Parameters
+    ----------
+    path
+        The file.
+    colour
+        ``"R"``, ``"G"`` or ``"B"``: the component taken of a lossless colour image. Without it a colour image is
+        refused, as its samples have been through a camera's processing.
+    dataset
+        The stack of an HDF5 file; None takes ``frames`` or the only one.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is damaged, cut short, compressed with loss, not an image, or colour without ``colour``.
+    UnsafeFileError
+        If it asks for more memory than its size warrants, or holds Python objects.
+    StorageError
+        If it cannot be read.
+    """
+    path = Path(path)
+    if colour is not None and colour not in ("R", "G", "B"):
+        raise InputError.expected("colour", "R, G or B", repr(colour), "choose one of these")
+    head = _head(path)
+    if path.suffix.lower() in RAW_SUFFIXES:
+        from lfcal.frames.formats.raw import RawImage
+
+        return RawImage(path)
+    if head.startswith(b"\x89PNG\r\n\x1a\n"):
+        from lfcal.frames.formats.png import PngImage
+
+        return PngImage(path, colour)
+    if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+        from lfcal.frames.formats.tiff import TiffImage
+
+        return TiffImage(path, colour)
+    if head.startswith(b"\x93NUMPY"):
+        from lfcal.frames.formats.npy import NpyImage
+
+        return NpyImage(path)
+    if head.startswith(b"\x89HDF") or path.suffix.lower() in HDF5_SUFFIXES:
+        from lfcal.frames.formats.hdf5 import Hdf5Image
+
+        return Hdf5Image(path, dataset)
+    if head[:2] == b"P5":
+        from lfcal.frames.formats.pgm import PgmImage
+
+        return PgmImage(path)
+    raise FileFormatError.expected(str(path), "TIFF, PNG, PGM, NPY, HDF5 or camera RAW", _guess(head), _remedy(head))
+
+
+def read_image(path: str | os.PathLike[str], page: int = 0, *, colour: str | None = None) -> NDArray[Any]:
+    """Return one page of an image file, ``(rows, columns)``: for dark and white frames. Raises as `open_image`."""
+    image = open_image(path, colour=colour)
+    try:
+        return image.read(image.check_page(page))
+    finally:
+        image.close()
+
+
+def _head(path: Path) -> bytes:
+    if path.is_dir():
+        raise StorageError(f"{path}: is a folder; name a file in it")
+    with storage_errors(path), path.open("rb") as file:
+        head = file.read(16)
+    if not head:
+        raise FileFormatError.expected(str(path), "an image", "an empty file", "record or copy it again")
+    return head
+
+
+_KINDS = {
+    b"\xff\xd8": "a JPEG picture",
+    b"BM": "a BMP picture",
+    b"GIF8": "a GIF picture",
+    b"PK": "a ZIP or .npz archive",
+    b"RIFF": "a WebP picture or a video",
+    b"P6": "a colour PPM picture",
+}
+
+
+def _guess(head: bytes) -> str:
+    return next((kind for magic, kind in _KINDS.items() if head.startswith(magic)), "something else")
+
+
+def _remedy(head: bytes) -> str:
+    if head.startswith(b"\xff\xd8"):
+        return "JPEG loses what calibration needs; record RAW, 16-bit TIFF or PNG"
+    return "convert it without loss to 16-bit TIFF or PNG"

@@ -1,0 +1,84 @@
+"""PNG frames: every chunk's length and checksum are checked before the pixels are decoded."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError
+from lfcal.files import storage_errors
+from lfcal.frames.formats.image_file import ImageFile, check_declared, check_grey, decoding
+
+__all__ = ["PngImage"]
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_COMPONENTS = {0: 1, 2: 3, 4: 2, 6: 4}
+_COLOURS = {"B": 0, "G": 1, "R": 2}  # the order in which OpenCV hands components over
+
+
+class PngImage(ImageFile):
+    """A PNG file of one 8- or 16-bit grey frame, or one component of a colour one."""
+
+    def __init__(self, path: Path, colour: str | None = None) -> None:
+        self.path = path
+        with storage_errors(path):
+            stored = path.stat().st_size
+            with path.open("rb") as file:
+                head = file.read(33)
+        if len(head) < 33 or head[:8] != _SIGNATURE or head[12:16] != b"IHDR":
+            raise self._damaged("no header")
+        columns, rows, bits, kind = struct.unpack(">IIBB", head[16:26])
+        if kind not in _COMPONENTS or bits not in (8, 16):
+            what = "a palette" if kind == 3 else f"{bits}-bit samples"
+            raise FileFormatError.expected(
+                str(path), "8- or 16-bit grey samples", what, "record it as 16-bit grey PNG or TIFF"
+            )
+        check_grey(path, _COMPONENTS[kind], colour, bits)
+        check_declared(path, (rows, columns, _COMPONENTS[kind]), bits // 8, stored)
+        self.shape = (rows, columns)
+        self.dtype = np.dtype(np.uint8 if bits == 8 else np.uint16)
+        self._component = _COLOURS[colour] if colour is not None and _COMPONENTS[kind] > 1 else None
+
+    def read(self, page: int = 0) -> NDArray[Any]:
+        """Return the frame."""
+        import cv2
+
+        self.check_page(page)
+        with storage_errors(self.path):
+            data = self.path.read_bytes()
+        self._check_chunks(data)
+        with decoding(self.path, "PNG"):
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        if image is None:
+            raise self._damaged("pixels that cannot be decoded")
+        if self._component is not None and image.ndim == 3:
+            image = np.ascontiguousarray(image[..., self._component])
+        if image.shape != self.shape or image.dtype != self.dtype:
+            raise self._damaged(f"{image.dtype} {image.shape} where the header says {self.dtype} {self.shape}")
+        return np.asarray(image)
+
+    def _check_chunks(self, data: bytes) -> None:
+        """Walk the chunks to IEND: libpng may hand over a part of a cut-off image without a word."""
+        view, at = memoryview(data), 8
+        while True:
+            if at + 12 > len(data):
+                raise self._damaged("the end is missing")
+            (length,) = struct.unpack_from(">I", data, at)
+            stop = at + 8 + length
+            if stop + 4 > len(data):
+                raise self._damaged("the end is missing")
+            if zlib.crc32(view[at + 4 : stop]) != struct.unpack_from(">I", data, stop)[0]:
+                raise self._damaged(f"a wrong checksum at byte {at}")
+            if data[at + 4 : at + 8] == b"IEND":
+                return
+            at = stop + 4
+
+    def _damaged(self, reason: str) -> FileFormatError:
+        return FileFormatError.expected(
+            str(self.path), "an intact PNG file", f"damaged data ({reason})", "record or copy it again"
+        )

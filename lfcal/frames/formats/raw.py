@@ -1,0 +1,81 @@
+"""Camera RAW frames: the mosaic as the sensor gave it, its visible area, and what the file says of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rawpy
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError
+from lfcal.files import storage_errors
+from lfcal.frames.formats.image_file import ImageFile, decoding
+
+__all__ = ["RawImage"]
+
+
+class RawImage(ImageFile):
+    """A camera RAW file of one frame.
+
+    Nothing is interpolated, scaled or clipped. ``metadata`` holds ``cfa`` (pattern by rows of the visible area),
+    ``black_level`` (per pattern position, sample values), ``saturation`` (white level, where the file has one) and
+    ``gains`` (the camera's white balance per pattern position, 1 for the first green).
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with storage_errors(path):
+            path.open("rb").close()
+        with decoding(path, "camera RAW"), rawpy.imread(str(path)) as raw:
+            self._describe(raw)
+
+    def _describe(self, raw: Any) -> None:
+        if raw.raw_type != rawpy.RawType.Flat:
+            raise FileFormatError.expected(
+                str(self.path),
+                "one sample per pixel",
+                "samples of a layered or processed sensor",
+                "record the plain mosaic",
+            )
+        self.shape = (int(raw.sizes.height), int(raw.sizes.width))
+        self.dtype = np.dtype(np.uint16)
+        top, left = int(raw.sizes.top_margin), int(raw.sizes.left_margin)
+        side = 1 if raw.raw_pattern is None else int(raw.raw_pattern.shape[0])
+        names = raw.color_desc.decode("ascii")
+        mosaic = [(r, c) for r in range(side) for c in range(side)] if side > 1 else []
+        index = [int(raw.raw_color(top + r, left + c)) for r, c in mosaic] or [0]
+        cfa = "".join(names[k] for k in index) if mosaic else ""
+        self._check_pattern(cfa)
+        black = [float(raw.black_level_per_channel[k]) for k in index]
+        metadata: dict[str, Any] = {"cfa": cfa, "black_level": tuple(black)}
+        if raw.white_level:
+            metadata["saturation"] = float(raw.white_level)
+        balance = [float(g) for g in raw.camera_whitebalance]
+        gains = [balance[k] or balance[names.index(names[k])] for k in index]
+        if cfa and min(gains) > 0:
+            one = gains[cfa.index("G")] if "G" in cfa else gains[0]
+            metadata["gains"] = tuple(g / one for g in gains)
+        self.metadata = metadata
+
+    def _check_pattern(self, cfa: str) -> None:
+        """Refuse patterns that no sensor has, as a wrong tag gives: a Bayer pattern has its greens on a diagonal."""
+        known = len(cfa) in (0, 4, 16, 36) and set(cfa) <= set("RGBWCMYE")
+        if known and len(cfa) == 4 and set(cfa) <= set("RGB"):
+            known = sorted(cfa) == ["B", "G", "G", "R"] and "GG" in (cfa[0] + cfa[3], cfa[1] + cfa[2])
+        if not known:
+            raise FileFormatError.expected(
+                str(self.path), "a known colour filter pattern", repr(cfa), "its Bayer tag is wrong"
+            )
+
+    def read(self, page: int = 0) -> NDArray[Any]:
+        """Return the mosaic of the visible area, untouched."""
+        self.check_page(page)
+        with decoding(self.path, "camera RAW"), rawpy.imread(str(self.path)) as raw:
+            frame = np.array(raw.raw_image_visible, self.dtype, order="C")
+        if frame.shape != self.shape:
+            raise FileFormatError.expected(
+                str(self.path), f"{self.shape} px", frame.shape, "the file changed; copy it again"
+            )
+        return frame

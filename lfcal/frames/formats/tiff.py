@@ -1,0 +1,192 @@
+"""TIFF frames, one or many pages: the chain of pages and the place of their bytes are checked first."""
+
+from __future__ import annotations
+
+import logging
+import struct
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError
+from lfcal.files import storage_errors
+from lfcal.frames.formats.image_file import ImageFile, check_declared, check_grey, decoding
+from lfcal.frames.regions import check_region
+
+__all__ = ["TiffImage", "count_pages"]
+
+# What tifffile logs of damaged files is found out here and raised; without a handler it would reach the terminal.
+logging.getLogger("tifffile").addHandler(logging.NullHandler())
+
+_LOSSY = {6: "JPEG", 7: "JPEG", 34892: "lossy JPEG", 33007: "JPEG", 50001: "WebP"}
+_GREY = {1, 32803, 34892}
+"""Photometric interpretations that are data: black is zero, colour filter array, linear raw."""
+
+_COLOURS = "RGB"
+
+
+def count_pages(path: Path) -> int:
+    """Return the number of pages by walking their chain, where a reader may stop early without a word.
+
+    Raises
+    ------
+    FileFormatError
+        If the chain leads beyond the end of the file or back into itself.
+    """
+    with storage_errors(path), path.open("rb") as file:
+        size = path.stat().st_size
+        head = file.read(16)
+        order = "<" if head[:2] == b"II" else ">"
+        big = head[2:4] in (b"+\0", b"\0+")
+        where = struct.unpack_from(f"{order}Q" if big else f"{order}I", head.ljust(16, b"\0"), 8 if big else 4)[0]
+        seen: set[int] = set()
+        while where:
+            if where in seen:
+                raise _damaged(path, f"page {len(seen)} leads back to an earlier one")
+            seen.add(where)
+            where = _next_page(file, where, order, big)
+            if where < 0 or where > size:
+                raise _damaged(path, f"the file ends within page {len(seen) - 1 if where < 0 else len(seen)}")
+    if not seen:
+        raise _damaged(path, "no page")
+    return len(seen)
+
+
+def _next_page(file: BinaryIO, where: int, order: str, big: bool) -> int:
+    """Return where the page after the one at ``where`` begins, 0 after the last, -1 where the file ends too soon."""
+    count_form, tag, pointer = ("Q", 20, "Q") if big else ("H", 12, "I")
+    file.seek(where)
+    raw = file.read(struct.calcsize(order + count_form))
+    if len(raw) < struct.calcsize(order + count_form):
+        return -1
+    file.seek(where + len(raw) + tag * struct.unpack(order + count_form, raw)[0])
+    raw = file.read(struct.calcsize(order + pointer))
+    if len(raw) < struct.calcsize(order + pointer):
+        return -1
+    return int(struct.unpack(order + pointer, raw)[0])
+
+
+def _damaged(path: Path, reason: str) -> FileFormatError:
+    return FileFormatError.expected(
+        str(path), "an intact TIFF file", f"damaged data ({reason})", "record or copy it again"
+    )
+
+
+class TiffImage(ImageFile):
+    """A TIFF file of grey pages (8, 16, 32 bits, float), or one component of colour ones."""
+
+    def __init__(self, path: Path, colour: str | None = None) -> None:
+        self.path = path
+        self.pages = count_pages(path)
+        self._size = path.stat().st_size
+        with decoding(path, "TIFF"):
+            self._tiff = tifffile.TiffFile(path)
+        try:
+            with decoding(path, "TIFF"):
+                self._tiff.filehandle.set_lock(True)
+                self._lock = (
+                    self._tiff.filehandle.lock
+                )  # pages are looked up under the lock their samples are read under
+                self._first = self._tiff.pages[0]
+                self._describe(colour)
+        except BaseException:
+            self._tiff.close()
+            raise
+
+    def _describe(self, colour: str | None) -> None:
+        page = self._first
+        bits = int(page.bitspersample)
+        compression, photometric = int(page.compression), int(page.photometric)
+        if compression in _LOSSY:
+            raise FileFormatError.expected(
+                str(self.path),
+                "data compressed without loss",
+                _LOSSY[compression],
+                "record RAW, or TIFF with LZW, deflate or no compression",
+            )
+        check_grey(self.path, int(page.samplesperpixel), colour, bits)
+        if photometric not in _GREY and not (photometric == 2 and colour is not None):
+            raise FileFormatError.expected(
+                str(self.path),
+                "samples that grow with light",
+                f"photometric interpretation {photometric}",
+                "record grey TIFF, black at zero",
+            )
+        if page.dtype is None or page.dtype.kind not in "iuf" or bits < 8:
+            raise FileFormatError.expected(
+                str(self.path), "samples of 8 bits or more", f"{bits} bits", "record 16-bit grey TIFF"
+            )
+        self._samples = int(page.samplesperpixel)
+        self._component = _COLOURS.index(colour) if colour is not None and self._samples > 1 else None
+        self.shape = (int(page.imagelength), int(page.imagewidth))
+        self.dtype = page.dtype.newbyteorder("=")
+        check_declared(self.path, (*self.shape, self._samples), self.dtype.itemsize, self._size)
+        self._virtual = self._imagej_pages()
+        self.pages = max(self.pages, self._virtual)
+        if bits not in (8, 16, 32, 64):
+            self.metadata = {"bit_depth": bits}
+
+    def _imagej_pages(self) -> int:
+        """Return the number of images that ImageJ stores behind a single page in files above 4 GB, else 0."""
+        count = int((self._tiff.imagej_metadata or {}).get("images", 0)) if self._tiff.is_imagej else 0
+        return count if self.pages == 1 and count > 1 and self._plain(self._first) else 0
+
+    def _plain(self, page: Any) -> bool:
+        return bool(page.is_memmappable) and self._samples == 1
+
+    def read(self, page: int = 0) -> NDArray[Any]:
+        """Return one page."""
+        part, where = self._locate(page)
+        if where is not None:
+            return self._read_rows(where, slice(0, self.shape[0]))
+        with decoding(self.path, "TIFF"):
+            image = part.asarray(squeeze=True, maxworkers=1)
+        if self._component is not None:
+            image = image[self._component] if image.shape[0] == self._samples else image[..., self._component]
+        if image.shape != self.shape:
+            raise _damaged(self.path, f"page {page} holds {image.shape}")
+        return np.ascontiguousarray(image, self.dtype)
+
+    def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
+        """Return a part of one page; of uncompressed pages only its rows are read."""
+        rows, columns = check_region((rows, columns), self.shape)
+        _, where = self._locate(page)
+        if where is None:
+            return np.ascontiguousarray(self.read(page)[rows, columns])
+        return np.ascontiguousarray(self._read_rows(where, rows)[:, columns])
+
+    def _locate(self, number: int) -> tuple[Any, int | None]:
+        """Return the page and, where its samples lie in one piece, the offset of the first."""
+        self.check_page(number)
+        with self._lock, decoding(self.path, "TIFF"):
+            page = self._first if self._virtual else self._tiff.pages[number]
+            shape, dtype = (int(page.imagelength), int(page.imagewidth)), page.dtype
+        if shape != self.shape or dtype != self._first.dtype or page.samplesperpixel != self._samples:
+            raise FileFormatError.expected(
+                f"{self.path} page {number}",
+                f"{self.dtype} {self.shape} as page 0",
+                f"{dtype} {shape}",
+                "keep frames of one kind in a file",
+            )
+        skip = number * int(np.prod(self.shape)) * self.dtype.itemsize if self._virtual else 0
+        for start, length in zip(page.dataoffsets, page.databytecounts, strict=True):
+            if start <= 0 or length <= 0 or skip + start + length > self._size:
+                raise _damaged(self.path, f"the samples of page {number} are not all there")
+        return page, (skip + int(page.dataoffsets[0]) if self._plain(page) else None)
+
+    def _read_rows(self, where: int, rows: slice) -> NDArray[Any]:
+        stored = self.dtype.newbyteorder(self._tiff.byteorder)
+        count = (rows.stop - rows.start) * self.shape[1]
+        with storage_errors(self.path), self.path.open("rb") as file:
+            file.seek(where + rows.start * self.shape[1] * stored.itemsize)
+            data = np.fromfile(file, stored, count)
+        if data.size != count:
+            raise _damaged(self.path, "the file was cut short while open")
+        return np.ascontiguousarray(data.reshape(-1, self.shape[1]), self.dtype)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._tiff.close()

@@ -1,0 +1,234 @@
+"""Which lenslet is of which type, from how sharp its micro-image is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera import Camera, LensletLattice
+from lfcal.camera.main_lens import MainLens
+from lfcal.checks import as_sensor_frame, check_choice, check_tuple
+from lfcal.errors import InputError
+from lfcal.lattice.fit import LatticeFit
+from lfcal.lattice.micro_image import light_of
+
+__all__ = ["LensTypes", "classify_lens_types", "expected_blur"]
+
+Array = NDArray[np.float64]
+MIN_TRIANGLES = 8
+MIN_SIGMAS = 4.0
+MIN_AGREEMENT = 0.5
+MIN_BLUR_STEP = 0.05
+"""Types whose expected blurs differ by less than this share of the largest are not told apart."""
+
+SMOOTHING = 0.04
+"""Blur before gradients are taken (pitches)."""
+
+INNER = 0.4
+"""Radius of a micro-image's inner part (pitches)."""
+
+LIT = 0.1
+"""Share of the brightest lenslets' light from which on a lenslet counts as lit."""
+
+
+@dataclass(frozen=True, slots=True)
+class LensTypes:
+    """The colouring of a hexagonal lattice by three lens types.
+
+    Attributes
+    ----------
+    type_step
+        Type of the lenslet that follows one of type 0 along a row: 1 or 2.
+    phase
+        ``(q - r) mod 3`` of the lenslets of type 0 in the lattice fit's indices.
+    sharpness
+        Mean sharpness of types 0, 1 and 2 relative to their neighbours (log): light in the inner part of the
+        micro-image, or gradient energy over squared light.
+    agreement
+        Share of triangles of neighbours that single out this colouring on their own; 1/6 by chance.
+    sigmas
+        How far this colouring lies before the next best, in standard errors.
+    triangles
+        Triangles of three neighbours that were used.
+    """
+
+    type_step: int
+    phase: int
+    sharpness: tuple[float, float, float]
+    agreement: float
+    sigmas: float
+    triangles: int
+
+    @property
+    def confidence(self) -> float:
+        """Probability that this colouring is the right one, by the margin alone and at most 1 - 1e-6."""
+        return min(0.5 * math.erfc(-self.sigmas / math.sqrt(2)), 1 - 1e-6)
+
+    def type_of(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.intp]:
+        """Return the types of lenslets q, r of the lattice fit."""
+        coset = np.asarray(q, np.intp) - np.asarray(r, np.intp)
+        return np.mod(self.type_step * (coset - self.phase), 3)
+
+    def to_lattice(self, fit: LatticeFit, camera: Camera) -> LensletLattice:
+        """Return ``camera``'s lattice with fit and colouring: a lenslet of type 0 near the stated offset."""
+        row, column = camera.pixels(camera.lattice.offset_um)
+        near = np.rint(fit.lenslet_at(row, column)).astype(int)
+        steps = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)]) + near
+        zero = steps[self.type_of(steps[:, 0], steps[:, 1]) == 0]
+        distance = np.hypot(*(fit.centres_px(zero[:, 0], zero[:, 1]) - (row, column)).T)
+        q, r = zero[int(np.argmin(distance))]
+        return fit.to_lattice(camera, origin=(int(q), int(r)), type_step=self.type_step)
+
+
+def expected_blur(camera: Camera, virtual_depth: float | None = None) -> tuple[float, ...]:
+    """Return the blur ``|1/vf - 1/v|`` of each lens type, in lenslet diameters.
+
+    ``virtual_depth`` is that of the point in the frame; None is a white image, in which the lenslets image the
+    main lens's pupil, v = -b/B.
+    """
+    gap = camera.lattice.gap_um
+    if virtual_depth is None:
+        inverse = -gap / camera.optics.image_distance_um if isinstance(camera.optics, MainLens) else 0.0
+    elif virtual_depth == 0:
+        raise InputError.expected("virtual depth", "a plane off the lenslets", 0, "choose another frame")
+    else:
+        inverse = 1 / virtual_depth
+    return tuple(abs(1 / kind.focus_depth(gap) - inverse) for kind in camera.lattice.types)
+
+
+def classify_lens_types(
+    image: ArrayLike,
+    fit: LatticeFit,
+    blur: Sequence[float],
+    *,
+    content: str = "white",
+    dark: ArrayLike | float = 0.0,
+    workers: int | None = None,
+) -> LensTypes:
+    """Find the colouring by three lens types from a white image or a frame of a point.
+
+    Types alternate so that every triangle of neighbours holds one of each. In each such triangle the lenslets'
+    sharpness is compared, which is free of vignetting and of the scene's slow changes; of the six colourings the
+    one is taken whose expected blurs run most strictly against the sharpness measured. In a white image that is
+    the light in the inner part of the micro-images: types must pass light alike, as lenslets of one size do.
+
+    Parameters
+    ----------
+    image
+        Frame ``(rows, columns)``.
+    fit
+        Lattice from the white image of the same camera.
+    blur
+        Expected blur of types 0, 1 and 2 in this frame, in any unit: `expected_blur`.
+    content
+        ``"white"``: evenly lit; ``"spots"``: a point off the lenslets.
+    dark
+        Dark frame or level to subtract.
+    workers
+        Threads; None takes every processor.
+
+    Raises
+    ------
+    InputError
+        If the lattice is not hexagonal, two types are expected to be alike, or the image does not decide.
+    """
+    check_choice("content of the frame", content, ("white", "spots"))
+    expected = _expected(fit, blur)
+    frame = as_sensor_frame("frame for lens types", image)
+    if frame.shape != fit.shape:
+        raise InputError.expected(
+            "frame for lens types", f"shape {fit.shape}", frame.shape, "use the white image's camera"
+        )
+    level = np.asarray(dark, np.float32)
+    sharpness = _sharpness((frame - level).astype(np.float32), fit, content, workers)
+    triangles = _triangles(fit.index, sharpness)
+    if len(triangles) < MIN_TRIANGLES:
+        raise InputError.expected(
+            "frame for lens types",
+            f"at least {MIN_TRIANGLES} lit triangles of lenslets",
+            len(triangles),
+            "use a white image or a wider spot",
+        )
+    return _decide(triangles, expected)
+
+
+def _expected(fit: LatticeFit, blur: Sequence[float]) -> Array:
+    if fit.kind != "hexagonal":
+        raise InputError.expected("lattice with three lens types", "hexagonal", fit.kind, "there is one type only")
+    expected = np.array(check_tuple("expected blur of the lens types", blur, 3, at_least=0))
+    gaps = np.diff(np.sort(expected))
+    if gaps.min() < MIN_BLUR_STEP * expected.max():
+        got = ", ".join(f"{value:.3g}" for value in expected)
+        raise InputError.expected(
+            "expected blur of the lens types", "three that differ by 5 % or more", got, "use a frame at another depth"
+        )
+    return expected
+
+
+def _sharpness(frame: NDArray[np.float32], fit: LatticeFit, content: str, workers: int | None) -> Array:
+    """Return the log of a measure that falls with blur for each lenslet; NaN where dead or dark.
+
+    White image: mean light in the inner part of the micro-image, from which blur takes light away; edges do
+    not serve, as blurred micro-images overlap and lend each other theirs. Spots: gradient energy over squared
+    light. Noise has most of its gradients between neighbouring pixels; a slight blur takes it away.
+    """
+    import cv2
+
+    centres = fit.centres_px(fit.index[:, 0], fit.index[:, 1])[:, ::-1].copy()
+    smooth = cv2.GaussianBlur(frame, (0, 0), SMOOTHING * fit.pitch_px)
+    radius = (INNER if content == "white" else 0.5) * fit.pitch_px
+    count, light, energy = light_of(smooth, centres, radius, workers).T
+    good = ~fit.dead & (light > LIT * np.percentile(light, 99)) & (light > 0) & (energy > 0)
+    value = np.full(len(centres), np.nan)
+    measure = light / np.maximum(count, 1) if content == "white" else energy * count / np.maximum(light, 1e-30) ** 2
+    value[good] = np.log(measure[good])
+    return value
+
+
+def _triangles(index: NDArray[np.intp], value: Array) -> Array:
+    """Return values ``(n, 3)`` of lenslets (q, r), (q+1, r), (q, r+1) with (q - r) mod 3 = 0, less their mean.
+
+    The columns are the cosets 0, 1 and 2 of ``(q - r) mod 3``; no lenslet is used twice.
+    """
+    low = index.min(0)
+    size = index.max(0) - low + 2
+    grid = np.full(tuple(size), np.nan)
+    place = index - low
+    grid[place[:, 0], place[:, 1]] = value
+    first = place[np.mod(index[:, 0] - index[:, 1], 3) == 0]
+    q, r = first.T
+    rows = np.stack([grid[q, r], grid[q + 1, r], grid[q, r + 1]], axis=-1)
+    rows = rows[np.isfinite(rows).all(1)]
+    centred: Array = rows - rows.mean(1, keepdims=True)
+    return centred
+
+
+def _decide(triangles: Array, expected: Array) -> LensTypes:
+    """Choose the assignment of types to cosets with the largest score; scores are linear in the sharpness."""
+    wanted = -(expected - expected.mean()) / expected.std()
+    choices = list(permutations(range(3)))
+    spread = 1.4826 * np.median(np.abs(triangles - np.median(triangles, axis=0))) or 1.0
+    scores = np.clip(triangles / spread, -20, 20) @ np.array([wanted[list(types)] for types in choices]).T
+    mean = scores.mean(0)
+    best, second = np.argsort(-mean)[:2]
+    margin = scores[:, best] - scores[:, second]
+    sigmas = float(margin.mean() / (margin.std() / math.sqrt(len(margin)) + 1e-12))
+    agreement = float((scores.argmax(1) == best).mean())
+    types = choices[best]
+    phase = types.index(0)
+    step = types[(phase + 1) % 3]
+    if sigmas < MIN_SIGMAS or agreement < MIN_AGREEMENT:
+        got = f"{sigmas:.1f} standard errors, {100 * agreement:.0f} % of the places agreeing"
+        raise InputError.expected(
+            "lens types",
+            f"a colouring {MIN_SIGMAS:g} standard errors before the next, {100 * MIN_AGREEMENT:.0f} % agreeing",
+            got,
+            "use a sharper, brighter or differently focused frame",
+        )
+    by_type = [float(triangles[:, types.index(k)].mean()) for k in range(3)]
+    return LensTypes(step, phase, (by_type[0], by_type[1], by_type[2]), agreement, min(sigmas, 1e6), len(triangles))

@@ -1,0 +1,125 @@
+"""The mean micro-image of a white frame, and each lenslet placed by it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.lattice._kernels import fold, lenslet_statistics, register
+from lfcal.threads import chunks, for_each_chunk, worker_count
+
+__all__ = ["LensletPlaces", "MicroImage", "light_of", "mean_micro_image", "place_lenslets"]
+
+Array = NDArray[np.float64]
+SAMPLES_PER_PIXEL = 4
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class MicroImage:
+    """Mean of all micro-images about their lattice points, scaled to a mean of 1.
+
+    Attributes
+    ----------
+    table
+        ``(n, n)``, `SAMPLES_PER_PIXEL` per pixel, lattice point in the middle.
+    slopes
+        Derivatives ``(2, n, n)`` along x and y (per pixel).
+    radius
+        What the table covers in every direction (pixels).
+    """
+
+    table: Array
+    slopes: Array
+    radius: float
+
+    def off_centre(self, radius: float) -> Array:
+        """Return (x, y) from the lattice point to the point about which the micro-image is most symmetric (px).
+
+        The micro-image is fitted to itself turned by 180 degrees; half the shift between the two is the answer.
+        """
+        n = self.table.shape[0]
+        places = (np.arange(n) - n // 2) / SAMPLES_PER_PIXEL
+        inside = np.hypot(places[:, None], places[None, :]) <= radius
+        columns = [self.table, np.ones_like(self.table), *self.slopes]
+        matrix = np.stack([column[inside] for column in columns], axis=-1)
+        answer = np.linalg.lstsq(matrix, self.table[::-1, ::-1][inside], rcond=None)[0]
+        # turned image = g T(u - d), d = -answer / g; the centre of symmetry lies at -d/2
+        shift: Array = answer[2:] / answer[0] / 2
+        return shift
+
+    def symmetric(self) -> MicroImage:
+        """Return the mean of the micro-image and itself turned by 180 degrees."""
+        return _with_slopes((self.table + self.table[::-1, ::-1]) / 2, self.radius)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LensletPlaces:
+    """What a fit of the mean micro-image says of each lenslet.
+
+    Attributes
+    ----------
+    shifts
+        ``(n, 2)`` as (x, y) from the lattice point (pixels); NaN where nothing can be placed.
+    gains
+        Contrast relative to the mean micro-image.
+    explained
+        Share of the variance within the lenslet that the mean micro-image explains.
+    """
+
+    shifts: Array
+    gains: Array
+    explained: Array
+
+
+def light_of(image: NDArray[np.float32], centres: Array, radius: float, workers: int | None = None) -> Array:
+    """Return pixel count, sum and gradient energy ``(n, 3)`` within ``radius`` of each centre (x, y)."""
+    result = np.empty((len(centres), 3))
+    for_each_chunk(lambda a, b: lenslet_statistics(image, centres, radius, result, a, b), len(centres), workers)
+    return result
+
+
+def mean_micro_image(
+    image: NDArray[np.float32], centres: Array, scales: Array, radius: float, workers: int | None = None
+) -> MicroImage:
+    """Return the mean micro-image about ``centres`` (x, y), each divided by its scale (0: left out)."""
+    side = 2 * math.ceil(radius) * SAMPLES_PER_PIXEL + 1
+    parts = chunks(len(centres), worker_count(workers))
+    sums = np.zeros((len(parts), 2, side, side))
+
+    def work(first: int, last: int) -> None:
+        for k in range(first, last):
+            fold(image, centres, scales, radius, SAMPLES_PER_PIXEL, sums[k, 0], sums[k, 1], *parts[k])
+
+    for_each_chunk(work, len(parts), workers)
+    total, count = _spread(sums.sum(0))
+    table = np.where(count > 0, total / np.where(count > 0, count, 1), 0.0)
+    return _with_slopes(table, radius)
+
+
+def _spread(sums: Array) -> Array:
+    """Smooth sums and counts alike, so that empty samples are filled from their neighbours."""
+    from scipy import ndimage
+
+    spread: Array = ndimage.gaussian_filter(sums, (0, 0.35 * SAMPLES_PER_PIXEL, 0.35 * SAMPLES_PER_PIXEL))
+    return spread
+
+
+def _with_slopes(table: Array, radius: float) -> MicroImage:
+    down, right = np.gradient(table, 1 / SAMPLES_PER_PIXEL)
+    return MicroImage(np.ascontiguousarray(table), np.ascontiguousarray(np.stack([right, down])), radius)
+
+
+def place_lenslets(
+    image: NDArray[np.float32], centres: Array, micro: MicroImage, radius: float, workers: int | None = None
+) -> LensletPlaces:
+    """Fit shift and contrast of the mean micro-image to each lenslet within ``radius`` pixels of its lattice point."""
+    out = np.empty((len(centres), 5))
+
+    def work(a: int, b: int) -> None:
+        register(image, centres, micro.table, micro.slopes, radius, SAMPLES_PER_PIXEL, out, a, b)
+
+    for_each_chunk(work, len(centres), workers)
+    return LensletPlaces(out[:, :2].copy(), out[:, 2].copy(), out[:, 4].copy())

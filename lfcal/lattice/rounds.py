@@ -1,0 +1,147 @@
+"""Single steps of the lattice fit: prepare, centre, even out, place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.checks import as_sensor_frame
+from lfcal.errors import InputError
+from lfcal.lattice.micro_image import light_of, mean_micro_image, place_lenslets
+from lfcal.lattice.model import LatticeModel, neighbour_median
+from lfcal.lattice.smooth_field import fit_field
+from lfcal.lattice.spectrum import MIN_LENSLETS, MIN_PITCH
+
+__all__ = ["PlacedLenslets", "centred", "evened", "mean_light", "place_all", "prepare"]
+
+Array = NDArray[np.float64]
+
+PLACING_RADIUS = 0.56
+"""Radius within which a lenslet is placed, in pitches: into the gaps, not into the neighbours."""
+
+CENTRING_ROUNDS = 4
+DEAD_LIGHT = 0.5
+"""A lenslet with less than this share of its neighbours' light, or contrast, is dead."""
+
+DARK_FIELD = 0.05
+"""Lenslets with less than this share of the brightest tenth lie outside the lit field."""
+
+MAX_SHIFT = 0.35
+"""Farthest place believed, in pitches from the lattice point."""
+
+MIN_EXPLAINED = 0.08
+"""Share of a typical lenslet's variance that the mean micro-image must explain."""
+
+MAX_DEAD = 0.4
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PlacedLenslets:
+    """Lenslets of one round.
+
+    Attributes
+    ----------
+    index, places
+        ``(n, 2)``: lattice indices (q, r), and measured places (x, y) (pixels).
+    dead
+        ``(n,)``: too little light or contrast, or not to be placed.
+    """
+
+    index: NDArray[np.intp]
+    places: Array
+    dead: NDArray[np.bool_]
+
+
+def prepare(white: ArrayLike, dark: ArrayLike | float) -> NDArray[np.float32]:
+    """Return the white image less its dark as float32, or say why it cannot be used."""
+    image = as_sensor_frame("white image", white)
+    level = np.asarray(dark, np.float32)
+    if level.ndim:
+        level = as_sensor_frame("dark of the white image", level)
+        if level.shape != image.shape:
+            raise InputError.expected(
+                "dark of the white image", f"shape {image.shape}", level.shape, "use one sensor setting"
+            )
+    if min(image.shape) < MIN_LENSLETS * MIN_PITCH:
+        raise InputError.expected(
+            "white image", f"at least {MIN_LENSLETS * MIN_PITCH:g} px a side", image.shape, "use the whole frame"
+        )
+    result: NDArray[np.float32] = image - level
+    return result
+
+
+def mean_light(image: NDArray[np.float32], model: LatticeModel, index: NDArray[np.intp], workers: int | None) -> Array:
+    """Return the mean sample value within half a pitch of each lenslet."""
+    count, total, _ = light_of(image, model.places(index), 0.5 * min(model.pitch, model.row_pitch), workers).T
+    mean: Array = total / np.maximum(count, 1)
+    return mean
+
+
+def _dim(index: NDArray[np.intp], values: Array) -> NDArray[np.bool_]:
+    """Return which lenslets have far less than their neighbours or than the brightest tenth of the field."""
+    reference = neighbour_median(index, values)
+    result: NDArray[np.bool_] = (values < DEAD_LIGHT * reference) | (values < DARK_FIELD * np.percentile(values, 90))
+    return result
+
+
+def _lenslets_of(image: NDArray[np.float32], model: LatticeModel) -> NDArray[np.intp]:
+    index = model.within((image.shape[0], image.shape[1]), 0.5 * model.pitch)
+    if len(index) < MIN_LENSLETS**2:
+        raise InputError.expected(
+            "white image", f"at least {MIN_LENSLETS**2} whole lenslets", len(index), "use a larger part of the frame"
+        )
+    return index
+
+
+def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> LatticeModel:
+    """Move the lattice to where the mean micro-image is symmetric, so that linear placing starts close by."""
+    radius = PLACING_RADIUS * model.pitch
+    for _ in range(CENTRING_ROUNDS):
+        index = _lenslets_of(image, model)
+        light = mean_light(image, model, index, workers)
+        micro = mean_micro_image(
+            image, model.places(index), np.where(_dim(index, light), 0, light), radius + 1.5, workers
+        )
+        shift = micro.off_centre(radius)
+        model = model.moved(np.clip(shift, -model.pitch / 4, model.pitch / 4))
+        if np.hypot(*shift) < 0.02:
+            break
+    return model
+
+
+def evened(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> NDArray[np.float32]:
+    """Divide by the smooth fall of light: within a micro-image it would draw the places to the brighter side."""
+    index = _lenslets_of(image, model)
+    light = mean_light(image, model, index, workers)
+    alive = ~_dim(index, light)
+    points = model.places(index)[alive][:, ::-1]
+    degree = 4 if alive.sum() > 150 else 1
+    surface = fit_field(points, light[alive], (image.shape[0], image.shape[1]), degree).frame()
+    return (image / np.maximum(surface, DARK_FIELD * float(surface.max()))).astype(np.float32)
+
+
+def place_all(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> PlacedLenslets:
+    """Place every lenslet by the mean micro-image of those alive."""
+    radius = PLACING_RADIUS * model.pitch
+    index = _lenslets_of(image, model)
+    light = mean_light(image, model, index, workers)
+    dead = _dim(index, light)
+    centres = model.places(index)
+    micro = mean_micro_image(image, centres, np.where(dead, 0, light), radius + 1.5, workers).symmetric()
+    placed = place_lenslets(image, centres, micro, radius, workers)
+    distance = np.nan_to_num(np.hypot(*placed.shifts.T), nan=np.inf)
+    dead |= ~np.isfinite(placed.gains) | (distance > MAX_SHIFT * model.pitch)
+    dead |= _dim(index, np.where(np.isfinite(placed.gains), placed.gains, 0.0))
+    explained = float(np.median(placed.explained[~dead])) if not dead.all() else 0.0
+    if dead.mean() > MAX_DEAD or explained < MIN_EXPLAINED:
+        got = f"{100 * (1 - dead.mean()):.0f} % of the places filled, {100 * explained:.0f} % alike"
+        raise InputError.expected(
+            "white image",
+            f"micro-images on at least {100 * (1 - MAX_DEAD):.0f} % of the "
+            f"lattice's places, {100 * MIN_EXPLAINED:.0f} % alike",
+            got,
+            "take an evenly lit image of the lenslets",
+        )
+    return PlacedLenslets(index, centres + placed.shifts, dead)

@@ -1,0 +1,292 @@
+"""A first guess of the lenslet lattice from the spectrum of a white image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+
+__all__ = ["RoughLattice", "guess_lattice"]
+
+Array = NDArray[np.float64]
+
+CROP = 1536
+"""Side of the central part looked at (pixels): enough lenslets of any camera, and quick."""
+
+MIN_PITCH = 4.0
+MIN_LENSLETS = 5
+"""Lenslets along the shorter side that make a lattice."""
+
+PEAK_RATIO = 60.0
+"""Power of a lattice peak over the median at its frequency; 1e6 noise samples stay below 20."""
+
+MAX_PEAKS = 30
+ANGLE_TOLERANCE = math.radians(4.0)
+LENGTH_TOLERANCE = 0.06
+"""How unequal the two pitches may be."""
+
+ORDER_TOLERANCE = 0.08
+"""How far from a whole order a peak may lie and still belong to a lattice."""
+
+NOMINAL_TOLERANCE = 0.10
+MIN_BRIGHT = 0.75
+"""Share of lenslets that must be brighter than the gaps around them."""
+
+
+@dataclass(frozen=True, slots=True)
+class RoughLattice:
+    """Lattice vectors as rows (x, y), and one centre (x, y), all in pixels.
+
+    Attributes
+    ----------
+    kind
+        ``"square"`` or ``"hexagonal"``.
+    basis
+        ``(2, 2)``: along a row, and to the next row.
+    centre
+        One micro-image's centre.
+    contrast
+        Mean brightness of the centres less that of the gaps, in standard deviations of the image.
+    """
+
+    kind: str
+    basis: Array
+    centre: Array
+    contrast: float
+
+
+def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float | None) -> RoughLattice:
+    """Return the lattice of the micro-images of a white image, without any lens types.
+
+    Pairs of spectral peaks of equal length at 60 or 90 degrees propose lattices. The finest that explains the
+    peaks is taken, or the one √3 finer: three lens types add the peaks of a lattice √3 coarser than that of the
+    lenslets. Which of the two it is shows in the image: a lattice too fine puts centres into gaps.
+
+    Raises
+    ------
+    InputError
+        If the image is blank or shows no lattice, or none near ``pitch_px``.
+    """
+    crop, origin = _central(image)
+    flat = _flatten(crop)
+    frequencies, amplitudes = _peaks(flat)
+    candidates = _candidates(frequencies, kind)
+    if not candidates:
+        found = "no regular pattern" if len(frequencies) < 2 else "peaks that form none"
+        wanted = f"a {kind} lattice of micro-images" if kind else "a square or hexagonal lattice of micro-images"
+        raise InputError.expected("white image", wanted, found, "take an evenly lit, sharp image of the lenslets")
+    name, basis = _explaining(candidates, frequencies, amplitudes)
+    rough, share = _judge(flat, name, basis)
+    if name == "hexagonal":
+        # the lenslets' lattice within that of one type: (2, -1)/3 and (1, 1)/3 of its vectors
+        finer = upright(np.array([[2.0, -1.0], [1.0, 1.0]]) @ basis / 3, name)
+        other, bright = _judge(flat, name, finer, rough.centre)
+        if bright >= MIN_BRIGHT and other.contrast > 0:
+            rough, share = other, bright
+    if share < MIN_BRIGHT or rough.contrast <= 0:
+        got = f"{100 * share:.0f} % of the places"
+        raise InputError.expected(
+            "white image",
+            "micro-images brighter than the gaps between them",
+            got,
+            "take an evenly lit image of the lenslets",
+        )
+    if pitch_px is not None and abs(np.linalg.norm(rough.basis[0]) / pitch_px - 1) > NOMINAL_TOLERANCE:
+        got = f"{np.linalg.norm(rough.basis[0]):.2f} px"
+        raise InputError.expected(
+            "white image", f"a pitch within 10 % of {pitch_px:g} px", got, "correct the nominal pitch or leave it out"
+        )
+    return RoughLattice(rough.kind, rough.basis, rough.centre + origin, rough.contrast)
+
+
+def _explaining(candidates: list[tuple[str, Array]], frequencies: Array, amplitudes: Array) -> tuple[str, Array]:
+    """Return the finest lattice to which the peaks belong."""
+
+    def explained(basis: Array) -> float:
+        order = frequencies @ basis.T
+        return float(amplitudes[np.abs(order - np.rint(order)).max(1) < ORDER_TOLERANCE].sum() / amplitudes.sum())
+
+    shares = [explained(basis) for _, basis in candidates]
+    enough = [c for c, share in zip(candidates, shares, strict=True) if share > 0.9 * max(shares)]
+    return min(enough, key=lambda c: abs(np.linalg.det(c[1])))
+
+
+def _central(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], Array]:
+    rows, columns = image.shape
+    height, width = min(rows, CROP), min(columns, CROP)
+    top, left = (rows - height) // 2, (columns - width) // 2
+    return image[top : top + height, left : left + width], np.array([left, top], float)
+
+
+def _flatten(crop: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Remove what is slower than the coarsest lattice, in brightness and in contrast."""
+    sigma = min(crop.shape) / MIN_LENSLETS / 2
+    flat = crop - blurred(crop, sigma)
+    spread = np.sqrt(blurred(flat * flat, sigma))
+    top = float(spread.max())
+    if not top > 1e-6 * float(np.abs(crop).max()):
+        raise InputError.expected("white image", "micro-images", "a blank image", "switch the light on")
+    return (flat / np.maximum(spread, 0.05 * top)).astype(np.float32)
+
+
+def blurred(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
+    """Return ``image`` after a wide Gaussian of ``sigma`` pixels, computed on a coarser grid."""
+    import cv2
+
+    rows, columns = image.shape
+    factor = max(1, int(sigma / 6))
+    small = cv2.resize(image, (-(-columns // factor), -(-rows // factor)), interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), sigma / factor, borderType=cv2.BORDER_REFLECT)
+    result: NDArray[np.float32] = cv2.resize(small, (columns, rows), interpolation=cv2.INTER_LINEAR)
+    return result
+
+
+def _peaks(flat: NDArray[np.float32]) -> tuple[Array, Array]:
+    """Return peaks of the spectrum: frequencies ``(n, 2)`` as (x, y) in cycles per pixel, and amplitudes."""
+    from scipy import fft, ndimage
+
+    rows, columns = flat.shape
+    window = np.outer(np.hanning(rows), np.hanning(columns)).astype(np.float32)
+    power = np.abs(fft.fftshift(fft.fft2(flat * window, workers=1))) ** 2
+    fy, fx = fft.fftshift(fft.fftfreq(rows)), fft.fftshift(fft.fftfreq(columns))
+    radius = np.hypot(fx[None, :], fy[:, None])
+    ratio = _whiten(power, radius, min(rows, columns))
+    lowest = MIN_LENSLETS / min(rows, columns) / 1.2
+    inside = (radius > lowest) & (radius < 1.3 / MIN_PITCH)
+    inside &= (fy[:, None] > 0) | ((fy[:, None] == 0) & (fx[None, :] > 0))
+    j, i = np.nonzero((ratio == ndimage.maximum_filter(ratio, 5)) & inside & (ratio > PEAK_RATIO))
+    order = np.argsort(-power[j, i])[:MAX_PEAKS]
+    found = [
+        (
+            fx[column] + _parabola(power[row, column - 1 : column + 2]) / columns,
+            fy[row] + _parabola(power[row - 1 : row + 2, column]) / rows,
+        )
+        for row, column in zip(j[order], i[order], strict=True)
+    ]
+    return np.array(found, float).reshape(-1, 2), np.sqrt(power[j[order], i[order]].astype(float))
+
+
+def _whiten(power: NDArray[np.float32], radius: Array, n: int) -> NDArray[np.float32]:
+    """Divide by the median over rings of equal frequency: a texture's slow fall is no peak."""
+    from scipy import ndimage
+
+    ring = np.minimum((radius * n / 4).astype(np.intp), n // 4)
+    medians = np.asarray(ndimage.median(power, ring, np.arange(ring.max() + 1)))
+    medians = np.maximum(medians, 1e-12 * float(power.max()))
+    result: NDArray[np.float32] = (power / medians[ring]).astype(np.float32)
+    return result
+
+
+def _parabola(power: NDArray[np.float32]) -> float:
+    """Return the sub-sample offset of the middle one of three: a parabola through logarithms, exact for a Gaussian."""
+    if len(power) != 3:
+        return 0.0
+    left, middle, right = np.log(np.maximum(power.astype(float), 1e-30))
+    curvature = left - 2 * middle + right
+    return float(0.5 * (left - right) / curvature) if curvature < 0 else 0.0
+
+
+def _candidates(peaks: Array, kind: str | None) -> list[tuple[str, Array]]:
+    """Return lattices (kind, basis) for every pair of peaks of one length at 60 or 90 degrees."""
+    every = np.concatenate([peaks, -peaks])
+    found: list[tuple[str, Array]] = []
+    for one, two in combinations(range(len(every)), 2):
+        if two == one + len(peaks):
+            continue
+        k = np.stack([every[one], every[two]])
+        lengths = np.linalg.norm(k, axis=1)
+        if abs(lengths[0] / lengths[1] - 1) > LENGTH_TOLERANCE:
+            continue
+        angle = math.acos(float(np.clip(k[0] @ k[1] / lengths.prod(), -1, 1)))
+        # the angle of the lattice is the supplement of that of its spectrum
+        for name, wanted in (("hexagonal", math.radians(60)), ("square", math.radians(90))):
+            if kind in (None, name) and abs(angle - wanted) < ANGLE_TOLERANCE:
+                basis = upright(np.linalg.inv(k).T, name)
+                if not any(
+                    n == name and np.allclose(basis, other, rtol=0, atol=0.02 * np.linalg.norm(basis[0]))
+                    for n, other in found
+                ):
+                    found.append((name, basis))
+    return found
+
+
+def upright(basis: Array, kind: str) -> Array:
+    """Return an equal basis whose first vector is nearest a sensor axis, and whose second turns from x to y.
+
+    For a hexagonal lattice the second vector is 60 degrees on, for a square one 90.
+    """
+    combos = [np.array(pair) @ basis for pair in ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))]
+    shortest = min(float(np.linalg.norm(v)) for v in combos)
+    short = [v for v in combos if np.linalg.norm(v) < 1.25 * shortest]
+
+    def tilt(vector: Array) -> float:
+        return abs(math.remainder(math.atan2(vector[1], vector[0]), math.pi / 2))
+
+    least = min(map(tilt, short))
+    upright_ones = [v for v in short if tilt(v) < least + 0.05]
+    first = min(upright_ones, key=lambda v: (round(abs(math.atan2(v[1], v[0])), 3), -v[1]))
+    wanted = math.radians(60 if kind == "hexagonal" else 90)
+    start = math.atan2(first[1], first[0])
+
+    def turn(vector: Array) -> float:
+        away = math.atan2(vector[1], vector[0]) - start - wanted
+        return abs(math.remainder(away, 2 * math.pi))
+
+    return np.stack([first, min(short, key=turn)])
+
+
+def _judge(
+    flat: NDArray[np.float32], kind: str, basis: Array, centre: Array | None = None
+) -> tuple[RoughLattice, float]:
+    """Return the lattice with its brightest or the given centre, and the share of centres brighter than the gaps."""
+    import cv2
+
+    pitch = float(np.linalg.norm(basis, axis=1).mean())
+    smooth = cv2.GaussianBlur(flat, (0, 0), 0.15 * pitch)
+    middle = np.array(flat.shape[::-1]) / 2
+    if centre is None:
+        centre = _brightest(smooth, basis, middle, reach=8 * pitch)
+    inverse = np.linalg.inv(basis)
+    corners = np.array([(x, y) for x in (0, flat.shape[1]) for y in (0, flat.shape[0])]) - centre
+    limit = np.ceil(np.abs(corners @ inverse).max(0)).astype(int)
+    q, r = np.meshgrid(np.arange(-limit[0], limit[0] + 1), np.arange(-limit[1], limit[1] + 1))
+    places = np.stack([q.ravel(), r.ravel()], axis=-1) @ basis + centre
+    margin = pitch
+    inside = ((places > margin) & (places < np.array(flat.shape[::-1]) - 1 - margin)).all(1)
+    places = places[inside]
+    if kind == "hexagonal":
+        gaps = np.array([(1 / 3, 1 / 3), (2 / 3, -1 / 3), (1 / 3, -2 / 3)])
+    else:
+        gaps = np.array([(0.5, 0.5), (0.5, -0.5)])
+    gaps = np.concatenate([gaps, -gaps]) @ basis
+    around = np.mean([_sample(smooth, places + gap) for gap in gaps], axis=0)
+    difference = _sample(smooth, places) - around
+    if not len(difference):
+        return RoughLattice(kind, basis, centre, 0.0), 0.0
+    return RoughLattice(kind, basis, centre, float(difference.mean())), float((difference > 0).mean())
+
+
+def _brightest(smooth: NDArray[np.float32], basis: Array, about: Array, reach: float) -> Array:
+    """Return the place in the cell, near ``about``, where the lattice's sites are brightest on average."""
+    n = 24
+    steps = np.arange(-max(2, int(reach / np.linalg.norm(basis[0]))), max(2, int(reach / np.linalg.norm(basis[0]))) + 1)
+    q, r = np.meshgrid(steps, steps)
+    sites = np.stack([q.ravel(), r.ravel()], axis=-1) @ basis + about
+    u, v = np.meshgrid(np.arange(n) / n, np.arange(n) / n)
+    shifts = np.stack([u.ravel(), v.ravel()], axis=-1) @ basis
+    means = [float(_sample(smooth, sites + shift).mean()) for shift in shifts]
+    result: Array = about + shifts[int(np.argmax(means))]
+    return result
+
+
+def _sample(image: NDArray[np.float32], places: Array) -> NDArray[np.float32]:
+    index = np.rint(places).astype(np.intp)
+    x = np.clip(index[:, 0], 0, image.shape[1] - 1)
+    y = np.clip(index[:, 1], 0, image.shape[0] - 1)
+    result: NDArray[np.float32] = image[y, x]
+    return result

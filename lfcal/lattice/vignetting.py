@@ -1,0 +1,69 @@
+"""How the field darkens: one gain per lenslet and a smooth surface through them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.lattice.fit import LatticeFit
+from lfcal.lattice.smooth_field import SmoothField, fit_field
+
+__all__ = ["Vignetting", "vignetting_map"]
+
+
+@dataclass(frozen=True, eq=False)
+class Vignetting:
+    """Relative light over the field; 1 at the brightest place of the smooth surface.
+
+    Attributes
+    ----------
+    lenslets
+        ``(n,)``: light of each lenslet of the fit, in its order; NaN for dead ones.
+    surface
+        The smooth surface through them.
+    scatter
+        Lenslet to lenslet deviation from the surface, rms of the living ones (relative).
+    falloff
+        Light at the dimmest place of the frame (relative).
+    """
+
+    lenslets: NDArray[np.float64] = field(repr=False)
+    surface: SmoothField = field(repr=False)
+    scatter: float
+    falloff: float
+
+    def frame(self) -> NDArray[np.float32]:
+        """Return the smooth light on every pixel, ``(rows, columns)`` float32: a white frame without lenslets.
+
+        ``White(vignetting.frame(), dark=0.0)`` evens out the field and leaves micro-images as they are, where
+        dividing by the white image itself would also multiply the noise in the gaps.
+        """
+        return self.surface.frame()
+
+
+def vignetting_map(fit: LatticeFit, *, degree: int = 4) -> Vignetting:
+    """Return how the light of the lenslets falls off over the field.
+
+    Parameters
+    ----------
+    fit
+        Lattice of a white image with its dark subtracted: a pedestal would hide part of the fall.
+    degree
+        Degree of the polynomial surface.
+
+    Raises
+    ------
+    InputError
+        If there are too few lenslets for the surface.
+    """
+    alive = ~fit.dead
+    centres = fit.centres_px(fit.index[:, 0], fit.index[:, 1])
+    surface = fit_field(centres[alive], fit.light[alive], fit.shape, degree)
+    inside = surface.frame()
+    top = float(inside.max())
+    scaled = SmoothField(surface.shape, surface.powers, surface.terms / top)
+    relative = np.where(alive, fit.light / top, np.nan)
+    deviation = relative[alive] / scaled.at(centres[alive, 0], centres[alive, 1]) - 1
+    return Vignetting(relative, scaled, float(np.sqrt((deviation**2).mean())), float(inside.min()) / top)

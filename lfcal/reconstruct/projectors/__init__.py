@@ -1,0 +1,6 @@
+"""The projector pair and the ways it is computed.
+
+- ``projector``: `Projector`; ``polyphase``, ``direct``, ``sparse``, ``position_fft`` are its methods
+- ``grid``, ``tiles``, ``planes``, ``engine``: the lattice of whole periods, overlap-save tiles, H plane by plane
+- ``forecast``, ``rates``: what each method costs on this machine
+"""

@@ -1,0 +1,251 @@
+"""What each method would cost on this machine, and which one to take."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lfcal.errors import InputError
+from lfcal.reconstruct.projectors import rates
+from lfcal.reconstruct.projectors.direct import cells_at_once, rows_at_once
+from lfcal.reconstruct.projectors.engine import Cost
+from lfcal.reconstruct.projectors.grid import Grid
+from lfcal.reconstruct.projectors.planes import PlaneReader
+from lfcal.reconstruct.projectors.tiles import TilePlan
+from lfcal.units import format_bytes, format_seconds
+
+__all__ = ["METHODS", "Forecast", "Problem", "forecast"]
+
+METHODS = ("polyphase", "direct", "sparse", "fft")
+"""Ways to project."""
+
+PAIRS = 20
+"""Projections forward and back over which the set-up is shared out when methods are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """What is to be projected.
+
+    Attributes
+    ----------
+    grid
+        Image, period and cutout.
+    planes
+        Depth planes.
+    pixels
+        Image phases in use.
+    dtype
+        float32 or float64.
+    workers
+        Threads.
+    density
+        Share of the entries of H that are not zero.
+    read_s
+        Seconds to read one plane of H.
+    """
+
+    grid: Grid
+    planes: int
+    pixels: int
+    dtype: np.dtype[Any]
+    workers: int
+    density: float = 1.0
+    read_s: float = 0.0
+
+    @property
+    def plane_bytes(self) -> int:
+        """Bytes of one plane of H as it is used."""
+        return self.grid.phases * self.grid.cutout[0] * self.grid.cutout[1] * self.dtype.itemsize
+
+    @property
+    def image_bytes(self) -> int:
+        """Bytes of an image."""
+        return self.grid.pixels * self.dtype.itemsize
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """The method taken, what it will cost, and what the others would.
+
+    Attributes
+    ----------
+    chosen
+        Forecast of the method taken.
+    plan
+        Its tiles, where it has any.
+    band
+        Rows of tiles worked on at once.
+    options
+        Forecasts of all methods looked at.
+    memory_limit
+        Bytes a projection may use.
+    """
+
+    chosen: Cost
+    plan: TilePlan | None
+    band: int | None
+    options: tuple[Cost, ...]
+    memory_limit: int
+
+    def __str__(self) -> str:
+        """Return the forecast as one line."""
+        cost = self.chosen
+        kept = "" if cost.resident else ", prepared anew each time"
+        return (
+            f"{cost.method}: set-up {format_seconds(cost.prepare_s)}, forward {format_seconds(cost.forward_s)}, "
+            f"adjoint {format_seconds(cost.adjoint_s)}, memory {format_bytes(cost.memory_bytes)} "
+            f"of {format_bytes(self.memory_limit)}{kept}"
+        )
+
+
+Option = tuple[Cost, TilePlan | None, int | None]
+
+
+def forecast(problem: Problem, method: str, memory_limit: int) -> Forecast:
+    """Return the cheapest way to project within ``memory_limit`` bytes.
+
+    Raises
+    ------
+    InputError
+        If the method is unknown or nothing fits into the memory.
+    """
+    if method not in ("auto", *METHODS):
+        raise InputError.expected("projection method", " or ".join(("auto", *METHODS)), repr(method), "choose one")
+    options: list[Option] = []
+    for name in METHODS if method == "auto" else (method,):
+        if name == "polyphase":
+            options += _polyphase(problem, memory_limit)
+        elif name == "direct":
+            options.append((_resident(_direct(problem), problem, memory_limit), None, None))
+        elif name == "sparse" and (method != "auto" or problem.density < 0.5):
+            options.append((_resident(_sparse(problem), problem, memory_limit), None, None))
+        elif name == "fft" and (method != "auto" or problem.grid.phases <= 16):
+            options.append((_resident(_fft(problem), problem, memory_limit), None, None))
+    fitting = [o for o in options if o[0].memory_bytes <= memory_limit]
+    if not fitting:
+        least = min(o[0].memory_bytes for o in options)
+        raise InputError.expected(
+            "memory limit for the projection",
+            f"at least {format_bytes(least)}",
+            format_bytes(memory_limit),
+            "raise it, or take a smaller image region",
+        )
+    cost, plan, band = min(fitting, key=lambda o: o[0].prepare_s + PAIRS * o[0].pair_s)
+    by_method = {o[0].method: o[0] for o in sorted(options, key=lambda o: -o[0].pair_s)}
+    return Forecast(cost, plan, band, tuple(by_method.values()), memory_limit)
+
+
+def reading_seconds(reader: PlaneReader) -> float:
+    """Return the seconds to read one plane, from one row of source positions."""
+    start = time.perf_counter()
+    np.asarray(reader.H[0, 0], reader.dtype)
+    return (time.perf_counter() - start) * reader.shape[1]
+
+
+def _resident(cost: Cost, problem: Problem, limit: int) -> Cost:
+    """Return ``cost``, with planes prepared anew in each projection if they cannot be kept."""
+    if cost.memory_bytes <= limit:
+        return cost
+    return Cost(
+        cost.method,
+        0.0,
+        cost.forward_s + cost.prepare_s,
+        cost.adjoint_s + cost.prepare_s,
+        cost.operand_bytes,
+        cost.scratch_bytes + 2 * cost.operand_bytes // problem.planes,
+        False,
+    )
+
+
+def _fft(problem: Problem) -> Cost:
+    grid = problem.grid
+    rows, columns = (n + c for n, c in zip(grid.image_shape, grid.centre, strict=True))
+    one = rates.fft_seconds(rows, columns, problem.dtype.str, problem.workers)
+    copies = 2 * rows * columns / rates.copy_rate(problem.dtype.str, 1)
+    pair = problem.planes * grid.phases * (2 * one + copies)
+    scratch = 8 * rows * columns * problem.dtype.itemsize
+    return Cost("fft", problem.planes * problem.read_s, pair, pair, problem.planes * problem.plane_bytes, scratch)
+
+
+def _direct(problem: Problem) -> Cost:
+    grid, workers, dtype = problem.grid, problem.workers, problem.dtype.str
+    (ny, nx), (nt, ns), cells = grid.period, grid.cutout, grid.cells[0] * grid.cells[1]
+    width = nx + ns - 1
+    rows = rows_at_once(nt, width, problem.dtype.itemsize)
+    block = min(cells, cells_at_once(rows, width, problem.dtype.itemsize))
+    share = problem.pixels / grid.phases
+    runs = ny * nt / rows * cells / block * share * problem.planes
+    add, gather = rates.window_seconds(rows, width, dtype, workers)
+    values = block * rows * width
+    forward = runs * (rates.gemm_seconds(block, nx, rows * width, dtype, workers) + add * values)
+    back = rates.gemm_seconds(block, rows * width, nx, dtype, workers, turned=True)
+    adjoint = runs * (back + gather * values)
+    bands = problem.planes * ny * nx * nt * (width + ns) / rates.copy_rate(dtype, workers) / 2
+    scratch = 4 * problem.image_bytes + workers * (2 * problem.image_bytes + (8 << 20))
+    return Cost(
+        "direct",
+        problem.planes * problem.read_s,
+        forward + bands,
+        adjoint + bands,
+        problem.planes * problem.plane_bytes,
+        scratch,
+    )
+
+
+def _sparse(problem: Problem) -> Cost:
+    grid = problem.grid
+    entries = problem.density * grid.phases * grid.cutout[0] * grid.cutout[1] * problem.pixels / grid.phases
+    positions = grid.cells[0] * (grid.cells[1] + grid.reach[1])
+    rate = rates.gather_rate(grid.phases, positions, problem.dtype.str, problem.workers)
+    once = problem.planes * entries * positions / rate
+    sorting = grid.phases * grid.cutout[0] * grid.cutout[1] * (3e-9 + problem.density * 35e-9)
+    operand = int(problem.planes * entries * 2 * (4 + problem.dtype.itemsize))
+    scratch = problem.plane_bytes + 8 * problem.image_bytes
+    return Cost("sparse", problem.planes * (problem.read_s + sorting), once, once, operand, scratch)
+
+
+def _polyphase(problem: Problem, limit: int) -> list[Option]:
+    """Return the best plans whose spectra fit into memory, and the smallest if none does."""
+    complex_type = np.result_type(problem.dtype, np.complex64)
+    grid, workers = problem.grid, problem.workers
+    smallest = grid.phases * problem.pixels * complex_type.itemsize
+    if smallest > limit or grid.phases * problem.pixels > rates.LIMIT:
+        return []
+    ahead = rates.product_seconds(grid.phases, problem.pixels, complex_type.str, workers)
+    back = rates.product_seconds(grid.phases, problem.pixels, complex_type.str, workers, turned=True)
+    copies = rates.copy_rate(problem.dtype.str, workers)
+    length = 8 * max(1, grid.reach[0])
+    dft = rates.gemm_seconds(2 * length, 2 * length, 2 * grid.phases, problem.dtype.str, workers)
+    flops_s = 8 * length * length * 2 * grid.phases / dft
+    options: list[Option] = []
+    down, across = (_tile_counts(c, r) for c, r in zip(grid.cells, grid.reach, strict=True))
+    for counts in itertools.product(down, across):
+        plan = TilePlan(grid, counts)
+        transform = plan.transform_flops(grid.phases) / flops_s + 2.5 * plan.scratch_bytes(1) / copies
+        image_share = problem.pixels / grid.phases
+        forward, adjoint = (
+            problem.planes * (transform + plan.frequencies * (fixed + slope * plan.tiles)) + image_share * transform
+            for fixed, slope in (ahead, back)
+        )
+        taps = (2 * grid.reach[0] + 1) * (2 * grid.reach[1] + 1)
+        spectra = plan.frequencies * grid.phases * problem.pixels
+        prepare = problem.read_s + (12 * spectra + taps * grid.phases * problem.pixels) / copies
+        prepare += 8 * spectra * (2 * grid.reach[0] + 1) / flops_s
+        whole = plan.scratch_bytes(complex_type.itemsize)
+        band = max(1, min(counts[0], int(counts[0] * 0.25 * limit / max(1, whole))))
+        scratch = whole * band // counts[0] + problem.plane_bytes + 6 * problem.image_bytes
+        operand = problem.planes * plan.spectrum_bytes(complex_type.itemsize, problem.pixels)
+        cost = Cost("polyphase", problem.planes * prepare, forward, adjoint, operand, scratch)
+        options.append((_resident(cost, problem, limit), plan, band))
+    return options
+
+
+def _tile_counts(cells: int, reach: int) -> list[int]:
+    """Return numbers of tiles worth trying along an axis of ``cells``."""
+    sizes = {max(1, round(max(1, reach) * 2 ** (k / 2))) for k in range(-2, 16)}
+    return sorted({1, *(-(-cells // v) for v in sizes if v < cells and v + 2 * reach <= 512)})

@@ -1,0 +1,98 @@
+"""Image and volume planes as the coarse lattice of whole periods."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.axes import centre, check_cutout
+from lfcal.errors import InputError
+
+__all__ = ["Grid"]
+
+Pair = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """How pixels fall onto periods: pixel v has phase ``(v - anchor) mod n`` and lattice cell ``(v + origin) // n``.
+
+    Attributes
+    ----------
+    image_shape
+        Rows and columns of the image and of every volume plane.
+    period
+        ``(ny, nx)`` pixels.
+    cutout
+        ``(nt, ns)`` pixels, odd x odd.
+    anchor
+        A pixel (row, column) of phase (0, 0); it may lie outside the image.
+    """
+
+    image_shape: Pair
+    period: Pair
+    cutout: Pair
+    anchor: Pair = (0, 0)
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_cutout(*self.cutout)
+        if len(self.image_shape) != 2 or min(self.image_shape) < 1:
+            raise InputError.expected("image shape", "(rows, columns), both positive", self.image_shape, "correct it")
+        if min(self.period) < 1:
+            raise InputError.expected("period", "(ny, nx), both positive", self.period, "correct it")
+
+    @cached_property
+    def origin(self) -> Pair:
+        """Where pixel (0, 0) lies in the first lattice cell: its phase."""
+        return -self.anchor[0] % self.period[0], -self.anchor[1] % self.period[1]
+
+    @cached_property
+    def cells(self) -> Pair:
+        """Lattice cells ``(Ly, Lx)`` that cover the image."""
+        (oy, ox), (ny, nx), (height, width) = self.origin, self.period, self.image_shape
+        return -(-(oy + height) // ny), -(-(ox + width) // nx)
+
+    @cached_property
+    def centre(self) -> Pair:
+        """Centre pixel of the cutout."""
+        return centre(self.cutout[0]), centre(self.cutout[1])
+
+    @cached_property
+    def reach(self) -> Pair:
+        """How many cells a pattern reaches to either side, at most the lattice itself."""
+        y, x = ((c + n - 1) // n for c, n in zip(self.centre, self.period, strict=True))
+        return min(y, self.cells[0] - 1), min(x, self.cells[1] - 1)
+
+    @property
+    def phases(self) -> int:
+        """Source positions in one period."""
+        return self.period[0] * self.period[1]
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of the image."""
+        return self.image_shape[0] * self.image_shape[1]
+
+    def pack(self, plane: NDArray[Any], dtype: Any, *, before: Pair = (0, 0), after: Pair = (0, 0)) -> NDArray[Any]:
+        """Return ``plane`` on whole cells, ``(Ly*ny, Lx*nx)`` and ``before`` and ``after`` zero pixels around."""
+        (ny, nx), (cy, cx), (oy, ox) = self.period, self.cells, self.origin
+        out = np.zeros((before[0] + cy * ny + after[0], before[1] + cx * nx + after[1]), dtype)
+        top, left = before[0] + oy, before[1] + ox
+        out[top : top + self.image_shape[0], left : left + self.image_shape[1]] = plane
+        return out
+
+    def unpack(self, packed: NDArray[Any], *, before: Pair = (0, 0)) -> NDArray[Any]:
+        """Return the image inside ``packed`` (inverse of `pack`), as a view."""
+        top, left = before[0] + self.origin[0], before[1] + self.origin[1]
+        return packed[top : top + self.image_shape[0], left : left + self.image_shape[1]]
+
+    def tiled(self, pattern: NDArray[Any]) -> NDArray[Any]:
+        """Return an image that repeats ``pattern`` ``(ny, nx)`` by phase."""
+        rows = (np.arange(self.image_shape[0]) + self.origin[0]) % self.period[0]
+        columns = (np.arange(self.image_shape[1]) + self.origin[1]) % self.period[1]
+        return pattern[np.ix_(rows, columns)]

@@ -1,0 +1,95 @@
+"""The depth planes of H as the projectors want them: cast, cropped below a threshold, one at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.axes import check_psf_shape
+from lfcal.errors import InputError
+
+__all__ = ["PlaneReader", "trim"]
+
+
+@dataclass(frozen=True)
+class PlaneReader:
+    """Read planes of ``H`` (a `PSFMatrix` or any 5-D array, memory map or dataset) as floats.
+
+    Attributes
+    ----------
+    H
+        ``(nz, ny, nx, nt, ns)``.
+    dtype
+        float32 or float64.
+    threshold
+        Entries whose size is below this share of their plane's largest are taken as zero.
+    """
+
+    H: Any
+    dtype: np.dtype[Any]
+    threshold: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check shape, type and threshold."""
+        check_psf_shape(tuple(self.H.shape))
+        if self.dtype not in (np.float32, np.float64):
+            raise InputError.expected("projector dtype", "float32 or float64", self.dtype, "choose one of these")
+        if not 0 <= self.threshold < 1:
+            raise InputError.expected(
+                "cropping threshold", "a share of the plane's peak in [0, 1)", self.threshold, "correct it"
+            )
+
+    @property
+    def shape(self) -> tuple[int, int, int, int, int]:
+        """``(nz, ny, nx, nt, ns)``."""
+        return check_psf_shape(tuple(self.H.shape))
+
+    def read(self, z: int) -> NDArray[Any]:
+        """Return plane ``z`` as ``(ny, nx, nt, ns)`` of `dtype`; it must not be written to.
+
+        Raises
+        ------
+        InputError
+            If the plane holds NaN or infinity.
+        """
+        raw = self.H.plane(z) if hasattr(self.H, "plane") else np.asarray(self.H[z])
+        copy = True if self.threshold > 0 else None
+        plane: NDArray[Any] = np.array(raw, self.dtype, order="C", copy=copy)
+        low, high = float(plane.min()), float(plane.max())
+        if not (np.isfinite(low) and np.isfinite(high)):
+            raise InputError.expected(
+                f"PSF matrix, plane {z}", "finite values", "NaN or infinity", "record these positions again"
+            )
+        if self.threshold > 0:
+            limit = self.dtype.type(self.threshold * max(high, -low))
+            for row in plane:  # row by row, to bound the scratch memory
+                row[np.abs(row) < limit] = 0
+        return plane
+
+    def density(self, samples: int = 24) -> float:
+        """Estimate the share of entries that are not zero after the threshold, from evenly spread positions."""
+        nz, ny, nx = self.shape[:3]
+        rng = np.random.default_rng(0)
+        count = max(1, min(samples, ny * nx))
+        filled = 0
+        for z in range(nz):
+            where = rng.choice(ny * nx, count, replace=False)
+            patterns = np.stack([np.asarray(self.H[z, int(k) // nx, int(k) % nx]) for k in where])
+            limit = self.threshold * float(np.abs(patterns).max(initial=0.0))
+            filled += int(np.count_nonzero(np.abs(patterns) >= limit if limit > 0 else patterns))
+        return filled / (nz * count * self.shape[3] * self.shape[4])
+
+
+def trim(plane: NDArray[Any]) -> NDArray[Any]:
+    """Return ``plane`` ``(ny, nx, nt, ns)`` with the cutout cut down, centre kept, to where any entry is not zero."""
+    sizes = []
+    for axis, other in ((2, 3), (3, 2)):
+        n = plane.shape[axis]
+        c = (n - 1) // 2
+        used = np.flatnonzero(plane.any(axis=(0, 1, other)))
+        sizes.append((c, int(np.abs(used - c).max()) if used.size else 0))
+    (ct, ht), (cs, hs) = sizes
+    return plane[:, :, ct - ht : ct + ht + 1, cs - hs : cs + hs + 1]

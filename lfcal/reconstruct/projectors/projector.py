@@ -1,0 +1,246 @@
+"""The projector pair: volume to image and back."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from lfcal.errors import InputError
+from lfcal.progress import Clock, Work, drain
+from lfcal.reconstruct.projectors.direct import Direct
+from lfcal.reconstruct.projectors.engine import Engine
+from lfcal.reconstruct.projectors.forecast import Forecast, Problem, forecast, reading_seconds
+from lfcal.reconstruct.projectors.grid import Grid
+from lfcal.reconstruct.projectors.planes import PlaneReader
+from lfcal.reconstruct.projectors.polyphase import Polyphase
+from lfcal.reconstruct.projectors.position_fft import PositionFFT
+from lfcal.reconstruct.projectors.sparse import Sparse
+from lfcal.threads import worker_count
+
+__all__ = ["Projector"]
+
+SMALL_S = 3e-3
+"""Below these seconds per plane and pair a projection stays on one thread."""
+
+
+class Projector:
+    """The operator of a periodic PSF matrix and its exact adjoint, with zero borders.
+
+    ``forward`` computes ``f[p] = sum_z sum_v g[z, v] H[z, v mod n][p - v + c]``, ``adjoint`` its transpose
+    ``b[z, v] = sum_p f[p] H[z, v mod n][p - v + c]`` (Eberhart et al. 2020, equation 1, H and HT).
+
+    Parameters
+    ----------
+    H
+        `PSFMatrix`, or any array, memory map or dataset ``(nz, ny, nx, nt, ns)``; any period, odd cutout.
+        Planes are read one at a time.
+    image_shape
+        Rows and columns of the image and of each volume plane (pixels); need not be whole periods.
+    anchor
+        A pixel (row, column) at which the source of position (0, 0) is imaged; by default that of ``H``, else
+        (0, 0). Rounded down to whole pixels.
+    method
+        ``"polyphase"``, ``"direct"``, ``"sparse"``, ``"fft"`` (the per-position reference), or ``"auto"``: the
+        cheapest by the `forecast`.
+    dtype
+        float32 or float64.
+    threshold
+        Entries of H below this share of their plane's peak are taken as zero.
+    memory_limit
+        Bytes a projection may use; by default half of the memory that is free now.
+    workers
+        Threads; by default all processors.
+    phases
+        ``(ny, nx)`` mask of the image phases in use: other pixels of the image are zero, and ignored.
+
+    Raises
+    ------
+    InputError
+        If an argument does not fit, H is not finite, or no method fits into the memory.
+    """
+
+    def __init__(
+        self,
+        H: Any,
+        image_shape: tuple[int, int],
+        anchor: tuple[float, float] | None = None,
+        method: str = "auto",
+        *,
+        dtype: DTypeLike = np.float32,
+        threshold: float = 0.0,
+        memory_limit: int | None = None,
+        workers: int | None = None,
+        phases: ArrayLike | None = None,
+    ) -> None:
+        data = H if hasattr(H, "shape") else np.asarray(H)
+        self._reader = PlaneReader(data, np.dtype(dtype), threshold)
+        _, ny, nx, nt, ns = self._reader.shape
+        at = getattr(H, "anchor", (0, 0)) if anchor is None else anchor
+        shape = (int(image_shape[0]), int(image_shape[1]))
+        self._grid = Grid(shape, (ny, nx), (nt, ns), (int(np.floor(at[0])), int(np.floor(at[1]))))
+        self._phases = None if phases is None else _phase_mask(phases, (ny, nx))
+        self._workers = worker_count(workers)
+        self._requested = method
+        self._limit = _free_memory() // 2 if memory_limit is None else int(memory_limit)
+        self._forecast = forecast(self._problem(method), method, self._limit)
+        self._engine = self._build()
+        self._operands: dict[int, Any] = {}
+        self._lock = threading.Lock()
+
+    # -- what it is ------------------------------------------------------------------------------------
+    @property
+    def image_shape(self) -> tuple[int, int]:
+        """``(Y, X)``."""
+        return self._grid.image_shape
+
+    @property
+    def volume_shape(self) -> tuple[int, int, int]:
+        """``(nz, Y, X)``."""
+        return self._reader.shape[0], *self._grid.image_shape
+
+    @property
+    def period(self) -> tuple[int, int]:
+        """``(ny, nx)`` pixels."""
+        return self._grid.period
+
+    @property
+    def grid(self) -> Grid:
+        """Where phases and lattice cells lie."""
+        return self._grid
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of images and volumes computed."""
+        return self._reader.dtype
+
+    @property
+    def method(self) -> str:
+        """Name of the method in use."""
+        return self._engine.name
+
+    @property
+    def rounding(self) -> float:
+        """Error of a projected value relative to the largest one; smaller values are not to be divided by."""
+        return self._engine.rounding
+
+    @property
+    def camera(self) -> Any:
+        """The camera of H, where known."""
+        return getattr(self._reader.H, "camera", None)
+
+    @property
+    def depths(self) -> NDArray[np.float64]:
+        """Depth of each plane (µm) where H tells, else plane numbers."""
+        depths = getattr(self._reader.H, "depths", None)
+        return np.arange(self.volume_shape[0], dtype=float) if depths is None else np.asarray(depths, float)
+
+    def forecast(self) -> Forecast:
+        """Return what the method costs on this machine, and what the others would."""
+        return self._forecast
+
+    # -- the pair --------------------------------------------------------------------------------------
+    def forward(self, volume: ArrayLike) -> NDArray[Any]:
+        """Return the image ``(Y, X)`` of ``volume`` ``(nz, Y, X)``. Planes that are all zero cost nothing."""
+        data = self._checked(volume, "volume (z, y, x)", self.volume_shape)
+        filled = [z for z in range(len(data)) if data[z].any()]
+        return self._engine.forward((self._operand(z), data[z]) for z in filled)
+
+    def adjoint(self, image: ArrayLike) -> NDArray[Any]:
+        """Return the back projection ``(nz, Y, X)`` of ``image`` ``(Y, X)``."""
+        data = self._checked(image, "image (y, x)", self.image_shape)
+        out = np.empty(self.volume_shape, self.dtype)
+        for z, plane in enumerate(self._engine.adjoint(data, self._each_operand())):
+            out[z] = plane
+        return out
+
+    def subset(self, phases: ArrayLike) -> Projector:
+        """Return the projector of the image phases in the mask ``phases`` ``(ny, nx)`` alone, same method."""
+        return Projector(
+            self._reader.H,
+            self.image_shape,
+            self._grid.anchor,
+            self.method,
+            dtype=self.dtype,
+            threshold=self._reader.threshold,
+            memory_limit=self._limit,
+            workers=self._workers,
+            phases=phases,
+        )
+
+    def iter_prepare(self) -> Work[None]:
+        """Prepare all planes that can be kept; else the first projection does."""
+        clock = Clock("preparing planes of H", self.volume_shape[0])
+        for z in range(self.volume_shape[0]):
+            if self._forecast.chosen.resident:
+                self._operand(z)
+            yield clock.at(z + 1)
+
+    def prepare(self) -> Projector:
+        """Prepare all planes that can be kept, and return this projector."""
+        drain(self.iter_prepare())
+        return self
+
+    # -- inside ----------------------------------------------------------------------------------------
+    def _problem(self, method: str) -> Problem:
+        pixels = self._grid.phases if self._phases is None else int(self._phases.sum())
+        density = self._reader.density() if method in ("auto", "sparse") else 1.0
+        nz = self._reader.shape[0]
+        return Problem(self._grid, nz, pixels, self.dtype, self._workers, density, reading_seconds(self._reader))
+
+    def _build(self) -> Engine:
+        chosen = self._forecast
+        small = chosen.chosen.pair_s < SMALL_S * self.volume_shape[0]
+        args = (self.dtype, 1 if small else self._workers, self._phases)
+        if chosen.plan is not None:
+            return Polyphase(self._grid, chosen.plan, *args, band=chosen.band)
+        kinds: dict[str, Callable[..., Engine]] = {"direct": Direct, "sparse": Sparse, "fft": PositionFFT}
+        return kinds[chosen.chosen.method](self._grid, *args)
+
+    def _operand(self, z: int) -> Any:
+        with self._lock:
+            if z in self._operands:
+                return self._operands[z]
+            operand = self._engine.prepare(self._reader.read(z))
+            if self._forecast.chosen.resident:
+                self._operands[z] = operand
+            return operand
+
+    def _each_operand(self) -> Iterator[Any]:
+        yield from (self._operand(z) for z in range(self.volume_shape[0]))
+
+    def _checked(self, array: ArrayLike, what: str, shape: tuple[int, ...]) -> NDArray[Any]:
+        data = np.asarray(array, self.dtype)
+        if data.shape != shape:
+            raise InputError.expected(what, f"shape {shape}", data.shape, "crop or pad it to the projector's")
+        if not np.isfinite(data).all():
+            raise InputError.expected(
+                what, "finite values", "NaN or infinity", "give such pixels weight 0 in the solver"
+            )
+        return data
+
+    def __repr__(self) -> str:
+        """Return size and method in a line."""
+        return f"<Projector {self.volume_shape} -> {self.image_shape}, period {self.period}, {self.method}>"
+
+
+def _phase_mask(phases: ArrayLike, period: tuple[int, int]) -> NDArray[np.bool_]:
+    mask = np.array(phases, np.bool_)
+    if mask.shape != period or not mask.any():
+        raise InputError.expected(
+            "image phases", f"a mask of shape {period} with at least one phase", mask.shape, "correct it"
+        )
+    return mask
+
+
+def _free_memory() -> int:
+    """Return the bytes of memory that programs may take now, or 8 GB where the system does not tell."""
+    try:
+        fields = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
+        return int(fields["MemAvailable"].split()[0]) * 1024
+    except (OSError, KeyError, ValueError):
+        return 8 << 30

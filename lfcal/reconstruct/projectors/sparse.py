@@ -1,0 +1,138 @@
+"""Sparse projection: only the entries of H that are not zero, each applied to a whole lattice at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.reconstruct.projectors.grid import Grid
+from lfcal.threads import for_each_chunk, worker_count
+
+__all__ = ["Sparse", "SparseOperand"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """Entries sorted by phase: those of phase k are ``start[k]:start[k+1]``."""
+
+    start: NDArray[np.int64]
+    offset: NDArray[np.int32]
+    value: NDArray[Any]
+
+    @property
+    def nbytes(self) -> int:
+        return self.start.nbytes + self.offset.nbytes + self.value.nbytes
+
+
+@dataclass(frozen=True, slots=True)
+class SparseOperand:
+    """One plane's entries, sorted for the forward and for the adjoint projection."""
+
+    pixels: _Rows
+    sources: _Rows
+
+
+class Sparse:
+    """Project entry by entry: the cost goes with the number of entries of H that are not zero.
+
+    Values are kept by phase, each phase's lattice contiguous and with zero margins, so that an entry is a shifted
+    multiply-add of whole lattices. ``phases`` (ny, nx) selects image phases.
+    """
+
+    name = "sparse"
+
+    def __init__(
+        self, grid: Grid, dtype: np.dtype[Any], workers: int | None = None, phases: NDArray[np.bool_] | None = None
+    ) -> None:
+        self.grid = grid
+        self.dtype = dtype
+        self.workers = worker_count(workers)
+        self.rounding = float(np.finfo(dtype).tiny)
+        self.keep = np.ones(grid.period, np.bool_) if phases is None else np.ascontiguousarray(phases, np.bool_)
+        (cells_y, cells_x), (ry, rx) = grid.cells, grid.reach
+        self.stride = cells_x + rx  # the margin right of a row is the margin left of the next
+        self.base = ry * self.stride + rx
+        self.block = (cells_y + 2 * ry) * self.stride + 2 * rx
+        if grid.phases * self.block >= 1 << 31:
+            raise InputError.expected(
+                "image for the sparse method", "below 2^31 pixels", grid.pixels, "split the image"
+            )
+
+    def prepare(self, plane: NDArray[Any]) -> SparseOperand:
+        """Return the entries of a plane of H that are not zero."""
+        from lfcal.reconstruct.projectors._kernels import count_entries, fill_entries
+
+        n = self.grid.phases
+        by_source, by_pixel = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        count_entries(plane, self.keep, by_source, by_pixel)
+        rows = [self._empty_rows(counts) for counts in (by_source, by_pixel)]
+        sources, pixels = rows
+        reach = np.array(self.grid.reach)
+        fill_entries(
+            plane,
+            self.keep,
+            reach,
+            self.stride,
+            self.block,
+            sources.start[:-1].copy(),
+            sources.offset,
+            sources.value,
+            pixels.start[:-1].copy(),
+            pixels.offset,
+            pixels.value,
+        )
+        return SparseOperand(pixels, sources)
+
+    def _empty_rows(self, counts: NDArray[np.int64]) -> _Rows:
+        start = np.concatenate(([0], np.cumsum(counts)))
+        return _Rows(start, np.empty(start[-1], np.int32), np.empty(start[-1], self.dtype))
+
+    def operand_bytes(self, operand: SparseOperand) -> int:
+        """Return the bytes of the entries."""
+        return operand.pixels.nbytes + operand.sources.nbytes
+
+    def forward(self, planes: Iterable[tuple[SparseOperand, NDArray[Any]]]) -> NDArray[Any]:
+        """Return the image of pairs (operand, volume plane)."""
+        out = self._positions()
+        for operand, plane in planes:
+            self._add(operand.pixels, self._spread(plane), out)
+        return self._image(out)
+
+    def adjoint(self, image: NDArray[Any], operands: Iterable[SparseOperand]) -> Iterator[NDArray[Any]]:
+        """Yield the back projection of ``image`` for each operand."""
+        values = self._spread(image)
+        for operand in operands:
+            out = self._positions()
+            self._add(operand.sources, values, out)
+            yield self._image(out)
+
+    # -- steps -----------------------------------------------------------------------------------------
+    def _positions(self) -> NDArray[Any]:
+        return np.zeros((self.grid.phases, self.grid.cells[0] * self.stride), self.dtype)
+
+    def _spread(self, plane: NDArray[Any]) -> NDArray[Any]:
+        """Return ``plane`` by phase with zero margins, flat."""
+        (ny, nx), (cells_y, cells_x) = self.grid.period, self.grid.cells
+        packed = self.grid.pack(plane, self.dtype).reshape(cells_y, ny, cells_x, nx).transpose(1, 3, 0, 2)
+        out = np.zeros((ny, nx, self.block), self.dtype)
+        inner = out[:, :, self.base : self.base + cells_y * self.stride]
+        inner.reshape(ny, nx, cells_y, self.stride)[..., :cells_x] = packed
+        return out.reshape(-1)
+
+    def _add(self, rows: _Rows, values: NDArray[Any], out: NDArray[Any]) -> None:
+        from lfcal.reconstruct.projectors._kernels import gather_sums
+
+        def work(low: int, high: int) -> None:
+            gather_sums(rows.start, rows.offset, rows.value, values, out, self.base, low, high)
+
+        for_each_chunk(work, self.grid.phases, self.workers)
+
+    def _image(self, out: NDArray[Any]) -> NDArray[Any]:
+        (ny, nx), (cells_y, cells_x) = self.grid.period, self.grid.cells
+        cells = out.reshape(ny, nx, cells_y, self.stride)[..., :cells_x]
+        return np.ascontiguousarray(self.grid.unpack(cells.transpose(2, 0, 3, 1).reshape(cells_y * ny, cells_x * nx)))

@@ -1,0 +1,147 @@
+"""Overlap-save tiles on the coarse lattice, with the Fourier transform of a tile as a small matrix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.reconstruct.projectors.grid import Grid
+
+__all__ = ["AxisTiles", "TilePlan"]
+
+
+@dataclass(frozen=True)
+class AxisTiles:
+    """Tiles along one axis of the lattice.
+
+    Attributes
+    ----------
+    cells
+        Lattice cells to cover.
+    reach
+        Cells a pattern reaches to either side.
+    count
+        Number of tiles; a single tile needs zero padding on one side alone.
+    half
+        Keep only the non-negative half of the spectrum (real data).
+    """
+
+    cells: int
+    reach: int
+    count: int
+    half: bool = False
+
+    @property
+    def valid(self) -> int:
+        """Cells each tile yields."""
+        return -(-self.cells // self.count)
+
+    @property
+    def lead(self) -> int:
+        """Cells of a tile before its first valid one."""
+        return self.reach if self.count > 1 else 0
+
+    @property
+    def length(self) -> int:
+        """Length of the circular transform."""
+        return self.valid + (2 * self.reach if self.count > 1 else self.reach)
+
+    @property
+    def taken(self) -> int:
+        """Cells a tile reads."""
+        return self.length if self.count > 1 else self.cells
+
+    @property
+    def frequencies(self) -> int:
+        """Frequencies kept."""
+        return self.length // 2 + 1 if self.half else self.length
+
+    @property
+    def padded(self) -> int:
+        """Cells of the padded lattice from which all tiles read: `lead` cells before, the rest after."""
+        return (self.count - 1) * self.valid + self.taken
+
+    def _phase(self, cells: NDArray[np.intp]) -> NDArray[np.complex128]:
+        # The product is reduced before it meets 2*pi, so that the phase is exact for every size.
+        turns = np.outer(np.arange(self.frequencies), cells) % self.length
+        phase: NDArray[np.complex128] = np.exp(-2j * np.pi * turns / self.length)
+        return phase
+
+    def analysis(self) -> NDArray[np.complex128]:
+        """Return the transform of a tile's cells, ``(frequencies, taken)``."""
+        return self._phase(np.arange(self.taken))
+
+    def synthesis(self) -> NDArray[np.complex128]:
+        """Return the inverse transform to the valid cells, ``(valid, frequencies)``; its real part counts if `half`."""
+        weights = np.full(self.frequencies, 2.0 if self.half else 1.0)
+        if self.half:
+            weights[0] = 1.0
+            if self.length % 2 == 0:
+                weights[-1] = 1.0
+        phase = self._phase(np.arange(self.valid) + self.lead)
+        inverse: NDArray[np.complex128] = phase.conj().T * (weights / self.length)
+        return inverse
+
+    def kernel(self) -> NDArray[np.complex128]:
+        """Return the transform of taps ``-reach … reach``, ``(frequencies, 2*reach + 1)``."""
+        return self._phase(np.arange(-self.reach, self.reach + 1))
+
+
+@dataclass(frozen=True)
+class TilePlan:
+    """Tiles along both axes of a `Grid`'s lattice."""
+
+    grid: Grid
+    counts: tuple[int, int]
+
+    @cached_property
+    def y(self) -> AxisTiles:
+        """Tiles along the rows."""
+        return AxisTiles(self.grid.cells[0], self.grid.reach[0], self.counts[0])
+
+    @cached_property
+    def x(self) -> AxisTiles:
+        """Tiles along the columns, whose spectrum is halved."""
+        return AxisTiles(self.grid.cells[1], self.grid.reach[1], self.counts[1], half=True)
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles."""
+        return self.counts[0] * self.counts[1]
+
+    @property
+    def frequencies(self) -> int:
+        """Number of frequencies of a tile."""
+        return self.y.frequencies * self.x.frequencies
+
+    def product_flops(self, pixels: int) -> float:
+        """Real operations of the matrix products with all frequencies, ``pixels`` image phases selected."""
+        return 8.0 * self.frequencies * self.tiles * self.grid.phases * pixels
+
+    def transform_flops(self, phases: int) -> float:
+        """Real operations to transform ``phases`` components there (back costs as much)."""
+        y, x = self.y, self.x
+        along_x = x.count * x.frequencies * x.taken * y.padded
+        along_y = y.count * x.count * x.frequencies * y.frequencies * y.taken
+        return 8.0 * phases * (along_x + along_y)
+
+    def spectrum_bytes(self, itemsize: int, pixels: int) -> int:
+        """Bytes of one plane's spectra, ``itemsize`` of a complex number."""
+        return self.frequencies * self.grid.phases * pixels * itemsize
+
+    def scratch_bytes(self, itemsize: int) -> int:
+        """Bytes of the tiles' spectra while one plane is projected, three buffers of them."""
+        y, x = self.y, self.x
+        slabs = x.count * x.frequencies * (y.padded + y.count * y.valid)
+        spectra = 2 * self.frequencies * self.tiles
+        return (slabs + spectra + y.padded * x.padded) * self.grid.phases * itemsize
+
+    def matrices(self, dtype: Any) -> dict[str, NDArray[Any]]:
+        """Return the small transform matrices of both axes as ``dtype``."""
+        axes = {"y": self.y, "x": self.x}
+        kinds = ("analysis", "synthesis", "kernel")
+        return {f"{kind}_{name}": getattr(axis, kind)().astype(dtype) for name, axis in axes.items() for kind in kinds}

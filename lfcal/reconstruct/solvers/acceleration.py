@@ -1,0 +1,70 @@
+"""Extrapolation between iterations: the same estimate in fewer of them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.reconstruct.solvers.records import SolverState
+
+__all__ = ["ACCELERATIONS", "extrapolate", "remember"]
+
+ACCELERATIONS = ("none", "biggs-andrews", "nesterov")
+"""Ways to extrapolate."""
+
+
+def check_acceleration(name: str) -> None:
+    """Raise `InputError` unless ``name`` is a way to extrapolate."""
+    if name not in ACCELERATIONS:
+        raise InputError.expected("acceleration", " or ".join(ACCELERATIONS), repr(name), "choose one of these")
+
+
+def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
+    """Return the point the next update starts from, and the step taken along the last change.
+
+    ``biggs-andrews`` takes the step from two successive updates (Biggs & Andrews 1997, equation 10), ``nesterov``
+    from the iteration number (Beck & Teboulle 2009, equation 4.2). A state without memory is returned as it is.
+    """
+    if name == "none" or not state.arrays:
+        return state.volume, 0.0
+    previous = state.arrays[0]
+    if name == "nesterov":
+        t = state.numbers[0]
+        step = (t - 1.0) / _next_t(t)
+    else:
+        step = 0.0
+        if len(state.arrays) == 3:
+            last, before = state.arrays[1], state.arrays[2]
+            power = float(np.vdot(before, before))
+            step = float(np.vdot(last, before)) / power if power > 0 else 0.0
+            step = min(max(step, 0.0), 0.999)
+    if step == 0.0:
+        return state.volume, 0.0
+    ahead = state.volume + state.volume.dtype.type(step) * (state.volume - previous)
+    return np.maximum(ahead, 0, out=ahead), step
+
+
+def remember(
+    state: SolverState, start: NDArray[Any], updated: NDArray[Any], name: str, *, restart: bool
+) -> tuple[tuple[NDArray[Any], ...], tuple[float, ...]]:
+    """Return what the next extrapolation needs: arrays and numbers of the next state.
+
+    ``restart`` forgets the past: the likelihood had fallen, so the last step was too long.
+    """
+    if name == "none":
+        return (), ()
+    if name == "nesterov":
+        t = 1.0 if restart or not state.numbers else _next_t(state.numbers[0])
+        return (state.volume,), (t,)
+    gradient = updated - start
+    if restart or not state.arrays:
+        return (state.volume, gradient), ()
+    return (state.volume, gradient, state.arrays[1]), ()
+
+
+def _next_t(t: float) -> float:
+    return (1.0 + math.sqrt(1.0 + 4.0 * t * t)) / 2.0

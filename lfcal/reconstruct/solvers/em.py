@@ -1,0 +1,303 @@
+"""Multiplicative solvers: Richardson-Lucy and ISRA, with penalties, acceleration, subsets and smoothing."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.errors import InputError
+from lfcal.progress import drain
+from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.solvers.acceleration import check_acceleration, extrapolate, remember
+from lfcal.reconstruct.solvers.measurement import Fit, Measurement
+from lfcal.reconstruct.solvers.penalty import Penalty
+from lfcal.reconstruct.solvers.records import (
+    Reconstruction,
+    SolverProgress,
+    SolverState,
+    SolverWork,
+    relative_change,
+    without_state,
+)
+from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
+from lfcal.reconstruct.solvers.subsets import Masks, check_partition
+
+__all__ = ["EmOptions", "isra", "iter_em", "iter_isra", "iter_richardson_lucy", "richardson_lucy"]
+
+UNSEEN = 1e-6
+"""Voxels whose sensitivity is below this share of the largest are left as they are."""
+
+
+@dataclass(frozen=True)
+class EmOptions:
+    """How a multiplicative solver goes about it.
+
+    Attributes
+    ----------
+    rule
+        ``"richardson-lucy"`` (Poisson likelihood) or ``"isra"`` (least squares, Daube-Witherspoon & Muehllehner 1986).
+    penalty
+        `TotalVariation` or `Tikhonov`, one step late (Green 1990; Dey et al. 2006); None: none.
+    acceleration
+        ``"none"``, ``"biggs-andrews"`` or ``"nesterov"``.
+    subsets
+        Masks of image phases to update with in turn (`interleaved_subsets`, `angular_subsets`); None: all at once.
+    relaxation
+        Share of each update that is taken, in (0, 1].
+    smoothing
+        `DepthSmoothing` after each iteration; None: none.
+    tolerance
+        Stop when the relative change falls below.
+    """
+
+    rule: str = "richardson-lucy"
+    penalty: Penalty | None = None
+    acceleration: str = "none"
+    subsets: Masks | None = None
+    relaxation: float = 1.0
+    smoothing: DepthSmoothing | None = None
+    tolerance: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check names, ranges and what excludes what."""
+        if self.rule not in ("richardson-lucy", "isra"):
+            raise InputError.expected("update rule", "richardson-lucy or isra", repr(self.rule), "choose one")
+        check_acceleration(self.acceleration)
+        if not 0 < self.relaxation <= 1:
+            raise InputError.expected("relaxation", "in (0, 1]", self.relaxation, "try 1")
+        if self.subsets is not None and self.acceleration != "none":
+            raise InputError.expected(
+                "solver", "subsets or acceleration", "both", "leave one out: they extrapolate twice"
+            )
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One subset: its projector, its pixels, and what its updates always need."""
+
+    projector: Projector
+    mask: NDArray[np.bool_] | None
+    sensitivity: NDArray[Any]
+    matched: NDArray[Any] | None
+    """HT f for ISRA."""
+
+
+def iter_em(
+    P: Projector,
+    data: Measurement,
+    iterations: int,
+    options: EmOptions,
+    *,
+    initial: ArrayLike | None = None,
+    resume: SolverState | None = None,
+) -> SolverWork:
+    """Run ``iterations`` iterations, yielding a `SolverProgress` after each.
+
+    Parameters
+    ----------
+    P
+        Projector pair.
+    data
+        Image, weights and background.
+    iterations
+        How many to do, beyond those of ``resume``.
+    options
+        What to do.
+    initial
+        Start ``(nz, Y, X)``, not negative; by default even, with the light of the image.
+    resume
+        State to go on from instead.
+    """
+    _check(P, data, iterations)
+    parts = _parts(P, data, options)
+    state = resume if resume is not None else SolverState(_start(P, data, parts, initial))
+    if state.volume.shape != P.volume_shape:
+        raise InputError.expected("start", f"shape {P.volume_shape}", state.volume.shape, "use the same projector")
+    history: list[SolverProgress] = []
+    total = state.iteration + iterations
+    before = -np.inf
+    for _ in range(iterations):
+        began = time.perf_counter()
+        start, step = extrapolate(state, options.acceleration)
+        volume, fit = _iterate(start, parts, data, options)
+        change = relative_change(volume, state.volume)
+        restart = step > 0 and fit.likelihood < before
+        before = fit.likelihood
+        arrays, numbers = remember(state, start, volume, options.acceleration, restart=restart)
+        seconds = state.seconds + time.perf_counter() - began
+        state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
+        record = SolverProgress(
+            state.iteration,
+            total,
+            options.rule,
+            seconds,
+            _note(fit, change),
+            state.iteration,
+            fit.residual,
+            fit.likelihood,
+            change,
+            state,
+        )
+        history.append(without_state(record))
+        yield record
+        if change < options.tolerance:
+            break
+    return Reconstruction(state.volume, tuple(history), state, data.notes)
+
+
+def iter_richardson_lucy(
+    P: Projector,
+    image: ArrayLike,
+    iterations: int = 20,
+    *,
+    background: ArrayLike = 0.0,
+    weights: ArrayLike | None = None,
+    saturation: float | None = None,
+    read_noise: float = 0.0,
+    penalty: Penalty | None = None,
+    acceleration: str = "none",
+    subsets: Masks | None = None,
+    relaxation: float = 1.0,
+    smoothing: DepthSmoothing | None = None,
+    tolerance: float = 0.0,
+    initial: ArrayLike | None = None,
+    resume: SolverState | None = None,
+) -> SolverWork:
+    """Deconvolve ``image`` ``(Y, X)`` by Richardson-Lucy, one `SolverProgress` per iteration.
+
+    ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2); with weights, ``HT(w f / (Hg + b)) /
+    HTw``. Where Hg + b is nothing but rounding the ratio is 0; voxels no pixel sees stay as they are. For the other
+    arguments see `Measurement.of` and `EmOptions`.
+
+    Raises
+    ------
+    InputError
+        If the image does not fit the projector or an argument is out of range.
+    """
+    data = Measurement.of(
+        image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, read_noise=read_noise
+    )
+    options = EmOptions("richardson-lucy", penalty, acceleration, subsets, relaxation, smoothing, tolerance)
+    return iter_em(P, data, iterations, options, initial=initial, resume=resume)
+
+
+def richardson_lucy(P: Projector, image: ArrayLike, iterations: int = 20, **options: Any) -> Reconstruction:
+    """Deconvolve ``image``: `iter_richardson_lucy`, drained."""
+    return drain(iter_richardson_lucy(P, image, iterations, **options))
+
+
+def iter_isra(
+    P: Projector,
+    image: ArrayLike,
+    iterations: int = 20,
+    *,
+    background: ArrayLike = 0.0,
+    weights: ArrayLike | None = None,
+    saturation: float | None = None,
+    initial: ArrayLike | None = None,
+    resume: SolverState | None = None,
+    **options: Any,
+) -> SolverWork:
+    """Deconvolve by the image-space reconstruction algorithm: least squares without negative values.
+
+    ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Arguments as for
+    `iter_richardson_lucy`.
+    """
+    data = Measurement.of(image, dtype=P.dtype, weights=weights, saturation=saturation, background=background)
+    return iter_em(P, data, iterations, EmOptions("isra", **options), initial=initial, resume=resume)
+
+
+def isra(P: Projector, image: ArrayLike, iterations: int = 20, **options: Any) -> Reconstruction:
+    """Deconvolve ``image``: `iter_isra`, drained."""
+    return drain(iter_isra(P, image, iterations, **options))
+
+
+# -- steps ---------------------------------------------------------------------------------------------
+def _check(P: Projector, data: Measurement, iterations: int) -> None:
+    if data.image.shape != P.image_shape:
+        raise InputError.expected(
+            "image", f"shape {P.image_shape}", data.image.shape, "build the projector for this image"
+        )
+    if iterations < 1:
+        raise InputError.expected("iterations", "at least 1", iterations, "correct it")
+
+
+def _parts(P: Projector, data: Measurement, options: EmOptions) -> tuple[_Part, ...]:
+    if options.subsets is None:
+        return (_part(P, None, data, options),)
+    check_partition(options.subsets, P.period)
+    return tuple(_part(P.subset(mask), P.grid.tiled(mask), data, options) for mask in options.subsets)
+
+
+def _part(P: Projector, mask: NDArray[np.bool_] | None, data: Measurement, options: EmOptions) -> _Part:
+    sensitivity = np.maximum(P.adjoint(data.ones()), 0)
+    matched = P.adjoint(data.weighted(data.image)) if options.rule == "isra" else None
+    return _Part(P, mask, sensitivity, matched)
+
+
+def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: ArrayLike | None) -> NDArray[Any]:
+    if initial is not None:
+        volume = np.array(initial, P.dtype)
+        if volume.shape != P.volume_shape or not np.isfinite(volume).all() or (volume < 0).any():
+            raise InputError.expected(
+                "initial volume", f"shape {P.volume_shape}, finite, not negative", volume.shape, "correct it"
+            )
+        return volume
+    sensitivity = sum(part.sensitivity for part in parts)
+    light = float(data.weighted(np.maximum(data.image - data.background, 0)).sum(dtype=np.float64))
+    reach = float(np.sum(sensitivity, dtype=np.float64))
+    level = light / reach if reach > 0 else 0.0
+    seen = sensitivity > UNSEEN * np.max(sensitivity)
+    start: NDArray[Any] = np.where(seen, level, 0).astype(P.dtype)
+    return start
+
+
+def _iterate(
+    volume: NDArray[Any], parts: tuple[_Part, ...], data: Measurement, options: EmOptions
+) -> tuple[NDArray[Any], Fit]:
+    """Return the volume after one pass over all subsets, and the fit met on the way."""
+    square, likelihood, norm = 0.0, 0.0, float(np.linalg.norm(data.weighted(data.image)))
+    for part in parts:
+        P = part.projector
+        model = P.forward(volume) + data.background
+        floor = max(P.rounding * float(model.max(initial=0)), float(np.finfo(model.dtype).tiny))
+        fit = data.fit(model, part.mask, floor)
+        likelihood += fit.likelihood
+        own = data.image if part.mask is None else data.image * part.mask
+        square += (fit.residual * float(np.linalg.norm(data.weighted(own)))) ** 2
+        volume = _update(volume, model, floor, part, data, options)
+    if options.smoothing is not None:
+        volume = options.smoothing.apply(volume)
+    residual = fit.residual if len(parts) == 1 else (square**0.5 / norm if norm > 0 else 0.0)
+    return volume, Fit(residual, likelihood)
+
+
+def _update(
+    volume: NDArray[Any], model: NDArray[Any], floor: float, part: _Part, data: Measurement, options: EmOptions
+) -> NDArray[Any]:
+    """Return the volume after the update of one subset; a model below ``floor`` is rounding."""
+    P = part.projector
+    top = part.sensitivity.max(initial=0)
+    if options.rule == "isra":
+        assert part.matched is not None
+        above, below = part.matched, P.adjoint(data.weighted(model))
+    else:
+        ratio = np.divide(data.image, model, out=np.zeros_like(model), where=model > floor)
+        above, below = P.adjoint(data.weighted(ratio)), part.sensitivity
+    if options.penalty is not None:
+        scale = below.max(initial=0) if options.rule == "isra" else top
+        below = np.maximum(below + scale * options.penalty.gradient(volume), 0.1 * below)
+    seen = (part.sensitivity > UNSEEN * top) & (below > 0)
+    factor = np.divide(np.maximum(above, 0), below, out=np.ones_like(volume), where=seen)
+    if options.relaxation < 1:
+        factor = 1 + options.relaxation * (factor - 1)
+    updated: NDArray[Any] = volume * factor.astype(volume.dtype, copy=False)
+    return updated
+
+
+def _note(fit: Fit, change: float) -> str:
+    return f"residual {fit.residual:.4g}, change {change:.2g}"

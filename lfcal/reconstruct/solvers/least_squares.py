@@ -1,0 +1,145 @@
+"""Linear least squares by conjugate gradients."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.errors import InputError
+from lfcal.progress import drain
+from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.solvers.measurement import Measurement
+from lfcal.reconstruct.solvers.records import (
+    Reconstruction,
+    SolverProgress,
+    SolverState,
+    SolverWork,
+    relative_change,
+    without_state,
+)
+
+__all__ = ["conjugate_gradient", "iter_conjugate_gradient"]
+
+
+def iter_conjugate_gradient(
+    P: Projector,
+    image: ArrayLike,
+    iterations: int = 20,
+    *,
+    background: ArrayLike = 0.0,
+    weights: ArrayLike | None = None,
+    saturation: float | None = None,
+    damping: float = 0.0,
+    tolerance: float = 0.0,
+    resume: SolverState | None = None,
+) -> SolverWork:
+    """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS, Bjoerck 1996, section 7.4).
+
+    The volume may become negative. ``likelihood`` of a record is minus half the weighted sum of squares.
+
+    Parameters
+    ----------
+    P
+        Projector pair.
+    image
+        ``(Y, X)``; negative values are kept.
+    iterations
+        How many to do, beyond those of ``resume``.
+    background, weights, saturation
+        As for `Measurement.of`.
+    damping
+        lambda relative to the largest value of ``HT w H 1``.
+    tolerance
+        Stop when the relative change falls below.
+    resume
+        State to go on from.
+
+    Raises
+    ------
+    InputError
+        If the image does not fit the projector or an argument is out of range.
+    """
+    data = Measurement.of(
+        image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, signed=True
+    )
+    if data.image.shape != P.image_shape or iterations < 1 or damping < 0:
+        raise InputError.expected(
+            "image, iterations, damping",
+            f"{P.image_shape}, at least 1, not negative",
+            f"{data.image.shape}, {iterations}, {damping}",
+            "correct them",
+        )
+    weak = damping * _largest(P, data) if damping > 0 else 0.0
+    state = resume if resume is not None else _start(P, data)
+    history: list[SolverProgress] = []
+    total = state.iteration + iterations
+    norm = float(np.linalg.norm(data.weighted(data.image - data.background)))
+    for _ in range(iterations):
+        began = time.perf_counter()
+        residual = float(np.linalg.norm(data.weighted(state.arrays[0]))) / norm if norm > 0 else 0.0
+        squares = float((data.weighted(state.arrays[0]).astype(np.float64) * state.arrays[0]).sum())
+        volume, arrays, numbers = _step(P, data, state, weak)
+        change = relative_change(volume, state.volume)
+        seconds = state.seconds + time.perf_counter() - began
+        state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
+        note = f"residual {residual:.4g}, change {change:.2g}"
+        record = SolverProgress(
+            state.iteration,
+            total,
+            "conjugate gradients",
+            seconds,
+            note,
+            state.iteration,
+            residual,
+            -squares / 2,
+            change,
+            state,
+        )
+        history.append(without_state(record))
+        yield record
+        if change <= tolerance:
+            break
+    return Reconstruction(state.volume, tuple(history), state, data.notes)
+
+
+def conjugate_gradient(P: Projector, image: ArrayLike, iterations: int = 20, **options: Any) -> Reconstruction:
+    """Minimise the weighted squares: `iter_conjugate_gradient`, drained."""
+    return drain(iter_conjugate_gradient(P, image, iterations, **options))
+
+
+def _start(P: Projector, data: Measurement) -> SolverState:
+    miss = data.image - data.background
+    descent = P.adjoint(data.weighted(miss))
+    return SolverState(np.zeros(P.volume_shape, P.dtype), arrays=(miss, descent), numbers=(_square(descent),))
+
+
+def _step(
+    P: Projector, data: Measurement, state: SolverState, weak: float
+) -> tuple[NDArray[Any], tuple[NDArray[Any], ...], tuple[float, ...]]:
+    """Return volume, (image residual, direction) and (squared gradient) after one step."""
+    miss, direction = state.arrays
+    power = state.numbers[0]
+    image = P.forward(direction)
+    curvature = float((data.weighted(image).astype(np.float64) * image).sum()) + weak * _square(direction)
+    if power == 0 or curvature <= 0:  # the minimum, or directions no pixel sees
+        return state.volume, state.arrays, state.numbers
+    kind = state.volume.dtype.type
+    length = kind(power / curvature)
+    volume = state.volume + length * direction
+    miss = miss - length * image
+    gradient = P.adjoint(data.weighted(miss)) - kind(weak) * volume
+    new_power = _square(gradient)
+    return volume, (miss, gradient + kind(new_power / power) * direction), (new_power,)
+
+
+def _largest(P: Projector, data: Measurement) -> float:
+    """Return a bound of the largest eigenvalue of HT w H, for a matrix without negative entries."""
+    ones = np.ones(P.volume_shape, P.dtype)
+    return float(np.abs(P.adjoint(data.weighted(P.forward(ones)))).max(initial=0))
+
+
+def _square(array: NDArray[Any]) -> float:
+    return float((array.astype(np.float64) ** 2).sum())

@@ -1,0 +1,139 @@
+"""The image a solver fits: weights, background and noise, made safe to compute with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from lfcal.errors import InputError
+
+__all__ = ["Fit", "Measurement"]
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """How well a model image fits: see `SolverProgress`."""
+
+    residual: float
+    likelihood: float
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """An image with what is known of it; build one with `Measurement.of`.
+
+    Attributes
+    ----------
+    image
+        ``(Y, X)``, finite, not negative; 0 where the weight is 0.
+    weights
+        Trust in each pixel, ``(Y, X)``; None: 1 everywhere.
+    background
+        Expected image without any source, a number or ``(Y, X)``.
+    notes
+        What was changed.
+    """
+
+    image: NDArray[Any]
+    weights: NDArray[Any] | None
+    background: Any
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        image: ArrayLike,
+        *,
+        dtype: DTypeLike,
+        weights: ArrayLike | None = None,
+        saturation: float | None = None,
+        background: ArrayLike = 0.0,
+        read_noise: float = 0.0,
+        signed: bool = False,
+    ) -> Measurement:
+        """Return the measurement of ``image``.
+
+        Parameters
+        ----------
+        image
+            ``(Y, X)`` in counts. NaN and infinity get weight 0.
+        dtype
+            Type to compute in.
+        weights
+            Trust in each pixel, not negative.
+        saturation
+            Pixels at or above this value get weight 0.
+        background
+            Expected image without any source, not negative; a number or ``(Y, X)``.
+        read_noise
+            Rms of the Gaussian noise (counts): its square is added to image and background, the shifted Poisson
+            approximation of Snyder et al. 1995.
+        signed
+            Keep negative values (least squares); else they count as zero, and a note says how many.
+
+        Raises
+        ------
+        InputError
+            If shapes differ, or weights or background are negative or not finite.
+        """
+        data = np.array(image, dtype)
+        if data.ndim != 2:
+            raise InputError.expected("image", "two axes (y, x)", f"{data.ndim} axes", "give one frame")
+        trust = None if weights is None else _fitting("weights", weights, data.shape, dtype)
+        floor = _fitting("background", background, data.shape, dtype)
+        bad = ~np.isfinite(data)
+        notes = [f"{int(bad.sum())} pixels are not finite and were left out"] if bad.any() else []
+        if saturation is not None:
+            full = np.greater_equal(data, saturation, where=~bad, out=np.zeros(data.shape, bool))
+            if full.any():
+                notes.append(f"{int(full.sum())} saturated pixels were left out")
+            bad |= full
+        if bad.any():
+            trust = np.where(bad, 0, 1 if trust is None else trust).astype(dtype)
+            data[bad] = 0
+        if read_noise < 0:
+            raise InputError.expected("read noise (counts)", "not negative", read_noise, "correct it")
+        if read_noise > 0:
+            data += np.asarray(read_noise**2, dtype)
+            floor = floor + np.asarray(read_noise**2, dtype)
+        below = int(np.count_nonzero(data < 0))
+        if below and not signed:
+            notes.append(f"{below} negative pixels were taken as 0; a background or read noise would keep them")
+            np.maximum(data, 0, out=data)
+        return cls(data, trust, floor, tuple(notes))
+
+    def weighted(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return ``image`` times the weights."""
+        return image if self.weights is None else image * self.weights
+
+    def ones(self) -> NDArray[Any]:
+        """Return the weights as an image: its back projection is the sensitivity HT1."""
+        return np.ones_like(self.image) if self.weights is None else self.weights
+
+    def fit(self, model: NDArray[Any], mask: NDArray[Any] | None = None, floor: float = 0.0) -> Fit:
+        """Return how well ``model`` (background included) fits, over the pixels of ``mask``.
+
+        The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64, with m no less than ``floor``.
+        """
+        trust = np.asarray(1.0 if self.weights is None else self.weights, np.float64)
+        trust = np.broadcast_to(trust if mask is None else trust * mask, model.shape)
+        data, m = self.image.astype(np.float64), model.astype(np.float64)
+        norm = float(np.sqrt((trust * data**2).sum()))
+        miss = float(np.sqrt((trust * (data - m) ** 2).sum()))
+        m = np.maximum(m, max(floor, float(np.finfo(np.float64).tiny)))
+        lit = data > 0
+        terms = m - data
+        terms[lit] += data[lit] * (np.log(data[lit]) - np.log(m[lit]))
+        return Fit(miss / norm if norm > 0 else float(miss > 0), -float((trust * terms).sum()))
+
+
+def _fitting(what: str, value: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    array = np.asarray(value, dtype)
+    if array.ndim and array.shape != shape:
+        raise InputError.expected(what, f"a number or shape {shape}", array.shape, "crop it like the image")
+    if not np.isfinite(array).all() or (array < 0).any():
+        raise InputError.expected(what, "finite values, none negative", "others", "correct them")
+    return np.broadcast_to(array, shape) if what == "weights" else array

@@ -1,0 +1,103 @@
+"""The depth-dependent filter against the artefacts of uneven sampling (Stefanoiu et al. 2019)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import convolve1d
+
+from lfcal.errors import InputError
+from lfcal.threads import for_each_chunk
+
+__all__ = ["DepthSmoothing", "lanczos_kernel", "smoothing_widths"]
+
+
+def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
+    """Return the distance of independent samples in each plane at ``depths`` (µm), in voxels (pixels of the image).
+
+    ``camera`` is a `lfcal.camera.Camera`, as `PSFMatrix.camera` gives it.
+    At virtual depth v one pixel under neighbouring lenslets sees points ``p/|v|`` apart, less the lenslet's blur
+    ``p/2 |1/vf - 1/v|``; near the native plane it is a whole lenslet (Stefanoiu et al. 2019, equations 8-10, written
+    with v; for three lens types the one in focus counts).
+    """
+    pitch = camera.pitch_px
+    gap = camera.lattice.gap_um
+    inverse_focus = [1.0 / lens.focus_depth(gap) for lens in camera.lattice.types]
+    widths = []
+    for z in np.atleast_1d(np.asarray(depths, float)):
+        v = camera.virtual_depth(float(z))
+        if abs(v) < 1:
+            widths.append(pitch)
+            continue
+        blur = min(abs(f - 1.0 / v) for f in inverse_focus) / 2
+        widths.append(2 * pitch * min(0.5, abs(1.0 / abs(v) - blur)))
+    return np.array(widths)
+
+
+def lanczos_kernel(width: float, lobes: int = 4) -> NDArray[np.float64]:
+    """Return a low-pass kernel that keeps periods longer than ``2 * width`` pixels: a sinc in a Lanczos window."""
+    if width <= 1:
+        return np.ones(1)
+    half = int(np.ceil(lobes * width)) - 1
+    x = np.arange(-half, half + 1)
+    kernel = np.sinc(x / width) * np.sinc(x / (lobes * width))
+    normalised: NDArray[np.float64] = kernel / kernel.sum()
+    return normalised
+
+
+@dataclass(frozen=True)
+class DepthSmoothing:
+    """Low-pass each plane to what the lenslets sample there: the S step of expectation-maximisation-smoothing.
+
+    Attributes
+    ----------
+    widths
+        Distance of independent samples for each plane (voxels); 1 or less leaves the plane alone.
+    lobes
+        Size of the Lanczos window; fewer ring less and blur more.
+    """
+
+    widths: Sequence[float]
+    lobes: int = 4
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        object.__setattr__(self, "widths", tuple(float(w) for w in self.widths))
+        if not all(0 <= w < 1e4 for w in self.widths) or self.lobes < 1:
+            raise InputError.expected("smoothing widths (voxels)", "not negative", self.widths, "correct them")
+
+    @classmethod
+    def for_camera(cls, camera: Any, depths: ArrayLike, lobes: int = 4) -> DepthSmoothing:
+        """Return the smoothing for planes at ``depths`` (µm) of ``camera``."""
+        return cls(tuple(smoothing_widths(camera, depths)), lobes)
+
+    def apply(self, volume: NDArray[Any]) -> NDArray[Any]:
+        """Return ``volume`` ``(nz, Y, X)`` smoothed, without negative values; borders are renormalised."""
+        if len(self.widths) != len(volume):
+            raise InputError.expected(
+                "smoothing widths", f"one per plane ({len(volume)})", len(self.widths), "correct them"
+            )
+        out = np.empty_like(volume)
+
+        def work(start: int, stop: int) -> None:
+            for z in range(start, stop):
+                out[z] = _smooth(volume[z], lanczos_kernel(self.widths[z], self.lobes))
+
+        for_each_chunk(work, len(volume))
+        np.maximum(out, 0, out=out)
+        return out
+
+
+def _smooth(plane: NDArray[Any], kernel: NDArray[np.float64]) -> NDArray[Any]:
+    if kernel.size == 1:
+        return plane
+    for axis in (0, 1):
+        norm = convolve1d(np.ones(plane.shape[axis]), kernel, mode="constant")
+        plane = convolve1d(plane, kernel, axis=axis, mode="constant")
+        # A window cut by the border may sum to little: there the share of the kernel inside is at least a quarter.
+        plane /= np.expand_dims(np.maximum(norm, 0.25), 1 - axis)
+    return plane

@@ -1,0 +1,85 @@
+"""What a simulation costs, foretold from the description and one short timing of this machine.
+
+The constants were fitted to the engines of this package on a machine that does 2e10 complex multiply-adds per
+second and thread in a small product, and scale with that rate. They hold within a factor of about 2;
+`lfcal.simulate.predict_seconds` runs the engine for a moment instead and holds within 1.5.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from functools import lru_cache
+
+import numpy as np
+
+from lfcal.simulate.accuracy.sampling import sampling_for
+from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.engines.base import Sampling
+from lfcal.threads import one_blas_thread
+
+__all__ = ["engine_seconds", "frame_seconds", "machine_rate", "table_seconds"]
+
+FITTED_RATE = 2e10
+"""Complex multiply-adds per second of the machine the constants come from."""
+
+PER_LENSLET = 2.6e-5
+PER_NODE = 1.4e-8
+PER_COHERENT_NODE = 7.5e-9
+REFERENCE_OVER_WAVE = 3000.0
+
+
+@lru_cache(maxsize=1)
+def machine_rate() -> float:
+    """Return complex multiply-adds per second of one thread of this machine (measured once, 20 ms)."""
+    n = 96
+    a = np.ones((n, n), np.complex64)
+    best = math.inf
+    with one_blas_thread():
+        for _ in range(8):
+            start = time.perf_counter()
+            a @ a
+            best = min(best, time.perf_counter() - start)
+    return n**3 / best
+
+
+def _slower() -> float:
+    return FITTED_RATE / machine_rate()
+
+
+def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> float:
+    """Return CPU-seconds of one whole plane at a level of `lfcal.simulate.engines.base.LEVELS`, tables included."""
+    positions = outlook.period[0] * outlook.period[1]
+    if level == "geometric":
+        return _slower() * (0.005 + positions * (2.5e-6 * outlook.lenslets + 1e-9 * outlook.pixels + 1e-5))
+    sampling = sampling_for(outlook, "wave" if level == "reference" else level, tolerance)
+    if level == "debye":
+        return _slower() * (0.02 + positions / 6 * outlook.pixels * sampling.nodes_per_px**2 * 1e-8)
+    wave = positions * _wave_seconds(outlook, sampling)
+    return _slower() * wave * REFERENCE_OVER_WAVE if level == "reference" else _slower() * (0.15 + wave)
+
+
+def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
+    """Return the seconds of one position: per lenslet, per sample on it, per node of its window and of the cutout."""
+    nodes = 0.0
+    for spot in outlook.geometric_px:
+        half = math.ceil(spot + sampling.margin_px)
+        need = 2 * (half + 0.5) * outlook.pixel_um**2 / (outlook.wavelength_um * outlook.gap_um)
+        samples = 2 * outlook.lit_px * max(1.0, math.ceil(2 * need) / 2) + 3
+        window = (2 * half + 1) * sampling.nodes_per_px + 2
+        nodes += (samples**2 + window**2) / len(outlook.defocus)
+    coherent = PER_COHERENT_NODE * outlook.pixels * sampling.nodes_per_px**2 if sampling.coherent else 0.0
+    return outlook.lenslets * (PER_LENSLET + PER_NODE * nodes) + coherent
+
+
+def table_seconds(outlook: Outlook) -> float:
+    """Return CPU-seconds of the Fourier transform that makes a plane's table of the main iris's fringes."""
+    side = 4 * (outlook.shadow_px + 4 * outlook.camera.pitch_px)
+    return _slower() * 2.5e-7 * side**2
+
+
+def frame_seconds(outlook: Outlook, effect: str) -> float:
+    """Return CPU-seconds of one frame effect over all frames of a plane."""
+    rows, columns = outlook.camera.sensor.shape
+    nanoseconds = {"shot_noise": 25.0, "read_noise": 9.0, "fixed_pattern": 9.0}.get(effect, 1.0)
+    return outlook.period[0] * outlook.period[1] * rows * columns * nanoseconds * 1e-9

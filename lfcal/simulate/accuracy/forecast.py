@@ -1,0 +1,97 @@
+"""How long a simulation will take, from a short run of its own engine."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lfcal.camera import ScanPlan
+from lfcal.simulate.accuracy.cost import engine_seconds
+from lfcal.simulate.effects import Effect
+from lfcal.simulate.engines.base import PlaneEngine, Sampling
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.simulate import EffectsLike, effects_of
+from lfcal.simulate.staging import outlook_of
+from lfcal.simulate.symmetry import mirrored_rows
+
+__all__ = ["Whole", "own_rows", "plane_seconds", "predict_seconds", "whole_of"]
+
+PER_PLANE, PER_BYTE = 0.01, 1e-9
+"""CPU-seconds beside the engine: to begin a plane, and to hold its bytes."""
+
+LONGEST_RUN = 0.5
+"""CPU-seconds for which rows of an engine that reuses its own results are run."""
+
+
+def predict_seconds(
+    plan: ScanPlan,
+    effects: EffectsLike = "auto",
+    level: str = "auto",
+    *,
+    tolerance: float = 0.03,
+    sampling: Sampling | None = None,
+) -> float:
+    """Return the CPU-seconds that `simulate_psf` will take, from a short run of its own engine.
+
+    The middle plane is measured; the others follow from the cost that their description foretells.
+    """
+    chosen = effects_of(effects, plan, tolerance)
+    z = len(plan.depths_um) // 2
+    setup = plane = math.inf
+    for _ in range(2):  # the first of a session may compile and fill caches; another program may take turns
+        start = time.thread_time()
+        response = PlaneResponse(plan, z, chosen, level=level, tolerance=tolerance, sampling=sampling)
+        engine = response.engine()
+        setup = min(setup, time.thread_time() - start)
+        plane = min(plane, plane_seconds(engine))
+    shares = whole_of(plan, z, chosen, response.level, response.runs)
+    nz, ny, nx, nt, ns = plan.shape
+    return shares.seconds(setup, plane) + nz * (PER_PLANE + PER_BYTE * 4 * ny * nx * nt * ns)
+
+
+@dataclass(frozen=True, slots=True)
+class Whole:
+    """How one plane's cost scales to the whole H."""
+
+    planes: float
+    count: int
+    runs: int
+
+    def seconds(self, setup: float, plane: float) -> float:
+        """Return the whole from the tables' and the positions' seconds of one plane."""
+        return self.runs * (setup * self.count + plane * self.planes)
+
+
+def whole_of(plan: ScanPlan, z: int, effects: Sequence[Effect], level: str, runs: int | None = None) -> Whole:
+    """Return how plane ``z`` scales to the whole plan at an engine's level, by what the descriptions foretell."""
+    costs = [engine_seconds(outlook_of(plan, k), level) for k in range(len(plan.depths_um))]
+    if runs is None:
+        runs = math.prod(effect.runs(outlook_of(plan, z)) for effect in effects)
+    return Whole(sum(costs) / costs[z], len(costs), runs)
+
+
+def plane_seconds(engine: PlaneEngine) -> float:
+    """Return the CPU-seconds of a whole plane of an engine that has computed nothing yet.
+
+    The Debye path shares matrices and responses among positions, so that a few of them say little: its rows are
+    run one after the other for up to half a second.
+    """
+    ny, nx = engine.scene.period
+    if engine.level != "debye":
+        return engine.predicted_seconds(ny * nx) * own_rows(engine)
+    start = time.thread_time()
+    done = 0
+    while done < ny and time.thread_time() - start < LONGEST_RUN:
+        engine.rows([done], range(nx), workers=1)
+        done += 1
+    return (time.thread_time() - start) * ny / done
+
+
+def own_rows(engine: PlaneEngine) -> float:
+    """Return the share of source rows that are computed; the others are their mirror images."""
+    ny = engine.scene.period[0]
+    return 1.0 - len(mirrored_rows(engine.scene, np.arange(ny))) / ny if engine.level == "wave" else 1.0

@@ -1,0 +1,297 @@
+"""What each step of accuracy costs: seconds and error of every level and sampling, measured on one scene."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, ScanPlan
+from lfcal.errors import InputError, LfcalError
+from lfcal.progress import Clock, Work, drain
+from lfcal.simulate.accuracy.forecast import Whole, own_rows, whole_of
+from lfcal.simulate.accuracy.sampling import DEBYE_NODES, STEPS
+from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
+from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.scene import Scene
+from lfcal.simulate.simulate import EffectsLike, effects_of
+from lfcal.simulate.staging import resolve_level, scene_for
+
+__all__ = ["Ladder", "Rung", "draw_ladder", "iter_ladder", "ladder"]
+
+REFERENCE_SAMPLES = (12, 10, 8, 6, 4)
+"""Samples per pixel of the reference, the most that its grid holds."""
+
+LARGEST_GRID = 3200
+"""Side of the reference's grid that is still quick enough to be measured at a few positions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rung:
+    """One level and sampling.
+
+    Attributes
+    ----------
+    level, sampling
+        What was computed; geometric levels have no sampling.
+    label
+        For people.
+    error
+        Relative L1 error against the reference, mean over the positions measured.
+    setup_seconds
+        CPU-seconds for the tables of a plane.
+    position_seconds
+        CPU-seconds for one position.
+    whole_seconds
+        CPU-seconds foretold for the whole H: all planes, positions, source points and wavelengths.
+    efficient
+        Whether no other rung is both faster and more accurate.
+    """
+
+    level: str
+    sampling: Sampling | None
+    label: str
+    error: float
+    setup_seconds: float
+    position_seconds: float
+    whole_seconds: float
+    efficient: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Ladder:
+    """All rungs, the reference they are measured by, and the one that a tolerance picks.
+
+    Attributes
+    ----------
+    rungs
+        Rungs whose energy balanced, fastest first.
+    refused
+        Labels of those that came out with more light than went in: too coarse for this scene.
+    tolerance
+        Relative L1 error asked for.
+    reference
+        Label of the reference.
+    reference_seconds
+        CPU-seconds foretold for the whole H by the reference itself.
+    virtual_depth
+        Of the plane measured.
+    positions
+        How many positions were measured.
+    """
+
+    rungs: tuple[Rung, ...]
+    refused: tuple[str, ...]
+    tolerance: float
+    reference: str
+    reference_seconds: float
+    virtual_depth: float
+    positions: int
+
+    @property
+    def chosen(self) -> Rung | None:
+        """The fastest rung within the tolerance; the most accurate one if none is; None without rungs."""
+        good = [rung for rung in self.rungs if rung.error <= self.tolerance]
+        if good:
+            return min(good, key=lambda rung: rung.whole_seconds)
+        return min(self.rungs, key=lambda rung: rung.error, default=None)
+
+
+def iter_ladder(
+    camera: Camera,
+    plan: ScanPlan,
+    tolerance: float = 0.03,
+    *,
+    effects: EffectsLike = "auto",
+    z: int | None = None,
+    positions: int = 3,
+    samplings: Iterable[Sampling] | None = None,
+    reference: Sampling | None = None,
+) -> Work[Ladder]:
+    """Measure `ladder`; yields progress in rungs."""
+    if camera != plan.camera:
+        raise InputError.expected("camera", f"the plan's ({plan.camera.name})", camera.name, "use one camera")
+    z = len(plan.depths_um) // 2 if z is None else z
+    if not 0 <= z < len(plan.depths_um):
+        raise InputError.expected("plane", f"0 … {len(plan.depths_um) - 1}", z, "choose one of the plan")
+    chosen = effects_of(effects, plan, tolerance)
+    scene, level = _with_waves(scene_for(plan, z, chosen))
+    places = _places(scene.period, positions)
+    tasks = [("geometric", None), *((level, s) for s in (samplings or _samplings(level)))]
+    clock = Clock("accuracy against time", len(tasks) + 1)
+    yield clock.at(0, "reference")
+    truth, judge, each = _reference(scene, places, reference)
+    shares = whole_of(plan, z, chosen, level)
+    rungs: list[Rung] = []
+    refused: list[str] = []
+    for done, (kind, sampling) in enumerate(tasks, 1):
+        label = _label(kind, sampling)
+        yield clock.at(done, label)
+        try:
+            rungs.append(_measure(scene, kind, sampling, label, places, truth, shares))
+        except EnergyError:
+            refused.append(label)
+    yield clock.at(len(tasks) + 1)
+    whole = each * scene.period[0] * scene.period[1] * shares.runs * shares.planes
+    ordered = _marked(rungs)
+    v = camera.virtual_depth(plan.depths_um[z])
+    return Ladder(ordered, tuple(refused), tolerance, f"reference, {judge} samples/px", whole, v, len(places))
+
+
+def ladder(camera: Camera, plan: ScanPlan, tolerance: float = 0.03, **options: object) -> Ladder:
+    """Return seconds and error of every level and sampling for one plane of a plan, against the reference.
+
+    Parameters
+    ----------
+    camera, plan
+        What is simulated.
+    tolerance
+        Relative L1 error for which a rung is picked.
+    effects
+        As in `simulate_psf`; the same scene is computed by every rung.
+    z
+        Number of the plane; by default the middle one.
+    positions
+        How many positions, spread over the period, are compared.
+    samplings
+        Samplings of the wave levels to measure; by default coarse to fine.
+    reference
+        Sampling of the reference; by default the finest grid that is quick enough.
+
+    Raises
+    ------
+    InputError
+        If camera, plan and plane do not fit, or no grid holds the reference.
+    """
+    return drain(iter_ladder(camera, plan, tolerance, **options))  # type: ignore[arg-type]
+
+
+# -- measuring -------------------------------------------------------------------------------------------
+
+
+def _with_waves(scene: Scene) -> tuple[Scene, str]:
+    """Return the scene with diffraction on: what the levels are compared on, and its wave level."""
+    return resolve_level(replace(scene, lenslet_diffraction=True, main_diffraction=True))
+
+
+def _places(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
+    """Return positions spread over the period: an additive sequence of the plastic number."""
+    ny, nx = period
+    steps = (0.7548776662466927, 0.5698402909980532)
+    return [(int(ny * ((0.1 + k * steps[0]) % 1)), int(nx * ((0.2 + k * steps[1]) % 1))) for k in range(max(1, count))]
+
+
+def _samplings(level: str) -> list[Sampling]:
+    if level == "debye":
+        return [Sampling(nodes_per_px=n) for n, _ in DEBYE_NODES] + [Sampling(nodes_per_px=6)]
+    plain = [s for s, _ in STEPS if not s.coherent]
+    fine = Sampling(nodes_per_px=5, margin_px=12)
+    return [*plain, fine, *(replace(s, coherent=True) for s in (*plain, fine))]
+
+
+def _label(level: str, sampling: Sampling | None) -> str:
+    if sampling is None:
+        return level
+    if level == "debye":
+        return f"{level}, {sampling.nodes_per_px} nodes/px"
+    how = {None: "", True: ", coherent", False: ", incoherent"}[sampling.coherent]
+    return f"{level}, {sampling.nodes_per_px} nodes/px, +{sampling.margin_px} px{how}"
+
+
+def _respond(engine: PlaneEngine, places: Sequence[tuple[int, int]]) -> NDArray[np.float32]:
+    return np.stack([engine.rows([y], [x], workers=1)[0, 0] for y, x in places])
+
+
+def _reference(
+    scene: Scene, places: Sequence[tuple[int, int]], wanted: Sampling | None
+) -> tuple[NDArray[np.float32], float, float]:
+    """Return the reference's responses, its samples per pixel and its CPU-seconds per position."""
+    choices = [wanted] if wanted is not None else [Sampling(samples_per_px=n) for n in REFERENCE_SAMPLES]
+    reach = 2 * scene.shadow_radius_um / scene.reduced_pixel_um + 4 * scene.lattice.pitch_um / scene.reduced_pixel_um
+    if wanted is None:
+        choices = [c for c in choices if reach * (c.samples_per_px or 8) <= LARGEST_GRID] or choices[-1:]
+    engine = engine_for(scene, "reference", choices[0])
+    start = time.process_time()
+    values = _respond(engine, places)
+    return values, choices[0].samples_per_px or 8, (time.process_time() - start) / len(places)
+
+
+def _measure(
+    scene: Scene,
+    level: str,
+    sampling: Sampling | None,
+    label: str,
+    places: Sequence[tuple[int, int]],
+    truth: NDArray[np.float32],
+    shares: Whole,
+) -> Rung:
+    start = time.process_time()
+    engine = engine_for(scene, level, sampling)
+    setup = time.process_time() - start
+    error = np.abs(_respond(engine, places).astype(np.float64) - truth).sum() / truth.sum(dtype=np.float64)
+    positions = scene.period[0] * scene.period[1]
+    plane = engine.predicted_seconds(positions) * own_rows(engine)
+    return Rung(level, sampling, label, float(error), setup, plane / positions, shares.seconds(setup, plane))
+
+
+def _marked(rungs: Sequence[Rung]) -> tuple[Rung, ...]:
+    """Return the rungs by time, those that no other beats in both marked as efficient."""
+    best = math.inf
+    out = []
+    for rung in sorted(rungs, key=lambda r: (r.whole_seconds, r.error)):
+        out.append(replace(rung, efficient=rung.error < best))
+        best = min(best, rung.error)
+    return tuple(out)
+
+
+# -- picture ---------------------------------------------------------------------------------------------
+
+
+def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") -> None:
+    """Write the curve of error against CPU-seconds for the whole H as a PNG.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written.
+    """
+    from lfcal.figures import COLOURS, LINES, figure, save_figure
+
+    if not found.rungs:
+        raise LfcalError("accuracy against time: no rung was computed; try a finer sampling")
+    with figure(6.4, 4.2) as fig:
+        axes = fig.add_subplot()
+        for k, kind in enumerate(dict.fromkeys(_family(r) for r in found.rungs)):
+            rungs = [r for r in found.rungs if _family(r) == kind]
+            axes.plot([r.whole_seconds for r in rungs], [100 * r.error for r in rungs], "o", color=LINES[k], label=kind)
+        best = [r for r in found.rungs if r.efficient]
+        axes.plot(
+            [r.whole_seconds for r in best],
+            [100 * r.error for r in best],
+            "-",
+            color=COLOURS["muted"],
+            lw=1,
+            label="efficient",
+        )
+        axes.axhline(100 * found.tolerance, color=COLOURS["fair"], ls="--", lw=1, label="tolerance")
+        if found.chosen is not None:
+            at = found.chosen.whole_seconds, 100 * found.chosen.error
+            axes.plot(*at, "*", ms=15, mfc="none", mec=COLOURS["good"], mew=1.5, label="picked")
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel("processor time for the whole H (s)")
+        axes.set_ylabel(f"L1 error against {found.reference} (%)")
+        axes.set_title(title or f"Accuracy against time, v = {found.virtual_depth:.3g}")
+        axes.legend()
+        save_figure(fig, path)
+
+
+def _family(rung: Rung) -> str:
+    if rung.sampling is None or rung.level == "debye":
+        return rung.level
+    return f"{rung.level}, coherent" if rung.sampling.coherent else rung.level

@@ -1,0 +1,262 @@
+"""Which effects a scene calls for: those whose estimate exceeds what the tolerance allows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from lfcal.camera import Camera, Microscope, ScanPlan
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+from lfcal.simulate.accuracy.cost import engine_seconds, frame_seconds, table_seconds
+from lfcal.simulate.effects import (
+    Effect,
+    Estimate,
+    FrameEffect,
+    LensletDiffraction,
+    LightEffect,
+    MotionEffect,
+    Outlook,
+    PsfEffect,
+    Quantisation,
+    catalogue,
+)
+from lfcal.simulate.staging import outlook_of
+from lfcal.units import format_seconds
+
+__all__ = ["EffectPlan", "PlannedEffect", "plan_effects"]
+
+SETTINGS = ("auto", "on", "off")
+
+NOTHING = 1e-5
+"""Estimates below this share of the image are as good as none."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedEffect:
+    """One row of an `EffectPlan`.
+
+    Attributes
+    ----------
+    effect
+        The effect with its magnitudes.
+    on
+        Whether it is simulated.
+    setting
+        What the user asked for: ``"auto"``, ``"on"`` or ``"off"``.
+    estimate
+        Its estimate at the depth where it matters most.
+    z_um
+        That depth (µm).
+    reason
+        Why it is on or off, one sentence with numbers and units.
+    seconds
+        What it adds, or would add, to the time of the whole plan (CPU-seconds on this machine).
+    """
+
+    effect: Effect
+    on: bool
+    setting: str
+    estimate: Estimate
+    z_um: float
+    reason: str
+    seconds: float
+
+    @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.effect.name
+
+
+@dataclass(frozen=True, slots=True)
+class EffectPlan:
+    """Every effect with on or off, estimate, reason and cost.
+
+    Attributes
+    ----------
+    rows
+        In the order of the light's way.
+    tolerance
+        Relative L1 error allowed for what is left out.
+    level
+        Level of the engine that the effects call for.
+    seconds
+        CPU-seconds for the whole plan with everything that is on, foretold within a factor of about 2.
+    ideal_seconds
+        CPU-seconds of the ideal camera.
+    """
+
+    rows: tuple[PlannedEffect, ...]
+    tolerance: float
+    level: str
+    seconds: float
+    ideal_seconds: float
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects that are on, ready for `simulate_psf` and `SimulatedCamera`."""
+        return tuple(row.effect for row in self.rows if row.on)
+
+    def row(self, name: str) -> PlannedEffect:
+        """Return the row of the effect ``name``."""
+        for row in self.rows:
+            if row.name == name:
+                return row
+        raise InputError.expected("effect", " or ".join(r.name for r in self.rows), name, "choose one of these")
+
+    def __iter__(self) -> Iterator[Effect]:
+        """Iterate over the effects that are on."""
+        return iter(self.effects)
+
+
+def plan_effects(
+    camera: Camera,
+    region: ScanPlan | Iterable[Outlook],
+    tolerance: float = 0.03,
+    overrides: Mapping[str, str] | None = None,
+    *,
+    effects: Sequence[Effect] = (),
+    frames: bool = False,
+    peak: float = 0.8,
+) -> EffectPlan:
+    """Return which effects a scene calls for.
+
+    Effects are left out, the costly ones first and then the smallest, as long as their estimates add up to less
+    than the tolerance. Errors of build and use (a gap error, a loose stage) are simulated only where they are
+    given in ``effects`` or switched on: their typical size says nothing about this camera.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    region
+        A scan plan, or the outlooks of its depth planes.
+    tolerance
+        Relative L1 error of the image allowed for all that is left out.
+    overrides
+        Effect name to ``"auto"``, ``"on"`` or ``"off"``.
+    effects
+        Effects with known magnitudes; each replaces the catalogue's of its name.
+    frames
+        Whether sensor frames are made: else effects on frames and on the stage's motion are off.
+    peak
+        Share of the full well that the brightest pixel reaches.
+
+    Raises
+    ------
+    InputError
+        For an unknown name or setting, a tolerance out of range, or a plan of another camera.
+    """
+    check_number("tolerance", tolerance, above=0, at_most=2, remedy="0.03 is usual")
+    planes = _outlooks(camera, region, peak)
+    candidates = tuple({e.name: e for e in (*catalogue(), *effects)}.values())
+    settings = _settings(overrides or {}, candidates)
+    known = {effect.name for effect in effects}
+    costs = _Costs(planes, "debye" if isinstance(camera.optics, Microscope) else "wave", tolerance)
+    drafts = [_draft(effect, settings[effect.name], planes, costs) for effect in candidates]
+    left = tolerance
+    rows: dict[str, PlannedEffect] = {}
+    for draft in sorted(drafts, key=lambda d: (d.seconds < 0.2 * costs.full, d.estimate.error)):
+        row = _decide(draft, known=draft.name in known, frames=frames, tolerance=tolerance, left=left)
+        if not row.on and row.setting == "auto" and _counts(row.effect, draft.name in known, frames):
+            left -= row.estimate.error
+        rows[row.name] = row
+    ordered = tuple(rows[e.name] for e in candidates)
+    chosen = [row.effect for row in ordered if row.on]
+    level = costs.level_of(chosen)
+    return EffectPlan(ordered, tolerance, level, costs.total(chosen), costs.rays)
+
+
+def _outlooks(camera: Camera, region: ScanPlan | Iterable[Outlook], peak: float) -> tuple[Outlook, ...]:
+    if isinstance(region, ScanPlan):
+        if region.camera != camera:
+            raise InputError.expected("camera", f"the plan's ({region.camera.name})", camera.name, "use one camera")
+        return tuple(outlook_of(region, z, peak=peak) for z in range(region.shape[0]))
+    planes = tuple(region)
+    if not planes or any(o.camera != camera for o in planes):
+        raise InputError.expected("depth planes", "at least one, of this camera", len(planes), "correct them")
+    return planes
+
+
+def _settings(overrides: Mapping[str, str], candidates: Sequence[Effect]) -> dict[str, str]:
+    names = [effect.name for effect in candidates]
+    for name, setting in overrides.items():
+        if name not in names:
+            raise InputError.expected("effect", " or ".join(names), repr(name), "choose one of these")
+        if setting not in SETTINGS:
+            raise InputError.expected(f"setting of {name}", "auto, on or off", repr(setting), "choose one of these")
+    return {name: overrides.get(name, "auto") for name in names}
+
+
+class _Costs:
+    """Foretold CPU-seconds of the whole plan."""
+
+    def __init__(self, planes: Sequence[Outlook], waves: str, tolerance: float) -> None:
+        self.planes, self.waves = planes, waves
+        self.rays = sum(engine_seconds(o, "geometric") for o in planes)
+        self.full = sum(engine_seconds(o, waves, tolerance) for o in planes)
+
+    def level_of(self, effects: Iterable[Effect]) -> str:
+        """Return the level that the effects call for."""
+        return self.waves if any(isinstance(e, LensletDiffraction) for e in effects) else "geometric"
+
+    def of(self, effect: Effect) -> float:
+        """Return what one effect adds to a wave simulation of one source point."""
+        if isinstance(effect, LensletDiffraction):
+            return max(0.0, self.full - self.rays)
+        if isinstance(effect, LightEffect):
+            return self.full * (max(effect.runs(o) for o in self.planes) - 1)
+        if isinstance(effect, PsfEffect):
+            return 0.02 * self.full
+        if effect.cost == "phase per response":
+            return 0.1 * self.full
+        if isinstance(effect, FrameEffect):
+            return sum(frame_seconds(o, effect.name) for o in self.planes)
+        return sum(table_seconds(o) for o in self.planes) if effect.cost == "FFT per plane" else 0.0
+
+    def total(self, effects: Sequence[Effect]) -> float:
+        """Return the seconds of all ``effects`` together: source points and wavelengths multiply."""
+        engine = self.rays if self.level_of(effects) == "geometric" else self.full
+        runs = math.prod(max(e.runs(o) for o in self.planes) for e in effects)
+        single = (LensletDiffraction, LightEffect)
+        return engine * runs + sum(self.of(e) for e in effects if not isinstance(e, single))
+
+
+def _draft(effect: Effect, setting: str, planes: Sequence[Outlook], costs: _Costs) -> PlannedEffect:
+    """Return the row before the decision: the estimate of the worst plane, and the cost."""
+    estimate, worst = max(((effect.estimate(o), o) for o in planes), key=lambda pair: pair[0].error)
+    return PlannedEffect(effect, False, setting, estimate, worst.z_um, "", costs.of(effect))
+
+
+def _counts(effect: Effect, known: bool, frames: bool) -> bool:
+    """Return whether leaving ``effect`` out is an error of the simulation."""
+    on_frames = isinstance(effect, FrameEffect | MotionEffect)
+    return (known or not effect.deviation) and (frames or not on_frames)
+
+
+def _decide(draft: PlannedEffect, *, known: bool, frames: bool, tolerance: float, left: float) -> PlannedEffect:
+    """Return the row with on or off and the reason."""
+    effect, e = draft.effect, draft.estimate
+    size = f"{e.size:.3g} {e.unit}"
+    share = f"{'at most ' if e.upper_bound else ''}{100 * e.error:.2g} % of the image"
+    cost = f", {format_seconds(draft.seconds)}" if draft.seconds else ", free"
+    if draft.setting == "on":
+        return replace(draft, on=True, reason=f"asked for: {size}, {share}{cost}")
+    if draft.setting == "off":
+        return replace(draft, reason=f"switched off: {size}, {share} is missing")
+    if not frames and isinstance(effect, FrameEffect | MotionEffect):
+        where = "sensor frame" if isinstance(effect, FrameEffect) else "stage"
+        return replace(draft, reason=f"acts on the {where}, not on H ({size})")
+    if effect.deviation and not known:
+        return replace(draft, reason=f"not known of this camera; a typical {size} would be {share}")
+    if isinstance(effect, Quantisation):
+        return replace(draft, on=True, reason=f"frames hold whole numbers: {size}, {share}")
+    if e.error < NOTHING:
+        return replace(draft, reason=f"changes nothing here: {size}")
+    if e.error > tolerance:
+        return replace(draft, on=True, reason=f"{size}: {share}, above the tolerance of {100 * tolerance:.3g} %{cost}")
+    if e.error > left:
+        taken = 100 * (tolerance - left)
+        return replace(draft, on=True, reason=f"{size}: {share}, too much beside {taken:.2g} % left out already{cost}")
+    return replace(draft, reason=f"{size}: {share}, within the tolerance of {100 * tolerance:.3g} %")

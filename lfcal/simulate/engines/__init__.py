@@ -1,0 +1,8 @@
+"""From one depth plane to its patterns: one engine a level of accuracy.
+
+- ``base``: what an engine provides, its sampling, and the energy it accounts for; ``choose`` picks one
+- ``geometric``: rays; ``wave``: waves per lenslet, summed without phase; ``microscope``: Debye integral, coherent;
+  ``reference``: the coherent sum over the whole array
+- ``field``: the light in front of the array; ``masks``, ``polygon``: apertures; ``tables``: what a plane needs once
+- ``nodes``, ``quadrature``, ``radial``, ``debye``, ``zernike``: numerical parts
+"""

@@ -1,0 +1,169 @@
+"""What all engines share: the protocol, how finely they sample, and the energy they must account for."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.checks import check_number
+from lfcal.errors import LfcalError
+from lfcal.simulate.scene import Scene
+
+__all__ = ["LEVELS", "Certificate", "EnergyError", "PlaneEngine", "Sampling"]
+
+LEVELS = ("geometric", "wave", "debye", "reference")
+"""Levels of accuracy: G0, W2, the microscope's Debye path, W3."""
+
+
+class EnergyError(LfcalError):
+    """More energy came out of a response than went in: it is sampled too coarsely."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """How finely an engine computes; each engine reads what concerns it.
+
+    Attributes
+    ----------
+    samples_per_px
+        Samples per pixel on the lenslet array; None takes the fewest that the window allows.
+    nodes_per_px
+        Nodes per pixel and axis on the sensor.
+    margin_px
+        Pixels of window around the geometric spot.
+    energy_floor
+        Lenslets that pass less than this share of what the best-lit one passes, or of a sixteenth of all light,
+        are left out.
+    coherent
+        Whether the fields of different lenslets are summed before the square; None decides by the plane.
+    double
+        Compute in complex128 instead of complex64.
+    """
+
+    samples_per_px: float | None = None
+    nodes_per_px: int = 4
+    margin_px: int = 5
+    energy_floor: float = 3e-3
+    coherent: bool | None = None
+    double: bool = False
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        if self.samples_per_px is not None:
+            check_number("samples per pixel", self.samples_per_px, above=0, at_most=64)
+        check_number("nodes per pixel", self.nodes_per_px, at_least=1, at_most=32, integer=True)
+        check_number("window margin (px)", self.margin_px, at_least=1, at_most=1000, integer=True)
+        check_number("energy floor", self.energy_floor, at_least=0, below=0.1)
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """The energy of the responses computed so far; the unit is what passes the iris for one position.
+
+    Attributes
+    ----------
+    responses
+        How many were computed and checked.
+    energy_in, energy_out
+        Sums over the responses: what passed the lenslets, and what their windows received.
+    worst
+        Largest ratio of energy out to energy in among responses that carry any; at most 1 up to rounding.
+    """
+
+    responses: int = 0
+    energy_in: float = 0.0
+    energy_out: float = 0.0
+    worst: float = 0.0
+
+
+class Ledger:
+    """Collect certificates from several threads."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._sum = Certificate()
+
+    def add(self, responses: int, energy_in: float, energy_out: float, worst: float) -> None:
+        """Add what one piece of work has certified."""
+        with self._lock:
+            s = self._sum
+            self._sum = Certificate(
+                s.responses + responses, s.energy_in + energy_in, s.energy_out + energy_out, max(s.worst, worst)
+            )
+
+    @property
+    def certificate(self) -> Certificate:
+        """The sum so far."""
+        with self._lock:
+            return self._sum
+
+
+@runtime_checkable
+class PlaneEngine(Protocol):
+    """Computes the response of one depth plane; safe to call from several threads.
+
+    Values are shares of the light that passes the iris towards the array: the sum over an infinite cutout
+    is what the lenslets let through (about the fill factor).
+    """
+
+    @property
+    def scene(self) -> Scene:
+        """What is computed."""
+        ...
+
+    @property
+    def level(self) -> str:
+        """One of `LEVELS`."""
+        ...
+
+    @property
+    def certificate(self) -> Certificate:
+        """Energy in and out of all responses so far."""
+        ...
+
+    def rows(
+        self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
+    ) -> NDArray[np.float32]:
+        """Return ``(len(ys), len(xs), nt, ns)``: the cutouts of positions ys x xs (any whole numbers).
+
+        ``workers`` threads share the rows; None takes every processor, 1 runs in the caller's thread.
+        Raises `EnergyError` where the sampling is too coarse.
+        """
+        ...
+
+    def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
+        """Return the cutout ``(nt, ns)`` about `Scene.nearest_pixel` of a chief ray anywhere on the sensor (µm)."""
+        ...
+
+    def predicted_seconds(self, n_positions: int) -> float:
+        """Return the CPU-seconds that ``n_positions`` will take, from a short measurement on this machine."""
+        ...
+
+
+class Pilot:
+    """Predict an engine's time from a short run of its own, made once when first asked.
+
+    Positions spread over the period are computed twice in the caller's thread, the second time with the clock on.
+    """
+
+    def __init__(self, engine: PlaneEngine, columns: int = 24) -> None:
+        self._engine = engine
+        self._columns = columns
+        self._each: float | None = None
+
+    def seconds(self, n_positions: int) -> float:
+        """Return the CPU-seconds of ``n_positions``."""
+        if self._each is None:
+            ny, nx = self._engine.scene.period
+            xs = np.unique(np.linspace(0, nx - 1, min(nx, self._columns)).astype(int))
+            ys = np.unique([ny // 7, (3 * ny) // 5])
+            self._engine.rows(ys[:1], xs[:1], workers=1)
+            start = time.thread_time()
+            self._engine.rows(ys, xs, workers=1)
+            self._each = (time.thread_time() - start) / (len(xs) * len(ys))
+        return self._each * n_positions

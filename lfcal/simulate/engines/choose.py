@@ -1,0 +1,43 @@
+"""Which engine computes a scene at a level of accuracy."""
+
+from __future__ import annotations
+
+from lfcal.checks import check_choice
+from lfcal.errors import InputError
+from lfcal.simulate.engines.base import LEVELS, PlaneEngine, Sampling
+from lfcal.simulate.scene import Scene
+
+__all__ = ["engine_for"]
+
+
+def engine_for(scene: Scene, level: str = "wave", sampling: Sampling | None = None) -> PlaneEngine:
+    """Return the engine of ``level`` for ``scene``; tables of the plane are built here, once.
+
+    Raises
+    ------
+    InputError
+        For an unknown level, or one that the scene does not allow.
+    """
+    check_choice("level", level, LEVELS)
+    chosen = sampling or Sampling()
+    if level == "debye":
+        if scene.objective is None:
+            raise InputError.expected("Debye path", "a microscope", "a main lens", "use level 'wave'")
+        from lfcal.simulate.engines.microscope import debye_plane
+
+        return debye_plane(scene, chosen)
+    if level == "geometric":
+        from lfcal.simulate.engines.geometric import GeometricPlane
+
+        return GeometricPlane(scene)
+    if not scene.lenslet_diffraction:
+        raise InputError.expected(
+            f"level '{level}'", "lenslet diffraction on", "off", "switch it on, or use level 'geometric'"
+        )
+    if level == "reference":
+        from lfcal.simulate.engines.reference import ReferencePlane
+
+        return ReferencePlane(scene, chosen)
+    from lfcal.simulate.engines.wave import WavePlane
+
+    return WavePlane(scene, chosen)

@@ -1,0 +1,239 @@
+"""The main lens's field on the lenslet array, tabulated once per plane by one or two FFTs.
+
+With the pupil P(u), u in units of the radius of the disc f/(2 Nw), the field about a source image is
+
+    U(X) = integral P(-f 2 lambda Nw) exp(i pi lambda a' f^2 + 2 pi i f.X) df.
+
+Away from the native plane (E-mode) the sphere that converges to the image is taken off,
+U = exp(-i pi X^2 / (lambda a')) E(X): E is the Fresnel pattern, over the distance a', of the iris's shadow.
+Its spectrum is the polygon's analytic transform times a chirp. Near the native plane (U-mode) the pupil is
+sampled instead and the defocus is a phase on it; a' = 0 is nothing special, 1/a' is never formed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft as sf
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.simulate.engines.debye import radial_field
+from lfcal.simulate.engines.masks import taper
+from lfcal.simulate.engines.polygon import Points, area, clip, disc_transform, iris_outline, spectrum
+from lfcal.simulate.engines.radial import Radial, even_spline, focus_integral
+from lfcal.simulate.engines.zernike import zernike_radial
+from lfcal.simulate.scene import Scene
+
+__all__ = ["SWITCH", "FieldTable", "choose_mode", "field_table", "wavefront_waves"]
+
+SWITCH = 12.0
+"""Fresnel number of the iris's shadow from which on the E-mode is used."""
+MOST_SAMPLES = 8192
+"""Largest side of a table: 0.5 GB in single precision."""
+
+_SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class FieldTable:
+    """The field on a square grid about the source's image; unit energy passes the (unvignetted) iris.
+
+    Attributes
+    ----------
+    mode
+        ``"E"``, with the converging sphere taken off, ``"U"``, or ``"D"`` for the Debye field of a microscope.
+    dx_um
+        Sample distance.
+    values
+        ``(n, n)`` complex, rows along y; the chief ray meets sample (n // 2, n // 2).
+    half_um
+        Distance up to which the values hold.
+    """
+
+    mode: str
+    dx_um: float
+    values: Complex
+    half_um: float
+
+
+def choose_mode(scene: Scene) -> str:
+    """Return ``"E"`` or ``"U"`` by the Fresnel number |a'| / (4 Nw^2 lambda) of the plane; ``"D"`` for a microscope."""
+    if scene.objective is not None:
+        return "D"
+    return "E" if scene.fresnel_number >= SWITCH else "U"
+
+
+def wavefront_waves(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the pupil's aberration (waves) at pupil points (ux, uy), or None where there is none.
+
+    Exact defocus adds a' lambda^3 f^4 / (2 (1+q)^2), q = sqrt(1 - lambda^2 f^2), f = u / (2 lambda Nw): the
+    difference of a'(1 - cos theta) and its parabola, free of cancellation.
+    """
+    if not scene.wavefront and not scene.exact_defocus:
+        return None
+    rho2 = ux * ux + uy * uy
+    total = np.zeros(np.broadcast_shapes(ux.shape, uy.shape))
+    if scene.exact_defocus:
+        sine2 = np.minimum(rho2 / (2 * scene.f_number) ** 2, 1.0)
+        total += scene.reduced_image_um / scene.wavelength_um * sine2**2 / (2 * (1 + np.sqrt(1 - sine2)) ** 2)
+    rho, theta = np.sqrt(rho2), np.arctan2(uy, ux)
+    for n, m, waves in scene.wavefront:
+        angular = np.cos(m * theta) if m >= 0 else np.sin(-m * theta)
+        total += waves * zernike_radial(n, abs(m), rho) * angular
+    return total
+
+
+def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -> FieldTable:
+    """Return the field at sample distance ``dx`` out to ``half`` (µm) from the source's image.
+
+    Raises
+    ------
+    InputError
+        Where the table would need more than `MOST_SAMPLES` a side, or where the iris's diffraction is off
+        within its own depth of focus.
+    """
+    chosen = mode or choose_mode(scene)
+    if chosen == "D":
+        return _debye(scene, dx, half)
+    outline = iris_outline(scene.iris)
+    if chosen == "U" and not scene.main_diffraction:
+        raise InputError.expected(
+            "main-iris diffraction",
+            f"on below Fresnel number {SWITCH:g}",
+            f"off at {scene.fresnel_number:.3g}",
+            "switch it on for this plane",
+        )
+    if len(outline) < 3:
+        return FieldTable(chosen, dx, np.zeros((4, 4), np.complex128), half)
+    make = _envelope if chosen == "E" else _near_field
+    return make(scene, dx, half, outline)
+
+
+def _side(length: float, dx: float) -> int:
+    n = 2 * math.ceil(length / (2 * dx) + 4)
+    if n > MOST_SAMPLES:
+        raise InputError.expected(
+            "field table",
+            f"at most {MOST_SAMPLES} samples a side",
+            n,
+            "use fewer samples per pixel, a smaller cutout, or level 'geometric'",
+        )
+    size = int(sf.next_fast_len(n))
+    return size if size % 2 == 0 else _side((n + 1) * dx, dx)
+
+
+def _centred(n: int) -> NDArray[np.float64]:
+    """Return the signs whose product with a spectrum moves the origin to sample n // 2 (n even)."""
+    signs = np.ones(n)
+    signs[1::2] = -1.0
+    return signs
+
+
+def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> FieldTable:
+    """E-mode: the shadow's analytic spectrum, a chirp, one inverse FFT."""
+    a, lam = scene.reduced_image_um, scene.wavelength_um
+    to_shadow = a / (2 * scene.f_number)
+    level = 1 / (math.sqrt(math.pi) * abs(to_shadow))  # unit energy through an iris of area pi in pupil units
+    fringe = math.sqrt(lam * abs(a))
+    shadow = outline * to_shadow
+    reach = float(np.abs(shadow).max())
+    box = min(half + 8 * fringe, 0.5 * MOST_SAMPLES * dx - 4.5 * fringe)
+    local = max(half, box) < reach  # of a large shadow only a part is looked at; the rest fades out beyond it
+    if local:
+        shadow = clip(shadow, box * _SQUARE)
+        reach = box
+        if scene.wavefront == () and not scene.exact_defocus and area(shadow) > 4 * box * box * (1 - 1e-12):
+            n = _side(2 * half, dx)  # no edge in sight
+            return FieldTable("E", dx, np.full((n, n), level, np.complex128), half)
+    n = _side(2 * (max(reach, half) + 4 * fringe), dx)
+    f = sf.fftfreq(n, dx)
+    signs = _centred(n)
+    if scene.iris.circular and not local:
+        g = disc_transform(abs(to_shadow), np.hypot(f[None, :], f[:, None])).astype(np.complex128)
+    elif len(shadow) < 3:
+        return FieldTable("E", dx, np.zeros((n, n), np.complex128), half)
+    else:
+        g = spectrum(shadow, f, f)
+    x = (np.arange(n, dtype=np.float64) - n // 2) * dx
+    u = x / to_shadow
+    waves = wavefront_waves(scene, u[None, :], u[:, None])
+    if local or waves is not None:  # what acts on the shadow itself needs a look at it
+        shade = sf.ifft2(g * signs[:, None] * signs[None, :])
+        if local:
+            fade = taper(x, half + fringe, box - fringe)
+            shade *= fade[:, None] * fade[None, :]
+        if waves is not None:
+            shade *= np.exp(2j * np.pi * waves)
+        g = sf.fft2(shade) * signs[:, None] * signs[None, :]
+    if scene.main_diffraction:
+        chirp = np.exp(-1j * np.pi * lam * a * f * f)
+        g *= chirp[:, None] * chirp[None, :]
+    g *= signs[:, None] * signs[None, :]
+    return FieldTable("E", dx, sf.ifft2(g, overwrite_x=True) * (level / (dx * dx)), half)
+
+
+def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> FieldTable:
+    """U-mode: the in-focus field, known in closed form, tapered far out, goes to the pupil, is defocused, and back."""
+    a, lam, fc = scene.reduced_image_um, scene.wavelength_um, 1 / (2 * scene.wavelength_um * scene.f_number)
+    if dx > 0.98 / (2 * fc * float(np.abs(outline).max())):
+        raise InputError.expected(
+            "samples near the native plane",
+            f"at most {0.98 / (2 * fc):.3g} µm apart",
+            f"{dx:.3g} µm",
+            "raise the samples per pixel",
+        )
+    if scene.iris.circular and all(m == 0 for _, m, _ in scene.wavefront):
+        return _round_near_field(scene, dx, half)
+    blur = abs(a) / (2 * scene.f_number)
+    valid = half + blur + 4 * math.sqrt(lam * abs(a))
+    n = _side(2 * valid / 0.75, dx)
+    x = (np.arange(n, dtype=np.float64) - n // 2) * dx
+    r = np.hypot(x[None, :], x[:, None])
+    focus = spectrum(-fc * outline, -x, -x)  # a pupil point u sends light to f = -u fc
+    focus *= taper(r, 0.75 * (n // 2) * dx, n // 2 * dx)
+    pupil = sf.fft2(focus, overwrite_x=True)
+    f = sf.fftfreq(n, dx)
+    chirp = np.exp(1j * np.pi * lam * a * f * f)
+    pupil *= chirp[:, None] * chirp[None, :]
+    waves = wavefront_waves(scene, -f[None, :] / fc, -f[:, None] / fc)
+    if waves is not None:
+        pupil *= np.exp(2j * np.pi * waves)
+    values = sf.ifft2(pupil, overwrite_x=True) / (math.sqrt(math.pi) * fc)
+    return FieldTable("U", dx, values, half)
+
+
+def _round_near_field(scene: Scene, dx: float, half: float) -> FieldTable:
+    """U-mode of a round pupil: its radial integral, exact at any distance."""
+    lam, nw = scene.wavelength_um, scene.f_number
+    u = -2 * math.pi * scene.reduced_image_um / (4 * nw**2 * lam)
+
+    def waves(rho: NDArray[np.float64]) -> NDArray[np.float64]:
+        found = wavefront_waves(scene, rho, np.zeros(1))
+        return np.zeros_like(rho) if found is None else found
+
+    step = lam * nw / 8
+    count = math.ceil((half + 4 * dx) * math.sqrt(2) / step) + 8
+    v = np.pi / (lam * nw) * step * np.arange(count, dtype=np.float64)
+    steep = sum(2 * math.pi * abs(w) * n * n for n, _, w in scene.wavefront)
+    nodes = int((abs(u) / 2 + float(v[-1]) + steep) / 2) + 40
+    level = math.sqrt(math.pi) / (2 * lam * nw)
+    return _turned("U", even_spline(level * focus_integral(u, v, waves, nodes), step), dx, half)
+
+
+def _debye(scene: Scene, dx: float, half: float) -> FieldTable:
+    """D-mode: the microscope's radial field on the grid."""
+    return _turned("D", radial_field(scene, (half + 8 * dx) * math.sqrt(2)), dx, half)
+
+
+def _turned(mode: str, field: Radial, dx: float, half: float) -> FieldTable:
+    """Return a radial field on the grid."""
+    n = _side(2 * half, dx)
+    x = dx * np.arange(n // 2 + 1, dtype=np.float64)
+    quarter = field(np.hypot(x[None, :], x[:, None]))
+    index = np.abs(np.arange(n) - n // 2)
+    return FieldTable(mode, dx, quarter[np.ix_(index, index)], half)

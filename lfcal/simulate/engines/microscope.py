@@ -1,0 +1,295 @@
+"""The coherent Debye path: a microscope's field, all lenslets at once, on the sensor.
+
+For square lenslets that fill the plane, along the pixel rows, array and propagation act on rows and columns
+separately. One step from the radial field on the array to the field at the sensor's nodes is then two small
+matrices,
+
+    V = A_y U A_x^T,   A = (propagation) (lenslets' phase) (interpolation),
+
+whose accuracy is bought once per lattice phase, not per position: U needs only the samples of its own band, and
+its symmetry halves each matrix. Positions that mirror each other about a lenslet share their response: 36 of 225
+remain for lenslets of 15 pixels. Other arrays take the wave engine's coherent sum over lenslets, same field.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.fft as sf
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.simulate.engines._separable import fold_rows, in_blocks, node_light, pixel_sums, product
+from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, PlaneEngine, Sampling
+from lfcal.simulate.engines.debye import radial_field
+from lfcal.simulate.engines.masks import taper
+from lfcal.simulate.engines.nodes import fitted_rule
+from lfcal.simulate.engines.wave import WavePlane
+from lfcal.simulate.scene import Scene
+from lfcal.threads import for_each_chunk
+
+__all__ = ["DebyePlane", "debye_plane", "is_separable"]
+
+LEAST_MARGIN = 20
+"""Window margin (px) of the sum over lenslets that abut: what is cut off would have cancelled."""
+SPARE_ORDERS = 20
+"""Diffraction orders of the array beyond those of its geometric cone."""
+KEPT = 256
+"""Matrices and responses held for reuse."""
+
+Matrix = NDArray[np.float32]
+Phase = tuple[float, float, float, int]
+"""A lenslet's place from the source, the nodes' shift, the pitch (µm), and the pixels of the cutout, along an axis."""
+Pair = tuple[Phase, Phase]
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """How a response follows from the one that was computed."""
+
+    flip_y: bool
+    flip_x: bool
+    swapped: bool
+
+    def applied(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the turned view of ``image``."""
+        own = image.T if self.swapped else image
+        return own[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
+
+
+def is_separable(scene: Scene) -> bool:
+    """Return whether the array acts on rows and columns separately."""
+    lattice = scene.lattice
+    square = lattice.kind == "square" and scene.aperture == "cell" and lattice.rotation_rad == 0
+    return square and math.isinf(scene.pupil_um) and len(lattice.types) == 1
+
+
+def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
+    """Return the engine of level ``"debye"``: `DebyePlane`, or for other arrays the wave engine with this field."""
+    chosen = sampling or Sampling()
+    if is_separable(scene):
+        return DebyePlane(scene, chosen)
+    if scene.aperture == "cell":
+        chosen = replace(chosen, margin_px=max(chosen.margin_px, LEAST_MARGIN))
+    return WavePlane(scene, chosen, mode="D")
+
+
+def _parts(value: NDArray[np.complexfloating]) -> Matrix:
+    """Return real part, imaginary part and their sum, stacked; what is too small to matter is 0.
+
+    A hundred denormal numbers in a matrix make its products three times slower.
+    """
+    parts = np.stack([value.real, value.imag, value.real + value.imag])
+    parts[np.abs(parts) < 1e-12 * np.abs(parts).max(initial=0.0)] = 0
+    return np.ascontiguousarray(parts, np.float32)
+
+
+def _lens_orders(scene: Scene, pitch: float) -> tuple[NDArray[np.int64], NDArray[np.complex128]]:
+    """Return the orders m and coefficients t_m of the lenslets' periodic phase exp(-i pi x^2 / (lambda f))."""
+    rate = 1 / (scene.wavelength_um * scene.lattice.types[0].focal_length_um)
+    most = math.ceil(pitch**2 * rate / 2) + SPARE_ORDERS
+    count = int(sf.next_fast_len(64 * most))
+    x = (np.arange(count) / count - 0.5) * pitch
+    m = np.arange(-most, most + 1)
+    return m, sf.fft(sf.ifftshift(np.exp(-1j * np.pi * rate * x * x)))[m] / count
+
+
+class DebyePlane:
+    """Engine of level ``"debye"`` for square lenslets along the pixel rows.
+
+    ``sampling.nodes_per_px`` sets the nodes on the sensor; the samples on the array follow from the field's band.
+    """
+
+    level = "debye"
+
+    def __init__(self, scene: Scene, sampling: Sampling | None = None) -> None:
+        self.scene = scene
+        self.sampling = sampling or Sampling()
+        self._ledger = Ledger()
+        self._pilot = Pilot(self)
+        self._lock = threading.Lock()
+        self._matrices: dict[Phase, NDArray[np.float32]] = {}
+        self._lefts: dict[Phase, NDArray[np.float32]] = {}
+        self._pulses: dict[tuple[float, float], Matrix] = {}
+        self._responses: dict[Pair, NDArray[np.float32]] = {}
+        px, lam = scene.pixel_um, scene.wavelength_um
+        light, bend = 1 / (2 * lam * scene.f_number), scene.lattice.pitch_um / (2 * lam * scene.gap_um)
+        self.rule = fitted_rule(self.sampling.nodes_per_px, 2 * (light + bend) * px, scene.pixel_fill)
+        self._samples = math.ceil(2.4 * light * px)  # the field's band, with a fifth to spare
+        self._coarse = px / self._samples
+        pitch = max(scene.lattice.pitch_um, scene.lattice.row_step_um)
+        self._spill = 1.1 * (light + bend) * lam * scene.gap_um
+        self._half = max(scene.cutout) / 2 * px + self._spill + pitch / 2
+        self._count = math.ceil(self._half / self._coarse) + 1
+        self._field, self._energy = self._quarter(pitch / 2)
+
+    # -- tables ------------------------------------------------------------------------------------------
+    def _quarter(self, fade: float) -> tuple[Matrix, float]:
+        """Return the field on the coarse quarter grid (real, imaginary, sum) and the energy on the whole grid."""
+        x = np.arange(self._count, dtype=np.float64) * self._coarse
+        r = np.hypot(x[None, :], x[:, None])
+        edge = taper(x, self._half - fade, self._half)
+        field = radial_field(self.scene, float(r.max()))(r) * edge[:, None] * edge[None, :]
+        weight = np.where(x == 0, 1.0, 2.0)
+        energy = float(np.einsum("i,ij,j", weight, np.abs(field) ** 2, weight)) * self._coarse**2
+        return _parts(field), energy
+
+    def _matrix(self, phase: Phase) -> Matrix:
+        """Return A ``(3, nodes, n)`` (real, imaginary, sum): a lenslet at ``place`` from the source, nodes moved.
+
+        The lenslets' phase is periodic, sum_m t_m exp(2 pi i m (x - place)/p), and order m of a band-limited
+        sample psi at x_k arrives as exp(-i pi L m^2/p^2 + 2 pi i m s/p) psi_L(s - x_k - L m/p), L = lambda B.
+        """
+        with self._lock:
+            known = self._matrices.get(phase)
+        if known is not None:
+            return known
+        place, shift, pitch, pixels = phase
+        scene = self.scene
+        px, spread = scene.pixel_um, scene.wavelength_um * scene.gap_um
+        m, t = _lens_orders(scene, pitch)
+        s = self.rule.positions(pixels) * px + shift
+        # all distances s -+ x_k lie on one even grid, those of every n-th node on every n-th of its points
+        steps = math.lcm(self.rule.per_px, self._samples)
+        per_node, per_sample = steps // self.rule.per_px, steps // self._samples
+        reach = (self._count - 1) * per_sample
+        pulses = self._carried(s[0] - reach * px / steps, px / steps, per_node * (s.size - 1) + 2 * reach + 1, pitch, m)
+        turn = t * np.exp(1j * np.pi * (2 * m * (s[:, None] - place) / pitch - spread * (m / pitch) ** 2))
+        turns = _parts(turn * math.sqrt(px))
+        made = np.empty((3, s.size, self._count), np.float32)
+        for first in range(min(per_sample, s.size)):
+            rows = np.ascontiguousarray(turns[:, first::per_sample])
+            wide = product(rows, np.ascontiguousarray(pulses[:, :, per_node * first % per_sample :: per_sample]))
+            fold_rows(wide, first, per_node, self._count - 1 + per_node * first // per_sample, per_sample, made)
+        self._keep(self._matrices, phase, made)
+        return made
+
+    def _carried(
+        self, first: float, step: float, count: int, pitch: float, m: NDArray[np.int64]
+    ) -> NDArray[np.float32]:
+        """Return ``(3, orders, count)``: a coarse sample's band-limited pulse after the gap, order m moved by L m/p."""
+        key = (first, pitch)
+        with self._lock:
+            known = self._pulses.get(key)
+        if known is not None:
+            return known
+        scene, dx = self.scene, self._coarse
+        band, spread = 1.04 / (2 * scene.wavelength_um * scene.f_number), scene.wavelength_um * scene.gap_um
+        top = 1 / dx - band
+        size = int(sf.next_fast_len(count + math.ceil(2 * spread * (top + m.max() / pitch) / step)))
+        f = sf.fftfreq(size, step)
+        wave = dx / step * taper(f, band, top) * np.exp(1j * np.pi * (2 * f * first - spread * f * f))
+        seen = np.abs(f) < top
+        spectra = np.zeros((m.size, size), np.complex64)
+        spectra[:, seen] = wave[seen] * np.exp(-2j * np.pi * spread / pitch * np.outer(m, f[seen]))
+        made = _parts(sf.ifft(spectra, axis=1, overwrite_x=True)[:, :count])
+        with self._lock:
+            self._pulses.clear()
+            self._pulses[key] = made
+        return made
+
+    def _left(self, phase: Phase) -> Matrix:
+        """Return (A U)^T of a row phase, in blocks (see `in_blocks`)."""
+        with self._lock:
+            known = self._lefts.get(phase)
+        if known is not None:
+            return known
+        made = in_blocks(product(self._matrix(phase), self._field))
+        made[np.abs(made) < 1e-12 * np.abs(made).max()] = 0
+        self._keep(self._lefts, phase, made)
+        return made
+
+    def _keep(self, store: dict[Phase, Matrix], key: Phase, value: Matrix) -> None:
+        with self._lock:
+            if len(store) >= KEPT:
+                store.clear()
+            store[key] = value
+
+    # -- responses ---------------------------------------------------------------------------------------
+    @property
+    def certificate(self) -> Certificate:
+        """Energy in and out of all responses so far."""
+        return self._ledger.certificate
+
+    def rows(
+        self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
+    ) -> NDArray[np.float32]:
+        """Return the cutouts of positions ys x xs; see `PlaneEngine.rows`."""
+        scene = self.scene
+        rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
+        result = np.empty((rows.size, columns.size, *scene.cutout), np.float32) if out is None else out
+
+        places = [
+            (r, c, *self._place(scene.source_um(int(y), int(x)), (int(y), int(x))))
+            for r, y in enumerate(rows)
+            for c, x in enumerate(columns)
+        ]
+        keys = sorted({place[2] for place in places})
+        made: dict[Pair, NDArray[np.float32]] = {}
+
+        def some(start: int, stop: int) -> None:
+            for key in keys[start:stop]:
+                made[key] = self._response(key)
+
+        for_each_chunk(some, len(keys), workers)
+        for r, c, key, turn in places:
+            result[r, c] = turn.applied(made[key])
+        return result
+
+    def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
+        """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
+        key, turn = self._place((y_um, x_um), self.scene.nearest_pixel(y_um, x_um))
+        return np.array(turn.applied(self._response(key)))
+
+    def predicted_seconds(self, n_positions: int) -> float:
+        """Return the CPU-seconds of ``n_positions`` of a whole period; see `PlaneEngine.predicted_seconds`."""
+        return self._pilot.seconds(n_positions)
+
+    def _phase(self, axis: int, source: float, pixel: int) -> tuple[Phase, bool]:
+        """Return the key of a source coordinate's matrix, and whether the response is its mirror image."""
+        lattice = self.scene.lattice
+        pitch = (lattice.row_step_um, lattice.pitch_um)[axis]
+        place = (lattice.offset_um[1 - axis] - source) % pitch
+        shift = pixel * self.scene.pixel_um - source
+        grain = self.scene.pixel_um * 1e-9
+        mirrored = (pitch - place) % pitch
+        flip = (round(mirrored / grain), round(-shift / grain)) < (round(place / grain), round(shift / grain))
+        if flip:
+            place, shift = mirrored, -shift
+        return (round(place / grain) * grain, round(shift / grain) * grain, pitch, self.scene.cutout[axis]), flip
+
+    def _place(self, source: tuple[float, float], pixel: tuple[int, int]) -> tuple[Pair, Turn]:
+        """Return which response a source has, and how it is turned."""
+        (y, flip_y), (x, flip_x) = (self._phase(axis, source[axis], pixel[axis]) for axis in (0, 1))
+        swapped = x < y and y[2:] == x[2:]
+        return ((x, y) if swapped else (y, x)), Turn(flip_y, flip_x, swapped)
+
+    def _response(self, key: Pair) -> NDArray[np.float32]:
+        with self._lock:
+            known = self._responses.get(key)
+        if known is not None:
+            return known
+        made = self._compute(*key)
+        with self._lock:
+            if len(self._responses) >= KEPT:
+                self._responses.clear()
+            self._responses[key] = made
+        return made
+
+    def _compute(self, y: Phase, x: Phase) -> NDArray[np.float32]:
+        image = np.empty((y[3], x[3]), np.float32)
+        left, a = self._left(y), self._matrix(x)
+        light = np.empty((a.shape[1], left.shape[1] * left.shape[3]), np.float32)
+        node_light(left, a, light)
+        pixel_sums(light[:, : self.rule.count(y[3])], self.rule.weights.astype(np.float32), self.rule.per_px, image)
+        energy_out = float(image.sum(dtype=np.float64))
+        ratio = energy_out / self._energy
+        if ratio > 1 + 5e-3:
+            remedy = f"raise nodes_per_px above {self.rule.per_px}"
+            raise EnergyError.expected(
+                "energy on the sensor", "at most what reached the array", f"{ratio:.4g} times that", remedy
+            )
+        self._ledger.add(1, self._energy, energy_out, ratio)
+        return image

@@ -1,0 +1,48 @@
+"""Gauss-Legendre nodes without a linear-algebra library: quick, accurate, and no threads of its own."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.compiled import njit
+
+__all__ = ["gauss_legendre"]
+
+F8 = NDArray[np.float64]
+
+
+@njit()
+def _newton(n: int, x: F8, w: F8) -> None:
+    """Fill nodes and weights on [-1, 1] by Newton's method on the three-term recurrence."""
+    for i in range((n + 1) // 2):
+        t = math.cos(math.pi * (i + 0.75) / (n + 0.5))
+        slope = 1.0
+        for _ in range(12):
+            before, value = 1.0, t
+            for k in range(2, n + 1):
+                before, value = value, ((2 * k - 1) * t * value - (k - 1) * before) / k
+            slope = n * (before - t * value) / (1 - t * t)
+            step = value / slope
+            t -= step
+            if abs(step) < 1e-15:
+                break
+        before, value = 1.0, t
+        for k in range(2, n + 1):
+            before, value = value, ((2 * k - 1) * t * value - (k - 1) * before) / k
+        slope = n * (before - t * value) / (1 - t * t)
+        x[i], x[n - 1 - i] = -t, t
+        w[i] = w[n - 1 - i] = 2 / ((1 - t * t) * slope * slope)
+    if n % 2 == 1:
+        x[n // 2] = 0.0
+
+
+def gauss_legendre(n: int, low: float = -1.0, high: float = 1.0) -> tuple[F8, F8]:
+    """Return ``n`` nodes and weights on ``[low, high]``, exact for polynomials of degree 2 n - 1."""
+    x, w = np.zeros(n), np.full(n, 2.0)
+    if n > 1:
+        _newton(n, x, w)
+    half = (high - low) / 2
+    return low + half * (x + 1), w * half

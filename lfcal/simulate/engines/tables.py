@@ -1,0 +1,238 @@
+"""Tables of the wave engine for one depth plane: one set per lens type, built once."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.fft as sf
+from numpy.typing import NDArray
+
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines.field import FieldTable, field_table
+from lfcal.simulate.engines.masks import RING, cell_outline, disc_table, polygon_table
+from lfcal.simulate.engines.nodes import NodeRule, fitted_rule
+from lfcal.simulate.engines.polygon import area, disc_transform
+from lfcal.simulate.scene import Scene
+
+__all__ = ["LensTable", "PlaneTables", "aperture_outline", "aperture_radius", "build_tables", "ray_aberration"]
+
+BEST = 1 / 16
+"""Share of the light from which on a lenslet counts as the best-lit one: the floor is no coarser near focus."""
+
+Array = NDArray[Any]
+Lit = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class LensTable:
+    """What the responses of one lens type are computed from.
+
+    Attributes
+    ----------
+    width
+        Window on the sensor (pixels).
+    pull
+        The window's middle lies at c + pull (X0 - c).
+    dx_um, half
+        Sample distance on the array, samples from the middle to the edge of the aperture.
+    bend
+        Phase pi sigma / L over r^2 (rad/µm^2).
+    cosine, sine
+        Transform matrices ``(nodes >= 0, half + 1)``.
+    bins
+        ``(nodes, width)``: intensities to pixels.
+    nodes_um
+        Nodes of the window about its middle.
+    disc
+        Aperture times phase and dx^2 pixel / L over r^2, real and imaginary, and its step; or
+    cell, cell_step
+        a finely sampled aperture of another shape.
+    field, energy
+        Main lens's field (real, imaginary); what a lenslet at each sample of it passes.
+    """
+
+    width: int
+    pull: float
+    dx_um: float
+    half: int
+    bend: float
+    cosine: Array
+    sine: Array
+    bins: Array
+    nodes_um: NDArray[np.float64]
+    disc: tuple[Array, Array, float]
+    cell: Array
+    cell_step: float
+    field: tuple[Array, Array]
+    energy: Lit
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneTables:
+    """Tables of all lens types of a plane, and what they share.
+
+    Attributes
+    ----------
+    spread_um2
+        L = lambda B'.
+    ratio
+        B'/a' of the converging sphere; 0 in U-mode.
+    floor
+        Energy below which a lenslet is left out.
+    reach_um
+        Distance from the source beyond which no lenslet passes the floor.
+    """
+
+    kinds: tuple[LensTable, ...]
+    rule: NodeRule
+    spread_um2: float
+    ratio: float
+    floor: float
+    reach_um: float
+
+
+def aperture_outline(scene: Scene) -> NDArray[np.float64]:
+    """Return the lattice's cell as a polygon about the lenslet's centre."""
+    lattice = scene.lattice
+    return cell_outline(lattice.pitch_um, lattice.row_step_um, lattice.kind == "hexagonal", lattice.rotation_rad)
+
+
+def aperture_radius(scene: Scene) -> float:
+    """Return the radius of the circle about a lenslet's aperture."""
+    if scene.aperture == "circle":
+        return scene.clear_radius_um
+    return float(np.hypot(*aperture_outline(scene).T).max())
+
+
+def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
+    """Return the tables of a plane in ``mode`` ``"E"``, ``"U"`` or ``"D"`` (see `lfcal.simulate.engines.field`)."""
+    spread = scene.wavelength_um * scene.reduced_gap_um
+    ratio = scene.reduced_gap_um / scene.reduced_image_um if mode == "E" else 0.0
+    band = 2 * aperture_radius(scene) * scene.reduced_pixel_um / spread
+    rule = fitted_rule(sampling.nodes_per_px, band, scene.pixel_fill)
+    fields: dict[float, tuple[FieldTable, Lit]] = {}
+    kinds = tuple(_lens_table(scene, sampling, mode, k, rule, fields) for k in range(len(scene.lattice.types)))
+    floor = sampling.energy_floor * min(BEST, max(float(kind.energy.max()) for kind in kinds))
+    reach = max(_lit_radius(energy, dx, floor) for dx, (_, energy) in fields.items())
+    return PlaneTables(kinds, rule, spread, ratio, floor, reach)
+
+
+def _lit_radius(energy: Lit, dx: float, floor: float) -> float:
+    rows, columns = np.nonzero(energy >= max(floor, 1e-300))
+    if rows.size == 0:
+        return 0.0
+    middle = energy.shape[0] // 2
+    return float(np.hypot(rows - middle, columns - middle).max() + 1) * dx
+
+
+def ray_aberration(scene: Scene) -> float:
+    """Return at most how far the wavefront's aberration moves a ray on the array, 2 Nw lambda dW/du (µm).
+
+    A Zernike polynomial of order n that is 1 at the rim has slopes up to n^2.
+    """
+    return 2 * scene.f_number * scene.wavelength_um * sum(abs(w) * n * n for n, _, w in scene.wavefront)
+
+
+def _spot(scene: Scene, mode: str, kind: int) -> tuple[float, float, float]:
+    """Return sigma, the geometric spot's radius (µm) and the pull of its middle towards the source."""
+    radius = aperture_radius(scene)
+    gap, cone = scene.reduced_gap_um, 1 / (2 * scene.f_number)
+    own = 1.0 - scene.lens_curvature(kind)  # sigma without the source's sphere
+    whole_pupil = abs(own * scene.reduced_image_um - gap) * cone  # spot of a lenslet that takes in everything
+    if mode != "E":
+        return own, min(whole_pupil, abs(own) * radius + gap * cone), own
+    sigma = scene.sigma(kind)
+    if abs(sigma) * radius <= whole_pupil:
+        return sigma, abs(sigma) * radius, gap / scene.reduced_image_um
+    return sigma, whole_pupil, own
+
+
+def _lens_table(
+    scene: Scene, sampling: Sampling, mode: str, kind: int, rule: NodeRule, fields: dict[float, tuple[FieldTable, Lit]]
+) -> LensTable:
+    px, spread = scene.reduced_pixel_um, scene.wavelength_um * scene.reduced_gap_um
+    sigma, extent, pull = _spot(scene, mode, kind)
+    extent += abs(pull) * ray_aberration(scene)
+    half_px = math.ceil(extent / px - 1e-3) + sampling.margin_px  # the same at sigma = 0 and next to it
+    dx = px / (sampling.samples_per_px or _fewest_samples(scene, mode, half_px))
+    half = math.ceil(aperture_radius(scene) / dx) + RING
+    if dx not in fields:
+        fields[dx] = _field(scene, sampling, mode, dx, half, half_px)
+    table, energy = fields[dx]
+    width = 2 * half_px + 1
+    nodes = rule.positions(width) * px
+    angle = 2 * np.pi / spread * dx * np.outer(nodes[nodes.size // 2 :], np.arange(half + 1))
+    bend = math.pi * sigma / spread
+    dtype = np.float64 if sampling.double else np.float32
+    reach = (half + 1) * dx * math.sqrt(2)
+    disc, cell, cell_step = _aperture(scene, dx, reach, bend, dx * dx * px / spread, dtype)
+    return LensTable(
+        width,
+        pull,
+        dx,
+        half,
+        bend,
+        np.cos(angle).astype(dtype),
+        np.sin(angle).astype(dtype),
+        rule.matrix(width).astype(dtype),
+        nodes,
+        disc,
+        cell,
+        cell_step,
+        (table.values.real.astype(dtype), table.values.imag.astype(dtype)),
+        energy,
+    )
+
+
+def _aperture(
+    scene: Scene, dx: float, reach: float, bend: float, level: float, dtype: type
+) -> tuple[tuple[Array, Array, float], Array, float]:
+    """Return the aperture's tables, ``level`` high: then the square of the transform is energy per pixel's area."""
+    if scene.aperture == "circle":
+        m, step = disc_table(scene.clear_radius_um, dx, reach)
+        value = level * m * np.exp(1j * bend * step * np.arange(m.size))
+        return (value.real.astype(dtype), value.imag.astype(dtype), step), np.zeros((0, 0), dtype), 1.0
+    table, step = polygon_table(aperture_outline(scene), dx, reach)
+    return (np.zeros(2, dtype), np.zeros(2, dtype), 1.0), (level * table).astype(dtype), step
+
+
+def _fewest_samples(scene: Scene, mode: str, half_px: int) -> float:
+    """Return the samples per pixel, in halves, whose alias-free half range L/(2 dx) holds the window."""
+    px = scene.reduced_pixel_um
+    need = 2 * (half_px + 0.5) * px * px / (scene.wavelength_um * scene.reduced_gap_um)
+    if mode != "E":
+        need = max(need, 1.2 * px / (scene.wavelength_um * scene.f_number))
+    return max(1.0, math.ceil(2 * need) / 2)
+
+
+def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, half_px: int) -> tuple[FieldTable, Lit]:
+    """Return the field table and what a lenslet at each of its samples passes."""
+    table = field_table(scene, dx, _table_reach(scene, sampling, mode, dx, half_px) + (half + 2) * dx, mode)
+    n = table.values.shape[0]
+    f = sf.fftfreq(n, dx)
+    radius = scene.clear_radius_um
+    if scene.aperture == "cell":
+        radius = math.sqrt(abs(area(aperture_outline(scene))) / math.pi)
+    shape = disc_transform(radius, np.hypot(f[None, : n // 2 + 1], f[:, None]))
+    return table, sf.irfft2(sf.rfft2(np.abs(table.values) ** 2) * shape, s=(n, n)).astype(np.float32)
+
+
+def _table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px: int) -> float:
+    """Return how far from the source's image a lenslet that matters may lie (µm).
+
+    The light farther than r outside the shadow is 2 lambda Nw / (pi^2 r), so its density near r is known; it
+    does not get farther than the sampled spectrum carries it. Nor does a lenslet matter whose spot misses the cutout.
+    """
+    lam, nw, radius = scene.wavelength_um, scene.f_number, aperture_radius(scene)
+    shadow = scene.shadow_radius_um
+    best = min(BEST, (radius / max(shadow, radius)) ** 2)
+    floor = max(sampling.energy_floor, 1e-7) * best
+    tail = radius * math.sqrt(lam * nw / (math.pi**2 * max(shadow, radius) * floor))
+    tail = min(tail, abs(scene.reduced_image_um) * lam / (2 * dx) + 80 * lam * nw)
+    lit = 1.15 * shadow + radius + tail + ray_aberration(scene)
+    spot_rate = abs(1 - scene.reduced_gap_um / scene.reduced_image_um) if mode == "E" else 1.0
+    shown = (math.hypot(*scene.cutout) / 2 + 1.5 * half_px + 2) * scene.reduced_pixel_um + ray_aberration(scene)
+    return min(lit, shown / max(spot_rate, 1e-6) + radius)

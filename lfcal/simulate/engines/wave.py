@@ -1,0 +1,222 @@
+"""W2: the light of each lenslet by a zoomed Fourier transform, from the main lens's tabulated field.
+
+With c the lenslet's centre, X0 the source's image and L = lambda B', a lenslet's field on the sensor is
+
+    V(s) = exp(i pi |s-c|^2 / L) / L * integral E(x + c - X0) m(x) exp(i pi sigma x^2 / L)
+           exp(-2 pi i x.(s - c + (B'/a')(c - X0)) / L) dx,     sigma = 1 - B'/a' - B'/f
+
+(E-mode; near the native plane E is the field U itself, sigma = 1 - B'/f and the term in B'/a' is absent). All
+steep phases have cancelled, so single precision holds. Between lenslets intensities are added, or fields
+(``coherent``) where their spots overlap.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.simulate.engines import _kernels as kernels
+from lfcal.simulate.engines._lenslets import select
+from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
+from lfcal.simulate.engines.field import choose_mode
+from lfcal.simulate.engines.tables import Array, LensTable, build_tables
+from lfcal.simulate.scene import Scene
+from lfcal.simulate.symmetry import mirrored_rows
+from lfcal.threads import for_each_chunk
+
+__all__ = ["WavePlane"]
+
+TOLERANCE = 0.02
+"""Share by which a response's energy may exceed its input before it is called too coarsely sampled."""
+
+FAINT = 0.01
+"""Share of the best-lit lenslet's energy below which a response may err by that of one so faint."""
+COHERENT_BATCH = 8
+"""Positions whose node grids are held at once."""
+
+Grids = tuple[Array, Array, NDArray[np.int64]]
+
+
+class WavePlane:
+    """Engine of level ``"wave"`` for one depth plane.
+
+    Parameters
+    ----------
+    scene, sampling
+        What is computed, and how finely.
+    mode
+        ``"E"`` or ``"U"`` to override the choice by Fresnel number (see `lfcal.simulate.engines.field`).
+    """
+
+    level = "wave"
+
+    def __init__(self, scene: Scene, sampling: Sampling | None = None, mode: str | None = None) -> None:
+        self.scene = scene
+        self.sampling = sampling or Sampling()
+        self.mode = mode or choose_mode(scene)
+        self.tables = build_tables(scene, self.sampling, self.mode)
+        wanted = self.sampling.coherent
+        self.coherent = self._overlap() if wanted is None else wanted
+        self._dtype = np.dtype(np.float64 if self.sampling.double else np.float32)
+        self._ledger = Ledger()
+        self._pilot = Pilot(self)
+
+    def _overlap(self) -> bool:
+        """Return whether neighbouring lenslets' spots share so much of their windows that fields must be added."""
+        if self.mode != "E" or self.scene.shadow_radius_um < 0.6 * self.scene.lattice.pitch_um:
+            return True
+        apart = abs(1 - self.tables.ratio) * self.scene.lattice.pitch_um
+        return apart < 0.5 * max(lens.width for lens in self.tables.kinds) * self.scene.reduced_pixel_um
+
+    @property
+    def certificate(self) -> Certificate:
+        """Energy in and out of all responses so far."""
+        return self._ledger.certificate
+
+    def rows(
+        self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
+    ) -> NDArray[np.float32]:
+        """Return the cutouts of positions ys x xs; see `PlaneEngine.rows`."""
+        scene = self.scene
+        rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
+        result = np.empty((rows.size, columns.size, *scene.cutout), np.float32) if out is None else out
+
+        mirrored = mirrored_rows(scene, rows)
+        own = [r for r in range(rows.size) if r not in mirrored]
+
+        def some(start: int, stop: int) -> None:
+            for r in own[start:stop]:
+                source = np.array([scene.source_um(int(rows[r]), int(x)) for x in columns])
+                pixel = np.stack([np.full(columns.size, rows[r]), columns], axis=1)
+                self._respond(source, pixel, result[r])
+
+        for_each_chunk(some, len(own), workers)
+        for r, twin in mirrored.items():
+            result[r] = result[twin][:, ::-1]
+        return result
+
+    def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
+        """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
+        result = np.empty((1, *self.scene.cutout), np.float32)
+        pixel = np.array([self.scene.nearest_pixel(y_um, x_um)], np.int64)
+        self._respond(np.array([[y_um, x_um]]), pixel, result)
+        cutout: NDArray[np.float32] = result[0]
+        return cutout
+
+    def predicted_seconds(self, n_positions: int) -> float:
+        """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
+        return self._pilot.seconds(n_positions)
+
+    # -- one row of positions ------------------------------------------------------------------------------
+    def _respond(self, source_yx: NDArray[np.float64], pixel: NDArray[np.int64], out: NDArray[np.float32]) -> None:
+        """Fill ``out`` (n, nt, ns) for sources (n, 2) as (y, x) on the sensor; pixels are the cutouts' centres."""
+        source = np.ascontiguousarray(source_yx[:, ::-1]) / self.scene.scale
+        image: Array = np.zeros(out.shape, np.float64) if self.sampling.double else out
+        image[...] = 0
+        batch = min(len(source), COHERENT_BATCH) if self.coherent else len(source)
+        grids = self._grids(batch if self.coherent else 0)
+        for start in range(0, len(source), batch):
+            part = slice(start, start + batch)
+            self._add_lenses(source[part], pixel[part], image[part], grids)
+        if image is not out:
+            out[...] = image
+
+    def _add_lenses(self, source: NDArray[np.float64], pixel: NDArray[np.int64], image: Array, grids: Grids) -> None:
+        lo, hi = source.min(0), source.max(0)
+        middle, span = (lo + hi) / 2, (hi - lo) / 2 + self.tables.reach_um
+        centres, types = self.scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
+        for centre, kind in zip(centres, types, strict=True):
+            self._add_lens(centre, self.tables.kinds[kind], source, pixel, image, grids)
+        if self.coherent:
+            kernels.square_fields(*grids, self.tables.rule.weights.astype(self._dtype), self.tables.rule.per_px, image)
+
+    def _grids(self, count: int) -> Grids:
+        """Return empty node grids and boxes for ``count`` positions."""
+        nt, ns = (self.tables.rule.count(n) for n in self.scene.cutout)
+        boxes = np.tile(np.array([1 << 30, -(1 << 30)] * 2, np.int64), (count, 1))
+        return np.zeros((count, nt, ns), self._dtype), np.zeros((count, nt, ns), self._dtype), boxes
+
+    def _add_lens(
+        self,
+        centre: NDArray[np.float64],
+        lens: LensTable,
+        source: NDArray[np.float64],
+        pixel: NDArray[np.int64],
+        out: Array,
+        grids: Grids,
+    ) -> None:
+        scene, tables = self.scene, self.tables
+        px, per = scene.reduced_pixel_um, tables.rule.per_px
+        places, numbers = np.empty((len(source), 5), np.int64), np.empty((len(source), 6))
+        found = select(
+            lens.energy,
+            tables.floor,
+            lens.dx_um,
+            lens.half,
+            centre,
+            source,
+            pixel,
+            np.array([px, tables.ratio, lens.pull]),
+            np.array(scene.cutout),
+            lens.width,
+            places,
+            numbers,
+        )
+        if not found:
+            return
+        # positions that share the lenslet's place between two samples share its mask
+        order = np.argsort(np.round(numbers[:found, 0] / lens.dx_um, 6), kind="stable")
+        places, numbers = places[order], numbers[order]
+        energies = np.empty((found, 2))
+        share = (tables.spread_um2 / (lens.dx_um * px)) ** 2
+        (field_re, field_im), (disc_re, disc_im, step) = lens.field, lens.disc
+        kernels.respond(
+            field_re,
+            field_im,
+            lens.dx_um,
+            disc_re,
+            disc_im,
+            step,
+            lens.cell,
+            lens.cell_step,
+            lens.bend,
+            lens.cosine,
+            lens.sine,
+            lens.bins,
+            np.array([1 / tables.spread_um2, share, 1 - tables.ratio, per]),
+            self._rays(lens),
+            lens.nodes_um,
+            places,
+            numbers,
+            centre - source[places[:, 0]],
+            out,
+            grids[0],
+            grids[1],
+            grids[2],
+            energies,
+        )
+        self._certify(energies, lens)
+
+    def _rays(self, lens: LensTable) -> NDArray[np.float64]:
+        """Return what exact rays behind a lenslet need, or zeros near the native plane, where rays cross."""
+        scene = self.scene
+        if not scene.exact_rays or self.mode != "E":
+            return np.zeros(3)
+        gap, sigma = scene.reduced_gap_um, lens.bend * self.tables.spread_um2 / math.pi
+        return np.array([2 * math.pi * gap / scene.wavelength_um, 1 / scene.reduced_image_um, (1 - sigma) / gap])
+
+    def _certify(self, energies: NDArray[np.float64], lens: LensTable) -> None:
+        """Raise `EnergyError` where a window received more than its lenslet passed."""
+        energy_in, energy_out = energies.T
+        slack = TOLERANCE * np.maximum(energy_in, FAINT * float(lens.energy.max()))
+        ratio = energy_out / np.maximum(energy_in, 1e-300)
+        if (energy_out > energy_in + slack).any():
+            used = self.scene.reduced_pixel_um / lens.dx_um
+            remedy = f"raise samples_per_px above {used:g} or nodes_per_px above {self.tables.rule.per_px}"
+            wanted, got = f"at most what it passed (+{TOLERANCE:.0%})", f"{float(ratio.max()):.3g} times that"
+            raise EnergyError.expected("energy behind a lenslet", wanted, got, remedy)
+        bright = energy_in >= FAINT * float(lens.energy.max())
+        worst = float(ratio[bright].max(initial=0.0))
+        self._ledger.add(len(energies), float(energy_in.sum()), float(energy_out.sum()), worst)

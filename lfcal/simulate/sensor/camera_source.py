@@ -1,0 +1,286 @@
+"""Frames of a simulated session: the light of the source on the whole sensor, and what the sensor makes of it."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.axes import Position, centre
+from lfcal.camera import ScanPlan
+from lfcal.camera.shadow import half_extent_px
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+from lfcal.simulate.accuracy.planner import plan_effects
+from lfcal.simulate.effects.base import Effect, FrameEffect, MotionEffect
+from lfcal.simulate.effects.light import FiniteSource
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers, sample_type
+from lfcal.simulate.sensor.white import white_light, white_tile
+from lfcal.simulate.simulate import EffectsLike, describe, effects_of
+from lfcal.simulate.staging import origin_of
+
+__all__ = ["SimulatedCamera"]
+
+PROBES = 8
+"""Positions per axis at which the brightest pixel is looked for."""
+
+ROWS_KEPT = 4
+"""Rows of responses that are kept for the next frames."""
+
+
+class SimulatedCamera:
+    """A `FrameSource` whose frames are simulated: full sensor frames, one per position of a plan, in scan order.
+
+    Every frame depends on its index and the seed alone: they may be read in any order, from several threads.
+    The source's windows are placed where its chief ray meets the sensor; the lenslets are fixed to the sensor.
+    Motion effects displace the source without telling.
+
+    Parameters
+    ----------
+    plan
+        The scan plan; `read` follows its order.
+    effects
+        As in `simulate_psf`, frame and motion effects included; ``"auto"`` plans for frames. Frames are uint16
+        if `Quantisation` is among them, else float32 sample values.
+    level, tolerance, sampling
+        As in `simulate_psf`.
+    peak
+        Share of the full well that the brightest pixel of the session reaches.
+    seed
+        Seed of all random numbers.
+
+    Raises
+    ------
+    InputError
+        If plan and effects do not fit.
+    """
+
+    def __init__(
+        self,
+        plan: ScanPlan,
+        effects: EffectsLike = "auto",
+        *,
+        level: str = "auto",
+        tolerance: float = 0.03,
+        sampling: Sampling | None = None,
+        peak: float = 0.8,
+        seed: int = 0,
+    ) -> None:
+        check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1000)
+        check_number("seed", seed, at_least=0, integer=True)
+        if effects == "auto":
+            effects = plan_effects(plan.camera, plan, tolerance, frames=True, peak=peak)
+        self.plan, self.camera = plan, plan.camera
+        self.effects: tuple[Effect, ...] = effects_of(effects, plan, tolerance)
+        self.level, self.tolerance, self.sampling = level, tolerance, sampling
+        self.peak, self.seed = peak, seed
+        self._frame_effects = [e for e in self.effects if isinstance(e, FrameEffect)]
+        self._order = plan.order_indices()
+        self._responses: dict[tuple[int, float], PlaneResponse] = {}
+        self._rows: OrderedDict[tuple[int, int], NDArray[np.float32]] = OrderedDict()
+        self._lock = threading.RLock()
+        self._white: NDArray[np.float32] | None = None
+
+    # -- frame source ------------------------------------------------------------------------------------
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the sensor."""
+        return self.camera.sensor.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """uint16 sample values, or float32 where nothing rounds them."""
+        return sample_type(self.effects)
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """Colour filter, bit depth, saturation level, exposure, and what was simulated."""
+        sensor = self.camera.sensor
+        return {
+            "cfa": sensor.cfa,
+            "bit_depth": sensor.bit_depth,
+            "saturation": sensor.max_value,
+            "black_level": sensor.black_level,
+            "exposure_s": self.plan.exposures[0],
+            "simulated": {"effects": describe(self.effects), "level": self.level, "seed": self.seed},
+        }
+
+    def __len__(self) -> int:
+        """Return the number of positions."""
+        return self.plan.n_positions
+
+    def position(self, index: int) -> Position:
+        """Return the scan position of frame ``index``."""
+        z, y, x = self._order[self._checked(index)].tolist()
+        return Position(z, y, x)
+
+    def label(self, index: int) -> str:
+        """Return a short name of frame ``index``."""
+        z, y, x = self.position(index)
+        return f"simulated frame {index} (z {z}, y {y}, x {x})"
+
+    def exposure_s(self, index: int) -> float:
+        """Return the exposure of frame ``index`` (s)."""
+        return self.plan.exposures[self.position(index).z]
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return frame ``index``, ``(rows, columns)`` sample values."""
+        return self._expose(self.light(index), self.exposure_s(index), FrameKind.LIGHT, index)
+
+    def dark_frame(self, index: int = 0, exposure_s: float | None = None) -> NDArray[np.uint16] | NDArray[np.float32]:
+        """Return the ``index``-th frame without light, by default at the first plane's exposure."""
+        seconds = self.plan.exposures[0] if exposure_s is None else exposure_s
+        return self._expose(np.zeros(self.shape, np.float32), seconds, FrameKind.DARK, index)
+
+    def white_frame(self, index: int = 0, level: float = 0.6) -> NDArray[np.uint16] | NDArray[np.float32]:
+        """Return the ``index``-th frame of an even, white scene; its brightest pixels reach ``level`` of full well."""
+        with self._lock:
+            if self._white is None:
+                tile = white_tile(self.plan, 0, self.effects)
+                self._white = white_light(self.plan, tile / tile.max())
+        light = self._white * np.float32(level * self.camera.sensor.full_well_e)
+        return self._expose(light, self.plan.exposures[0], FrameKind.WHITE, index)
+
+    # -- light -------------------------------------------------------------------------------------------
+    def light(self, index: int) -> NDArray[np.float32]:
+        """Return the photoelectrons of frame ``index`` before the sensor disturbs them, ``(rows, columns)``."""
+        z, y, x = self.position(index)
+        moved = self.displacement_um(index)
+        if not any(moved) and not self._spread_out:
+            windows = [(y, x, self._kept_row(z, y)[x])]
+        else:
+            row, column = self.image_px(index)
+            windows = self._response(z, moved[0]).point(row - self._origin[0], column - self._origin[1])
+        out = np.zeros(self.shape, np.float32)
+        for row, column, values in windows:
+            _place(out, values, row + self._origin[0], column + self._origin[1])
+        out *= np.float32(self.electrons_per_unit(z))
+        return out
+
+    def displacement_um(self, index: int) -> tuple[float, float, float]:
+        """Return where the source truly stood minus where the plan says, (z, y, x) in object space (µm)."""
+        dz, dy, dx = self._displacements[self._checked(index)].tolist()
+        return dz, dy, dx
+
+    def image_px(self, index: int) -> tuple[float, float]:
+        """Return where the source's chief ray truly meets the sensor, (row, column) in pixels."""
+        position, (dz, dy, dx) = self.position(index), self.displacement_um(index)
+        right, down, away = self.plan.object_um(position).tolist()
+        step = self.camera.step_um(away + dz)
+        row, column = self.camera.sensor.centre_px
+        return row + (down + dy) / step, column + (right + dx) / step
+
+    def electrons_per_unit(self, z: int) -> float:
+        """Return electrons per unit of H in plane ``z``; `counts_per_unit` over the gain."""
+        return self._rate * self.plan.exposures[z]
+
+    def counts_per_unit(self, z: int) -> float:
+        """Return sample values above black per unit of H in plane ``z``: frames over this assemble to H."""
+        return self.electrons_per_unit(z) / self.camera.sensor.electrons_per_count
+
+    # -- workings ----------------------------------------------------------------------------------------
+    @cached_property
+    def _displacements(self) -> NDArray[np.float64]:
+        """True minus commanded positions ``(n, 3)`` in scan order."""
+        commanded = self.plan.object_um(self._order)[:, ::-1]
+        out = np.zeros(commanded.shape)
+        for number, effect in enumerate(e for e in self.effects if isinstance(e, MotionEffect)):
+            rng = random_numbers(self.seed, FrameKind.MOTION, number)
+            out += effect.displace(commanded, self.camera, rng)
+        return out
+
+    @cached_property
+    def _origin(self) -> tuple[int, int]:
+        row, column, _, _ = origin_of(self.plan)
+        return row, column
+
+    @cached_property
+    def _spread_out(self) -> bool:
+        """Whether windows cannot be taken from whole rows: a source of finite size, or resampled steps."""
+        return any(isinstance(e, FiniteSource) for e in self.effects) or self.plan.resample_factors != (1.0, 1.0)
+
+    @cached_property
+    def _rate(self) -> float:
+        """Electrons per unit of H and second: the brightest of some positions is to reach the peak."""
+        ny, nx = self.plan.period
+        ys, xs = (np.unique(np.linspace(0, n - 1, PROBES).round().astype(np.intp)) for n in (ny, nx))
+        brightest = 0.0
+        for z, seconds in enumerate(self.plan.exposures):
+            response = self._response(z, 0.0)
+            peaks = response.engine().rows(ys, xs).max(axis=(2, 3))
+            y, x = np.unravel_index(int(peaks.argmax()), peaks.shape)
+            image = _windowed(response.point(float(ys[y]), float(xs[x])))
+            brightest = max(brightest, float(image.max()) * seconds)
+        if not brightest > 0:
+            raise InputError.expected("simulated light", "some in the cutout", "none", "check cutout and depths")
+        return self.peak * self.camera.sensor.full_well_e / brightest
+
+    def _response(self, z: int, depth_error_um: float) -> PlaneResponse:
+        """Return the plane's response with a window that holds the whole pattern."""
+        with self._lock:
+            key = (z, depth_error_um)
+            if key not in self._responses:
+                reach = half_extent_px(self.camera, self.plan.depths_um[z]) + 2 * self.camera.pitch_px
+                cutout = tuple(max(n, 2 * int(reach) + 1) for n in self.plan.cutout)
+                self._responses[key] = PlaneResponse(
+                    self.plan,
+                    z,
+                    self.effects,
+                    level=self.level,
+                    tolerance=self.tolerance,
+                    sampling=self.sampling,
+                    cutout=(cutout[0], cutout[1]),
+                    depth_error_um=depth_error_um,
+                )
+            return self._responses[key]
+
+    def _kept_row(self, z: int, y: int) -> NDArray[np.float32]:
+        """Return the responses of one row of positions ``(nx, nt, ns)``; the last few rows are kept."""
+        with self._lock:
+            if (z, y) in self._rows:
+                self._rows.move_to_end((z, y))
+                return self._rows[z, y]
+        row: NDArray[np.float32] = self._response(z, 0.0).rows([y], range(self.plan.period[1]), workers=1)[0]
+        with self._lock:
+            self._rows[z, y] = row
+            while len(self._rows) > ROWS_KEPT:
+                self._rows.popitem(last=False)
+        return row
+
+    def _expose(
+        self, light_e: NDArray[np.float32], seconds: float, kind: FrameKind, index: int
+    ) -> NDArray[np.uint16] | NDArray[np.float32]:
+        return expose(
+            light_e, self.camera, self._frame_effects, exposure_s=seconds, seed=self.seed, kind=kind, index=index
+        )
+
+    def _checked(self, index: int) -> int:
+        if not 0 <= index < len(self):
+            raise InputError.expected("frame index", f"0 … {len(self) - 1}", index, "ask for a frame that is there")
+        return int(index)
+
+
+def _windowed(windows: list[tuple[int, int, NDArray[np.float32]]]) -> NDArray[np.float32]:
+    """Return the sum of windows at their places, on an image that holds them all."""
+    rows, columns = [row for row, _, _ in windows], [column for _, column, _ in windows]
+    nt, ns = windows[0][2].shape
+    out = np.zeros((max(rows) - min(rows) + nt, max(columns) - min(columns) + ns), np.float32)
+    for row, column, values in windows:
+        _place(out, values, row - min(rows) + centre(nt), column - min(columns) + centre(ns))
+    return out
+
+
+def _place(out: NDArray[np.float32], values: NDArray[np.float32], row: int, column: int) -> None:
+    """Add a window centred on ``(row, column)``; what lies beyond the sensor is lost."""
+    top, left = row - centre(values.shape[0]), column - centre(values.shape[1])
+    r0, c0 = max(0, top), max(0, left)
+    r1, c1 = min(out.shape[0], top + values.shape[0]), min(out.shape[1], left + values.shape[1])
+    if r0 < r1 and c0 < c1:
+        out[r0:r1, c0:c1] += values[r0 - top : r1 - top, c0 - left : c1 - left]

@@ -1,0 +1,122 @@
+"""From light on the sensor to a frame: the frame effects in their order, reproducibly.
+
+A frame is worked off in strips of rows. Every effect on every strip of every frame has its own random numbers,
+derived from the seed, the kind of frame, its index, the strip and the effect's rank: frames may be made in any order
+and in any thread, and an effect that is added or left out does not change the numbers of the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera
+from lfcal.errors import InputError
+from lfcal.simulate.effects.base import FrameEffect, FrameView
+from lfcal.simulate.effects.sensor import Quantisation
+
+__all__ = ["FrameKind", "expose", "random_numbers", "sample_type"]
+
+STRIP = 128
+"""Rows that are worked off together."""
+
+COUNTS_FROM = 80
+"""Effects of this rank and above act on sample values, those below on electrons."""
+
+PATTERNS = ("gain", "offset")
+
+
+class FrameKind(IntEnum):
+    """What a frame shows; part of the key of its random numbers."""
+
+    LIGHT = 0
+    DARK = 1
+    WHITE = 2
+    PATTERN = 3
+    MOTION = 4
+
+
+def random_numbers(seed: int, kind: FrameKind, *key: int) -> np.random.Generator:
+    """Return the generator that belongs to ``seed``, ``kind`` and ``key`` alone."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(int(kind), *key))))
+
+
+def sample_type(effects: Sequence[object]) -> np.dtype[np.uint16] | np.dtype[np.float32]:
+    """Return uint16 where ``effects`` round sample values, else float32."""
+    rounded = any(isinstance(effect, Quantisation) for effect in effects)
+    return np.dtype(np.uint16) if rounded else np.dtype(np.float32)
+
+
+def expose(
+    light_e: NDArray[np.float32],
+    camera: Camera,
+    effects: Sequence[FrameEffect],
+    *,
+    exposure_s: float,
+    seed: int = 0,
+    kind: FrameKind = FrameKind.LIGHT,
+    index: int = 0,
+) -> NDArray[np.uint16] | NDArray[np.float32]:
+    """Return the frame that a sensor makes of ``light_e``.
+
+    Parameters
+    ----------
+    light_e
+        Photoelectrons ``(rows, columns)`` of the whole sensor if nothing disturbed them.
+    effects
+        Frame effects; they act in the order of their rank. None: sample values without noise.
+    exposure_s
+        Exposure time (s).
+    seed, kind, index
+        Key of the random numbers; the fixed pattern depends on the seed alone.
+
+    Returns
+    -------
+    Sample values, black level included: uint16 with `Quantisation`, else float32.
+
+    Raises
+    ------
+    InputError
+        If ``light_e`` does not have the sensor's shape.
+    """
+    if light_e.shape != camera.sensor.shape:
+        raise InputError.expected(
+            "light on the sensor", f"shape {camera.sensor.shape}", light_e.shape, "give all pixels"
+        )
+    ordered = sorted(effects, key=lambda effect: effect.rank)
+    total = float(light_e.sum(dtype=np.float64))
+    out = np.empty(light_e.shape, sample_type(effects))
+    for number, row in enumerate(range(0, len(light_e), STRIP)):
+        strip = light_e[row : row + STRIP].astype(np.float32)
+        pattern = _patterns(seed, number, strip.shape)
+        views = [
+            FrameView(camera, exposure_s, row, total, random_numbers(seed, kind, index, number, effect.rank), pattern)
+            for effect in ordered
+        ]
+        out[row : row + STRIP] = _strip(strip, ordered, views, camera)
+    return out
+
+
+def _strip(
+    strip: NDArray[np.float32], ordered: Sequence[FrameEffect], views: Sequence[FrameView], camera: Camera
+) -> NDArray[np.float32]:
+    for effect, view in zip(ordered, views, strict=True):
+        if effect.rank < COUNTS_FROM:
+            strip = effect.on_frame(strip, view)
+    strip /= np.float32(camera.sensor.electrons_per_count)
+    strip += np.float32(camera.sensor.black_level)
+    for effect, view in zip(ordered, views, strict=True):
+        if effect.rank >= COUNTS_FROM:
+            strip = effect.on_frame(strip, view)
+    return strip
+
+
+def _patterns(seed: int, strip: int, shape: tuple[int, ...]) -> Callable[[str], NDArray[np.float32]]:
+    def pattern(name: str) -> NDArray[np.float32]:
+        rng = random_numbers(seed, FrameKind.PATTERN, PATTERNS.index(name), strip)
+        return rng.standard_normal(shape, np.float32)
+
+    return pattern

@@ -1,0 +1,211 @@
+"""The journal against HDF5 itself, and against what a crash can leave."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import struct
+import zlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from lfcal.acquire.recording import slots as journal_module
+from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.records import RECORD, Kind, Note, frame_crc, intact, pack
+from lfcal.acquire.recording.slots import Journal, read_layout
+from lfcal.errors import FileFormatError, StorageError
+
+SHAPE = (11, 13)
+RNG = np.random.default_rng(5)
+
+
+def note(index: int) -> Note:
+    return Note(
+        index,
+        Kind.CONTROL,
+        7,
+        -3,
+        (1.0, 2.0, 3.0),
+        (1.5, 2.5, 3.5),
+        0.02,
+        1.7e9,
+        12.5,
+        1e6,
+        4095.0,
+        saturated=5,
+        sensor_saturated=9,
+        attempts=2,
+        period_y=-1,
+        period_x=4,
+    )
+
+
+def frame(k: int) -> np.ndarray:
+    return np.random.default_rng(k).integers(0, 4096, SHAPE, np.uint16)
+
+
+def make(path: Path, count: int = 6, written: tuple[int, ...] = ()) -> Journal:
+    journal = Journal.create(path, count, SHAPE, np.dtype(np.uint16), {"session": "s"})
+    for sequence, slot in enumerate(written):
+        journal.write(slot, frame(slot), note(slot), sequence)
+    return journal
+
+
+def test_record_bytes_are_those_of_the_declared_type() -> None:
+    record = np.frombuffer(pack(note(3), 17, 0xDEADBEEF), RECORD)[0]
+    assert RECORD.itemsize == 128
+    want = {
+        "index": 3,
+        "sequence": 17,
+        "frame_crc": 0xDEADBEEF,
+        "attempts": 2,
+        "kind": 3,
+        "row": 7,
+        "column": -3,
+        "period_y": -1,
+        "period_x": 4,
+        "saturated": 5,
+        "sensor_saturated": 9,
+        "exposure_s": 0.02,
+        "time_s": 1.7e9,
+        "elapsed_s": 12.5,
+        "energy": 1e6,
+        "peak": 4095.0,
+    }
+    assert {key: record[key].item() for key in want} == want
+    assert record["target_um"].tolist() == [1, 2, 3]
+    assert record["stage_um"].tolist() == [1.5, 2.5, 3.5]
+
+
+def test_hdf5_reads_what_was_written_in_place_while_it_is_open(tmp_path: Path) -> None:
+    path = tmp_path / "r.h5"
+    journal = make(path, written=(4, 0))
+    with h5py.File(path, "r", locking=False) as file:
+        assert np.array_equal(file["frames"][4], frame(4))
+        assert np.array_equal(file["frames"][0], frame(0))
+        assert file["records"][4]["frame_crc"] == zlib.crc32(frame(4).tobytes())
+        assert file["frames"].id.get_offset() % 4096 == 0
+    assert journal.scan().tolist() == [True, False, False, False, True, False]
+    journal.close()
+    journal.close()
+    with RecordingFile(path) as recording:
+        assert np.array_equal(recording.read(4), frame(4))
+        with pytest.raises(FileFormatError, match="never taken"):
+            recording.read(1)
+
+
+def test_space_is_reserved_before_the_first_frame(tmp_path: Path) -> None:
+    make(tmp_path / "r.h5", count=1000).close()
+    info = os.stat(tmp_path / "r.h5")
+    assert info.st_blocks * 512 >= 1000 * (SHAPE[0] * SHAPE[1] * 2 + RECORD.itemsize)
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize("spoil", ["frame", "record", "half a frame", "no mark"])
+def test_what_a_crash_tore_counts_as_not_taken(tmp_path: Path, spoil: str) -> None:
+    path = tmp_path / "r.h5"
+    journal = make(path, written=(0, 1, 2))
+    layout = journal.layout
+    with path.open("r+b") as file:
+        if spoil == "frame":
+            file.seek(layout.frames_at + 2 * layout.frame_bytes + 9)
+            file.write(b"\xff\x13")
+        elif spoil == "half a frame":
+            file.seek(layout.frames_at + 2 * layout.frame_bytes + layout.frame_bytes // 2)
+            file.write(bytes(layout.frame_bytes // 2))
+        elif spoil == "record":
+            file.seek(layout.records_at + 2 * RECORD.itemsize + 40)
+            file.write(struct.pack("<d", 99.0))
+        else:
+            file.seek(layout.records_at + 3 * RECORD.itemsize - 4)
+            file.write(bytes(4))
+    assert journal.scan().tolist() == [True, True, False, False, False, False]
+    journal.write(2, frame(2), note(2), 3)
+    assert journal.scan().tolist() == [True, True, True, False, False, False]
+    journal.close()
+
+
+def test_only_the_latest_frames_are_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "r.h5"
+    journal = make(path, written=(5, 4, 3))
+    with path.open("r+b") as file:  # the oldest acknowledged frame rots: not the work of a crash
+        file.seek(journal.layout.frames_at + 5 * journal.layout.frame_bytes)
+        file.write(b"\x01\x02\x03\x04")
+    assert journal.scan(recheck=2)[5]
+    assert not journal.scan(recheck=3)[5]
+    journal.close()
+
+
+def test_intact_finds_every_flipped_byte() -> None:
+    clean = np.frombuffer(pack(note(1), 2, 3) * 3, RECORD)
+    for byte in range(RECORD.itemsize):
+        raw = bytearray(clean.tobytes())
+        raw[RECORD.itemsize + byte] ^= 1 << int(RNG.integers(8))
+        assert intact(np.frombuffer(bytes(raw), RECORD)).tolist() == [True, False, True]
+
+
+def test_full_disk_shows_at_once_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(journal_module, "reserve", full)
+    with pytest.raises(StorageError, match="free some space"):
+        make(tmp_path / "r.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_disk_that_fills_during_a_write_is_an_error_and_the_frame_is_not_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = make(tmp_path / "r.h5", written=(0,))
+
+    def short(descriptor: int, data: bytes | memoryview, offset: int) -> int:
+        os.pwrite(descriptor, memoryview(data)[:40], offset)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(journal_module, "write_at", short)
+    with pytest.raises(StorageError, match="free some space"):
+        journal.write(1, frame(1), note(1), 1)
+    assert journal.scan().tolist() == [True] + [False] * 5
+    journal.close()
+
+
+def test_removed_file_is_not_written_to_in_silence(tmp_path: Path) -> None:
+    (tmp_path / "s").mkdir()
+    journal = make(tmp_path / "s" / "r.h5", written=(0,))
+    shutil.rmtree(tmp_path / "s")
+    with pytest.raises(StorageError, match="removed while recording"):
+        journal.write(1, frame(1), note(1), 1)
+    journal.close()
+
+
+def test_wrong_frames_and_slots_are_refused(tmp_path: Path) -> None:
+    journal = make(tmp_path / "r.h5")
+    for slot, data in ((6, frame(0)), (-1, frame(0)), (0, frame(0)[:-1]), (0, frame(0).astype(np.int16))):
+        with pytest.raises(StorageError, match="slot"):
+            journal.write(slot, data, note(0), 0)
+    journal.close()
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.h5"
+    with h5py.File(path, "w") as file:
+        file["frames"] = np.zeros((2, 3, 4), np.uint16)
+    with pytest.raises(FileFormatError, match="expected a recording"):
+        read_layout(path)
+    make(tmp_path / "r.h5").close()
+    with h5py.File(tmp_path / "r.h5", "r+") as file:
+        file.attrs["version"] = 99
+    with pytest.raises(FileFormatError, match="update lfcal"):
+        Journal(tmp_path / "r.h5")
+    (tmp_path / "cut.h5").write_bytes((tmp_path / "r.h5").read_bytes()[:600])
+    with pytest.raises(FileFormatError):
+        Journal(tmp_path / "cut.h5")
+
+
+def test_crc_is_zlibs() -> None:
+    assert frame_crc(b"123456789") == 0xCBF43926

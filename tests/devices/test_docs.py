@@ -1,0 +1,33 @@
+"""The backend shown in the documentation is complete and records a session."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from lfcal.acquire.session import record
+from lfcal.devices.protocols import Camera, Stage
+from lfcal.devices.registry import Backend
+from tests.acquire.rigs import CAREFUL, frames_of, small_plan
+
+PAGE = Path(__file__).parents[2] / "docs" / "adding_a_device.md"
+
+
+def test_the_documented_backend_works(tmp_path: Path) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(blocks) == 1
+    lines = [line for line in blocks[0].splitlines() if line.strip()]
+    assert len(lines) <= 40
+    names: dict[str, Any] = {}
+    exec(blocks[0], names)
+    backend = names["CountingBackend"]()
+    assert isinstance(backend, Backend)
+    plan = small_plan(shape=(320, 320), settle_s=0.0)
+    with backend.open(plan, {}) as rig:
+        assert isinstance(rig.camera, Camera)
+        assert isinstance(rig.stage, Stage)
+        assert record(tmp_path, plan, rig, replace(CAREFUL, origin_tolerance_px=None)).how == "complete"
+    frames = frames_of(tmp_path)
+    assert len({int(frame[0, 0]) for frame in frames.values()}) == 27

@@ -1,0 +1,245 @@
+"""The same 27 positions with real components: Micro-Manager's demo devices, Aravis's fake camera, a GenTL producer."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfcal.acquire.errors import AcquisitionStopped
+from lfcal.acquire.recording.source import RecordingSource
+from lfcal.acquire.session import record
+from lfcal.camera import ScanPlan
+from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, StageError
+from lfcal.devices.protocols import Camera, Rig, Roi, Stage
+from lfcal.devices.registry import find_backends, open_rig
+from lfcal.errors import InputError
+from tests.acquire.rigs import CAREFUL, small_plan
+
+REASONS = {finding.name: finding.reason for finding in find_backends()}
+FAKE = shutil.which("arv-fake-gv-camera-0.8")
+ADDRESS = "127.0.0.1"
+# these cameras show their own test picture wherever the stage is, so the origin cannot be compared
+OPTIONS = replace(CAREFUL, origin_tolerance_px=None, retries=2)
+
+
+def needs(name: str, extra: str = "") -> Any:
+    reason = REASONS.get(name, "") or extra
+    return pytest.mark.skipif(bool(reason), reason=reason or "here")
+
+
+def missing(module: str, remedy: str) -> str:
+    return "" if importlib.util.find_spec(module) else f"{module} is not installed: {remedy}"
+
+
+def plan_for(shape: tuple[int, int], bits: int) -> ScanPlan:
+    plan = small_plan(shape=shape, exposure_s=0.001, settle_s=0.0)
+    sensor = replace(plan.camera.sensor, bit_depth=bits, black_level=0.0)
+    return replace(plan, camera=replace(plan.camera, sensor=sensor))
+
+
+def check_session(folder: Path, plan: ScanPlan) -> None:
+    tolerance = np.array(OPTIONS.motion(plan).tolerance_um)
+    with RecordingSource(folder) as source:
+        assert len(source) == 27
+        for k in range(27):
+            assert source.read(k).shape == (21, 21)
+            note = source.record(k)
+            assert np.all(np.abs(note["stage_um"] - plan.stage_um(np.array(source.position(k)))) <= tolerance)
+
+
+def check_camera(rig: Rig, bits: int) -> None:
+    camera = rig.camera
+    assert isinstance(camera, Camera)
+    assert isinstance(rig.stage, Stage)
+    assert camera.bit_depth == bits
+    assert camera.max_value == 2**bits - 1
+    setting = camera.set_exposure(0.002)
+    assert setting.requested == 0.002
+    assert setting.actual == pytest.approx(0.002, rel=0.1)
+    roi = Roi(10, 20, 33, 45)
+    taken = camera.set_roi(roi)
+    assert taken.requested == roi
+    assert taken.actual.holds(roi)
+    first, second = camera.grab(5.0), camera.grab(5.0)
+    assert first.data.shape == second.data.shape == taken.actual.shape
+    assert second.number > first.number
+    assert first.status == "complete"
+
+
+# -- Micro-Manager -------------------------------------------------------------------------------------
+MM = needs("micromanager", missing("mm_test_adapters", "uv pip install mm-test-adapters"))
+MM_OPTIONS = {
+    "config": "demo",
+    "limits": "-1e5:1e5,-1e5:1e5,-1e5:1e5",
+    "light": "White Light Shutter",
+    "set": "Camera.PixelType=16bit;Camera.BitDepth=12;XY.Velocity=10000",
+}
+
+
+@contextmanager
+def micromanager(plan: ScanPlan, **changes: str) -> Iterator[Rig]:
+    options = {**MM_OPTIONS, **changes}
+    try:
+        rig = open_rig(plan, "micromanager", options)
+    except DeviceMissing:
+        raise
+    except Exception:
+        # not every version of the demo stage has a velocity
+        options["set"] = options["set"].replace(";XY.Velocity=10000", "")
+        rig = open_rig(plan, "micromanager", options)
+    with rig:
+        yield rig
+
+
+@MM
+def test_micromanager_demo_records_27_positions(tmp_path: Path) -> None:
+    plan = plan_for((512, 512), 12)
+    plan = replace(plan, depths_um=(0.0, 60.0, 120.0))
+    with micromanager(plan) as rig:
+        check_camera(rig, 12)
+        assert "DemoCamera" in rig.camera.name
+        options = replace(OPTIONS, darks=2, tolerance_um=(1.0, 1.0, 1.0))
+        assert record(tmp_path, plan, rig, options).how == "complete"
+    check_session(tmp_path, plan)
+
+
+@MM
+def test_micromanager_faults_are_typed() -> None:
+    plan = plan_for((512, 512), 12)
+    with micromanager(plan) as rig:
+        with pytest.raises(StageError, match="out of range"):
+            rig.stage.move((0.0, 0.0, 1e9))
+        rig.stage.stop()
+        rig.camera._core.unloadDevice("Camera")  # type: ignore[attr-defined]
+        with pytest.raises(CameraError, match="check the camera"):
+            rig.camera.grab(1.0)
+    with pytest.raises(InputError, match="give the travel"):
+        open_rig(plan, "micromanager", {"config": "demo"})
+    with pytest.raises(InputError, match="check the path"):
+        open_rig(plan, "micromanager", {"config": "/nowhere.cfg", "limits": MM_OPTIONS["limits"]})
+    with pytest.raises(DeviceMissing, match="Micro-Manager camera"):
+        open_rig(plan, "micromanager", {**MM_OPTIONS, "camera": "Nikon"})
+
+
+# -- Aravis --------------------------------------------------------------------------------------------
+FAKE_REASON = "" if FAKE else "arv-fake-gv-camera-0.8 is not installed: apt-get install aravis-tools"
+ARAVIS = needs("aravis", FAKE_REASON)
+
+
+@contextmanager
+def fake_camera(lost_per_thousand: int = 0) -> Iterator[subprocess.Popen[bytes]]:
+    """Run Aravis's GigE Vision camera on the loopback interface."""
+    assert FAKE is not None
+    command = [FAKE, "-i", ADDRESS, "-s", "TEST", "-r", str(lost_per_thousand)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        time.sleep(0.2)
+        assert process.poll() is None
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def aravis(plan: ScanPlan, **changes: str) -> Rig:
+    options = {"camera": ADDRESS, "format": "Mono8", "sim.velocity": "1e6", **changes}
+    return open_rig(plan, "aravis", options, stage="sim")
+
+
+@ARAVIS
+@pytest.mark.parametrize("trigger", ["software", "none"])
+def test_aravis_records_27_positions(tmp_path: Path, trigger: str) -> None:
+    plan = plan_for((2048, 2048), 8)
+    with fake_camera(), aravis(plan, trigger=trigger) as rig:
+        check_camera(rig, 8)
+        if trigger == "software":
+            assert record(tmp_path, plan, rig, OPTIONS).how == "complete"
+            check_session(tmp_path, plan)
+
+
+@ARAVIS
+def test_aravis_losing_packets_retries_and_keeps_only_whole_frames(tmp_path: Path) -> None:
+    plan = plan_for((2048, 2048), 8)
+    with fake_camera(20), aravis(plan, packet_size="1400") as rig:
+        rig.camera.set_roi(Roi(0, 0, 200, 200))
+        assert {rig.camera.grab(5.0).status for _ in range(12)} != {"complete"}
+        stubborn = replace(OPTIONS, retries=40, overshoot_um=(0.0, 0.0, 0.0))
+        assert record(tmp_path, plan, rig, stubborn).how == "complete"
+    check_session(tmp_path, plan)
+
+
+@ARAVIS
+def test_aravis_camera_killed_in_the_middle_stops_and_resumes(tmp_path: Path) -> None:
+    plan = plan_for((2048, 2048), 8)
+    options = replace(OPTIONS, grab_timeout_s=0.3)
+    with fake_camera() as process, aravis(plan) as rig:
+        taken = 0
+
+        def kill(*_: object) -> None:
+            nonlocal taken
+            taken += 1
+            if taken == 8:
+                process.kill()
+
+        with pytest.raises(AcquisitionStopped, match="no answer") as caught:
+            record(tmp_path, plan, rig, options, observers=(kill,))
+    assert isinstance(caught.value.cause, DeviceLost)
+    assert 8 <= caught.value.acknowledged < 27
+    with fake_camera(), aravis(plan) as rig:
+        assert record(tmp_path, plan, rig, options, resume=True).how == "complete"
+    check_session(tmp_path, plan)
+
+
+@ARAVIS
+def test_aravis_says_what_is_missing() -> None:
+    plan = plan_for((2048, 2048), 8)
+    with pytest.raises(DeviceMissing, match="check power, cable and address"):
+        aravis(plan, camera="127.0.0.99")
+    with fake_camera():
+        with pytest.raises(InputError, match="unpacked Mono or Bayer"):
+            aravis(plan, format="RGB8")
+        with pytest.raises(InputError, match="name its backend"):
+            open_rig(plan, "aravis", {"camera": ADDRESS})
+
+
+# -- GenTL ---------------------------------------------------------------------------------------------
+GENTL = needs("gentl")
+GENTL_OPTIONS = {
+    "cti": "virtual",
+    "format": "Mono8",
+    "set": "AcquisitionFrameRate=200;Width=320;Height=320",
+    "sim.velocity": "1e6",
+}
+
+
+@GENTL
+def test_gentl_records_27_positions(tmp_path: Path) -> None:
+    plan = plan_for((320, 320), 8)
+    with open_rig(plan, "gentl", GENTL_OPTIONS, stage="sim") as rig:
+        check_camera(rig, 8)
+        assert "Viky" in rig.camera.name
+        assert record(tmp_path, plan, rig, OPTIONS).how == "complete"
+    check_session(tmp_path, plan)
+
+
+@GENTL
+def test_gentl_says_what_is_missing() -> None:
+    plan = plan_for((320, 320), 8)
+    with pytest.raises(InputError, match="name the maker's file"):
+        open_rig(plan, "gentl", {"cti": "/nowhere.cti"}, stage="sim")
+    with pytest.raises(DeviceMissing, match="0 to 2"):
+        open_rig(plan, "gentl", {**GENTL_OPTIONS, "camera": "77"}, stage="sim")
+    with pytest.raises(InputError, match="unpacked Mono or Bayer"):
+        open_rig(plan, "gentl", {**GENTL_OPTIONS, "format": "RGBa8"}, stage="sim")
+    with pytest.raises(CameraError, match="check the feature"):
+        open_rig(plan, "gentl", {**GENTL_OPTIONS, "set": "NoSuchFeature=1"}, stage="sim")

@@ -1,0 +1,134 @@
+"""Backends found by name, absent ones with their reason, those of other packages."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from importlib import metadata
+from typing import Any
+
+import pytest
+
+from lfcal.camera import ScanPlan
+from lfcal.devices import registry
+from lfcal.devices.backends import _aravis_lib
+from lfcal.devices.errors import DeviceMissing
+from lfcal.devices.protocols import Camera, Light, Rig, Stage
+from lfcal.devices.registry import Backend, find_backends, get_backend, open_rig
+from lfcal.errors import InputError
+from tests.acquire.rigs import rig_for, small_plan
+
+PLAN = small_plan()
+
+
+def test_all_own_backends_are_listed() -> None:
+    found = {finding.name: finding for finding in find_backends()}
+    assert set(registry.OWN) <= set(found)
+    for name in registry.OWN:
+        backend = get_backend(name)
+        assert isinstance(backend, Backend)
+        assert backend.name == name
+        assert found[name].available == bool(found[name].version)
+    assert found["sim"].available
+
+
+def test_simulated_devices_fulfil_the_protocols() -> None:
+    rig = rig_for(PLAN)
+    assert isinstance(rig.camera, Camera)
+    assert isinstance(rig.stage, Stage)
+    assert isinstance(rig.light, Light)
+
+
+def test_absence_has_a_reason_and_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pymmcore", None)
+    monkeypatch.setitem(sys.modules, "harvesters", None)
+    monkeypatch.setattr(_aravis_lib, "NAMES", ("libnothing.so",))
+    monkeypatch.setattr(_aravis_lib.ctypes.util, "find_library", lambda _: None)
+    _aravis_lib.library.cache_clear()
+    try:
+        found = {finding.name: finding for finding in find_backends()}
+        for name, what in (("micromanager", "pip install"), ("gentl", "pip install"), ("aravis", "apt install")):
+            assert not found[name].available
+            assert what in found[name].reason
+        with pytest.raises(DeviceMissing, match="apt install"):
+            open_rig(PLAN, "aravis", stage="sim")
+    finally:
+        _aravis_lib.library.cache_clear()
+
+
+class Foreign:
+    """A backend of another package."""
+
+    name = "foreign"
+    title = "camera of somebody else"
+    has_stage = True
+    options: Mapping[str, str] = {"gain": "gain (dB)"}
+
+    def probe(self) -> str:
+        return "1.0"
+
+    def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
+        return rig_for(plan)
+
+
+def points(monkeypatch: pytest.MonkeyPatch, **values: Any) -> None:
+    """Pretend that other packages declare these entry points."""
+
+    class Point:
+        def __init__(self, name: str, value: Any) -> None:
+            self.name, self.value = name, value
+
+        def load(self) -> Any:
+            if isinstance(self.value, Exception):
+                raise self.value
+            return self.value
+
+    monkeypatch.setattr(metadata, "entry_points", lambda group: [Point(k, v) for k, v in values.items()])
+
+
+def test_another_package_registers_through_an_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    points(monkeypatch, foreign=Foreign)
+    with open_rig(PLAN, "foreign", {"gain": "3"}) as rig:
+        assert rig.camera.sensor_shape == (96, 96)
+    with pytest.raises(InputError, match="option of foreign: expected gain"):
+        open_rig(PLAN, "foreign", {"brightness": "3"})
+
+
+def test_broken_packages_are_named_and_harm_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    points(monkeypatch, broken=ImportError("no libfoo.so"), wrong=object(), sim=Foreign)
+    found = {finding.name: finding for finding in find_backends()}
+    assert "no libfoo.so" in found["broken"].reason
+    assert "is not a backend" in found["wrong"].reason
+    assert found["sim"].title == "simulated camera and stage"
+
+
+def test_stage_of_another_backend_and_its_options() -> None:
+    with open_rig(PLAN, "folder", {"path": ".", "sim.velocity": "1e6"}, stage="sim") as rig:
+        assert rig.stage.name == "simulated stage"
+        assert rig.camera.name.startswith("files")
+        assert len(rig.others) == 2
+    with pytest.raises(InputError, match="option of folder"):
+        open_rig(PLAN, "folder", {"path": ".", "nonsense": "1"}, stage="sim")
+    with pytest.raises(InputError, match="a backend with a stage"):
+        open_rig(PLAN, "sim", stage="gentl")
+    with pytest.raises(InputError, match="choose one of these"):
+        open_rig(PLAN, "nothing")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"velocity": "fast"},
+        {"limits": "0:1"},
+        {"limits": "1:0,0:1,0:1"},
+        {"axes": "+x"},
+        {"faults": "times out"},
+        {"faults": "explodes@3"},
+        {"time": "never"},
+        {"optics": "magic"},
+        {"seed": "-1"},
+    ],
+)
+def test_bad_options_of_the_simulator_are_refused(options: dict[str, str]) -> None:
+    with pytest.raises(InputError):
+        open_rig(PLAN, "sim", options)

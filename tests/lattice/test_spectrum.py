@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lfcal.lattice.spectrum import blurred, guess_lattice, upright
+from tests.lattice.white_frames import draw_white
+
+
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+@pytest.mark.parametrize("degrees", [-1.0, 0.2, 12.0, 90.0])
+def test_upright_undoes_any_choice_of_basis(kind: str, degrees: float) -> None:
+    # a square lattice looks the same after a quarter turn; the smaller angle is taken
+    angle = math.radians(degrees % 90 if kind == "square" and degrees == 90.0 else degrees)
+    second = angle + math.radians(60 if kind == "hexagonal" else 90)
+    basis = 9.0 * np.array([[math.cos(angle), math.sin(angle)], [math.cos(second), math.sin(second)]])
+    # other bases of the same lattice with vectors of the shortest length
+    turns = [((0, 1), (-1, 0)), ((-1, 0), (0, -1)), ((1, 0), (0, 1)), ((0, -1), (1, 0))]
+    if kind == "hexagonal":
+        turns += [((0, 1), (-1, 1)), ((1, -1), (1, 0)), ((-1, 1), (-1, 0))]
+    for choice in turns:
+        assert upright(np.array(choice) @ basis, kind) == pytest.approx(basis)
+
+
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+def test_neither_a_finer_nor_a_coarser_lattice_is_taken(kind: str) -> None:
+    """Touching discs have weak first-order peaks; three types add peaks of a coarser lattice."""
+    edges = (0.6, 1.4, 2.2) if kind == "hexagonal" else (0.4,)
+    truth = draw_white(kind=kind, fill=1.0, edges=edges, pitch=18.0)
+    rough = guess_lattice(truth.frame.astype(np.float32), None, None)
+    assert rough.kind == kind
+    assert np.allclose(rough.basis, truth.basis, atol=0.05)
+    assert truth.distance_to_lattice((rough.centre[1], rough.centre[0])) < 0.1 * 18.0
+
+
+def test_only_the_middle_of_a_large_frame_is_looked_at() -> None:
+    truth = draw_white((1700, 60), kind="square", pitch=10.0, rotation=0.0)
+    rough = guess_lattice(truth.frame.astype(np.float32), None, None)
+    assert truth.distance_to_lattice((rough.centre[1], rough.centre[0])) < 1.0
+
+
+def test_a_wide_blur_keeps_planes_and_removes_ripple() -> None:
+    y, x = np.mgrid[:200, :300].astype(np.float32)
+    plane = (3 * x + y).astype(np.float32)
+    inner = (slice(70, 130), slice(80, 220))
+    ripple = (50 * np.sin(x)).astype(np.float32)
+    assert np.abs(blurred(plane + ripple, 20.0) - plane)[inner].max() < 2.0

@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lfcal.errors import InputError
+from lfcal.frames.corrections.steps import White
+from lfcal.lattice.fit import fit_lattice
+from lfcal.lattice.vignetting import vignetting_map
+from tests.lattice.white_frames import draw_white
+
+
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+def test_the_fall_of_light_is_recovered(kind: str) -> None:
+    truth = draw_white(kind=kind, falloff=0.4)
+    fit = fit_lattice(truth.frame, dark=100.0)
+    fall = vignetting_map(fit)
+    rows, columns = truth.frame.shape
+    y, x = np.mgrid[:rows, :columns]
+    centre = ((rows - 1) / 2, (columns - 1) / 2)
+    radius = ((y - centre[0]) ** 2 + (x - centre[1]) ** 2) / (centre[0] ** 2 + centre[1] ** 2)
+    frame = fall.frame()
+    assert frame.max() == pytest.approx(1.0, abs=1e-6)
+    inner = (slice(10, -10), slice(10, -10))
+    assert np.abs(frame - (1 - 0.4 * radius))[inner].max() < 0.02
+    assert fall.falloff == pytest.approx(0.6, abs=0.02)
+    assert fall.scatter < 0.01
+    assert np.array_equal(np.isnan(fall.lenslets), fit.dead)
+
+
+def test_the_smooth_frame_serves_as_white_frame() -> None:
+    truth = draw_white(falloff=0.4, dead=0.0)
+    fall = vignetting_map(fit_lattice(truth.frame, dark=100.0))
+    corrected = (truth.frame - 100.0) * White(fall.frame(), dark=0.0).gain
+    even = fit_lattice(np.clip(corrected, 0, None))
+    assert np.nanstd(even.light) / np.nanmean(even.light) < 0.01
+
+
+def test_a_handful_of_lenslets_is_refused() -> None:
+    frame = draw_white((110, 110), pitch=17.0, dead=0.0).frame
+    fit = fit_lattice(frame)
+    with pytest.raises(InputError, match="smooth field"):
+        vignetting_map(fit, degree=6)
+    assert vignetting_map(fit, degree=1).falloff < 1.0
