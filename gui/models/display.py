@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import InputError
 from lfcal.compiled import njit
+from lfcal.errors import InputError
 
 __all__ = ["COLOUR_MAPS", "Display", "bin_max", "colour_table", "levels_of", "to_uint8"]
 

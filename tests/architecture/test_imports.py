@@ -10,7 +10,19 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-COMMON = {"errors", "checks", "axes", "progress", "files", "units", "threads", "compiled", "registry", "figures", "plain"}
+COMMON = {
+    "errors",
+    "checks",
+    "axes",
+    "progress",
+    "files",
+    "units",
+    "threads",
+    "compiled",
+    "registry",
+    "figures",
+    "plain",
+}
 ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "units": set(),
@@ -92,7 +104,9 @@ def test_pages_do_not_import_each_other() -> None:
         assert not {n for n in others if n.split(".")[2] not in ("_base", path.stem)}, path.name
 
 
-@pytest.mark.parametrize("module", ["lfcal", "lfcal.camera", "lfcal.psf", "lfcal.frames", "lfcal.reconstruct", "lfcal.cli.console"])
+@pytest.mark.parametrize(
+    "module", ["lfcal", "lfcal.camera", "lfcal.psf", "lfcal.frames", "lfcal.reconstruct", "lfcal.cli.console"]
+)
 def test_importing_the_library_loads_no_window_and_no_plotting(module: str) -> None:
     code = (
         f"import sys, {module}; print([m for m in ('PySide6', 'pyqtgraph', 'matplotlib', 'numba') if m in sys.modules])"

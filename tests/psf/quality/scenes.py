@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Microscope, Sensor
-from lfcal.psf.aperture.shape import blade_radius
 from lfcal.compiled import njit
+from lfcal.psf.aperture.shape import blade_radius
 
 PEAK = 3000.0
 """Counts of the brightest pixel of a scene."""
