@@ -457,7 +457,7 @@ def open_session(settings: FrameSettings, plan: ScanPlan) -> Opened:
     )
     frames = np.full(plan.shape[:3], -1, np.int64)
     for index in range(len(source)):
-        frames[source.position(index)] = index
+        frames[source.info(index).position] = index
     return Opened(source, build_chain(source, recipe), frames, plan)
 
 
@@ -466,4 +466,4 @@ def load_frame(opened: Opened, position: Position) -> Loaded:
     index = int(opened.frames[position])
     raw = opened.source.read(index)
     level = opened.chain.saturation_level(raw.dtype)
-    return Loaded(position, opened.source.label(index), raw, opened.chain.apply(raw), frame_numbers(raw, level))
+    return Loaded(position, opened.source.info(index).label, raw, opened.chain.apply(raw), frame_numbers(raw, level))

@@ -17,12 +17,12 @@ from gui.models.stages import Stage
 from gui.pages._base import StagePage
 from gui.widgets.multiplex_panel import MultiplexPanel
 from lfcal.errors import LfcalError
-from lfcal.frames.formats.opening import IMAGE_SUFFIXES
+from lfcal.frames.formats.opening import image_suffixes
 from lfcal.progress import drain
 
 __all__ = ["Page"]
 
-IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(IMAGE_SUFFIXES))});;All files (*)"
+IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
 RECONSTRUCTED = ("family", "cfa", "pattern", "mask", "size", "scene", "filter", "noise", "image", "gain")
 """Settings that change what is reconstructed; the gain only with noise."""
 
@@ -132,7 +132,7 @@ class Page(StagePage):
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped image."""
-        if len(paths) == 1 and Path(paths[0]).is_file() and Path(paths[0]).suffix.lower() in IMAGE_SUFFIXES:
+        if len(paths) == 1 and Path(paths[0]).is_file() and Path(paths[0]).suffix.lower() in image_suffixes():
             self.open_image(paths[0])
             return True
         return False

@@ -154,9 +154,9 @@ class Page(StagePage):
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped image."""
-        from lfcal.frames.formats.opening import IMAGE_SUFFIXES
+        from lfcal.frames.formats.opening import image_suffixes
 
-        if len(paths) == 1 and Path(paths[0]).is_file() and Path(paths[0]).suffix.lower() in IMAGE_SUFFIXES:
+        if len(paths) == 1 and Path(paths[0]).is_file() and Path(paths[0]).suffix.lower() in image_suffixes():
             self.open_light_field(paths[0])
             return True
         return False

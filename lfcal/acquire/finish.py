@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from lfcal.acquire.recording.durable import FolderLock
 from lfcal.acquire.recording.reader import RecordingFile
@@ -18,10 +15,11 @@ from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session_file import SessionFile
 from lfcal.errors import FileFormatError
 from lfcal.files import replace_whole, require_space
+from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
 from lfcal.progress import Clock, Work
-from lfcal.psf.assemble import AssemblyReport, Corrections, iter_assemble
+from lfcal.psf.assemble import AssemblyReport
+from lfcal.psf.assemble_plan import AssemblySettings, iter_assemble_plan
 from lfcal.psf.chunk_codec import encode_chunk
-from lfcal.psf.cutout import Cutout
 from lfcal.threads import worker_count
 
 __all__ = ["iter_assemble_session", "iter_finish", "iter_repack"]
@@ -34,16 +32,10 @@ def iter_assemble_session(
     out: str | os.PathLike[str] | None = None,
     *,
     planes: Sequence[int] | None = None,
-    corrections: Corrections | None = None,
-    interpolation: str = "",
-    dtype: str = "float32",
-    compression: str = "gzip",
-    strict: bool = False,
-    workers: int | None = None,
+    recipe: CorrectionRecipe | None = None,
+    settings: AssemblySettings | None = None,
 ) -> Work[AssemblyReport]:
     """Assemble H from a session, also from planes that are complete while others are being recorded.
-
-    Dark frames of the session are subtracted where there are any.
 
     Parameters
     ----------
@@ -53,33 +45,14 @@ def iter_assemble_session(
         H file; None keeps H in memory.
     planes
         Depth planes to take; None takes all, with what is missing marked as missing.
-    corrections, interpolation, dtype, compression, strict, workers
-        As in `lfcal.psf.iter_assemble` and `Cutout`.
+    recipe
+        Corrections; None: the session's own darks, and nothing else.
+    settings
+        As in `lfcal.psf.iter_assemble_plan`.
     """
-    dark = (folder / file_name(Kind.DARK, 0)).exists()
-    with RecordingSource(folder, planes=planes, dark=dark) as source:
-        plan = source.plan
-        depths = np.array(plan.depths_um)[list(planes) if planes is not None else slice(None)]
-        report = yield from iter_assemble(
-            source,
-            (len(depths), *plan.period),
-            Cutout.for_plan(plan, interpolation=interpolation),
-            out,
-            corrections=corrections,
-            depths=depths,
-            camera=plan.camera,
-            strict=strict,
-            dtype=dtype,
-            compression=compression,
-            workers=workers,
-            provenance={
-                "session": source.session.identity,
-                "plan": json.loads(plan.to_json()),
-                "dark": dark,
-                "devices": {"camera": source.session.devices.camera, "stage": source.session.devices.stage},
-            },
-        )
-    return report
+    with RecordingSource(folder, planes=planes) as source:
+        view = corrected_view(source, recipe or CorrectionRecipe(), source.plan)
+        return (yield from iter_assemble_plan(view, source.plan, out, settings))
 
 
 def iter_finish(folder: Path, *, workers: int | None = None) -> Work[int]:

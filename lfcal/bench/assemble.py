@@ -97,7 +97,7 @@ def _decode(folder: Path) -> float:
 
 
 def _assemble(folder: Path, rows: int, columns: int, cutout: int) -> float:
-    from lfcal.frames import CorrectionChain, Dark, open_frames
+    from lfcal.frames import CorrectionChain, Dark, corrected, open_frames
     from lfcal.psf import Cutout, assemble
 
     start = time.perf_counter()
@@ -106,7 +106,9 @@ def _assemble(folder: Path, rows: int, columns: int, cutout: int) -> float:
         anchor = ((size - cutout - rows) // 2 + cutout // 2, (size - cutout - columns) // 2 + cutout // 2)
         chain = CorrectionChain((Dark(np.load(folder / "dark.npy")),))
         out = folder / "H.h5"
-        report = assemble(source, (1, rows, columns), Cutout((cutout, cutout), anchor), out=out, corrections=chain)
+        report = assemble(
+            corrected(source, chain), (1, rows, columns), Cutout((cutout, cutout), anchor), out, dtype="uint16"
+        )
         report.matrix.close()
     return time.perf_counter() - start
 

@@ -241,12 +241,14 @@ def _show_forecast(scan: ScanPlan, rig: Rig, options: Options, out: Path, json: 
 def _finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[str, Any]:
     from lfcal.acquire.finish import iter_assemble_session, iter_finish
     from lfcal.cli.console import run_work
+    from lfcal.psf import AssemblySettings
 
     result: dict[str, Any] = {}
     if assemble is not None:
-        made = run_work(iter_assemble_session(out, assemble, strict=True), quiet=quiet)
+        settings = AssemblySettings(strict=True)
+        made = run_work(iter_assemble_session(out, assemble, settings=settings), quiet=quiet)
         with made.matrix as matrix:
-            result |= {"H": assemble, "shape": matrix.shape, "saturated_frames": made.saturated}
+            result |= {"H": assemble, "shape": matrix.shape, "saturated_positions": made.saturated}
     if pack:
         result["bytes_gained"] = run_work(iter_finish(out), quiet=quiet)
     return result

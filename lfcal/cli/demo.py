@@ -13,6 +13,7 @@ import typer
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
+    from lfcal.frames import Frames
     from lfcal.psf import PSFMatrix
 
 
@@ -44,15 +45,15 @@ def command(
 
     Example: `lfcal demo demo_out`
     """
-    from lfcal.cli.assemble import read_plan
+    from lfcal.cli.assemble import open_scan
     from lfcal.cli.console import print_json, print_table
     from lfcal.cli.sample import sample_session
     from lfcal.units import format_seconds
 
     session = sample_session()
-    plan = read_plan(session / "frames", session / "plan.json")
+    source, plan = open_scan(session / "frames", session / "plan.json")
     steps = _Steps()
-    with _assembled(session, plan, out, steps, quiet=json) as matrix:
+    with _assembled(source, session, plan, out, steps, quiet=json) as matrix:
         _pictures(matrix, out, steps)
         check = _against_truth(matrix, session, plan, out, steps)
         _report(matrix, out, steps, quiet=json)
@@ -77,26 +78,18 @@ def command(
 
 
 @contextmanager
-def _assembled(session: Path, plan: ScanPlan, out: Path, steps: _Steps, *, quiet: bool) -> Iterator[PSFMatrix]:
+def _assembled(
+    source: Frames, session: Path, plan: ScanPlan, out: Path, steps: _Steps, *, quiet: bool
+) -> Iterator[PSFMatrix]:
     from lfcal.cli.console import run_work
-    from lfcal.frames import open_frames
-    from lfcal.frames.corrections.recipe import CorrectionRecipe, build_chain
-    from lfcal.psf import Cutout, iter_assemble
+    from lfcal.frames import CorrectionRecipe, corrected_view
+    from lfcal.psf import AssemblySettings, iter_assemble_plan
 
     with steps.step("frames, corrected and cropped with the shifting cutout") as made:
-        with open_frames(session / "frames", plan_shape=plan.shape[:3]) as source:
-            recipe = CorrectionRecipe(session / "dark", session / "white")
-            work = iter_assemble(
-                source,
-                plan.shape[:3],
-                Cutout.for_plan(plan),
-                out / "H.h5",
-                corrections=build_chain(source, recipe),
-                depths=plan.depths_um,
-                camera=plan.camera,
-                strict=True,
-                provenance={"plan": plan.to_dict()},
-            )
+        with source:
+            recipe = CorrectionRecipe(dark=session / "dark", white=session / "white")
+            view = corrected_view(source, recipe, plan)
+            work = iter_assemble_plan(view, plan, out / "H.h5", AssemblySettings(strict=True))
             report = run_work(work, quiet=quiet)
         made.append(f"H.h5 from {report.frames} frames")
     with report.matrix as matrix:

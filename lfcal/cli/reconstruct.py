@@ -134,12 +134,12 @@ def _check_names(names: list[str]) -> None:
 def _frames(path: Path) -> Iterator[tuple[str, Reader]]:
     """Yield name and reader of every page of an image file or of the images of a folder, in natural order."""
     from lfcal.errors import InputError
-    from lfcal.frames.formats.opening import IMAGE_SUFFIXES, open_image, read_image
+    from lfcal.frames.formats.opening import image_suffixes, open_image, read_image
     from lfcal.frames.positions import natural_key
 
     files = [path]
     if path.is_dir():
-        names = sorted((p.name for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES), key=natural_key)
+        names = sorted((p.name for p in path.iterdir() if p.suffix.lower() in image_suffixes()), key=natural_key)
         files = [path / name for name in names]
     if not files:
         raise InputError.expected(f"frames in {path}", "at least one image", "none", "check the folder")

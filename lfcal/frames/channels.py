@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,9 @@ from numpy.typing import NDArray
 
 from lfcal.errors import InputError
 from lfcal.frames.cfa import channel_names, channel_phase, pattern_side, phases
-from lfcal.frames.delegate import SourceView
-from lfcal.frames.regions import check_region, read_region, whole
-from lfcal.frames.source import FrameSource
+from lfcal.frames.regions import Region, check_region, whole
+from lfcal.frames.source import FrameInfo, Frames, FrameSource, Samples
+from lfcal.frames.view import SourceView
 
 __all__ = ["BalancedSource", "ChannelSource", "balanced_source", "channel_source"]
 
@@ -20,7 +21,7 @@ __all__ = ["BalancedSource", "ChannelSource", "balanced_source", "channel_source
 class ChannelSource(SourceView):
     """One position of the colour filter pattern as frames of their own: half the rows and columns for Bayer.
 
-    Pixel ``(r, c)`` is pixel ``(r0 + step r, c0 + step c)`` of the mosaic; ``origin_px`` (r0, c0) and
+    Pixel ``(r, c)`` is pixel ``(r0 + step r, c0 + step c)`` of the mosaic; ``channel_phase`` (r0, c0) and
     ``pixel_step`` are in the metadata, drifts are in pixels of the channel.
     """
 
@@ -45,28 +46,33 @@ class ChannelSource(SourceView):
         for key in ("black_level", "gains"):
             if isinstance(known.get(key), tuple):
                 known[key] = known[key][self._position]
-        return known | {"channel": self.channel, "origin_px": self._origin, "pixel_step": self._step}
+        return known | {"channel": self.channel, "channel_phase": self._origin, "pixel_step": self._step}
 
-    def drift(self, index: int) -> tuple[float, float]:
-        """Return the drift ``(dy, dx)`` of frame ``index`` in pixels of the channel."""
-        dy, dx = super().drift(index)
-        return dy / self._step, dx / self._step
+    def info(self, index: int) -> FrameInfo:
+        """Return what is known of frame ``index``; its drift is in pixels of the channel."""
+        info = self.source.info(index)
+        if info.origin != (0, 0):
+            # rows and columns of a channel would differ in number from cutout to cutout
+            raise InputError.expected(
+                f"channel {self.channel} of {info.label}",
+                "whole sensor frames",
+                "cutouts",
+                "record whole frames for it",
+            )
+        drift = None if info.drift is None else (info.drift[0] / self._step, info.drift[1] / self._step)
+        return replace(info, drift=drift, label=f"{info.label} {self.channel}")
 
-    def label(self, index: int) -> str:
-        """Return the name of the frame with that of the channel."""
-        return f"{self.source.label(index)} {self.channel}"
-
-    def read(self, index: int) -> NDArray[Any]:
-        """Return the channel of frame ``index``."""
-        return self.read_region(index, *whole(self.shape))
-
-    def read_region(self, index: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return the part ``[rows, columns]`` of the channel of frame ``index``."""
-        spans = [
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
+        """Return the channel of frame ``index``, or a part of it."""
+        rows, columns = (
             slice(start + self._step * part.start, start + self._step * (part.stop - 1) + 1)
-            for start, part in zip(self._origin, check_region((rows, columns), self.shape), strict=True)
-        ]
-        return np.ascontiguousarray(read_region(self.source, index, *spans)[:: self._step, :: self._step])
+            for start, part in zip(self._origin, check_region(region or whole(self.shape), self.shape), strict=True)
+        )
+        return np.ascontiguousarray(self.source.read(index, (rows, columns))[:: self._step, :: self._step])
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return the channel's samples."""
+        return Frames.samples(self, index, region)
 
 
 class BalancedSource(SourceView):
@@ -101,20 +107,19 @@ class BalancedSource(SourceView):
         known = {key: value for key, value in self.source.metadata.items() if key not in dropped}
         return known | {"balanced_by": self.gains}
 
-    def read(self, index: int) -> NDArray[np.float32]:
-        """Return frame ``index`` with its colours balanced."""
-        return self.read_region(index, *whole(self.shape))
-
-    def read_region(self, index: int, rows: slice, columns: slice) -> NDArray[np.float32]:
-        """Return the part ``[rows, columns]`` of frame ``index``."""
-        rows, columns = check_region((rows, columns), self.shape)
-        part = read_region(self.source, index, rows, columns).astype(np.float32)
+    def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
+        """Return frame ``index``, or a part of it, with its colours balanced."""
+        rows, columns = check_region(region or whole(self.shape), self.shape)
+        part = self.source.read(index, (rows, columns)).astype(np.float32)
+        top, left = (a.start + b for a, b in zip((rows, columns), self.source.info(index).origin, strict=True))
         for k, gain in enumerate(self.gains):
             r0, c0 = divmod(k, self._side)
-            part[(r0 - rows.start) % self._side :: self._side, (c0 - columns.start) % self._side :: self._side] *= (
-                np.float32(gain)
-            )
+            part[(r0 - top) % self._side :: self._side, (c0 - left) % self._side :: self._side] *= np.float32(gain)
         return part
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return the balanced samples; which of them are saturated is the mosaic's to say."""
+        return self.source.samples(index, region)._replace(values=self.read(index, region), noise=None)
 
 
 def channel_source(source: FrameSource, channel: str) -> ChannelSource:

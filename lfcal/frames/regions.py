@@ -1,28 +1,15 @@
-"""Regions of a frame: checked, grown, and read from sources that can read a part."""
+"""Regions of a frame: checked, grown, clipped, moved."""
 
 from __future__ import annotations
 
-from typing import Any, Protocol, TypeAlias, runtime_checkable
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TypeAlias
 
 from lfcal.errors import InputError
-from lfcal.frames.source import FrameSource
 
-__all__ = ["Region", "RegionReader", "check_region", "grow_region", "read_region", "region_shape", "whole"]
+__all__ = ["Region", "check_region", "clipped", "grow_region", "moved", "part_of", "region_shape", "whole"]
 
 Region: TypeAlias = tuple[slice, slice]
 """Rows and columns of a frame, each ``slice(start, stop)`` with step 1, in sensor pixels."""
-
-
-@runtime_checkable
-class RegionReader(Protocol):
-    """A frame source that reads a part of a frame without reading all of it."""
-
-    def read_region(self, index: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return the part ``[rows, columns]`` of frame ``index`` as a new array."""
-        ...
 
 
 def whole(shape: tuple[int, int]) -> Region:
@@ -62,17 +49,23 @@ def grow_region(region: Region, margin: int, shape: tuple[int, int]) -> Region:
     )
 
 
-def read_region(source: FrameSource, index: int, rows: slice, columns: slice) -> NDArray[Any]:
-    """Return the part ``[rows, columns]`` of frame ``index`` as a new contiguous array.
+def moved(region: Region, origin: tuple[int, int]) -> Region:
+    """Return ``region`` moved by ``origin`` (rows, columns): from frame to sensor coordinates."""
+    rows, columns = region
+    return (
+        slice(rows.start + origin[0], rows.stop + origin[0]),
+        slice(columns.start + origin[1], columns.stop + origin[1]),
+    )
 
-    A source with a ``read_region`` method reads no more than it must; any other reads the frame and cuts it.
 
-    Raises
-    ------
-    InputError
-        If the region leaves the sensor.
-    """
-    rows, columns = check_region((rows, columns), source.shape)
-    if isinstance(source, RegionReader):
-        return source.read_region(index, rows, columns)
-    return np.ascontiguousarray(source.read(index)[rows, columns])
+def clipped(region: Region, shape: tuple[int, int]) -> Region:
+    """Return the part of ``region`` that lies inside a frame of ``shape``; it may be empty."""
+    rows, columns = (
+        slice(min(max(part.start, 0), n), min(max(part.stop, 0), n)) for part, n in zip(region, shape, strict=True)
+    )
+    return rows, columns
+
+
+def part_of(region: Region, outer: Region) -> Region:
+    """Return ``region`` counted from the first pixel of ``outer``, which holds it."""
+    return moved(region, (-outer[0].start, -outer[1].start))

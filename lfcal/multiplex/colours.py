@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.checks import check_choice
-from lfcal.frames.delegate import SourceView
-from lfcal.frames.regions import check_region, read_region, whole
-from lfcal.frames.source import FrameSource
+from lfcal.frames.regions import Region, check_region, part_of, whole
+from lfcal.frames.source import FrameInfo, Frames, FrameSource, Samples
+from lfcal.frames.view import SourceView
 from lfcal.multiplex.colour_filters import cfa
 from lfcal.multiplex.demultiplexing import demultiplex
 from lfcal.multiplex.filters import SPATIAL_FILTERS
@@ -46,26 +47,27 @@ class ColourSource(SourceView):
         dropped = ("cfa", "saturation", "bit_depth", "gains", "black_level")
         return {k: v for k, v in self.source.metadata.items() if k not in dropped} | {"colour": self.colour}
 
-    def label(self, index: int) -> str:
-        """Return the name of the frame with that of the colour."""
-        return f"{self.source.label(index)} {self.colour}"
+    def info(self, index: int) -> FrameInfo:
+        """Return what is known of frame ``index``, named with the colour."""
+        info = self.source.info(index)
+        return replace(info, label=f"{info.label} {self.colour}")
 
-    def read(self, index: int) -> NDArray[np.float32]:
-        """Return the colour's frame ``index``."""
-        return self.read_region(index, *whole(self.shape))
-
-    def read_region(self, index: int, rows: slice, columns: slice) -> NDArray[np.float32]:
-        """Return the part ``[rows, columns]`` of the colour's frame ``index``."""
-        parts = check_region((rows, columns), self.shape)
-        grown = [
+    def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
+        """Return the colour's frame ``index``, or a part of it."""
+        inside = check_region(region or whole(self.shape), self.shape)
+        rows, columns = (
             slice(max(0, p.start // s - REACH) * s, min(n, p.stop + REACH * s))
-            for p, s, n in zip(parts, self.modulator.side, self.shape, strict=True)
-        ]
-        mosaic = read_region(self.source, index, *grown)
+            for p, s, n in zip(inside, self.modulator.side, self.shape, strict=True)
+        )
+        mosaic = self.source.read(index, (rows, columns))
         exact = mosaic.astype(np.float32) if mosaic.dtype == np.float64 else mosaic
         light = demultiplex(exact, self.modulator, filter=self.filter, workers=1)
-        inner = tuple(slice(p.start - g.start, p.stop - g.start) for p, g in zip(parts, grown, strict=True))
-        return np.ascontiguousarray(light[self.modulator.colours.index(self.colour)][inner])
+        part = part_of(inside, (rows, columns))
+        return np.ascontiguousarray(light[self.modulator.colours.index(self.colour)][part])
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return the colour's samples; every one is made of several of the mosaic's."""
+        return Frames.samples(self, index, region)
 
 
 def colour_source(source: FrameSource, colour: str, *, filter: str = "cubic") -> ColourSource:

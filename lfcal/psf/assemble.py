@@ -1,11 +1,14 @@
-"""Frames to H: corrected, cropped with the shifting cutout, stacked plane by plane."""
+"""Frames to H: cropped with the shifting cutout, stacked plane by plane.
+
+Frames come as a source gives them; whoever wants them corrected hands over the corrected view.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
 
@@ -16,61 +19,15 @@ from lfcal.camera import Camera
 from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource, Position
 from lfcal.progress import Clock, Work, drain
-from lfcal.psf.cutout import Cutout, frame_origin
+from lfcal.psf.cutout import Cutout
+from lfcal.psf.facts import Facts, pack_valid, stacked
+from lfcal.psf.gather import Gatherer, by_position
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import open_psf
 from lfcal.psf.store import PSFWriter
 from lfcal.threads import worker_count
 
-__all__ = ["AssemblyReport", "Corrections", "assemble", "iter_assemble"]
-
-
-Region = tuple[slice, slice]
-
-
-class Corrections(Protocol):
-    """What assembly needs of a correction chain (`lfcal.frames.CorrectionChain`)."""
-
-    @property
-    def shape(self) -> tuple[int, int] | None:
-        """Rows and columns of the sensor the chain fits; None: any."""
-        ...
-
-    @property
-    def margin(self) -> int:
-        """Pixels around a region that its correction looks at."""
-        ...
-
-    @property
-    def measures_frames(self) -> bool:
-        """Whether the whole frame is needed to know its background."""
-        ...
-
-    def apply_region(
-        self,
-        part: NDArray[Any],
-        region: Region,
-        *,
-        inside: Region | None = None,
-        exposure_s: float | None = None,
-        background: tuple[float, float, float] | None = None,
-    ) -> NDArray[np.float32]:
-        """Return the corrected values of ``inside`` from the raw ones of ``region``, signed."""
-        ...
-
-    def measure(
-        self, read: Callable[[Region], NDArray[Any]], shape: tuple[int, int], *, exposure_s: float | None = None
-    ) -> tuple[float, float, float]:
-        """Return the background of one whole frame."""
-        ...
-
-    def saturated(self, frame: NDArray[Any]) -> int:
-        """Return the number of saturated pixels of a raw frame."""
-        ...
-
-    def describe(self) -> dict[str, Any]:
-        """Return the chain as plain JSON types."""
-        ...
+__all__ = ["AssemblyReport", "assemble", "iter_assemble"]
 
 
 @dataclass(frozen=True)
@@ -83,34 +40,59 @@ class AssemblyReport:
         The assembled H, opened from the file, or in memory.
     frames
         Frames read.
-    missing, duplicates
-        Positions without a frame, and positions with several (the last one counts).
+    missing, repeated
+        Positions without a frame, and positions with several, which are averaged.
     saturated
-        Frames with saturated pixels.
+        Positions with saturated pixels in their pattern; None: nobody could tell of any.
+    unknown_saturation
+        Positions of which nobody could tell whether they are saturated.
     padded
         Positions whose cutout leaves the sensor and was padded with zeros.
     residual_px
         Largest sub-pixel distance (rows, columns) that ``nearest`` left between point and cutout.
+    spread
+        Median relative difference between repeated frames; None without repeats.
     """
 
     matrix: PSFMatrix
     frames: int
     missing: tuple[Position, ...] = ()
-    duplicates: tuple[Position, ...] = ()
-    saturated: int = 0
+    repeated: tuple[Position, ...] = ()
+    saturated: int | None = None
+    unknown_saturation: int = 0
     padded: tuple[Position, ...] = ()
     residual_px: tuple[float, float] = (0.0, 0.0)
-    notes: tuple[str, ...] = field(default=())
+    spread: float | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know, a line each."""
+        notes = []
+        if self.missing:
+            notes.append(f"{len(self.missing)} positions are missing, first (z, y, x) = {tuple(self.missing[0])}")
+        if self.repeated:
+            spread = "" if self.spread is None else f"; they differ by {100 * self.spread:.2g} % (median)"
+            notes.append(f"{len(self.repeated)} positions were recorded more than once and are averaged{spread}")
+        if self.padded:
+            notes.append(f"{len(self.padded)} cutouts leave the sensor and are padded with zeros")
+        if self.saturated:
+            notes.append(f"{self.saturated} positions have saturated pixels")
+        if self.unknown_saturation:
+            notes.append(
+                f"saturation is unknown at {self.unknown_saturation} positions: "
+                "state the bit depth in plan or manifest, or the saturation level"
+            )
+        return tuple(notes)
 
 
-@dataclass(frozen=True)
-class _Job:
-    """Everything one frame needs; shared by the threads."""
+class _Sink(Protocol):
+    """Where planes go: a file or memory."""
 
-    source: FrameSource
-    cutout: Cutout
-    corrections: Corrections | None
-    drift: NDArray[np.float64] | None
+    def __enter__(self) -> Any: ...
+
+    def __exit__(self, *_: Any) -> None: ...
+
+    def write_plane(self, z: int, plane: NDArray[Any], *, facts: Facts) -> None: ...
 
 
 def iter_assemble(
@@ -119,7 +101,6 @@ def iter_assemble(
     cutout: Cutout,
     out: str | os.PathLike[str] | None = None,
     *,
-    corrections: Corrections | None = None,
     depths: ArrayLike | None = None,
     camera: Camera | None = None,
     drift: ArrayLike | None = None,
@@ -134,22 +115,20 @@ def iter_assemble(
     Parameters
     ----------
     source
-        The frames, in any order.
+        The frames, in any order; their samples are taken as they are.
     shape
         ``(nz, ny, nx)`` positions of the plan.
     cutout
         The shifting cutout.
     out
         H file to write; None keeps H in memory as float32.
-    corrections
-        Applied to the pixels of each cutout before they are moved; None leaves samples as they are.
     depths, camera, provenance
         Stored with H.
     drift
         ``(len(source), 2)`` how far the image of each frame is off its place (rows, columns; px); None asks
         the source, whose manifest may say it.
     strict
-        Missing and duplicate positions are errors instead of being recorded in the file.
+        Missing and repeated positions are errors instead of being recorded in the file.
     dtype, compression, workers
         As in `PSFWriter`.
 
@@ -158,29 +137,17 @@ def iter_assemble(
     InputError
         If a frame lies outside the plan, is not finite, or its cutout leaves the sensor (with the position).
     """
-    frames, duplicates = _by_position(source, shape)
-    missing = tuple(Position(*map(int, p)) for p in np.argwhere(frames < 0))
-    _check_complete(source, shape, frames, missing, duplicates, strict)
-    offsets = None if drift is None else np.asarray(drift, np.float64)
-    if offsets is not None and offsets.shape != (len(source), 2):
-        raise InputError.expected("drift", f"shape ({len(source)}, 2)", offsets.shape, "one row per frame")
-    if corrections is not None and corrections.shape is not None and not hasattr(source, "origin"):
-        if tuple(corrections.shape) != tuple(source.shape):
-            raise InputError.expected(
-                "dark or white frame",
-                f"shape {tuple(source.shape)} of the frames",
-                tuple(corrections.shape),
-                "take all frames with one sensor setting",
-            )
-    job = _Job(source, cutout, corrections, offsets)
-    counts = np.zeros(shape, np.uint16)
-    for position in (source.position(k) for k in range(len(source))):
-        counts[position] += 1
-    padded, residual = _check_windows(job, frames)
+    infos = tuple(source.info(k) for k in range(len(source)))
+    order, starts = by_position(infos, shape)
+    counts = np.diff(starts).reshape(shape)
+    missing, repeated = (_positions(mask) for mask in (counts == 0, counts > 1))
+    _check_complete(shape, counts, missing, repeated, strict)
+    gatherer = Gatherer(source, infos, cutout, _drift_of(drift, len(source)))
+    padded, residual = _check_windows(gatherer, order)
     history = {
         "frames": len(source),
         "cutout": {"interpolation": cutout.interpolation, "outside": cutout.outside, "scale": list(cutout.scale)},
-        "corrections": corrections.describe() if corrections is not None else {},
+        "corrections": source.metadata.get("corrections", {}),
         **(provenance or {}),
     }
     meta: dict[str, Any] = {"depths": depths, "camera": camera, "anchor": cutout.anchor}
@@ -188,17 +155,38 @@ def iter_assemble(
     if out is None:
         sink = _Memory(shape, cutout.shape, meta, history)
     else:
-        options = {"dtype": dtype, "compression": compression, "provenance": history, "workers": workers, **meta}
-        sink = PSFWriter(out, (*shape, *cutout.shape), **options)
-    saturated = np.zeros(shape, np.uint32)
-    clock = Clock("assemble frames", int((frames >= 0).sum()))
+        sink = PSFWriter(
+            out,
+            (*shape, *cutout.shape),
+            **meta,
+            dtype=dtype,
+            compression=compression,
+            provenance=history,
+            workers=workers,
+        )
+    yield from _fill(gatherer, order, starts, counts, sink, workers)
+    matrix = sink.matrix() if isinstance(sink, _Memory) else open_psf(sink.path)
+    return _report(matrix, len(source), missing, repeated, padded, residual)
+
+
+def _fill(
+    gatherer: Gatherer,
+    order: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    counts: NDArray[np.int64],
+    sink: _Sink,
+    workers: int | None,
+) -> Work[None]:
+    """Gather every plane by rows in threads and hand it to the sink."""
+    clock = Clock("assemble frames", len(order))
     done = 0
     with sink, ThreadPoolExecutor(worker_count(workers)) as pool:
         yield clock.at(0)
-        for z in range(shape[0]):
-            plane = np.zeros((*shape[1:], *cutout.shape), np.float32)
-            fill = partial(_fill_row, job, z, frames[z], plane, saturated)
-            results = pool.map(fill, range(shape[1]))
+        for z, recorded in enumerate(counts):
+            plane = _Plane(recorded, gatherer.cutout.shape)
+            first = z * recorded.size
+            fill = partial(plane.fill_row, gatherer, order, starts[first : first + recorded.size + 1])
+            results = pool.map(fill, range(recorded.shape[0]))
             try:
                 for count in results:
                     done += count
@@ -206,31 +194,92 @@ def iter_assemble(
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise
-            if not plane.any() and (frames[z] >= 0).any():
-                first = job.source.label(int(frames[z].max()))
+            if recorded.any() and not plane.values.any():
+                label = gatherer.infos[int(order[starts[first]])].label
                 raise InputError.expected(
                     f"plane {z}",
                     "light in its cutouts",
-                    f"only zeros ({first} and others)",
+                    f"only zeros ({label} and others)",
                     "check exposure, anchor and dark frame",
                 )
-            sink.write_plane(z, plane, recorded=counts[z], saturated=saturated[z])
-    matrix = sink.matrix() if isinstance(sink, _Memory) else open_psf(sink.path)
-    return AssemblyReport(
-        matrix,
-        done,
-        missing,
-        duplicates,
-        int((saturated > 0).sum()),
-        padded,
-        residual,
-        _notes(missing, duplicates, padded, int((saturated > 0).sum())),
+            sink.write_plane(z, plane.values, facts=plane.facts())
+
+
+class _Plane:
+    """One plane while it is gathered: ``(ny, nx)`` patterns and their facts."""
+
+    def __init__(self, recorded: NDArray[np.int64], cutout: tuple[int, int]) -> None:
+        shape = recorded.shape
+        self.recorded, self.cutout = recorded, cutout
+        self.values = np.zeros((*shape, *cutout), np.float32)
+        self.saturated = np.full(shape, -1, np.int32)
+        self.noise = np.full((*shape, 2), np.nan, np.float32)
+        self.spread = np.full(shape, np.nan, np.float32)
+        self.invalid: dict[tuple[int, int], NDArray[np.bool_]] = {}
+
+    def fill_row(self, gatherer: Gatherer, order: NDArray[np.int64], starts: NDArray[np.int64], y: int) -> int:
+        """Gather the positions of one row; return how many frames that took."""
+        columns = self.recorded.shape[1]
+        row = starts[y * columns : (y + 1) * columns + 1]
+        for x in np.flatnonzero(np.diff(row)).tolist():
+            found = gatherer.pattern(order[row[x] : row[x + 1]])
+            self.values[y, x] = found.values
+            self.noise[y, x], self.spread[y, x], self.saturated[y, x] = found.noise, found.spread, found.saturated
+            if found.valid is not None:
+                self.invalid[y, x] = found.valid
+        return int(row[-1] - row[0])
+
+    def facts(self) -> Facts:
+        """Return what is known of the positions; what nobody measured is left out."""
+        valid = None
+        if self.invalid:
+            masks = np.full((*self.recorded.shape, len(pack_valid(np.ones(self.cutout, bool)))), 255, np.uint8)
+            for at, mask in self.invalid.items():
+                masks[at] = pack_valid(mask)
+            valid = masks
+        return Facts.of(
+            self.recorded.shape,
+            self.cutout,
+            recorded=self.recorded,
+            saturated=self.saturated if (self.saturated >= 0).any() else None,
+            noise=self.noise if np.isfinite(self.noise).any() else None,
+            spread=self.spread if np.isfinite(self.spread).any() else None,
+            valid=valid,
+        )
+
+
+def assemble(
+    source: FrameSource,
+    shape: tuple[int, int, int],
+    cutout: Cutout,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    depths: ArrayLike | None = None,
+    camera: Camera | None = None,
+    drift: ArrayLike | None = None,
+    strict: bool = False,
+    dtype: str = "float32",
+    compression: str = "gzip",
+    provenance: Mapping[str, Any] | None = None,
+    workers: int | None = None,
+) -> AssemblyReport:
+    """Assemble H at once; see `iter_assemble`."""
+    return drain(
+        iter_assemble(
+            source,
+            shape,
+            cutout,
+            out,
+            depths=depths,
+            camera=camera,
+            drift=drift,
+            strict=strict,
+            dtype=dtype,
+            compression=compression,
+            provenance=provenance,
+            workers=workers,
+        )
     )
-
-
-def assemble(source: FrameSource, shape: tuple[int, int, int], cutout: Cutout, **options: Any) -> AssemblyReport:
-    """Assemble H at once; options as in `iter_assemble`."""
-    return drain(iter_assemble(source, shape, cutout, **options))
 
 
 class _Memory:
@@ -240,7 +289,7 @@ class _Memory:
         self, shape: tuple[int, int, int], cutout: tuple[int, int], meta: dict[str, Any], history: dict[str, Any]
     ) -> None:
         self.values = np.zeros((*shape, *cutout), np.float32)
-        self.recorded, self.saturated = np.zeros(shape, np.uint16), np.zeros(shape, np.uint32)
+        self.facts: list[Facts] = []
         self.meta, self.history = meta, history
 
     def __enter__(self) -> None:
@@ -249,190 +298,94 @@ class _Memory:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def write_plane(self, z: int, plane: NDArray[Any], *, recorded: ArrayLike, saturated: ArrayLike) -> None:
+    def write_plane(self, z: int, plane: NDArray[Any], *, facts: Facts) -> None:
         if not np.isfinite(plane.sum(dtype=np.float64)):
             raise InputError.expected(
                 f"plane {z}", "finite values", "NaN or infinity", "find the frame and record it again"
             )
-        self.values[z], self.recorded[z], self.saturated[z] = plane, recorded, saturated
+        self.values[z] = plane
+        self.facts.append(facts)
 
     def matrix(self) -> PSFMatrix:
-        return PSFMatrix(
-            self.values, recorded=self.recorded, saturated=self.saturated, provenance=self.history, **self.meta
-        )
+        return PSFMatrix(self.values, facts=stacked(self.facts), provenance=self.history, **self.meta)
 
 
-def _by_position(source: FrameSource, shape: tuple[int, int, int]) -> tuple[NDArray[np.int64], tuple[Position, ...]]:
-    """Return the frame index of each position (-1: none) and the positions given more than once."""
-    frames = np.full(shape, -1, np.int64)
-    duplicates: dict[Position, None] = {}
-    for index in range(len(source)):
-        position = Position(*source.position(index))
-        if not all(0 <= p < n for p, n in zip(position, shape, strict=True)):
-            where = f"{source.label(index)} at (z, y, x) = {tuple(position)}"
-            raise InputError.expected(where, f"a position inside {shape}", "one outside", "check manifest and plan")
-        if frames[position] >= 0:
-            duplicates[position] = None
-        frames[position] = index
-    return frames, tuple(duplicates)
+def _positions(mask: NDArray[np.bool_]) -> tuple[Position, ...]:
+    return tuple(Position(*p) for p in np.argwhere(mask).tolist())
+
+
+def _drift_of(drift: ArrayLike | None, count: int) -> NDArray[np.float64] | None:
+    if drift is None:
+        return None
+    offsets = np.asarray(drift, np.float64)
+    if offsets.shape != (count, 2):
+        raise InputError.expected("drift", f"shape ({count}, 2)", offsets.shape, "one row per frame")
+    return offsets
 
 
 def _check_complete(
-    source: FrameSource,
     shape: tuple[int, int, int],
-    frames: NDArray[np.int64],
+    counts: NDArray[np.int64],
     missing: tuple[Position, ...],
-    duplicates: tuple[Position, ...],
+    repeated: tuple[Position, ...],
     strict: bool,
 ) -> None:
-    if not (frames >= 0).any():
+    if not counts.any():
         raise InputError.expected("frames", f"some of {int(np.prod(shape))}", "none", "check folder and pattern")
     if strict and missing:
         what = f"{len(missing)} missing, first (z, y, x) = {tuple(missing[0])}"
         raise InputError.expected("positions", "a frame at every one", what, "record them or drop strict")
-    if strict and duplicates:
-        what = f"{len(duplicates)} given twice, first (z, y, x) = {tuple(duplicates[0])}"
+    if strict and repeated:
+        what = f"{len(repeated)} given more than once, first (z, y, x) = {tuple(repeated[0])}"
         raise InputError.expected("positions", "one frame at each", what, "remove one or drop strict")
 
 
-def _check_windows(job: _Job, frames: NDArray[np.int64]) -> tuple[tuple[Position, ...], tuple[float, float]]:
-    """Return padded positions and largest residual; a cutout off the sensor is an error before any work."""
-    padded: list[Position] = []
+def _check_windows(gatherer: Gatherer, order: NDArray[np.int64]) -> tuple[tuple[Position, ...], tuple[float, float]]:
+    """Return padded positions and largest residual; a cutout off the frame is an error before any work."""
+    padded: dict[Position, None] = {}
     largest = [0.0, 0.0]
-    height, width = job.source.shape
-    for z, y, x in np.argwhere(frames >= 0):
-        position = Position(int(z), int(y), int(x))
-        index = int(frames[position])
-        window = job.cutout.window(position, _drift(job, index))
+    height, width = gatherer.source.shape
+    for index in order.tolist():
+        window, _ = gatherer.place(index)
         largest = [max(largest[0], abs(window.row_residual)), max(largest[1], abs(window.column_residual))]
-        row, column = frame_origin(job.source, index)
-        top, left = window.row - row, window.column - column
-        nt, ns = job.cutout.reach
-        if top < 0 or left < 0 or top + nt > height or left + ns > width:
-            if job.cutout.outside == "error":
-                where = f"cutout of {job.source.label(index)}, (z, y, x) = {tuple(position)}"
-                got = f"rows {top}..{top + nt - 1}, columns {left}..{left + ns - 1}"
-                wanted = f"rows 0..{height - 1}, columns 0..{width - 1}"
-                raise InputError.expected(where, wanted, got, "move the anchor, shrink the cutout, or pad")
-            padded.append(position)
+        if not gatherer.outside(index):
+            continue
+        info = gatherer.infos[index]
+        if gatherer.cutout.outside == "error":
+            nt, ns = gatherer.cutout.reach
+            top, left = info.origin
+            raise InputError.expected(
+                f"cutout of {gatherer.where(index)}",
+                f"rows {top}..{top + height - 1}, columns {left}..{left + width - 1}",
+                f"rows {window.row}..{window.row + nt - 1}, columns {window.column}..{window.column + ns - 1}",
+                "move the anchor, shrink the cutout, or pad",
+            )
+        padded[info.position] = None
     return tuple(padded), (largest[0], largest[1])
 
 
-def _drift(job: _Job, index: int) -> tuple[float, float]:
-    if job.drift is not None:
-        return float(job.drift[index, 0]), float(job.drift[index, 1])
-    known = getattr(job.source, "drift", None)
-    return (0.0, 0.0) if known is None else known(index)
-
-
-def _fill_row(
-    job: _Job,
-    z: int,
-    frames: NDArray[np.int64],
-    plane: NDArray[np.float32],
-    saturated: NDArray[np.uint32],
-    y: int,
-) -> int:
-    """Read, correct and crop the frames of one source row into ``plane[y]``; return how many there were."""
-    columns = np.flatnonzero(frames[y] >= 0).tolist()
-    for x in columns:
-        plane[y, x], saturated[z, y, x] = _cut_frame(job, Position(z, y, x), int(frames[y, x]))
-    return len(columns)
-
-
-def _cut_frame(job: _Job, position: Position, index: int) -> tuple[NDArray[np.float32], int]:
-    frame = job.source.read(index)
-    where = f"{job.source.label(index)}, (z, y, x) = {tuple(position)}"
-    if frame.ndim != 2 or frame.shape != tuple(job.source.shape):
-        raise InputError.expected(where, f"{job.source.shape} pixels", frame.shape, "take the frame again")
-    window = job.cutout.window(position, _drift(job, index))
-    origin = frame_origin(job.source, index)
-    rows, columns = (
-        slice(part.start - start, part.stop - start)
-        for part, start in zip(job.cutout.region(window), origin, strict=True)
+def _report(
+    matrix: PSFMatrix,
+    frames: int,
+    missing: tuple[Position, ...],
+    repeated: tuple[Position, ...],
+    padded: tuple[Position, ...],
+    residual: tuple[float, float],
+) -> AssemblyReport:
+    there = matrix.recorded > 0
+    counted = matrix.saturated
+    unknown = int(there.sum()) if counted is None else int(((counted < 0) & there).sum())
+    known = counted is not None and bool((counted >= 0).any())
+    spreads = matrix.facts.spread
+    known_spreads = None if spreads is None else spreads[np.isfinite(spreads)]
+    return AssemblyReport(
+        matrix,
+        frames,
+        missing,
+        repeated,
+        int((counted > 0).sum()) if counted is not None and known else None,
+        unknown,
+        padded,
+        residual,
+        float(np.median(known_spreads)) if known_spreads is not None and known_spreads.size else None,
     )
-    saturated = 0
-    if job.corrections is None:
-        values = _region(frame, rows, columns)
-    else:
-        saturated = job.corrections.saturated(frame)
-        if saturated == frame.size:
-            raise InputError.expected(where, "a point on a dark ground", "every pixel saturated", "expose shorter")
-        values = _corrected(job, index, frame, origin, (rows, columns))
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        raise InputError.expected(where, "finite values", "NaN or infinity", "take the frame again or leave it out")
-    return job.cutout.resample(values, window), saturated
-
-
-def _corrected(
-    job: _Job, index: int, frame: NDArray[Any], origin: tuple[int, int], region: Region
-) -> NDArray[np.float32]:
-    """Return the corrected values of a region (in frame pixels; zeros beyond the frame).
-
-    Corrections live on the sensor, so a frame that is itself a cutout is handed over with its origin.
-    """
-    chain = job.corrections
-    assert chain is not None
-    if chain.measures_frames and origin != (0, 0):
-        raise InputError.expected(
-            "background",
-            "a constant for frames that are cutouts",
-            "one measured on whole frames",
-            "use a constant background",
-        )
-    exposure = getattr(job.source, "exposure_s", None)
-    seconds = None if exposure is None else exposure(index)
-
-    def on_sensor(part: Region) -> Region:
-        return (
-            slice(part[0].start + origin[0], part[0].stop + origin[0]),
-            slice(part[1].start + origin[1], part[1].stop + origin[1]),
-        )
-
-    inside = _clipped(region, frame.shape)
-    grown = _clipped(tuple(slice(p.start - chain.margin, p.stop + chain.margin) for p in region), frame.shape)
-    background = chain.measure(lambda part: frame[part], (frame.shape[0], frame.shape[1]), exposure_s=seconds)
-    fixed = chain.apply_region(
-        frame[grown], on_sensor(grown), inside=on_sensor(inside), exposure_s=seconds, background=background
-    )
-    if inside == region:
-        return fixed
-    out = np.zeros((region[0].stop - region[0].start, region[1].stop - region[1].start), np.float32)
-    top, left = inside[0].start - region[0].start, inside[1].start - region[1].start
-    out[top : top + fixed.shape[0], left : left + fixed.shape[1]] = fixed
-    return out
-
-
-def _clipped(region: tuple[slice, ...], shape: tuple[int, ...]) -> Region:
-    """Return the part of ``region`` that lies inside a frame of ``shape``."""
-    rows, columns = (
-        slice(min(max(part.start, 0), n), min(max(part.stop, 0), n)) for part, n in zip(region, shape, strict=True)
-    )
-    return rows, columns
-
-
-def _region(frame: NDArray[Any], rows: slice, columns: slice) -> NDArray[Any]:
-    """Return a region that may reach beyond the frame, with zeros there."""
-    inside = _clipped((rows, columns), frame.shape)
-    if inside == (rows, columns):
-        return frame[inside]
-    out = np.zeros((rows.stop - rows.start, columns.stop - columns.start), frame.dtype)
-    top, left = inside[0].start - rows.start, inside[1].start - columns.start
-    part = frame[inside]
-    out[top : top + part.shape[0], left : left + part.shape[1]] = part
-    return out
-
-
-def _notes(
-    missing: tuple[Position, ...], duplicates: tuple[Position, ...], padded: tuple[Position, ...], saturated: int
-) -> tuple[str, ...]:
-    notes = []
-    if missing:
-        notes.append(f"{len(missing)} positions are missing, first (z, y, x) = {tuple(missing[0])}")
-    if duplicates:
-        notes.append(f"{len(duplicates)} positions were given more than once; the last frame counts")
-    if padded:
-        notes.append(f"{len(padded)} cutouts leave the sensor and are padded with zeros")
-    if saturated:
-        notes.append(f"{saturated} frames have saturated pixels")
-    return tuple(notes)

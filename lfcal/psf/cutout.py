@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from lfcal.axes import centre, check_cutout
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
-from lfcal.frames.source import FrameSource, Position
+from lfcal.frames.source import Position
 
-__all__ = ["INTERPOLATIONS", "Cutout", "Window", "find_cutout", "frame_origin"]
+__all__ = ["INTERPOLATIONS", "Cutout", "Window", "find_cutout"]
 
 INTERPOLATIONS = ("nearest", "linear", "cubic", "fourier")
 """How a window that lies between pixels is taken; ``nearest`` moves no light and reports what is left."""
@@ -157,15 +157,6 @@ def _fourier_shift(data: NDArray[np.float32], shift: tuple[float, float]) -> NDA
     phase = np.exp(2j * np.pi * (shift[0] * rows[:, None] + shift[1] * columns))
     moved = np.fft.irfft2(np.fft.rfft2(data.astype(np.float64)) * phase, s=data.shape)
     return moved.astype(np.float32)
-
-
-def frame_origin(source: FrameSource, index: int) -> tuple[int, int]:
-    """Return the sensor (row, column) of the first pixel of a frame: (0, 0) unless the source says otherwise."""
-    origin = getattr(source, "origin", None)
-    if origin is None:
-        return 0, 0
-    row, column = origin(index)
-    return int(row), int(column)
 
 
 def find_cutout(

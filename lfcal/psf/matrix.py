@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.axes import check_psf_shape
 from lfcal.errors import InputError
+from lfcal.psf.facts import Facts, fitting, unpack_valid
 from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, Planes, ScaledPlanes
 
 if TYPE_CHECKING:
@@ -42,10 +43,16 @@ class PSFMatrix:
         For stored integers: value = stored * scale + offset, one number or one per plane.
     recorded
         How often each position ``(nz, ny, nx)`` was recorded (0: missing); by default once.
+    saturated
+        Saturated pixels in each position's pattern ``(nz, ny, nx)``, -1 where nobody could tell; None: not counted.
+    facts
+        All that is known of the positions, in place of ``recorded`` and ``saturated``.
     depth_sums
         Depth-plane sums ``(nz, nt, ns)`` where they are known already.
-    saturated
-        Saturated pixels in each position's frame ``(nz, ny, nx)`` where known.
+    region
+        Name of the region of the field, empty where there is one only.
+    transposed
+        The values are those of HT.
     provenance
         How H came about, as plain JSON types.
 
@@ -65,8 +72,11 @@ class PSFMatrix:
         scale: ArrayLike = 1.0,
         offset: ArrayLike = 0.0,
         recorded: ArrayLike | None = None,
-        depth_sums: ArrayLike | None = None,
         saturated: ArrayLike | None = None,
+        facts: Facts | None = None,
+        depth_sums: ArrayLike | None = None,
+        region: str = "",
+        transposed: bool = False,
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
         planes = _as_planes(data)
@@ -78,20 +88,20 @@ class PSFMatrix:
             planes = ScaledPlanes(planes, scales, offsets)
         self._planes: Planes = planes
         self._shape = shape
-        self._depths = _fitting("depths", np.arange(shape[0]) if depths is None else depths, per_plane, np.float64)
+        self._depths = fitting("depths", np.arange(shape[0]) if depths is None else depths, per_plane, np.float64)
         self._camera = camera
         self._anchor = (float(anchor[0]), float(anchor[1]))
-        counts = np.ones(shape[:3], np.uint16) if recorded is None else recorded
-        self._recorded = _fitting("recorded", counts, shape[:3], np.uint16)
-        self._saturated = None if saturated is None else _fitting("saturated", saturated, shape[:3], np.uint32)
+        given = {"recorded": recorded, "saturated": saturated} if facts is None else facts.known()
+        self._facts = Facts.of(shape[:3], shape[3:], **given)
+        self.region = region
         self._provenance = dict(provenance or {})
         self._sums: dict[int, NDArray[np.float64]] = {}
         if depth_sums is not None:
-            self._sums = dict(enumerate(_fitting("depth sums", depth_sums, (shape[0], *shape[3:]), np.float64)))
+            self._sums = dict(enumerate(fitting("depth sums", depth_sums, (shape[0], *shape[3:]), np.float64)))
         self._apertures: dict[int, Aperture] = {}
         self._lock = threading.Lock()
         self._other: PSFMatrix | None = None
-        self._is_transposed = False
+        self._is_transposed = transposed
 
     # -- what it is ------------------------------------------------------------------------------------
     @property
@@ -141,23 +151,55 @@ class PSFMatrix:
 
     @property
     def anchor(self) -> tuple[float, float]:
-        """Sensor position (row, column) of the image of source position (0, 0) (pixels)."""
+        """Sensor position (row, column) of the image of source position (0, 0) of H (pixels)."""
         return self._anchor
 
     @property
-    def recorded(self) -> NDArray[np.uint16]:
-        """How often each position ``(nz, ny, nx)`` was recorded; 0: missing."""
-        return self._recorded
+    def facts(self) -> Facts:
+        """What is known of the positions of H; of the view ``H.T`` nothing is, for its positions are pixels of H.
+
+        Raises
+        ------
+        InputError
+            For ``H.T``.
+        """
+        if self._is_transposed:
+            raise InputError.expected(
+                "facts of the positions", "those of H", "those of HT, whose positions are pixels", "ask HT.T for them"
+            )
+        return self._facts
 
     @property
-    def saturated(self) -> NDArray[np.uint32] | None:
-        """Saturated pixels in each position's frame ``(nz, ny, nx)``, where known."""
-        return self._saturated
+    def recorded(self) -> NDArray[np.uint16]:
+        """How often each position ``(nz, ny, nx)`` was recorded; 0: missing. For H only."""
+        known = self.facts.recorded
+        return np.ones(self._shape[:3], np.uint16) if known is None else known
+
+    @property
+    def saturated(self) -> NDArray[np.int32] | None:
+        """Saturated pixels in each pattern ``(nz, ny, nx)``, -1 where nobody could tell, or None. For H only."""
+        return self.facts.saturated
 
     @property
     def missing(self) -> NDArray[np.intp]:
-        """Positions ``(n, 3)`` as (z, y, x) that were never recorded."""
-        return np.argwhere(self._recorded == 0)
+        """Positions ``(n, 3)`` as (z, y, x) that were never recorded. For H only."""
+        return np.argwhere(self.recorded == 0)
+
+    def valid(self, z: int, y: int, x: int) -> NDArray[np.bool_]:
+        """Return which pixels ``(nt, ns)`` of a pattern of H carry a measurement: not saturated, not masked."""
+        packed = self.facts.valid
+        if packed is None:
+            return np.ones(self.cutout, np.bool_)
+        return unpack_valid(packed[z, y, x], self.cutout)
+
+    def variance(self, z: int, y: int, x: int) -> NDArray[np.float64] | None:
+        """Return the variance of each sample ``(nt, ns)`` of a pattern of H, or None where it is not known."""
+        noise = self.facts.noise
+        if noise is None or not np.isfinite(noise[z, y, x]).all():
+            return None
+        constant, slope = noise[z, y, x].astype(np.float64)
+        variance: NDArray[np.float64] = constant + slope * np.maximum(self[z, y, x].astype(np.float64), 0)
+        return variance
 
     @property
     def provenance(self) -> dict[str, Any]:
@@ -193,13 +235,13 @@ class PSFMatrix:
             return self._other
 
     def plane(self, z: int) -> NDArray[Any]:
-        """Return plane ``z`` as ``(ny, nx, nt, ns)``."""
-        return self._planes.plane(_in_range(z, 0, self._shape[0]))
+        """Return plane ``z`` as ``(ny, nx, nt, ns)``, read-only: it may be a view of the original."""
+        return _read_only(self._planes.plane(_in_range(z, 0, self._shape[0])))
 
     def depth_sum(self, z: int) -> NDArray[np.float64]:
         """Return the sum of plane ``z`` over all positions, ``(nt, ns)``: the aperture seen from that depth.
 
-        Computed once and kept; the sum of the transposed matrix is the same turned by 180 degrees.
+        Computed once, kept, and read-only; the sum of the transposed matrix is the same turned by 180 degrees.
         """
         z = _in_range(z, 0, self._shape[0])
         if z not in self._sums:
@@ -209,7 +251,7 @@ class PSFMatrix:
                 from lfcal.psf.transpose import depth_sum
 
                 self._sums[z] = depth_sum(self.plane(z))
-        return self._sums[z]
+        return _read_only(self._sums[z])
 
     def aperture(self, z: int) -> Aperture:
         """Return the iris fitted to the depth-plane sum of plane ``z`` (see `lfcal.psf.aperture`)."""
@@ -238,11 +280,11 @@ class PSFMatrix:
 
     def _from_plane(self, z: int, y: int | slice, x: int | slice, pixels: tuple[int | slice, ...]) -> Any:
         if isinstance(y, int) and isinstance(x, int):
-            return self._planes.cutout(z, y, x)[pixels]
+            return _read_only(self._planes.cutout(z, y, x))[pixels]
         rows = [y] if isinstance(y, int) else list(range(*y.indices(self._shape[1])))
         columns = [x] if isinstance(x, int) else list(range(*x.indices(self._shape[2])))
         if len(rows) * len(columns) * 4 > self._shape[1] * self._shape[2]:
-            return self._planes.plane(z)[(y, x, *pixels)]
+            return _read_only(self._planes.plane(z))[(y, x, *pixels)]
         block = np.empty((len(rows), len(columns), *self._shape[3:]), self.dtype)
         for a, row in enumerate(rows):
             for b, column in enumerate(columns):
@@ -283,6 +325,13 @@ class PSFMatrix:
         return f"<{name} (z, y, x, t, s) = {self._shape}, {self.dtype}{camera}>"
 
 
+def _read_only(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a view that cannot be written through: kept planes and users' arrays stay as they are."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
+
+
 def _as_planes(data: Any) -> Planes:
     if isinstance(data, PSFMatrix):
         return data._planes
@@ -292,14 +341,6 @@ def _as_planes(data: Any) -> Planes:
     if array.dtype.kind not in "iufcb":
         raise InputError.expected("PSF matrix", "numbers", f"dtype {array.dtype}", "convert it to numbers")
     return ArrayPlanes(array)
-
-
-def _fitting(what: str, value: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    array = np.array(value, dtype)
-    if array.shape != shape:
-        raise InputError.expected(what, f"shape {shape}", array.shape, "give one value per entry")
-    array.setflags(write=False)
-    return array
 
 
 def _in_range(value: int, axis: int, n: int) -> int:

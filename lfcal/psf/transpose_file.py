@@ -7,7 +7,7 @@ from pathlib import Path
 
 from lfcal.progress import Clock, Work
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.store import STORED_TYPES, PSFWriter, iter_save
+from lfcal.psf.store import STORED_TYPES, PSFWriter, facts_of, iter_save
 from lfcal.psf.transpose import transpose
 
 __all__ = ["iter_transpose_file"]
@@ -42,6 +42,6 @@ def iter_transpose_file(
         workers=workers,
     ) as writer:
         for z in range(len(matrix)):
-            writer.write_plane(z, transpose(matrix.plane(z)[None], method=method)[0], recorded=matrix.recorded[z])
+            writer.write_plane(z, transpose(matrix.plane(z)[None], method=method)[0], facts=facts_of(matrix).plane(z))
             yield clock.at(z + 1)
     return Path(out)

@@ -20,7 +20,9 @@ from lfcal.acquire.finish import iter_assemble_session
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.camera import ScanPlan
 from lfcal.progress import drain
+from lfcal.psf import AssemblySettings
 
+STRICT = AssemblySettings(strict=True)
 EXT4_IOC_SHUTDOWN = 0x8004587D
 NO_LOG_FLUSH = struct.pack("<I", 2)
 
@@ -86,7 +88,9 @@ def check(folder: Path, tally: Tally) -> None:
         file["frames"][0]
     with RecordingSource(folder) as source:
         _, ny, nx = source.plan.shape[:3]
-        there = {(p.z * ny + p.y) * nx + p.x: k for k, p in enumerate(map(source.position, range(len(source))))}
+        there = {
+            (p.z * ny + p.y) * nx + p.x: k for k, p in enumerate(source.info(i).position for i in range(len(source)))
+        }
         for flat in tally.frames:
             if flat not in there:
                 tally.lost += 1
@@ -124,7 +128,7 @@ def equal_matrices(one: Path, two: Path) -> bool:
     with RecordingSource(one) as source:
         planes = len(source.plan.depths_um)
     for z in range(planes):
-        a, b = (drain(iter_assemble_session(folder, planes=[z], strict=True)).matrix for folder in (one, two))
+        a, b = (drain(iter_assemble_session(folder, planes=[z], settings=STRICT)).matrix for folder in (one, two))
         if not np.array_equal(a[0], b[0]):
             return False
     return True

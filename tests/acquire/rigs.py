@@ -42,7 +42,7 @@ def rig_for(plan: ScanPlan, *faults: Fault, **options: Any) -> Rig:
 def frames_of(folder: Path) -> dict[tuple[int, int, int], NDArray[Any]]:
     """All recorded frames by position."""
     with RecordingSource(folder) as source:
-        return {tuple(source.position(k)): source.read(k) for k in range(len(source))}
+        return {tuple(source.info(k).position): source.read(k) for k in range(len(source))}
 
 
 def assert_same_frames(

@@ -58,7 +58,7 @@ def check_places(folder: Path) -> None:
         for k in range(len(source)):
             note = source.record(k)
             assert np.all(np.abs(note["stage_um"] - note["target_um"]) <= tolerance)
-            assert np.allclose(note["target_um"], PLAN.stage_um(np.array(source.position(k))))
+            assert np.allclose(note["target_um"], PLAN.stage_um(np.array(source.info(k).position)))
 
 
 @pytest.mark.parametrize(("kind", "error"), PASSING)

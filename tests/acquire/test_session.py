@@ -23,6 +23,7 @@ from lfcal.camera import StageAxes
 from lfcal.devices.errors import LimitError
 from lfcal.devices.protocols import Rig
 from lfcal.errors import FileFormatError, InputError, StorageError
+from lfcal.frames import CorrectionRecipe, corrected_view
 from lfcal.frames.source import FrameSource, Position
 from lfcal.progress import drain
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
@@ -54,12 +55,12 @@ def test_a_session_is_a_frame_source(whole: Path) -> None:
         assert source.shape == (21, 21)
         assert source.dtype == np.uint16
         assert len(source) == 27
-        assert [source.position(k) for k in range(27)] == sorted(PLAN.positions())
-        row, column = source.origin(5)
-        y, x = source.position(5)[1:]
+        assert [source.info(k).position for k in range(27)] == sorted(PLAN.positions())
+        row, column = source.info(5).origin
+        y, x = source.info(5).position[1:]
         assert (row, column) == (48 + y - 10, 48 + x - 10)
-        assert source.exposure_s(0) == 0.02
-        assert source.label(3) == "recording.h5[3]"
+        assert source.info(0).exposure_s == 0.02
+        assert source.info(3).label == "recording.h5[3]"
         assert source.metadata["bit_depth"] == 12
 
 
@@ -275,9 +276,10 @@ def test_darks_references_controls_and_exposures_per_plane(tmp_path: Path) -> No
         same = frames[tuple(control.position)]  # type: ignore[index]
         difference = np.abs(control.frame.astype(float) - same).sum() / (same - 64.0).clip(0).sum()
         assert difference < 0.35
-    with RecordingSource(tmp_path, dark=True) as source:
+    with RecordingSource(tmp_path) as recording:
+        source = corrected_view(recording, CorrectionRecipe(exposure="none"), PLAN)
         assert source.dtype == np.float32
-        assert {source.exposure_s(k) for k in range(27)} == {0.01, 0.02, 0.04}
+        assert {source.info(k).exposure_s for k in range(27)} == {0.01, 0.02, 0.04}
         corners = [source.read(k)[[0, 0, -1, -1], [0, -1, 0, -1]] for k in range(27)]
     assert abs(float(np.mean(corners))) < 1.5
     assert complete_planes(tmp_path) == (0, 1, 2)

@@ -65,7 +65,7 @@ def true_frame(z: int, y: int, x: int) -> np.ndarray:
     return np.rint(20000 * spot).astype(np.uint16)
 
 
-DARK = 100
+DARK = 20
 
 
 @pytest.fixture(scope="session")

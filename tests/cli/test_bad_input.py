@@ -189,7 +189,7 @@ CASES: dict[str, tuple[Spoil, str]] = {
     "text array": (_stack(np.full((24, 4, 4), "a")), "stack.npy"),
     "complex array": (_stack(np.ones((24, 40, 48), complex)), "stack.npy"),
     "saturated": (_saturated, "65535"),
-    "duplicate position": (_duplicate, "twice"),
+    "duplicate position": (_duplicate, "more than once"),
     "file listed twice": (_manifest(lambda lines: [*lines, lines[-1]]), "once"),
     "missing position": (_manifest(lambda lines: lines[:-1], "--strict"), "missing"),
     "position outside the plan": (_manifest(lambda lines: [*lines[:-1], "z1_y2_x3.png,9,0,0"]), "got 9"),

@@ -54,7 +54,7 @@ def check_session(folder: Path, plan: ScanPlan) -> None:
         for k in range(27):
             assert source.read(k).shape == (21, 21)
             note = source.record(k)
-            assert np.all(np.abs(note["stage_um"] - plan.stage_um(np.array(source.position(k)))) <= tolerance)
+            assert np.all(np.abs(note["stage_um"] - plan.stage_um(np.array(source.info(k).position))) <= tolerance)
 
 
 def check_camera(rig: Rig, bits: int) -> None:

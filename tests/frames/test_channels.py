@@ -15,7 +15,6 @@ from lfcal.frames import (
     balanced_source,
     channel_source,
     corrected,
-    read_region,
 )
 from tests.frames.scenes import session
 
@@ -32,11 +31,11 @@ def test_channel_of_a_bayer_mosaic(channel: str, r: int, c: int) -> None:
     source = channel_source(mosaic(), channel)
     assert source.shape == FRAMES[0, r::2, c::2].shape
     np.testing.assert_array_equal(source.read(1), FRAMES[1, r::2, c::2])
-    assert source.dtype == np.uint16 and source.position(1) == (0, 0, 1)
-    assert source.metadata["origin_px"] == (r, c) and source.metadata["pixel_step"] == 2
+    assert source.dtype == np.uint16 and source.info(1).position == (0, 0, 1)
+    assert source.metadata["channel_phase"] == (r, c) and source.metadata["pixel_step"] == 2
     assert source.metadata["black_level"] == 2 * r + c + 1 and "cfa" not in source.metadata
-    assert source.drift(1) == (0.5, -1.5)
-    assert source.label(1) == f"frames[1] {channel}"
+    assert source.info(1).drift == (0.5, -1.5)
+    assert source.info(1).label == f"frames[1] {channel}"
 
 
 @given(st.integers(0, 9), st.integers(1, 10), st.integers(0, 14), st.integers(1, 15), st.sampled_from(["G1", "R", "B"]))
@@ -44,7 +43,7 @@ def test_channel_of_a_bayer_mosaic(channel: str, r: int, c: int) -> None:
 def test_region_of_a_channel_is_its_crop(r: int, rows: int, c: int, columns: int, channel: str) -> None:
     for source in (channel_source(mosaic(), channel), balanced_source(mosaic(), (1.0, 2.0, 3.0, 1.5))):
         at = slice(r, min(source.shape[0], r + rows)), slice(c, min(source.shape[1], c + columns))
-        np.testing.assert_array_equal(read_region(source, 1, *at), source.read(1)[at])
+        np.testing.assert_array_equal(source.read(1, at), source.read(1)[at])
 
 
 def test_pattern_of_four_by_four() -> None:

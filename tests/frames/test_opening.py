@@ -20,8 +20,6 @@ from lfcal.frames import (
     FrameSource,
     Manifest,
     Position,
-    frame_drift,
-    frame_exposure,
     open_frames,
     scan_positions,
     write_manifest,
@@ -37,11 +35,11 @@ def assert_session(source: FolderSource, frames: np.ndarray = FRAMES) -> None:
     assert isinstance(source, FrameSource)
     assert (len(source), source.shape, source.dtype) == (24, (20, 30), np.dtype(np.uint16))
     for k in range(len(source)):
-        np.testing.assert_array_equal(source.read(k), frames[source.position(k)])
+        np.testing.assert_array_equal(source.read(k), frames[source.info(k).position])
         np.testing.assert_array_equal(
-            source.read_region(k, slice(3, 9), slice(4, 30)), frames[source.position(k)][3:9, 4:]
+            source.read(k, (slice(3, 9), slice(4, 30))), frames[source.info(k).position][3:9, 4:]
         )
-    assert sorted(source.position(k) for k in range(24)) == sorted(scan_positions(PLAN))
+    assert sorted(source.info(k).position for k in range(24)) == sorted(scan_positions(PLAN))
 
 
 def test_folder_by_names(tmp_path: Path) -> None:
@@ -49,7 +47,7 @@ def test_folder_by_names(tmp_path: Path) -> None:
     (tmp_path / "dark.png").write_bytes((tmp_path / "z0_y0_x0.png").read_bytes())
     source = open_frames(tmp_path, pattern=NAMES, plan_shape=PLAN)
     assert_session(source)
-    assert source.label(0) == "z0_y0_x0.png"
+    assert source.info(0).label == "z0_y0_x0.png"
     assert source.metadata["plan_shape"] == PLAN
     assert source.manifest.coverage() == ((), ())
 
@@ -96,8 +94,8 @@ def test_folder_by_its_manifest(tmp_path: Path, suffix: str) -> None:
     for path in (tmp_path, tmp_path / f"manifest.{suffix}"):
         source = open_frames(path)
         assert_session(source)
-        assert frame_exposure(source, 0) == pytest.approx(0.24)
-        assert frame_drift(source, 0) == (0.5, -23 / 8)
+        assert source.info(0).exposure_s == pytest.approx(0.24)
+        assert source.info(0).drift == (0.5, -23 / 8)
     assert len(open_frames(tmp_path, manifest=Manifest(tuple(entries[:3])))) == 3
 
 
@@ -117,7 +115,7 @@ def test_file_by_scan_order(tmp_path: Path, name: str) -> None:
     STACKS[name](tmp_path / name)
     with open_frames(tmp_path / name, order="serpentine", plan_shape=PLAN) as source:
         assert_session(source)
-        assert source.label(3) == f"{name} page 3"
+        assert source.info(3).label == f"{name} page 3"
     with pytest.raises(InputError, match="expected 30 for a scan of 2 x 3 x 5, got 24"):
         open_frames(tmp_path / name, order="serpentine", plan_shape=(2, 3, 5))
 
@@ -133,7 +131,7 @@ def test_five_axes_and_tables_need_no_order(tmp_path: Path) -> None:
         file["five"] = FRAMES
     with open_frames(tmp_path / "a.h5") as source:
         assert_session(source)
-        assert frame_exposure(source, 23) == 0.5
+        assert source.info(23).exposure_s == 0.5
     with open_frames(tmp_path / "a.h5", dataset="five") as source:
         assert_session(source)
     with h5py.File(tmp_path / "a.h5", "a") as file:
@@ -236,7 +234,7 @@ def test_nan_is_refused_or_masked(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match=r"y0_x0\.tif: expected finite values, got 2 NaN or infinite"):
         source.read(0)
     with pytest.raises(FileFormatError, match="got 1 NaN"):
-        source.read_region(0, slice(0, 4), slice(0, 10))
+        source.read(0, (slice(0, 4), slice(0, 10)))
     read = open_frames(tmp_path, pattern="y{y}_x{x}.tif", nan="mask").read(0)
     assert np.argwhere(np.isnan(read)).tolist() == [[3, 4], [5, 6]]
     assert np.array_equal(read[~np.isnan(read)], frame[np.isfinite(frame)])

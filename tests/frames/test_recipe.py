@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
 
+from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError, StorageError
-from lfcal.frames import ArraySource, Background, CorrectionChain, Dark, Exposure, White, channel_source, corrected
+from lfcal.frames import (
+    ArraySource,
+    Background,
+    CorrectionChain,
+    Dark,
+    Exposure,
+    White,
+    channel_source,
+    corrected,
+    corrected_view,
+    open_frames,
+)
 from lfcal.frames.corrections.recipe import CorrectionRecipe, build_chain, read_average
 from tests.frames.scenes import session
 
@@ -34,25 +47,26 @@ def source(**metadata: object) -> ArraySource:
 def test_calibration_frames_are_averaged(folder: Path) -> None:
     mean = DARKS.mean(axis=0)
     np.testing.assert_allclose(read_average(folder / "dark"), mean, rtol=1e-6)
-    recipe = CorrectionRecipe(folder / "dark", folder / "white.tif", "pixels", background="3.5", reference_s=0.1)
-    chain = build_chain(source(bit_depth=12), recipe)
-    by_hand = CorrectionChain((Dark(mean), White(WHITE, mean), Background("constant", 3.5), Exposure(0.1)), 4095.0)
+    recipe = CorrectionRecipe(
+        dark=folder / "dark", white=folder / "white.tif", white_mode="pixels", background="3.5", exposure="0.1"
+    )
+    chain = build_chain(source(), recipe)
+    by_hand = CorrectionChain((Dark(mean), White(WHITE, mean), Background("constant", 3.5), Exposure(0.1)))
     np.testing.assert_allclose(corrected(source(), chain).read(1), corrected(source(), by_hand).read(1), atol=1e-3)
-    assert chain.saturation == 4095
 
 
 def test_channel_of_a_mosaic_takes_the_channel_of_its_calibration_frames(folder: Path) -> None:
-    recipe = CorrectionRecipe(folder / "dark", folder / "white.tif", "pixels")
+    recipe = CorrectionRecipe(dark=folder / "dark", white=folder / "white.tif", white_mode="pixels")
     mosaic = source(cfa="GRBG", saturation=4000.0, black_level=(7.0,) * 4)
     red = channel_source(mosaic, "R")
     single = corrected(red, build_chain(red, recipe))
     whole = corrected(mosaic, build_chain(mosaic, recipe))
     np.testing.assert_allclose(single.read(0), whole.read(0)[0::2, 1::2], rtol=1e-6)
-    assert single.chain.saturation == 4000
+    assert single.metadata["saturation"] == 4000
 
 
 def test_declared_black_level_stands_in_for_a_dark_frame() -> None:
-    chain = build_chain(source(cfa="GRBG", black_level=(64.0,) * 4), CorrectionRecipe())
+    chain = build_chain(source(cfa="GRBG", black_level=(64.0,) * 4), CorrectionRecipe(exposure="none"))
     assert chain.describe()["steps"] == [{"kind": "dark", "level": 64.0}]
     with pytest.raises(InputError, match="black level of the colours: expected one for all"):
         build_chain(source(black_level=(64.0, 65.0, 64.0, 64.0)), CorrectionRecipe())
@@ -68,3 +82,98 @@ def test_unusable_recipes(folder: Path) -> None:
         build_chain(source(), CorrectionRecipe(white=folder / "empty"))
     with pytest.raises(InputError, match=r"at most 0\.1 % saturated, got 100 %"):
         build_chain(source(saturation=3000.0), CorrectionRecipe(white=folder / "white.tif", white_mode="pixels"))
+
+
+def test_unequal_exposures_are_scaled_to_the_most_frequent_one() -> None:
+    raw = np.stack([FRAMES[0], FRAMES[0], FRAMES[0] * 2])
+    places = [(0, 0, k) for k in range(3)]
+    view = corrected_view(ArraySource(raw, places, exposures_s=[0.1, 0.1, 0.2]), CorrectionRecipe())
+    np.testing.assert_allclose(view.read(2), view.read(0), rtol=1e-6)
+    np.testing.assert_array_equal(view.read(0), raw[0])
+    left = corrected_view(ArraySource(raw, places, exposures_s=[0.1, 0.1, 0.2]), CorrectionRecipe(exposure="none"))
+    np.testing.assert_array_equal(left.read(2), raw[2])
+    with pytest.raises(InputError, match="exposure: expected auto, none or seconds, got 'long'"):
+        corrected_view(ArraySource(raw, places), CorrectionRecipe(exposure="long"))
+
+
+def test_exposures_known_of_some_frames_only_cannot_be_normalised(tmp_path: Path) -> None:
+    for k in range(3):
+        tifffile.imwrite(tmp_path / f"{k}.tif", FRAMES[0])
+    (tmp_path / "manifest.csv").write_text("file,z,y,x,exposure_s\n0.tif,0,0,0,0.1\n1.tif,0,0,1,0.2\n2.tif,0,0,2,\n")
+    with open_frames(tmp_path) as frames:
+        with pytest.raises(InputError, match="exposures of frames that differ: expected that of every frame"):
+            corrected_view(frames, CorrectionRecipe())
+        assert corrected_view(frames, CorrectionRecipe(exposure="none")).read(1).max() == FRAMES[0].max()
+
+
+def plan_of(**sensor: object) -> ScanPlan:
+    bench = preset("bench")
+    described = replace(bench, sensor=replace(bench.sensor, **sensor))
+    return ScanPlan.for_camera(described, virtual_depths=[3, 4], exposure_s=(0.02, 0.05))
+
+
+def test_the_plan_states_what_the_frames_do_not() -> None:
+    plan = plan_of(bit_depth=12, black_level=64.0)
+    raw = np.full((2, 20, 30), 100, np.uint16)
+    raw[1, 3, 4] = 4095
+    places = [(0, 0, 0), (1, 0, 0)]
+    view = corrected_view(ArraySource(raw, places), CorrectionRecipe(), plan)
+    assert [view.info(k).exposure_s for k in (0, 1)] == [0.02, 0.05]
+    np.testing.assert_allclose(view.read(1)[0, 0] / view.read(0)[0, 0], 0.02 / 0.05, rtol=1e-6)
+    assert view.samples(0).saturated == 0 and view.samples(1).saturated == 1, "12 bits end at 4095"
+    assert view.samples(0).noise is not None
+    own = corrected_view(
+        ArraySource(raw, places, metadata={"bit_depth": 16, "saturation": 65535.0}), CorrectionRecipe(), plan
+    )
+    assert own.samples(1).saturated == 0, "what a frame says of itself counts first"
+    floats = corrected_view(ArraySource(raw.astype(np.float32), places), CorrectionRecipe(exposure="none"), plan)
+    np.testing.assert_array_equal(floats.read(0), raw[0])
+    assert floats.samples(1).saturated is None, "floats are not raw samples of the plan's sensor"
+
+
+def test_left_aligned_samples_are_named_and_shifted() -> None:
+    plan = plan_of(bit_depth=12, black_level=0.0)
+    raw = (np.arange(600).reshape(1, 20, 30) % 4000).astype(np.uint16)
+    source = ArraySource(raw << 4, [(0, 0, 0)])
+    with pytest.raises(
+        InputError, match=r"values up to 4095 \(12 bits, as the plan says\), got \d+; shift left-aligned"
+    ):
+        corrected_view(source, CorrectionRecipe(), plan).read(0)
+    view = corrected_view(source, CorrectionRecipe(shift=4), plan)
+    np.testing.assert_array_equal(view.read(0), raw[0])
+    assert view.samples(0).saturated == 0
+    with pytest.raises(InputError, match="samples with 4 empty low bits, got bits in use"):
+        corrected_view(ArraySource(raw, [(0, 0, 0)]), CorrectionRecipe(shift=4), plan).read(0)
+
+
+def test_darks_of_a_recording_are_taken_by_exposure_and_place() -> None:
+    sensor = np.random.default_rng(3).integers(50, 70, (20, 30)).astype(np.float32)
+    darks = {t: Dark(sensor[4:16, 5:25] * t, origin=(4, 5)) for t in (1.0, 2.0)}
+    raw = np.full((2, 6, 8), 500, np.uint16)
+    places, origins = [(0, 0, 0), (0, 0, 1)], [(4, 5), (9, 16)]
+    frames = ArraySource(raw, places, exposures_s=[1.0, 2.0], origins=origins, metadata={"darks": darks})
+    view = corrected_view(frames, CorrectionRecipe(exposure="none"))
+    np.testing.assert_allclose(view.read(0), 500 - sensor[4:10, 5:13])
+    np.testing.assert_allclose(view.read(1), 500 - 2 * sensor[9:15, 16:24])
+    np.testing.assert_array_equal(
+        corrected_view(frames, CorrectionRecipe(dark="none", exposure="none")).read(1), raw[1]
+    )
+    level = corrected_view(frames, CorrectionRecipe(black_level=64.0, exposure="none"))
+    np.testing.assert_array_equal(level.read(1), raw[1] - 64.0)
+    off = ArraySource(raw, places, exposures_s=[1.0, 2.0], origins=[(0, 0), (9, 16)], metadata={"darks": darks})
+    with pytest.raises(InputError, match=r"frames\[0\]: dark frame: expected rows 0 … 5"):
+        corrected_view(off, CorrectionRecipe(exposure="none")).read(0)
+    other = ArraySource(raw, places, exposures_s=[1.0, 3.0], origins=origins, metadata={"darks": darks})
+    with pytest.raises(InputError, match="dark frame: expected one of 3 s, got 1, 2 s"):
+        corrected_view(other, CorrectionRecipe(exposure="none")).read(1)
+
+
+def test_what_does_not_fit_cutouts_is_refused() -> None:
+    frames = ArraySource(np.full((1, 6, 8), 500, np.uint16), [(0, 0, 0)], origins=[(4, 5)], metadata={"cfa": "GRBG"})
+    for recipe, word in (
+        (CorrectionRecipe(background="border"), "background: expected a constant for frames that are cutouts"),
+        (CorrectionRecipe(defects=True), "search for defect pixels: expected whole sensor frames, got cutouts"),
+        (CorrectionRecipe(channel="R"), "channel R of .*: expected whole sensor frames, got cutouts"),
+    ):
+        with pytest.raises(InputError, match=word):
+            corrected_view(frames, recipe).read(0)

@@ -6,29 +6,9 @@ import numpy as np
 import pytest
 
 from lfcal.errors import InputError
-from lfcal.frames import ArraySource, FrameSource, Position, frame_drift, frame_exposure, read_region
+from lfcal.frames import ArraySource, FrameInfo, FrameSource, Position
 from lfcal.frames.regions import check_region, grow_region, whole
 from tests.frames.scenes import session
-
-
-class Bare:
-    """The protocol and nothing more, as another package may give it."""
-
-    shape = (20, 30)
-    dtype = np.dtype(np.uint16)
-    metadata = {"exposure_s": 0.25}  # noqa: RUF012
-
-    def __len__(self) -> int:
-        return 1
-
-    def position(self, index: int) -> Position:
-        return Position(0, 0, 0)
-
-    def read(self, index: int) -> np.ndarray:
-        return session()[0, 0, 0]
-
-    def label(self, index: int) -> str:
-        return "bare"
 
 
 def test_five_axes_are_positions() -> None:
@@ -37,14 +17,14 @@ def test_five_axes_are_positions() -> None:
     assert isinstance(source, FrameSource)
     assert len(source) == 24 and source.shape == (20, 30) and source.dtype == np.uint16
     for k in range(24):
-        np.testing.assert_array_equal(source.read(k), frames[source.position(k)])
+        np.testing.assert_array_equal(source.read(k), frames[source.info(k).position])
     source.read(3)[:] = 0
     assert frames.min() > 0, "a frame that was read is a copy"
 
 
 def test_region_is_the_crop_of_the_frame() -> None:
-    for source in (ArraySource(session()), Bare()):
-        part = read_region(source, 0, slice(2, 9), slice(None, 4))
+    for source in (ArraySource(session()),):
+        part = source.read(0, (slice(2, 9), slice(None, 4)))
         np.testing.assert_array_equal(part, source.read(0)[2:9, :4])
         assert part.flags.c_contiguous
 
@@ -53,11 +33,18 @@ def test_exposure_and_drift() -> None:
     source = ArraySource(
         session((2, 20, 30)), [(0, 0, 0), (0, 0, 1)], exposures_s=[0.1, 0.2], drifts=[(0, 0), (0.5, -1)]
     )
-    assert frame_exposure(source, 1) == 0.2
-    assert frame_drift(source, 1) == (0.5, -1.0)
-    assert frame_exposure(Bare(), 0) == 0.25
-    assert frame_drift(Bare(), 0) == (0.0, 0.0)
-    assert frame_exposure(ArraySource(session()), 0) is None
+    assert source.info(1).exposure_s == 0.2
+    assert source.info(1).drift == (0.5, -1.0)
+    assert ArraySource(session(), metadata={"exposure_s": 0.25}).info(7).exposure_s == 0.25
+    unknown = ArraySource(session()).info(0)
+    assert unknown.exposure_s is None and unknown.drift is None and unknown.saturated is None
+    assert unknown.origin == (0, 0) and unknown.label == "frames[0]"
+
+
+def test_frames_of_several_points_have_no_single_position() -> None:
+    info = FrameInfo((Position(0, 0, 0), Position(0, 1, 1)), label="target")
+    with pytest.raises(InputError, match="target: expected one point source, got 2"):
+        _ = info.position
 
 
 def test_big_endian_samples_become_native() -> None:
@@ -89,7 +76,7 @@ def test_index_and_region_out_of_range() -> None:
             source.read(index)
     for rows in (slice(-1, 5), slice(5, 5), slice(0, 21), slice(0, 10, 2)):
         with pytest.raises(InputError, match="region rows: expected start < stop within 0 … 20"):
-            source.read_region(0, rows, slice(0, 5))
+            source.read(0, (rows, slice(0, 5)))
 
 
 def test_grown_region_stops_at_the_border() -> None:

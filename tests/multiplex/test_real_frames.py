@@ -104,7 +104,7 @@ def bayer_session(step: int, blur_px: float) -> tuple[ArraySource, ArraySource, 
     shape = (1, 2, 3)
     frames = np.empty((*shape, *recorded.shape))
     for k in range(len(recorded)):
-        z, y, x = recorded.position(k)
+        z, y, x = recorded.info(k).position
         if z == 0 and y % step == x % step == 0 and y < 2 * step and x < 3 * step:
             frame = recorded.read(k) - 64.0
             frames[z, y // step, x // step] = cv2.GaussianBlur(frame, (0, 0), blur_px) if blur_px else frame
@@ -150,6 +150,6 @@ def test_regions_of_a_colour_are_parts_of_its_frame() -> None:
     for name in ("linear", "cubic", "lanczos"):
         green = colour_source(source, "G", filter=name)
         assert green.dtype == np.float32 and "cfa" not in green.metadata and green.metadata["colour"] == "G"
-        part = green.read_region(1, slice(9, 23), slice(5, 41))
+        part = green.read(1, (slice(9, 23), slice(5, 41)))
         np.testing.assert_allclose(part, green.read(1)[9:23, 5:41], rtol=1e-6)
-    assert green.label(0).endswith(" G")
+    assert green.info(0).label.endswith(" G")

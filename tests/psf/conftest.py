@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.frames.source import Position
+from lfcal.frames.regions import Region
+from lfcal.frames.source import FrameInfo, Frames, Position
 
 
-class ListSource:
+class ListSource(Frames):
     """Frames in a list; independent of the library's readers."""
 
     def __init__(self, frames: list[NDArray[Any]], positions: list[tuple[int, int, int]]) -> None:
@@ -34,15 +35,13 @@ class ListSource:
     def __len__(self) -> int:
         return len(self.frames)
 
-    def position(self, index: int) -> Position:
-        return Position(*self.positions[index])
+    def info(self, index: int) -> FrameInfo:
+        return FrameInfo((Position(*self.positions[index]),), label=f"frame {index}")
 
-    def read(self, index: int) -> NDArray[Any]:
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         self.reads += 1
-        return self.frames[index].copy()
-
-    def label(self, index: int) -> str:
-        return f"frame {index}"
+        frame = self.frames[index]
+        return (frame if region is None else frame[region]).copy()
 
 
 def coded_frames(

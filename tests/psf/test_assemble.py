@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.frames import CorrectionChain, Dark
-from lfcal.frames.source import Position
+from lfcal.frames import ArraySource, CorrectionChain, Dark, Noise, corrected
+from lfcal.frames.source import FrameInfo, Position
 from lfcal.psf import Cutout, assemble, iter_assemble, open_psf
 from tests.psf.conftest import ListSource, coded_frames
 
@@ -32,7 +32,9 @@ def test_frames_become_h(frames: Frames, tmp_path: Path) -> None:
     source, stack = frames
     report = assemble(source, SHAPE, CUTOUT, out=tmp_path / "H.h5", depths=[-5, 5])
     np.testing.assert_array_equal(np.asarray(report.matrix), expected(stack))
-    assert (report.frames, report.missing, report.duplicates, report.notes) == (24, (), (), ())
+    assert (report.frames, report.missing, report.repeated) == (24, (), ())
+    assert report.saturated is None and report.unknown_saturation == 24, "16-bit frames of an unknown camera"
+    assert len(report.notes) == 1 and "saturation is unknown at 24 positions" in report.notes[0]
     assert report.matrix.anchor == (12, 15)
     in_memory = assemble(source, SHAPE, CUTOUT).matrix
     np.testing.assert_array_equal(np.asarray(in_memory), expected(stack))
@@ -47,24 +49,75 @@ def test_any_order_gives_the_same(frames: Frames) -> None:
     np.testing.assert_array_equal(np.asarray(assemble(shuffled, SHAPE, CUTOUT).matrix), expected(stack))
 
 
-def test_missing_and_duplicate_positions_are_recorded(frames: Frames, tmp_path: Path) -> None:
+def test_missing_and_repeated_positions_are_recorded(frames: Frames, tmp_path: Path) -> None:
     source, stack = frames
     keep = [k for k in range(24) if k not in (5, 17)] + [3]
     partial = ListSource([source.frames[k] for k in keep], [source.positions[k] for k in keep])
-    partial.frames[-1] = source.frames[3] // 2  # the second recording of position 3: it counts
+    partial.frames[-1] = source.frames[3] // 2  # the second recording of position 3: the mean of both counts
     report = assemble(partial, SHAPE, CUTOUT, out=tmp_path / "H.h5")
     assert report.missing == (Position(*source.positions[5]), Position(*source.positions[17]))
-    assert report.duplicates == (Position(*source.positions[3]),)
+    assert report.repeated == (Position(*source.positions[3]),)
+    assert any("are averaged; they differ by" in note for note in report.notes)
     with open_psf(tmp_path / "H.h5") as H:
-        assert H.recorded[source.positions[5]] == 0 and H.recorded[source.positions[3]] == 2
+        at = source.positions[3]
+        assert H.recorded[source.positions[5]] == 0 and H.recorded[at] == 2
         np.testing.assert_array_equal(H.missing, [source.positions[5], source.positions[17]])
         assert not H[source.positions[5]].any()
-        truth = expected((stack // 2).astype(np.uint16))[source.positions[3]]
-        np.testing.assert_array_equal(H[source.positions[3]], truth)
+        pair = np.stack([expected(stack)[at], expected((stack // 2).astype(np.uint16))[at]]).astype(float)
+        np.testing.assert_allclose(H[at], pair.mean(axis=0))
+        assert H.facts.spread is not None
+        assert H.facts.spread[at] == pytest.approx(
+            np.sqrt(pair.var(axis=0, ddof=1).mean() / np.mean(pair.mean(axis=0) ** 2)), rel=1e-5
+        )
+        assert report.spread == pytest.approx(float(H.facts.spread[at]))
+        assert np.isnan(H.facts.spread[source.positions[4]]), "one frame has no spread"
+        variance = H.variance(*at)
+        assert variance is not None
+        np.testing.assert_allclose(variance, pair.var(axis=0, ddof=1).mean() / 2, rtol=1e-5)
     for part in (partial, ListSource([*source.frames, source.frames[0]], [*source.positions, (0, 0, 0)])):
-        with pytest.raises(InputError, match=r"missing|given twice"):
+        with pytest.raises(InputError, match=r"missing|given more than once"):
             assemble(part, SHAPE, CUTOUT, strict=True, out=tmp_path / "strict.h5")
     assert not (tmp_path / "strict.h5").exists()
+
+
+def test_repeats_are_weighted_by_their_noise_and_skip_what_is_saturated() -> None:
+    stack = np.full((3, 9, 9), 100.0, np.float32)
+    stack[1], stack[2] = 130.0, 160.0
+    stack[2, 4, 4] = 4095.0
+
+    class Noisy(ArraySource):
+        def samples(self, index: int, region: Any = None) -> Any:
+            noise = (Noise(1.0, 0.0), Noise(2.0, 0.0), Noise(4.0, 0.0))[index]
+            return super().samples(index, region)._replace(noise=noise)
+
+    source = Noisy(stack, [(0, 0, 0)] * 3, metadata={"saturation": 4095.0})
+    H = assemble(source, (1, 1, 1), Cutout((3, 3), anchor=(4, 4))).matrix
+    weights = np.array([1, 1 / 2, 1 / 4])
+    every = float((weights * [100, 130, 160]).sum() / weights.sum())
+    unsaturated = float((weights[:2] * [100, 130]).sum() / weights[:2].sum())
+    assert H[0, 0, 0, 0, 0] == pytest.approx(every, rel=1e-6)
+    assert H[0, 0, 0, 1, 1] == pytest.approx(unsaturated, rel=1e-6), "the saturated sample is left out"
+    assert H.valid(0, 0, 0).all() and H.saturated is not None and H.saturated[0, 0, 0] == 1
+    variance = H.variance(0, 0, 0)
+    assert variance is not None
+    np.testing.assert_allclose(variance, (weights**2 * [1, 2, 4]).sum() / weights.sum() ** 2, rtol=1e-6)
+
+
+def test_mask_noise_and_saturation_travel_from_the_frame_to_the_file(tmp_path: Path) -> None:
+    raw = np.random.default_rng(2).integers(100, 4000, (2, 32, 40)).astype(np.uint16)
+    raw[1, 12, 16] = 4095  # the centre of position x = 1
+    facts = {"saturation": 4095.0, "noise": Noise(9.0, 0.25)}
+    source = corrected(ArraySource(raw, [(0, 0, 0), (0, 0, 1)], metadata=facts), CorrectionChain((Dark(level=64.0),)))
+    report = assemble(source, (1, 1, 2), CUTOUT, tmp_path / "H.h5")
+    assert (report.saturated, report.unknown_saturation) == (1, 0)
+    with open_psf(tmp_path / "H.h5") as H:
+        mask = np.ones((7, 9), bool)
+        assert np.array_equal(H.valid(0, 0, 0), mask)
+        mask[3, 4] = False
+        assert np.array_equal(H.valid(0, 0, 1), mask)
+        np.testing.assert_allclose(H.variance(0, 0, 1), 9 + 0.25 * np.maximum(H[0, 0, 1], 0), rtol=1e-6)
+        assert H.saturated is not None
+        np.testing.assert_array_equal(H.saturated[0, 0], [0, 1])
 
 
 def test_a_cutout_off_the_sensor(frames: Frames, tmp_path: Path) -> None:
@@ -81,26 +134,29 @@ def test_a_cutout_off_the_sensor(frames: Frames, tmp_path: Path) -> None:
     np.testing.assert_array_equal(H[0, 0, 0, 1:], stack[0, 0, 0, 0:6, 11:20])
 
 
-def test_corrections_keep_the_sign_and_count_saturation_first(frames: Frames) -> None:
+def test_corrections_keep_the_sign_and_saturation_is_that_of_the_raw_frame(frames: Frames) -> None:
     source, stack = frames
     dark = np.random.default_rng(5).integers(0, 65000, source.shape).astype(np.uint16)
-    source.frames[7][0, 0] = 65535  # far from the cutout, and yet counted
-    report = assemble(source, SHAPE, CUTOUT, corrections=CorrectionChain((Dark(dark),)))
+    p = source.positions[7]
+    source.frames[7][12 + p[1], 15 + p[2]] = 65535
+    source.frames[8][0, 0] = 65535  # far from the cutout: H does not know of it
+    report = assemble(corrected(source, CorrectionChain((Dark(dark),))), SHAPE, CUTOUT)
     truth = expected(stack)
+    truth[p][3, 4] = 65535
     for z, y, x in np.ndindex(SHAPE):
         truth[z, y, x] -= dark[12 + y - 3 : 12 + y + 4, 15 + x - 4 : 15 + x + 5]
     np.testing.assert_array_equal(np.asarray(report.matrix), truth)
-    assert truth.min() < 0 and report.saturated == 1
+    assert truth.min() < 0 and report.saturated == 1 and report.unknown_saturation == 23
     assert report.matrix.saturated is not None
-    assert report.matrix.saturated[source.positions[7]] == 1
+    assert report.matrix.saturated[p] == 1 and report.matrix.saturated[source.positions[8]] == -1
 
 
 class Cropped(ListSource):
     """Frames that are themselves parts of the sensor, as a recording holds them."""
 
-    def origin(self, index: int) -> tuple[int, int]:
+    def info(self, index: int) -> FrameInfo:
         _, y, x = self.positions[index]
-        return 12 + y - 5, 15 + x - 6
+        return FrameInfo((Position(*self.positions[index]),), (12 + y - 5, 15 + x - 6), label=f"frame {index}")
 
 
 def test_frames_that_are_cutouts_already(frames: Frames) -> None:
@@ -108,9 +164,11 @@ def test_frames_that_are_cutouts_already(frames: Frames) -> None:
     parts = [stack[p][12 + p[1] - 5 : 12 + p[1] + 6, 15 + p[2] - 6 : 15 + p[2] + 7] for p in source.positions]
     dark = np.random.default_rng(6).integers(0, 500, source.shape).astype(np.uint16)
     chain = CorrectionChain((Dark(dark),))
-    H = assemble(Cropped(parts, source.positions), SHAPE, CUTOUT, corrections=chain).matrix
-    whole = assemble(source, SHAPE, CUTOUT, corrections=chain).matrix
+    H = assemble(corrected(Cropped(parts, source.positions), chain), SHAPE, CUTOUT).matrix
+    whole = assemble(corrected(source, chain), SHAPE, CUTOUT).matrix
     np.testing.assert_array_equal(np.asarray(H), np.asarray(whole))
+    with pytest.raises(InputError, match=r"expected rows 7\.\.17, columns 9\.\.21, got rows 6\.\.18"):
+        assemble(Cropped(parts, source.positions), SHAPE, Cutout((13, 9), anchor=(12, 15)))
 
 
 def test_drift_moves_the_window(frames: Frames) -> None:
@@ -127,7 +185,7 @@ def test_drift_moves_the_window(frames: Frames) -> None:
         assemble(source, SHAPE, CUTOUT, drift=np.zeros((3, 2)))
 
 
-def test_the_rest_that_nearest_leaves_is_reported(frames: Frames) -> None:
+def test_the_residual_that_nearest_leaves_is_reported(frames: Frames) -> None:
     source, _ = frames
     report = assemble(source, SHAPE, Cutout((7, 9), anchor=(12.3, 14.8)))
     assert report.residual_px == pytest.approx((0.3, 0.2))
@@ -142,7 +200,7 @@ def test_cancelling_leaves_nothing(frames: Frames, tmp_path: Path) -> None:
     assert records[0].total == 24 and records[1].done > 0
 
 
-def _broken(source: ListSource, kind: str) -> tuple[ListSource, dict[str, Any]]:
+def _broken(source: ListSource, kind: str) -> ListSource:
     frames = [f.copy() for f in source.frames]
     positions = list(source.positions)
     if kind == "nan":
@@ -153,12 +211,12 @@ def _broken(source: ListSource, kind: str) -> tuple[ListSource, dict[str, Any]]:
     elif kind == "saturated":
         frames[4][:] = 65535
     elif kind == "shape":
-        frames[4] = frames[4][:-1]
+        frames[4] = frames[4][:10]
     elif kind == "outside":
         positions[4] = (0, 0, 99)
     elif kind == "negative":
         positions[4] = (0, -1, 0)
-    return ListSource(frames, positions), {"corrections": CorrectionChain()}
+    return ListSource(frames, positions)
 
 
 @pytest.mark.parametrize(
@@ -173,9 +231,9 @@ def _broken(source: ListSource, kind: str) -> tuple[ListSource, dict[str, Any]]:
     ],
 )
 def test_bad_frames_are_named(frames: Frames, tmp_path: Path, kind: str, word: str) -> None:
-    source, options = _broken(frames[0], kind)
+    source = corrected(_broken(frames[0], kind), CorrectionChain())
     with pytest.raises(InputError, match=word) as error:
-        assemble(source, SHAPE, CUTOUT, out=tmp_path / "H.h5", **options)
+        assemble(source, SHAPE, CUTOUT, out=tmp_path / "H.h5")
     assert "\n" not in str(error.value)
     assert list(tmp_path.iterdir()) == []
 

@@ -46,7 +46,7 @@ def test_descriptions_fit(script: ModuleType) -> None:
     assert json.loads((SESSION / "truth.json").read_text())["seed"] == script.SEED
     with open_frames(SESSION / "frames", plan_shape=plan.shape[:3]) as source:
         assert len(source) == plan.n_positions
-        assert sorted(source.position(k) for k in range(len(source))) == sorted(plan.positions())
+        assert sorted(source.info(k).position for k in range(len(source))) == sorted(plan.positions())
 
 
 def test_it_is_small_and_16_bit() -> None:

@@ -52,10 +52,10 @@ def test_is_a_frame_source_in_scan_order() -> None:
     camera = SimulatedCamera(plan, ())
     assert isinstance(camera, FrameSource)
     assert len(camera) == 12 and camera.shape == (160, 160)
-    assert [camera.position(k) for k in range(12)] == list(plan.positions())
-    assert camera.position(4) == Position(0, 1, 3), "serpentine"
-    assert camera.metadata["bit_depth"] == 12 and camera.exposure_s(3) == plan.exposures[0]
-    assert "y 1" in camera.label(4)
+    assert [camera.info(k).position for k in range(12)] == list(plan.positions())
+    assert camera.info(4).position == Position(0, 1, 3), "serpentine"
+    assert camera.metadata["bit_depth"] == 12 and camera.info(3).exposure_s == plan.exposures[0]
+    assert "y 1" in camera.info(4).label
     with pytest.raises(InputError):
         camera.read(12)
 
@@ -134,7 +134,7 @@ def test_motion_displaces_the_source_without_telling() -> None:
     k = 1  # one step of drift: the frame is that of the neighbour to the right
     scale = camera.electrons_per_unit(0) / still.electrons_per_unit(0)
     assert difference(camera.light(k), still.light(k) * np.float32(scale)) < 1e-4
-    assert camera.position(k) == still.position(k) == Position(0, 0, 1)
+    assert camera.info(k).position == still.info(k).position == Position(0, 0, 1)
 
 
 def test_motion_is_seeded_and_serpentine_backlash_lags_every_other_row() -> None:
@@ -208,7 +208,7 @@ def test_resampled_plan_is_recorded_on_the_sensors_pixels() -> None:
     plan = ScanPlan.for_camera(small_camera(), virtual_depths=[4.0], resample=True)
     camera = SimulatedCamera(plan, BASE, sampling=FAST)
     row, column = camera.image_px(400)
-    assert (row, column) == pytest.approx(tuple(plan.image_px(camera.position(400))), abs=1e-9)
+    assert (row, column) == pytest.approx(tuple(plan.image_px(camera.info(400).position)), abs=1e-9)
     light = camera.light(400)
     mean = (light.sum(1) @ np.arange(160)) / light.sum(), (light.sum(0) @ np.arange(160)) / light.sum()
     assert mean == pytest.approx((row, column), abs=1.5)

@@ -40,11 +40,6 @@ class RecordingFile:
         self.records: NDArray[Any] = self._read_records()
         self.taken: NDArray[np.bool_] = intact(self.records)
 
-    def refresh(self) -> None:
-        """Look again at which slots hold a frame."""
-        self.records = self._read_records()
-        self.taken = intact(self.records)
-
     def read(self, slot: int) -> NDArray[Any]:
         """Return frame ``slot`` as a new array; raises `FileFormatError` if it is not what was recorded."""
         layout = self.layout

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,15 +13,22 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import Kind, file_name
-from lfcal.acquire.session_file import SessionFile
+from lfcal.acquire.session_file import NAME, SessionFile
+from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
-from lfcal.frames.source import Position
+from lfcal.frames.corrections.steps import Dark, average_frames
+from lfcal.frames.regions import Region, check_region
+from lfcal.frames.source import FrameInfo, Frames, Position, Samples, check_index
+from lfcal.frames.sources.base import FrameOptions, SourceKind
 
-__all__ = ["CheckFrame", "RecordingSource", "complete_planes", "read_checks"]
+__all__ = ["SOURCE", "CheckFrame", "RecordingSource", "complete_planes", "read_checks", "read_darks"]
 
 
-class RecordingSource:
-    """The acknowledged positions of a session as a `FrameSource`, oldest recording first, later ones winning.
+class RecordingSource(Frames):
+    """The acknowledged positions of a session, oldest recording first, later ones winning.
+
+    Frames are cutouts that know where on the sensor they were. ``metadata`` brings the session's ``plan``, the
+    camera's bit depth and saturation, and the ``darks`` recorded with it by exposure.
 
     Parameters
     ----------
@@ -29,30 +36,29 @@ class RecordingSource:
         The session's; it may still be recording.
     planes
         Depth planes to take; their positions are counted from 0 in this order. None takes all.
-    dark
-        Subtract the mean of the session's dark frames of the same exposure; frames are then float32.
 
     Raises
     ------
     StorageError, FileFormatError
         If there is no session, or a file of it is damaged.
     InputError
-        If nothing was recorded, or dark frames are asked for and there are none.
+        If nothing was recorded.
     """
 
-    def __init__(self, folder: Path, *, planes: Sequence[int] | None = None, dark: bool = False) -> None:
+    def __init__(self, folder: Path, *, planes: Sequence[int] | None = None) -> None:
         self.session = SessionFile.read(folder)
-        self.plan = self.session.plan
-        self._shape3 = self.plan.shape[:3]
+        self._shape3 = self.session.plan.shape[:3]
+        self.plan = self.session.plan if planes is None else _part_of(self.session.plan, planes)
         self._stack = ExitStack()
         try:
             self._files = [self._stack.enter_context(RecordingFile(folder / n)) for n in self.session.recordings]
             self._where, self._slots, self._flat = self._newest(planes)
             self._planes = {z: k for k, z in enumerate(range(self._shape3[0]) if planes is None else planes)}
-            self._darks = _darks(folder, self._files[0].layout.attributes["roi"]) if dark else None
+            self._darks = read_darks(folder)
         except BaseException:
             self._stack.close()
             raise
+        self._folder = folder
 
     def _newest(self, planes: Sequence[int] | None) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return file, slot and flat position of the newest frame of every position there is."""
@@ -80,106 +86,94 @@ class RecordingSource:
     @property
     def dtype(self) -> np.dtype[Any]:
         """Sample type of every frame."""
-        return np.dtype(np.float32) if self._darks is not None else self._files[0].layout.dtype
+        return self._files[0].layout.dtype
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """What is known of the frames."""
+        """What is known of all frames."""
         devices = self.session.devices
-        return {
+        known: dict[str, Any] = {
             "bit_depth": devices.bit_depth,
-            "saturation": devices.max_value,
-            "camera": devices.camera,
-            "stage": devices.stage,
+            "saturation": float(devices.max_value),
+            "devices": {"camera": devices.camera, "stage": devices.stage},
             "session": self.session.identity,
-            "plan_shape": (len(self._planes), *self._shape3[1:]),
+            "plan": self.plan,
+            "plan_shape": self.plan.shape[:3],
+            "path": str(self._folder),
         }
+        return known | ({"darks": self._darks} if self._darks else {})
 
     def __len__(self) -> int:
         """Return the number of positions with a frame."""
         return len(self._flat)
 
-    def position(self, index: int) -> Position:
-        """Return the scan position of frame ``index``."""
+    def info(self, index: int) -> FrameInfo:
+        """Return what the record of frame ``index`` says."""
+        k = check_index(index, len(self))
+        record = self.record(k)
         _, ny, nx = self._shape3
-        flat = int(self._flat[index])
-        return Position(self._planes[flat // (ny * nx)], flat // nx % ny, flat % nx)
-
-    def origin(self, index: int) -> tuple[int, int]:
-        """Return the sensor (row, column) of the first pixel of frame ``index``."""
-        record = self.record(index)
-        return int(record["row"]), int(record["column"])
-
-    def exposure_s(self, index: int) -> float:
-        """Return the exposure of frame ``index`` (s)."""
-        return float(self.record(index)["exposure_s"])
+        flat = int(self._flat[k])
+        return FrameInfo(
+            (Position(self._planes[flat // (ny * nx)], flat // nx % ny, flat % nx),),
+            (int(record["row"]), int(record["column"])),
+            float(record["exposure_s"]),
+            saturated=int(record["saturated"]),
+            label=f"{self._files[self._where[k]].path.name}[{self._slots[k]}]",
+        )
 
     def record(self, index: int) -> Any:
         """Return the record of frame ``index``; see `lfcal.acquire.recording.records.RECORD`."""
         return self._files[self._where[index]].records[self._slots[index]]
 
-    def read(self, index: int) -> NDArray[Any]:
-        """Return frame ``index`` as a new array; raises `FileFormatError` if it is damaged."""
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
+        """Return frame ``index``, or a part of it; raises `FileFormatError` if it is damaged."""
         frame = self._files[int(self._where[index])].read(int(self._slots[index]))
-        if self._darks is None:
+        if region is None:
             return frame
-        record = self.record(index)
-        return np.asarray(frame - self._darks.part(record, frame.shape), np.float32)
+        return np.ascontiguousarray(frame[check_region(region, self.shape)])
 
-    def label(self, index: int) -> str:
-        """Return a short name of frame ``index``."""
-        return f"{self._files[self._where[index]].path.name}[{self._slots[index]}]"
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return the samples; of frames made of several exposures the record knows how many were saturated."""
+        if self.dtype.kind != "f":
+            return super().samples(index, region)
+        return Samples(self.read(index, region), saturated=int(self.record(index)["saturated"]))
 
     def close(self) -> None:
         """Close the files; may be called twice."""
         self._stack.close()
 
-    def __enter__(self) -> RecordingSource:
-        """Return the source."""
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the files."""
-        self.close()
-
-
-class _Darks:
-    """Mean dark frame of each exposure, with the sensor place of its first pixel."""
-
-    def __init__(self, means: dict[float, NDArray[np.float32]], row: int, column: int) -> None:
-        self._means, self._row, self._column = means, row, column
-
-    def part(self, record: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """Return what to subtract from the frame of ``record``."""
-        seconds = float(record["exposure_s"])
-        nearest = min(self._means, key=lambda t: abs(t - seconds))
-        if abs(nearest - seconds) > 0.01 * seconds:
-            raise InputError.expected(
-                "dark frame", f"one of {seconds:g} s", f"{sorted(self._means)} s", "record the darks again"
-            )
-        top, left = int(record["row"]) - self._row, int(record["column"]) - self._column
-        part: NDArray[np.float32] = self._means[nearest][top : top + shape[0], left : left + shape[1]]
-        return part
+def _part_of(plan: ScanPlan, planes: Sequence[int]) -> ScanPlan:
+    """Return the plan of some of its planes."""
+    return replace(
+        plan,
+        depths_um=tuple(plan.depths_um[z] for z in planes),
+        exposure_s=tuple(plan.exposures[z] for z in planes),
+    )
 
 
-def _darks(folder: Path, roi: Any) -> _Darks:
+def read_darks(folder: Path) -> dict[float, Dark]:
+    """Return the mean dark frame of each exposure (s) of a session, empty where none was recorded."""
     path = folder / file_name(Kind.DARK, 0)
     if not path.exists():
-        raise InputError.expected("dark frames", path.name, "none", "record some, or leave dark correction out")
+        return {}
+    darks: dict[float, Dark] = {}
     with RecordingFile(path) as file:
         exposures = np.round(file.records["exposure_s"], 9)
-        means = {}
         for seconds in np.unique(exposures[file.taken]).tolist():
             slots = np.flatnonzero(file.taken & (exposures == seconds))
-            total = np.zeros(file.layout.shape, np.float64)
-            for slot in slots.tolist():
-                total += file.read(slot)
-            means[float(seconds)] = (total / len(slots)).astype(np.float32)
-    if not means:
-        raise InputError.expected("dark frames", f"some in {path.name}", "none", "resume the session")
-    return _Darks(means, int(roi[0]), int(roi[1]))
+            first = file.records[slots[0]]
+            mean = average_frames(file.read(slot) for slot in slots.tolist())
+            darks[float(seconds)] = Dark(mean, origin=(int(first["row"]), int(first["column"])))
+    return darks
+
+
+def _open_session(path: Path, options: FrameOptions) -> RecordingSource:
+    options.refuse("recorded session")
+    return RecordingSource(path)
+
+
+SOURCE = SourceKind("recorded session", lambda path: (path / NAME).is_file(), _open_session)
 
 
 class CheckFrame(NamedTuple):

@@ -23,7 +23,7 @@ from lfcal.devices.errors import DeviceLost, FrameTimeout, IncompleteFrame
 from lfcal.devices.protocols import Frame, Rig, Roi, Setting
 from lfcal.errors import InputError, LfcalError
 from lfcal.files import replace_whole
-from lfcal.frames.formats.opening import IMAGE_SUFFIXES, read_image
+from lfcal.frames.formats.opening import image_suffixes, read_image
 
 __all__ = ["FolderBackend"]
 
@@ -151,7 +151,7 @@ class _Camera:
         pattern = self._pattern if "{number" not in self._pattern else "*"
         try:
             for path in self._folder.glob(pattern):
-                if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith("."):
+                if path.suffix.lower() in image_suffixes() and not path.name.startswith("."):
                     info = path.stat()
                     found[path.name] = (info.st_size, info.st_mtime_ns)
         except FileNotFoundError:  # a file that went while it was looked at

@@ -90,7 +90,7 @@ class FramesRenderer:
                 "frames", f"the sensor's shape {plan.camera.sensor.shape}", frames.shape, "match them"
             )
         self._plan, self._frames = plan, frames
-        self._index = {tuple(frames.position(k)): k for k in range(len(frames))}
+        self._index = {tuple(frames.info(k).position): k for k in range(len(frames))}
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
         """Return the frame of the nearest position, whatever ``roi`` is."""

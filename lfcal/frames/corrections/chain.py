@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -15,15 +14,15 @@ from lfcal.errors import InputError
 from lfcal.frames.corrections import _kernels
 from lfcal.frames.corrections.background import Background, Plane
 from lfcal.frames.corrections.defects import Defects, repair_nan
-from lfcal.frames.corrections.steps import Dark, Exposure, White
+from lfcal.frames.corrections.steps import Dark, DarkSet, Exposure, White
 from lfcal.frames.regions import Region, check_region, grow_region, region_shape, whole
 from lfcal.threads import for_each_chunk
 
 __all__ = ["CorrectionChain", "Step"]
 
-Step: TypeAlias = Dark | White | Defects | Background | Exposure
+Step: TypeAlias = Dark | DarkSet | White | Defects | Background | Exposure
 
-_RANK = {Dark: 0, White: 1, Defects: 2, Background: 3, Exposure: 3}
+_RANK = {Dark: 0, DarkSet: 0, White: 1, Defects: 2, Background: 3, Exposure: 3}
 _EMPTY = np.zeros((0, 0), np.float32)
 _EMPTY.setflags(write=False)  # as the frames of the steps are: one compiled kernel for both
 
@@ -41,8 +40,7 @@ class CorrectionChain:
     steps
         `Dark`, `White`, `Defects`, `Background`, `Exposure`.
     saturation
-        Sample value from which a pixel counts as saturated; None takes the highest value of an integer type,
-        and counts nothing in frames of floats.
+        Sample value from which a pixel counts as saturated; None: what the frames say of themselves.
 
     Raises
     ------
@@ -204,29 +202,28 @@ class CorrectionChain:
 
         return background.measure(part, shape)
 
-    def saturation_level(self, dtype: np.dtype[Any]) -> float | None:
-        """Return the sample value from which pixels of ``dtype`` count as saturated, None if there is none."""
-        if self.saturation is not None:
-            return self.saturation
-        return float(np.iinfo(dtype).max) if dtype.kind in "iu" else None
+    def keeps_level(self) -> bool:
+        """Whether nothing in the chain takes the black level away."""
+        return not any(isinstance(step, Dark | DarkSet | Background) for step in self.steps)
 
-    def saturated(self, frame: NDArray[Any], region: Region | None = None) -> int:
-        """Return how many pixels of a raw frame, or of its part ``region``, are saturated, known defects left out."""
-        level = self.saturation_level(frame.dtype)
-        if level is None:
-            return 0
-        if frame.dtype.kind in "iu":
-            if level > np.iinfo(frame.dtype).max:
-                return 0
-            level = math.ceil(level)
-        count = int(np.count_nonzero(frame >= frame.dtype.type(level)))
-        defects = self._find(Defects)
-        if count and defects is not None and len(defects):
-            rows, columns = region if region is not None else whole((frame.shape[0], frame.shape[1]))
-            at = np.asarray(defects.pixels) - np.array([rows.start, columns.start])
-            at = at[((at >= 0) & (at < np.array(frame.shape))).all(axis=1)]
-            count -= int(np.count_nonzero(frame[at[:, 0], at[:, 1]] >= level))
-        return count
+    def factor(self, exposure_s: float | None) -> float:
+        """Return what `Exposure` multiplies a frame of this exposure by, 1 without it."""
+        step: Exposure | None = self._find(Exposure)
+        return 1.0 if step is None else step.factor(exposure_s)
+
+    def gain(self, region: Region) -> float:
+        """Return the mean factor of `White` over a sensor region, 1 without it."""
+        white: White | None = self._find(White)
+        return 1.0 if white is None else float(white.gain[region].mean())
+
+    def repaired(self, region: Region) -> NDArray[np.intp]:
+        """Return the pixels ``(n, 2)`` of a sensor region that are replaced, counted from its first one."""
+        defects: Defects | None = self._find(Defects)
+        if defects is None or not len(defects):
+            return np.zeros((0, 2), np.intp)
+        at = np.asarray(defects.pixels, np.intp) - np.array([region[0].start, region[1].start])
+        inside: NDArray[np.intp] = at[((at >= 0) & (at < np.array(region_shape(region)))).all(axis=1)]
+        return inside
 
     def describe(self) -> dict[str, Any]:
         """Return a JSON description for provenance: every step with its parameters and checksums."""
@@ -269,18 +266,23 @@ class CorrectionChain:
         out: NDArray[np.float32] | None = None,
         workers: int | None = 1,
     ) -> NDArray[np.float32]:
-        dark, white, defects = self._find(Dark), self._find(White), self._find(Defects)
-        dark_frame = _EMPTY if dark is None or dark.frame is None else dark.frame
+        white, defects = self._find(White), self._find(Defects)
+        found = self._find(Dark) or self._find(DarkSet)
+        dark = None if found is None else found.at(exposure_s)
+        dark_part = None if dark is None else dark.part(region)
+        dark_frame = _EMPTY if dark_part is None else dark_part
         level = 0.0 if dark is None else dark.level
-        gain = _EMPTY if white is None else white.gain
+        gain = _EMPTY if white is None else np.ascontiguousarray(white.gain[region])
         r0, c0 = region[0].start, region[1].start
         raw = _narrow(part)
         result = np.empty(part.shape, np.float32) if out is None else _check_out(out, part.shape)
         factor, offset = self._affine(plane, exposure_s)
+        # the kernel counts from the first pixel of the part, as the parts of dark and gain do
+        local = np.array([offset[0] + offset[1] * r0 + offset[2] * c0, offset[1], offset[2]])
 
         def rows(start: int, stop: int) -> None:
             _kernels.correct_rows(
-                raw, dark_frame, gain, r0, c0, np.float32(level), np.float32(factor), offset, start, stop, result
+                raw, dark_frame, gain, 0, 0, np.float32(level), np.float32(factor), local, start, stop, result
             )
 
         for_each_chunk(rows, part.shape[0], workers)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,15 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.camera import ScanPlan
 from lfcal.checks import check_choice
 from lfcal.errors import InputError, StorageError
+from lfcal.frames.aligned import ShiftedSource, shifted
+from lfcal.frames.channels import channel_source
 from lfcal.frames.corrections.background import Background
 from lfcal.frames.corrections.chain import CorrectionChain, Step
-from lfcal.frames.corrections.steps import Dark, Exposure, White, average_frames
-from lfcal.frames.formats.opening import IMAGE_SUFFIXES, open_image
+from lfcal.frames.corrections.corrected import CorrectedSource
+from lfcal.frames.corrections.steps import Dark, DarkSet, Exposure, White, average_frames
+from lfcal.frames.described import DescribedSource
+from lfcal.frames.formats.opening import image_suffixes, open_image
 from lfcal.frames.source import FrameSource
 
-__all__ = ["CorrectionRecipe", "build_chain", "read_average"]
+__all__ = ["CorrectionRecipe", "build_chain", "corrected_view", "read_average"]
 
 
 @dataclass(frozen=True)
@@ -27,46 +33,88 @@ class CorrectionRecipe:
 
     Attributes
     ----------
-    dark, white
+    dark
+        A frame, or a folder of frames that are averaged; empty: the darks recorded with the frames, else the black
+        level that file or plan states; ``"none"``: nothing is subtracted.
+    black_level
+        Sample value of no light, where it is known and there is no dark frame; None: what file or plan state.
+    white
         A frame, or a folder of frames that are averaged; empty: not corrected.
     white_mode
         ``"field"``: divide by the smooth fall of light over the field, found from the lenslets of the white
-        frame, which leaves micro-images as they are; ``"pixels"``: divide by the white frame itself, pixel by
-        pixel, for white frames without micro-images.
+        image, which leaves micro-images as they are; ``"pixels"``: divide by the white image itself, pixel by
+        pixel, for those without micro-images.
     white_floor
         Lowest relative brightness divided by.
     defects
         Find defect pixels over the frames and repair them.
     background
         ``"none"``, ``"border"``, ``"plane"``, or a number of counts.
-    reference_s
-        Scale all frames to this exposure (s); None: leave them.
+    exposure
+        ``"auto"``: where the exposures of all frames are known and differ, scale them to the most frequent one;
+        ``"none"``: leave them; or a number of seconds to scale to.
     saturation
-        Sample value of saturation; None: the sensor's highest value by bit depth.
+        Sample value of saturation; None: what file or plan state.
+    channel
+        Colour channel of a mosaic, e.g. ``"G1"``; empty: the frames as they are.
+    shift
+        Bits by which left-aligned samples are moved down.
     """
 
     dark: str | os.PathLike[str] = ""
+    black_level: float | None = None
     white: str | os.PathLike[str] = ""
     white_mode: str = "field"
     white_floor: float = 0.05
     defects: bool = False
     background: str = "none"
-    reference_s: float | None = None
+    exposure: str = "auto"
     saturation: float | None = None
+    channel: str = ""
+    shift: int = 0
 
 
-def read_average(path: str | os.PathLike[str], *, colour: str | None = None) -> NDArray[np.float32]:
-    """Return the mean of all pages of an image file, or of all images in a folder, ``(rows, columns)`` float32."""
+def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan | None = None) -> CorrectedSource:
+    """Return the frames of ``source`` as ``recipe`` corrects them: the view that everything works on.
+
+    Parameters
+    ----------
+    source
+        Raw frames.
+    recipe
+        What is to be done.
+    plan
+        States bit depth, black level, exposures and colour filter where the frames do not.
+
+    Raises
+    ------
+    InputError
+        If something the recipe asks for does not fit these frames.
+    """
+    view = ShiftedSource(source, recipe.shift) if recipe.shift else source
+    if plan is not None:
+        view = DescribedSource(view, plan)
+    if recipe.channel:
+        view = channel_source(view, recipe.channel)
+    return CorrectedSource(view, build_chain(view, recipe))
+
+
+def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shift: int = 0) -> NDArray[np.float32]:
+    """Return the mean of all pages of an image file, or of all images in a folder, ``(rows, columns)`` float32.
+
+    Integer samples are moved down by ``shift`` bits first.
+    """
     place = Path(path)
     if place.is_dir():
-        files = sorted(p for p in place.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES)
+        files = sorted(p for p in place.iterdir() if p.suffix.lower() in image_suffixes())
         if not files:
             raise InputError.expected(f"calibration frames in {place}", "at least one image", "none", "check it")
     elif place.exists():
         files = [place]
     else:
         raise StorageError(f"{place}: no such file or folder; check the path")
-    return average_frames(page for file in files for page in _pages(file, colour))
+    pages = (page for file in files for page in _pages(file, colour))
+    return average_frames(shifted(page, shift, place.name) if shift else page for page in pages)
 
 
 def _pages(path: Path, colour: str | None) -> list[NDArray[Any]]:
@@ -80,31 +128,79 @@ def _pages(path: Path, colour: str | None) -> list[NDArray[Any]]:
 def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChain:
     """Return the correction chain of ``recipe`` for the frames of ``source``.
 
-    Where these are one channel of a mosaic, the same channel is taken of the dark and white mosaics. Without a dark
-    frame the black level that a camera RAW declares is subtracted.
+    Where these are one channel of a mosaic, the same channel is taken of the dark and white mosaics.
     """
-    steps: list[Step] = []
-    cfa = str(source.metadata.get("cfa") or "")
-    dark = _of_channel(source, read_average(recipe.dark)) if recipe.dark else None
-    black = 0.0 if recipe.dark else _black_level(source)
-    saturation = recipe.saturation if recipe.saturation is not None else _saturation(source)
-    if dark is not None:
-        steps.append(Dark(dark))
-    elif black:
-        steps.append(Dark(level=black))
+    facts = source.metadata
+    dark = _dark(source, recipe)
+    steps: list[Step] = [] if dark is None else [dark]
     if recipe.white:
-        white = _of_channel(source, read_average(recipe.white))
-        level = black if dark is None else dark
-        steps.append(_white(white, level, recipe, cfa, saturation))
+        white = _of_channel(source, read_average(recipe.white, shift=recipe.shift))
+        saturation = recipe.saturation if recipe.saturation is not None else facts.get("saturation")
+        steps.append(_white(white, _white_dark(dark, white.shape), recipe, str(facts.get("cfa") or ""), saturation))
     if recipe.defects:
         from lfcal.frames.corrections.defect_search import find_defects
 
+        if any(source.info(k).origin != (0, 0) for k in range(len(source))):
+            raise InputError.expected(
+                "search for defect pixels", "whole sensor frames", "cutouts", "record whole frames for it"
+            )
         steps.append(find_defects(source))
     if recipe.background != "none":
         steps.append(_background(recipe.background))
-    if recipe.reference_s is not None:
-        steps.append(Exposure(recipe.reference_s))
-    return CorrectionChain(tuple(steps), saturation=saturation)
+    reference = _reference_exposure(source, recipe.exposure)
+    if reference is not None:
+        steps.append(Exposure(reference))
+    return CorrectionChain(tuple(steps), saturation=recipe.saturation)
+
+
+def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | None:
+    """Return what is subtracted first: the recipe's dark, that of the recording, or the black level."""
+    if recipe.dark == "none":
+        return None
+    if recipe.dark:
+        return Dark(_of_channel(source, read_average(recipe.dark, shift=recipe.shift)))
+    darks = source.metadata.get("darks")
+    if darks and recipe.black_level is None:
+        return DarkSet(darks)
+    if recipe.black_level is not None:
+        return Dark(level=recipe.black_level)  # 0 too: it says that there is none
+    level = _black_level(source)
+    return Dark(level=level) if level else None
+
+
+def _white_dark(dark: Dark | DarkSet | None, shape: tuple[int, ...]) -> NDArray[np.float32] | float:
+    """Return what is subtracted from the white image itself."""
+    if dark is None:
+        return 0.0
+    one = dark.at(None) if isinstance(dark, DarkSet) and len(dark.darks) == 1 else dark
+    if isinstance(one, DarkSet) or (one.frame is not None and one.frame.shape != shape):
+        raise InputError.expected(
+            "dark of the white image", "one for the whole sensor", "darks of a part of it", "give a dark frame"
+        )
+    return one.level if one.frame is None else one.frame
+
+
+def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
+    """Return the exposure that frames are scaled to (s), or None to leave them."""
+    if wanted == "none":
+        return None
+    if wanted != "auto":
+        try:
+            return float(wanted)
+        except ValueError:
+            raise InputError.expected("exposure", "auto, none or seconds", repr(wanted), "correct it") from None
+    counts = Counter(source.info(k).exposure_s for k in range(len(source)))
+    known = [seconds for seconds in counts if seconds is not None]
+    if len(known) < 2:
+        return None
+    if None in counts:
+        raise InputError.expected(
+            "exposures of frames that differ",
+            "that of every frame",
+            f"{counts[None]} unknown",
+            "complete the manifest, or leave exposures alone (exposure none)",
+        )
+    return max(known, key=lambda seconds: (counts[seconds], seconds))
 
 
 def _white(
@@ -132,7 +228,7 @@ def _of_channel(source: FrameSource, frame: NDArray[np.float32]) -> NDArray[np.f
     step = int(source.metadata.get("pixel_step", 1))
     if step == 1 or frame.shape == source.shape:
         return frame
-    r0, c0 = source.metadata["origin_px"]
+    r0, c0 = source.metadata["channel_phase"]
     return np.ascontiguousarray(frame[r0::step, c0::step])
 
 
@@ -142,13 +238,6 @@ def _black_level(source: FrameSource) -> float:
     if np.ptp(levels) > 0:
         raise InputError.expected("black level of the colours", "one for all", levels.tolist(), "give a dark frame")
     return float(levels[0])
-
-
-def _saturation(source: FrameSource) -> float | None:
-    if source.metadata.get("saturation") is not None:
-        return float(source.metadata["saturation"])
-    bits = source.metadata.get("bit_depth")
-    return float((1 << int(bits)) - 1) if bits else None
 
 
 def _background(text: str) -> Background:

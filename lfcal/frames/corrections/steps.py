@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import InitVar, dataclass, field
 from typing import Any
 
@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from lfcal.checks import as_sensor_frame, check_number
 from lfcal.errors import InputError
 from lfcal.frames.cfa import phases
+from lfcal.frames.regions import Region, clipped, moved
 
-__all__ = ["Dark", "Exposure", "White", "average_frames", "white_gain"]
+__all__ = ["Dark", "DarkSet", "Exposure", "White", "average_frames", "white_gain"]
 
 
 def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
@@ -53,6 +54,8 @@ class Dark:
         Mean dark frame ``(rows, columns)`` in sample values, or None where a level is enough.
     level
         Constant level subtracted as well (sample values), e.g. the black level of a camera RAW.
+    origin
+        Sensor (row, column) of its first pixel; a dark frame of a part of the sensor fits that part only.
 
     Raises
     ------
@@ -62,6 +65,7 @@ class Dark:
 
     frame: NDArray[Any] | None = field(default=None, repr=False)
     level: float = 0.0
+    origin: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
         """Check and freeze the frame."""
@@ -72,7 +76,27 @@ class Dark:
     @property
     def shape(self) -> tuple[int, int] | None:
         """Shape of the frames it fits, None for any."""
-        return None if self.frame is None else (self.frame.shape[0], self.frame.shape[1])
+        if self.frame is None or self.origin != (0, 0):
+            return None
+        return self.frame.shape[0], self.frame.shape[1]
+
+    def at(self, exposure_s: float | None) -> Dark:
+        """Return itself: one dark for every exposure."""
+        return self
+
+    def part(self, region: Region) -> NDArray[np.float32] | None:
+        """Return the dark values of a sensor region, contiguous; raises `InputError` where it covers less."""
+        if self.frame is None:
+            return None
+        inside = moved(region, (-self.origin[0], -self.origin[1]))
+        if clipped(inside, (self.frame.shape[0], self.frame.shape[1])) != inside:
+            raise InputError.expected(
+                "dark frame",
+                f"rows {region[0].start} … {region[0].stop - 1}, columns {region[1].start} … {region[1].stop - 1}",
+                f"{self.frame.shape} pixels from {self.origin}",
+                "record darks of the same region",
+            )
+        return np.ascontiguousarray(self.frame[inside])
 
     def describe(self) -> dict[str, Any]:
         """Return a JSON description."""
@@ -80,6 +104,47 @@ class Dark:
         if self.frame is not None:
             record |= {"mean": float(self.frame.mean(dtype=np.float64)), "crc32": fingerprint(self.frame)}
         return record
+
+
+@dataclass(frozen=True, eq=False)
+class DarkSet:
+    """Subtract the dark that was taken with the exposure of each frame.
+
+    Attributes
+    ----------
+    darks
+        Dark by exposure (s).
+    """
+
+    darks: Mapping[float, Dark]
+
+    def __post_init__(self) -> None:
+        """Check that there are some."""
+        if not self.darks:
+            raise InputError.expected("dark frames", "at least one", "none", "record some, or leave them out")
+
+    @property
+    def shape(self) -> tuple[int, int] | None:
+        """Shape of the frames it fits, None for any."""
+        return next(iter(self.darks.values())).shape
+
+    def at(self, exposure_s: float | None) -> Dark:
+        """Return the dark of an exposure; raises `InputError` where none lies within 1 % of it."""
+        if exposure_s is None:
+            if len(self.darks) == 1:
+                return next(iter(self.darks.values()))
+            raise InputError.expected(
+                "exposure of the frame", "one of those of the darks", "none", "state the exposures, or give one dark"
+            )
+        nearest = min(self.darks, key=lambda seconds: abs(seconds - exposure_s))
+        if abs(nearest - exposure_s) > 0.01 * exposure_s:
+            known = ", ".join(f"{seconds:g}" for seconds in sorted(self.darks))
+            raise InputError.expected("dark frame", f"one of {exposure_s:g} s", f"{known} s", "record the darks again")
+        return self.darks[nearest]
+
+    def describe(self) -> dict[str, Any]:
+        """Return a JSON description."""
+        return {"kind": "darks", "by_exposure": {f"{s:g}": dark.describe() for s, dark in self.darks.items()}}
 
 
 def white_gain(

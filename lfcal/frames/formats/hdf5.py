@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
 from lfcal.files import check_dataset, open_h5_file
-from lfcal.frames.formats.image_file import ImageFile, decoding
+from lfcal.frames.formats.image_file import Format, ImageFile, decoding
 from lfcal.frames.regions import check_region
 
 __all__ = ["Hdf5Image"]
@@ -113,3 +113,14 @@ class Hdf5Image(ImageFile):
         """Close the file."""
         with self._lock:
             self._file.close()
+
+
+FORMAT: Format = Format(
+    "HDF5",
+    frozenset({".h5", ".hdf5", ".mat"}),
+    # a user block may precede the mark, so the ending counts as well
+    lambda head, path: head.startswith(b"\x89HDF") or path.suffix.lower() in FORMAT.suffixes,
+    lambda path, _, dataset: Hdf5Image(path, dataset),
+    rank=1,
+    in_folders=False,
+)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,7 +18,7 @@ from lfcal.files import MAX_EXPANSION, storage_errors
 from lfcal.frames.regions import check_region
 from lfcal.units import format_bytes
 
-__all__ = ["MAX_SIDE", "ImageFile", "check_declared", "check_grey", "decoding"]
+__all__ = ["MAX_SIDE", "Format", "ImageFile", "check_declared", "check_grey", "decoding"]
 
 MAX_SIDE = 200_000
 
@@ -65,6 +66,34 @@ class ImageFile(ABC):
                 "the file is cut short or the manifest is wrong",
             )
         return page
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One image format as `lfcal.frames.formats.opening` finds it: the value ``FORMAT`` of its module.
+
+    Attributes
+    ----------
+    name
+        For people.
+    suffixes
+        Endings of its files, lower case with the dot; files with these are looked for in folders.
+    recognises
+        Whether a file is of this format, from its first 16 bytes and its path.
+    open
+        Opens a file: path, colour component taken of a colour image (or None), dataset within the file (or None).
+    rank
+        Formats of low rank are asked first: 0 for those known by a mark that no other has.
+    in_folders
+        Whether single frames of a folder come in this format (a stack such as HDF5 holds all of them).
+    """
+
+    name: str
+    suffixes: frozenset[str]
+    recognises: Callable[[bytes, Path], bool]
+    open: Callable[[Path, str | None, str | None], ImageFile]
+    rank: int = 0
+    in_folders: bool = True
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError, UnsafeFileError
-from lfcal.frames.formats.image_file import ImageFile, decoding
+from lfcal.frames.formats.image_file import Format, ImageFile, decoding
 from lfcal.frames.regions import check_region
 
 __all__ = ["NpyImage"]
@@ -57,3 +57,8 @@ class NpyImage(ImageFile):
         rows, columns = check_region((rows, columns), self.shape)
         at = np.unravel_index(self.check_page(page), self._lead) if self._lead else ()
         return np.array(self._array[(*(int(k) for k in at), rows, columns)], self.dtype, order="C")
+
+
+FORMAT = Format(
+    "NPY", frozenset({".npy"}), lambda head, _: head.startswith(b"\x93NUMPY"), lambda path, *_: NpyImage(path)
+)

@@ -10,27 +10,28 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.files import storage_errors
-from lfcal.frames.formats.image_file import ImageFile
+from lfcal.frames.formats.image_file import Format, ImageFile
+from lfcal.registry import Registry
 
-__all__ = ["IMAGE_SUFFIXES", "RAW_SUFFIXES", "open_image", "read_image"]
+__all__ = ["FORMATS", "image_suffixes", "open_image", "read_image"]
 
-RAW_SUFFIXES = frozenset(
-    ".3fr .arw .cr2 .cr3 .crw .dcr .dng .erf .iiq .kdc .mef .mos .mrw .nef .nrw .orf .pef .raf .rw2 .rwl .sr2 .srf"
-    " .srw .x3f".split()
+FORMATS: Registry[Format] = Registry(
+    "image format", "lfcal.frames.formats", "FORMAT", "lfcal.formats", order=lambda f: (f.rank, f.name)
 )
-"""Names of camera RAW files; they are told by name, as most look like TIFF inside."""
+"""Every format there is; the first that recognises a file opens it."""
 
-HDF5_SUFFIXES = frozenset({".h5", ".hdf5", ".mat"})
 
-IMAGE_SUFFIXES = frozenset({".tif", ".tiff", ".png", ".pgm", ".npy"} | RAW_SUFFIXES)
-"""Names of the files that are looked for in a folder."""
+def image_suffixes() -> frozenset[str]:
+    """Return the endings of files that are looked for in a folder of frames."""
+    return frozenset().union(*(form.suffixes for form in FORMATS if form.in_folders))
 
 
 def open_image(path: str | os.PathLike[str], *, colour: str | None = None, dataset: str | None = None) -> ImageFile:
     """Open an image file of pages, each one frame.
 
-    16-bit and other grey TIFF (single and multi-page), PNG, PGM, ``.npy`` arrays, HDF5 stacks, and camera RAW (the
-    mosaic as it is). The kind is told by the first bytes, not by the name, except for camera RAW.
+    16-bit and other grey TIFF (single and multi-page), PNG, PGM, ``.npy`` arrays, HDF5 stacks, camera RAW (the mosaic
+    as it is), and what other packages add. The format is detected by the first bytes, not by the name, except for
+    camera RAW.
 
     Parameters
     ----------
@@ -55,31 +56,11 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
     if colour is not None and colour not in ("R", "G", "B"):
         raise InputError.expected("colour", "R, G or B", repr(colour), "choose one of these")
     head = _head(path)
-    if path.suffix.lower() in RAW_SUFFIXES:
-        from lfcal.frames.formats.raw import RawImage
-
-        return RawImage(path)
-    if head.startswith(b"\x89PNG\r\n\x1a\n"):
-        from lfcal.frames.formats.png import PngImage
-
-        return PngImage(path, colour)
-    if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-        from lfcal.frames.formats.tiff import TiffImage
-
-        return TiffImage(path, colour)
-    if head.startswith(b"\x93NUMPY"):
-        from lfcal.frames.formats.npy import NpyImage
-
-        return NpyImage(path)
-    if head.startswith(b"\x89HDF") or path.suffix.lower() in HDF5_SUFFIXES:
-        from lfcal.frames.formats.hdf5 import Hdf5Image
-
-        return Hdf5Image(path, dataset)
-    if head[:2] == b"P5":
-        from lfcal.frames.formats.pgm import PgmImage
-
-        return PgmImage(path)
-    raise FileFormatError.expected(str(path), "TIFF, PNG, PGM, NPY, HDF5 or camera RAW", _guess(head), _remedy(head))
+    for form in FORMATS:
+        if form.recognises(head, path):
+            return form.open(path, colour, dataset)
+    names = ", ".join(form.name for form in FORMATS)
+    raise FileFormatError.expected(str(path), names, _guess(head), _remedy(head))
 
 
 def read_image(path: str | os.PathLike[str], page: int = 0, *, colour: str | None = None) -> NDArray[Any]:

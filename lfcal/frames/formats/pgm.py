@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
-from lfcal.frames.formats.image_file import ImageFile, check_declared
+from lfcal.frames.formats.image_file import Format, ImageFile, check_declared
 from lfcal.frames.regions import check_region
 
 __all__ = ["PgmImage"]
@@ -62,3 +62,6 @@ class PgmImage(ImageFile):
                 str(self.path), f"{count} samples", data.size, "the file is cut short; copy it again"
             )
         return np.ascontiguousarray(data.reshape(-1, self.shape[1])[:, columns], self.dtype)
+
+
+FORMAT = Format("PGM", frozenset({".pgm"}), lambda head, _: head[:2] == b"P5", lambda path, *_: PgmImage(path))

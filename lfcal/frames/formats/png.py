@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
-from lfcal.frames.formats.image_file import ImageFile, check_declared, check_grey, decoding
+from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, decoding
 
 __all__ = ["PngImage"]
 
@@ -82,3 +82,11 @@ class PngImage(ImageFile):
         return FileFormatError.expected(
             str(self.path), "an intact PNG file", f"damaged data ({reason})", "record or copy it again"
         )
+
+
+FORMAT = Format(
+    "PNG",
+    frozenset({".png"}),
+    lambda head, _: head.startswith(b"\x89PNG\r\n\x1a\n"),
+    lambda path, colour, _: PngImage(path, colour),
+)

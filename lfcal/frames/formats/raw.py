@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rawpy
 from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
-from lfcal.frames.formats.image_file import ImageFile, decoding
+from lfcal.frames.formats.image_file import Format, ImageFile, decoding
 
 __all__ = ["RawImage"]
 
@@ -28,10 +27,14 @@ class RawImage(ImageFile):
         self.path = path
         with storage_errors(path):
             path.open("rb").close()
+        import rawpy
+
         with decoding(path, "camera RAW"), rawpy.imread(str(path)) as raw:
             self._describe(raw)
 
     def _describe(self, raw: Any) -> None:
+        import rawpy
+
         if raw.raw_type != rawpy.RawType.Flat:
             raise FileFormatError.expected(
                 str(self.path),
@@ -72,6 +75,8 @@ class RawImage(ImageFile):
     def read(self, page: int = 0) -> NDArray[Any]:
         """Return the mosaic of the visible area, untouched."""
         self.check_page(page)
+        import rawpy
+
         with decoding(self.path, "camera RAW"), rawpy.imread(str(self.path)) as raw:
             frame = np.array(raw.raw_image_visible, self.dtype, order="C")
         if frame.shape != self.shape:
@@ -79,3 +84,14 @@ class RawImage(ImageFile):
                 str(self.path), f"{self.shape} px", frame.shape, "the file changed; copy it again"
             )
         return frame
+
+
+_SUFFIXES = frozenset(
+    ".3fr .arw .cr2 .cr3 .crw .dcr .dng .erf .iiq .kdc .mef .mos .mrw .nef .nrw .orf .pef .raf .rw2 .rwl .sr2 .srf"
+    " .srw .x3f".split()
+)
+"""Known by name, because most of them look like TIFF inside: they are asked before it."""
+
+FORMAT = Format(
+    "camera RAW", _SUFFIXES, lambda _, path: path.suffix.lower() in _SUFFIXES, lambda path, *_: RawImage(path), rank=-1
+)

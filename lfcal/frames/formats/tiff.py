@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
-from lfcal.frames.formats.image_file import ImageFile, check_declared, check_grey, decoding
+from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, decoding
 from lfcal.frames.regions import check_region
 
 __all__ = ["TiffImage", "count_pages"]
@@ -79,6 +78,8 @@ class TiffImage(ImageFile):
     """A TIFF file of grey pages (8, 16, 32 bits, float), or one component of colour ones."""
 
     def __init__(self, path: Path, colour: str | None = None) -> None:
+        import tifffile
+
         self.path = path
         self.pages = count_pages(path)
         self._size = path.stat().st_size
@@ -190,3 +191,11 @@ class TiffImage(ImageFile):
     def close(self) -> None:
         """Close the file."""
         self._tiff.close()
+
+
+FORMAT = Format(
+    "TIFF",
+    frozenset({".tif", ".tiff"}),
+    lambda head, _: head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"),
+    lambda path, colour, _: TiffImage(path, colour),
+)

@@ -6,6 +6,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Mapping
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,14 @@ from numpy.typing import NDArray
 
 from lfcal.axes import Position, centre
 from lfcal.camera import ScanPlan
+from lfcal.camera.plan import FORMAT as PLAN_FORMAT
 from lfcal.camera.shadow import half_extent_px
 from lfcal.checks import check_number
 from lfcal.errors import InputError
+from lfcal.files import storage_errors
+from lfcal.frames.regions import Region, check_region
+from lfcal.frames.source import FrameInfo, Frames
+from lfcal.frames.sources.base import FrameOptions, SourceKind
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects.base import Effect, FrameEffect, MotionEffect
 from lfcal.simulate.effects.light import FiniteSource
@@ -26,7 +32,7 @@ from lfcal.simulate.sensor.white import white_light, white_tile
 from lfcal.simulate.simulate import EffectsLike, describe, effects_of
 from lfcal.simulate.staging import origin_of
 
-__all__ = ["SimulatedCamera"]
+__all__ = ["SOURCE", "SimulatedCamera"]
 
 PROBES = 8
 """Positions per axis at which the brightest pixel is looked for."""
@@ -35,7 +41,7 @@ ROWS_KEPT = 4
 """Rows of responses that are kept for the next frames."""
 
 
-class SimulatedCamera:
+class SimulatedCamera(Frames):
     """A `FrameSource` whose frames are simulated: full sensor frames, one per position of a plan, in scan order.
 
     Every frame depends on its index and the seed alone: they may be read in any order, from several threads.
@@ -101,14 +107,15 @@ class SimulatedCamera:
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """Colour filter, bit depth, saturation level, exposure, and what was simulated."""
+        """Colour filter, bit depth, saturation and black level, the plan, and what was simulated."""
         sensor = self.camera.sensor
         return {
             "cfa": sensor.cfa,
             "bit_depth": sensor.bit_depth,
-            "saturation": sensor.max_value,
+            "saturation": float(sensor.max_value),
             "black_level": sensor.black_level,
-            "exposure_s": self.plan.exposures[0],
+            "plan": self.plan,
+            "plan_shape": self.plan.shape[:3],
             "simulated": {"effects": describe(self.effects), "level": self.level, "seed": self.seed},
         }
 
@@ -121,18 +128,20 @@ class SimulatedCamera:
         z, y, x = self._order[self._checked(index)].tolist()
         return Position(z, y, x)
 
-    def label(self, index: int) -> str:
-        """Return a short name of frame ``index``."""
-        z, y, x = self.position(index)
-        return f"simulated frame {index} (z {z}, y {y}, x {x})"
-
     def exposure_s(self, index: int) -> float:
         """Return the exposure of frame ``index`` (s)."""
         return self.plan.exposures[self.position(index).z]
 
-    def read(self, index: int) -> NDArray[Any]:
-        """Return frame ``index``, ``(rows, columns)`` sample values."""
-        return self._expose(self.light(index), self.exposure_s(index), FrameKind.LIGHT, index)
+    def info(self, index: int) -> FrameInfo:
+        """Return what is known of frame ``index``: not the motion effects, which displace without telling."""
+        z, y, x = self.position(index)
+        label = f"simulated frame {index} (z {z}, y {y}, x {x})"
+        return FrameInfo((Position(z, y, x),), exposure_s=self.plan.exposures[z], drift=(0.0, 0.0), label=label)
+
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
+        """Return frame ``index``, or a part of it, in sample values; every frame is computed whole."""
+        frame = self._expose(self.light(index), self.exposure_s(index), FrameKind.LIGHT, index)
+        return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
     def dark_frame(self, index: int = 0, exposure_s: float | None = None) -> NDArray[np.uint16] | NDArray[np.float32]:
         """Return the ``index``-th frame without light, by default at the first plane's exposure."""
@@ -284,3 +293,21 @@ def _place(out: NDArray[np.float32], values: NDArray[np.float32], row: int, colu
     r1, c1 = min(out.shape[0], top + values.shape[0]), min(out.shape[1], left + values.shape[1])
     if r0 < r1 and c0 < c1:
         out[r0:r1, c0:c1] += values[r0 - top : r1 - top, c0 - left : c1 - left]
+
+
+def _open_plan(path: Path, options: FrameOptions) -> SimulatedCamera:
+    options.refuse("simulated camera of a plan")
+    with storage_errors(path):
+        text = path.read_text(encoding="utf-8", errors="replace")
+    return SimulatedCamera(ScanPlan.from_json(text))
+
+
+def _is_plan(path: Path) -> bool:
+    """Return whether a JSON file says of itself that it is a scan plan."""
+    if path.suffix.lower() != ".json" or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return PLAN_FORMAT.encode() in file.read(4096)
+
+
+SOURCE = SourceKind("simulated camera", _is_plan, _open_plan)

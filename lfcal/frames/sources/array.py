@@ -9,40 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.frames.regions import check_region
-from lfcal.frames.source import FrameSource, Position
+from lfcal.frames.regions import Region, check_region, whole
+from lfcal.frames.source import FrameInfo, Frames, Position, check_index
 
-__all__ = ["ArraySource", "frame_drift", "frame_exposure"]
-
-
-def frame_exposure(source: FrameSource, index: int) -> float | None:
-    """Return the exposure of frame ``index`` (s), or None where it is not known.
-
-    A source gives one exposure per frame with a method ``exposure_s(index)``, or one for all in its metadata.
-    """
-    method = getattr(source, "exposure_s", None)
-    value = method(index) if callable(method) else None
-    value = source.metadata.get("exposure_s") if value is None else value
-    return None if value is None else float(value)
+__all__ = ["ArraySource"]
 
 
-def frame_drift(source: FrameSource, index: int) -> tuple[float, float]:
-    """Return how far the paraxial image in frame ``index`` lies from where the plan puts it, ``(dy, dx)`` in px."""
-    method = getattr(source, "drift", None)
-    if not callable(method):
-        return 0.0, 0.0
-    dy, dx = method(index)
-    return float(dy), float(dx)
-
-
-def check_index(index: int, count: int) -> int:
-    """Return ``index`` or raise `InputError` unless it is one of ``count`` frames."""
-    if not 0 <= index < count:
-        raise InputError.expected("frame index", f"0 … {count - 1}", index, "ask for a frame that is there")
-    return int(index)
-
-
-class ArraySource:
+class ArraySource(Frames):
     """Frames of an array ``(frame, row, column)`` or ``(z, y, x, row, column)``.
 
     Parameters
@@ -55,8 +28,10 @@ class ArraySource:
         Exposure of each frame (s), or None.
     drifts
         Drift ``(dy, dx)`` of each frame (px), or None.
+    origins
+        Sensor (row, column) of each frame's first pixel, or None for whole sensor frames.
     metadata
-        What is known of the frames.
+        What is known of the frames; ``exposure_s`` is that of every frame where ``exposures_s`` is None.
     name
         Name for messages.
 
@@ -73,6 +48,7 @@ class ArraySource:
         *,
         exposures_s: Sequence[float] | None = None,
         drifts: Sequence[tuple[float, float]] | None = None,
+        origins: Sequence[tuple[int, int]] | None = None,
         metadata: Mapping[str, Any] | None = None,
         name: str = "frames",
     ) -> None:
@@ -92,7 +68,12 @@ class ArraySource:
                     f"positions of {name}", f"{count} positions", "none", "give positions or a scan order"
                 )
             positions = [Position(*(int(n) for n in np.unravel_index(k, self._lead))) for k in range(count)]
-        for what, values in (("positions", positions), ("exposures", exposures_s), ("drifts", drifts)):
+        for what, values in (
+            ("positions", positions),
+            ("exposures", exposures_s),
+            ("drifts", drifts),
+            ("origins", origins),
+        ):
             if values is not None and len(values) != count:
                 raise InputError.expected(
                     f"{what} of {name}", f"{count}, one per frame", len(values), "check the frame count"
@@ -100,7 +81,11 @@ class ArraySource:
         self._positions = [Position(*(int(n) for n in p)) for p in positions]
         self._exposures = None if exposures_s is None else [float(t) for t in exposures_s]
         self._drifts = None if drifts is None else [(float(dy), float(dx)) for dy, dx in drifts]
+        self._origins = None if origins is None else [(int(r), int(c)) for r, c in origins]
         self._metadata = dict(metadata or {})
+        common = self._metadata.pop("exposure_s", None)
+        if self._exposures is None and common is not None:
+            self._exposures = [float(common)] * count
         self._name = name
 
     @property
@@ -123,31 +108,20 @@ class ArraySource:
         """Return the number of frames."""
         return len(self._positions)
 
-    def position(self, index: int) -> Position:
-        """Return the scan position of frame ``index``."""
-        return self._positions[check_index(index, len(self))]
+    def info(self, index: int) -> FrameInfo:
+        """Return what is known of frame ``index``."""
+        k = check_index(index, len(self))
+        return FrameInfo(
+            (self._positions[k],),
+            (0, 0) if self._origins is None else self._origins[k],
+            None if self._exposures is None else self._exposures[k],
+            None if self._drifts is None else self._drifts[k],
+            label=f"{self._name}[{k}]",
+        )
 
-    def exposure_s(self, index: int) -> float | None:
-        """Return the exposure of frame ``index`` (s), or None."""
-        return None if self._exposures is None else self._exposures[check_index(index, len(self))]
-
-    def drift(self, index: int) -> tuple[float, float]:
-        """Return the drift ``(dy, dx)`` of frame ``index`` (px)."""
-        return (0.0, 0.0) if self._drifts is None else self._drifts[check_index(index, len(self))]
-
-    def label(self, index: int) -> str:
-        """Return ``name[index]``."""
-        return f"{self._name}[{index}]"
-
-    def read(self, index: int) -> NDArray[Any]:
-        """Return frame ``index`` as a new array."""
-        return self._part(index, slice(0, self.shape[0]), slice(0, self.shape[1]))
-
-    def read_region(self, index: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return the part ``[rows, columns]`` of frame ``index`` as a new array."""
-        return self._part(index, *check_region((rows, columns), self.shape))
-
-    def _part(self, index: int, rows: slice, columns: slice) -> NDArray[Any]:
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
+        """Return frame ``index``, or a part of it, as a new array."""
         at = np.unravel_index(check_index(index, len(self)), self._lead)
+        rows, columns = check_region(region or whole(self.shape), self.shape)
         part = self._frames[(*(int(k) for k in at), rows, columns)]
         return np.array(part, dtype=self.dtype, order="C")

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,9 +19,8 @@ from lfcal.frames.cfa import check_greens
 from lfcal.frames.formats.image_file import ImageFile
 from lfcal.frames.formats.opening import open_image
 from lfcal.frames.manifest import Manifest, resolve_inside
-from lfcal.frames.regions import check_region
-from lfcal.frames.source import Position
-from lfcal.frames.stack import check_index
+from lfcal.frames.regions import Region, check_region
+from lfcal.frames.source import FrameInfo, Frames, check_index
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -81,7 +79,7 @@ def check_frame(
     return frame
 
 
-class FolderSource:
+class FolderSource(Frames):
     """The frames that a manifest lists in the files of a folder.
 
     Files are opened as they are needed; those of many pages stay open until `close`. The first frame, or the
@@ -145,7 +143,7 @@ class FolderSource:
             found.setdefault("saturation", float((1 << found["bit_depth"]) - 1))
         if manifest.plan_shape is not None:
             found["plan_shape"] = manifest.plan_shape
-        return shape, dtype, {**found, "origin": str(self.root)}
+        return shape, dtype, {**found, "path": str(self.root)}
 
     def _check_kind(self, name: str, image: ImageFile, shape: tuple[int, int], dtype: np.dtype[Any], cfa: str) -> None:
         """Raise unless ``image`` has the shape, dtype and colour filter of all frames."""
@@ -190,65 +188,43 @@ class FolderSource:
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """What the first file and the manifest say: ``cfa``, ``bit_depth``, ``saturation``, ``gains``, ``origin`` …."""
+        """What the first file and the manifest say: ``cfa``, ``bit_depth``, ``saturation``, ``gains``, ``path`` …."""
         return self._metadata
 
     def __len__(self) -> int:
         """Return the number of frames."""
         return len(self.manifest.entries)
 
-    def position(self, index: int) -> Position:
-        """Return the scan position of frame ``index``."""
-        return self.manifest.entries[check_index(index, len(self))].position
-
-    def exposure_s(self, index: int) -> float | None:
-        """Return the exposure of frame ``index`` (s), or None."""
-        return self.manifest.entries[check_index(index, len(self))].exposure_s
-
-    def drift(self, index: int) -> tuple[float, float]:
-        """Return the drift ``(dy, dx)`` of frame ``index`` (px)."""
+    def info(self, index: int) -> FrameInfo:
+        """Return what the manifest says of frame ``index``."""
         entry = self.manifest.entries[check_index(index, len(self))]
-        return entry.dy, entry.dx
+        label = f"{entry.file} page {entry.page}" if entry.file in self._many else entry.file
+        return FrameInfo((entry.position,), (0, 0), entry.exposure_s, (entry.dy, entry.dx), label=label)
 
-    def label(self, index: int) -> str:
-        """Return the file's name, with the page where the file has several frames."""
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
+        """Return frame ``index``, or a part of it, as a new array, checked by `check_frame`."""
         entry = self.manifest.entries[check_index(index, len(self))]
-        return f"{entry.file} page {entry.page}" if entry.file in self._many else entry.file
-
-    def read(self, index: int) -> NDArray[Any]:
-        """Return frame ``index`` as a new array, checked by `check_frame`."""
-        entry = self.manifest.entries[check_index(index, len(self))]
+        label = self.info(index).label
         with self._image(entry.file) as image:
-            self._check_kind(self.label(index), image, self._shape, self._dtype, self._metadata.get("cfa", ""))
-            frame = image.read(entry.page)
-        bits = self._metadata.get("bit_depth")
-        return check_frame(frame, self.label(index), nan=self._nan, blank=self._blank, bit_depth=bits)
+            self._check_kind(label, image, self._shape, self._dtype, self._metadata.get("cfa", ""))
+            if region is None:
+                frame = image.read(entry.page)
+            else:
+                part = check_region(region, self._shape)
+                frame = image.read_region(entry.page, *part)
+                if self._blank == "reject" and frame.size and (frame == frame[0, 0]).all():
+                    # a dark corner may hold one value only: whether the frame does, the whole of it tells
+                    self._checked(image.read(entry.page), label, self._blank)
+                    return self._checked(frame, label, "accept")
+        return self._checked(frame, label, self._blank if region is None else "accept")
 
-    def read_region(self, index: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return the part ``[rows, columns]`` of frame ``index``; no more is read than the file's kind asks for."""
-        rows, columns = check_region((rows, columns), self._shape)
-        entry = self.manifest.entries[check_index(index, len(self))]
-        with self._image(entry.file) as image:
-            self._check_kind(self.label(index), image, self._shape, self._dtype, self._metadata.get("cfa", ""))
-            part = image.read_region(entry.page, rows, columns)
-        return check_frame(
-            part, self.label(index), nan=self._nan, blank="accept", bit_depth=self._metadata.get("bit_depth")
-        )
+    def _checked(self, frame: NDArray[Any], label: str, blank: str) -> NDArray[Any]:
+        return check_frame(frame, label, nan=self._nan, blank=blank, bit_depth=self._metadata.get("bit_depth"))
 
     def close(self) -> None:
         """Close the files that are kept open."""
         with self._lock:
             self._finalizer()
-
-    def __enter__(self) -> FolderSource:
-        """Return itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the files."""
-        self.close()
 
 
 def _close_all(images: dict[str, ImageFile]) -> None:

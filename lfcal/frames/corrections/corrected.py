@@ -1,0 +1,124 @@
+"""A frame source seen through a correction chain: the one place where frames are corrected."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError, LfcalError
+from lfcal.frames.corrections.chain import CorrectionChain
+from lfcal.frames.regions import Region, check_region, grow_region, moved, part_of, whole
+from lfcal.frames.source import FrameInfo, FrameSource, Noise, Samples, observed
+from lfcal.frames.view import SourceView
+
+__all__ = ["CorrectedSource", "corrected"]
+
+
+class CorrectedSource(SourceView):
+    """Corrected float32 frames of ``source``; a region costs no more than the region and its margin.
+
+    Corrections belong to the sensor, so frames that are cutouts are corrected at their place on it. Where a
+    background is measured on each frame the whole frame is read.
+    """
+
+    def __init__(self, source: FrameSource, chain: CorrectionChain) -> None:
+        super().__init__(source)
+        self.chain = chain
+        cut = any(source.info(k).origin != (0, 0) for k in {0, len(source) - 1} if k >= 0 and len(source))
+        if cut and chain.measures_frames:
+            raise InputError.expected(
+                "background", "a constant for frames that are cutouts", "one measured on whole frames", "use a constant"
+            )
+        if not cut and chain.shape is not None and chain.shape != source.shape:
+            raise InputError.expected(
+                "frames",
+                f"shape {chain.shape} of the calibration frames",
+                source.shape,
+                "take frames, dark and white with one sensor setting",
+            )
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """float32."""
+        return np.dtype(np.float32)
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """The raw frames' metadata with the ``corrections`` described, and whether these keep the black level."""
+        return {
+            **self.source.metadata,
+            "corrections": self.chain.describe(),
+            "keeps_level": self.chain.keeps_level(),
+        }
+
+    def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
+        """Return frame ``index``, or a part of it, corrected: equal to that part of the whole corrected frame."""
+        values: NDArray[np.float32] = self.samples(index, region).values
+        return values
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return corrected samples; which are saturated is decided on the raw ones.
+
+        Raises
+        ------
+        InputError
+            With the frame's name, if it cannot be read or corrected.
+        """
+        inside = check_region(region or whole(self.shape), self.shape)
+        info = self.source.info(index)
+        grown = whole(self.shape) if self.chain.measures_frames else grow_region(inside, self.chain.margin, self.shape)
+        raw = self.source.samples(index, grown)
+        if self.chain.saturation is not None:
+            raw = observed(raw.values, self.chain.saturation, raw.noise)
+        try:
+            values = self._correct(raw.values, grown, inside, info)
+        except LfcalError as error:
+            raise type(error)(f"{info.label}: {error}") from error
+        valid, count = self._usable(raw, grown, inside, info.origin)
+        return Samples(values, valid, self._noise(raw.noise, inside, info), count)
+
+    def _correct(self, part: NDArray[Any], grown: Region, inside: Region, info: FrameInfo) -> NDArray[np.float32]:
+        plane = None
+        if self.chain.measures_frames:
+            plane = self.chain.measure(lambda region: part[region], self.shape, exposure_s=info.exposure_s)
+        return self.chain.apply_region(
+            part,
+            moved(grown, info.origin),
+            inside=moved(inside, info.origin),
+            exposure_s=info.exposure_s,
+            background=plane,
+        )
+
+    def _usable(
+        self, raw: Samples, grown: Region, inside: Region, origin: tuple[int, int]
+    ) -> tuple[NDArray[np.bool_] | None, int | None]:
+        """Return which samples of ``inside`` are valid, and how many are saturated; repaired defects are neither."""
+        if raw.valid is None:
+            return None, raw.saturated
+        valid = np.array(raw.valid)
+        repaired = self.chain.repaired(moved(grown, origin))
+        valid[repaired[:, 0], repaired[:, 1]] = True
+        valid = np.ascontiguousarray(valid[part_of(inside, grown)])
+        bad = int(valid.size - np.count_nonzero(valid))
+        count = bad if raw.saturated is not None else None
+        return (valid if bad else None), count
+
+    def _noise(self, noise: Noise | None, inside: Region, info: FrameInfo) -> Noise | None:
+        """Return the variance of corrected samples: scaled as they are, by the mean gain where it varies."""
+        if noise is None:
+            return None
+        return noise.scaled(self.chain.factor(info.exposure_s) * self.chain.gain(moved(inside, info.origin)))
+
+
+def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:
+    """Return the frames of ``source`` as ``chain`` corrects them, again a `FrameSource`.
+
+    Raises
+    ------
+    InputError
+        If the calibration frames of the chain have another shape.
+    """
+    return CorrectedSource(source, chain)

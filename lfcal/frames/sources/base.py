@@ -1,0 +1,58 @@
+"""What `lfcal.frames.open_frames` needs to know of a kind of frame source."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from lfcal.errors import InputError
+from lfcal.frames.manifest import Manifest
+from lfcal.frames.positions import NamePattern
+from lfcal.frames.source import Frames
+
+__all__ = ["FrameOptions", "SourceKind"]
+
+
+@dataclass(frozen=True)
+class FrameOptions:
+    """What a user may say of frames that lie in files; see `lfcal.frames.open_frames`."""
+
+    manifest: str | os.PathLike[str] | Manifest | None = None
+    pattern: str | NamePattern | None = None
+    order: str | None = None
+    plan_shape: tuple[int, int, int] | None = None
+    colour: str | None = None
+    dataset: str | None = None
+    nan: str = "reject"
+    blank: str = "reject"
+
+    def refuse(self, what: str, *accepted: str) -> None:
+        """Raise `InputError` for the first option that is set and that source ``what`` has no use for."""
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if entry.name not in (*accepted, "plan_shape") and value != entry.default:
+                raise InputError.expected(what, f"no option '{entry.name}'", repr(value), "it brings this itself")
+
+
+@dataclass(frozen=True, slots=True)
+class SourceKind:
+    """One kind of source: the value ``SOURCE`` of its module, or an entry point of group ``lfcal.sources``.
+
+    Attributes
+    ----------
+    name
+        For messages and documents.
+    recognises
+        Whether a path is of this kind.
+    open
+        Opens it.
+    rank
+        Kinds of low rank are asked first; the folder of files, rank 100, takes what is left.
+    """
+
+    name: str
+    recognises: Callable[[Path], bool]
+    open: Callable[[Path, FrameOptions], Frames]
+    rank: int = 0

@@ -1,0 +1,113 @@
+"""What is known of the patterns of H besides their values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from lfcal.errors import InputError
+
+__all__ = ["Facts", "fitting", "pack_valid", "packed_bytes", "stacked", "unpack_valid"]
+
+
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """Facts of every position of a matrix ``(nz, ny, nx)``, or of one plane ``(ny, nx)``; None: nobody measured it.
+
+    Attributes
+    ----------
+    recorded
+        Frames that each pattern is the mean of; 0: the position is missing.
+    saturated
+        Saturated pixels in each pattern; -1 where nobody could tell.
+    noise
+        ``(…, 2)``: the variance of a sample of value v is ``noise[0] + noise[1] * max(v, 0)``; NaN where not known.
+    spread
+        Relative rms difference between repeated frames of a position; NaN where there is one only.
+    valid
+        ``(…, bytes)`` packed bits, one per pixel of the cutout in C order; 0 where a pixel carries no measurement.
+    error
+        Stated relative error (sum of absolute errors over sum of absolute values) of each plane ``(nz,)``, or a
+        number for one plane; NaN where none is stated.
+    """
+
+    recorded: NDArray[np.uint16] | None = None
+    saturated: NDArray[np.int32] | None = None
+    noise: NDArray[np.float32] | None = None
+    spread: NDArray[np.float32] | None = None
+    valid: NDArray[np.uint8] | None = None
+    error: NDArray[np.float64] | None = None
+
+    @classmethod
+    def of(cls, positions: tuple[int, ...], cutout: tuple[int, int], **values: ArrayLike | None) -> Facts:
+        """Return facts of positions ``(nz, ny, nx)`` or ``(ny, nx)`` with every array checked and read-only.
+
+        Raises
+        ------
+        InputError
+            If an array has another shape.
+        """
+        lead = positions[:-2]
+        form: dict[str, tuple[tuple[int, ...], DTypeLike]] = {
+            "recorded": (positions, np.uint16),
+            "saturated": (positions, np.int32),
+            "noise": ((*positions, 2), np.float32),
+            "spread": (positions, np.float32),
+            "valid": ((*positions, packed_bytes(cutout)), np.uint8),
+            "error": (lead, np.float64),
+        }
+        checked = {name: fitting(name, value, *form[name]) for name, value in values.items() if value is not None}
+        return cls(**checked)
+
+    def plane(self, z: int) -> Facts:
+        """Return the facts of plane ``z`` of a matrix."""
+        return Facts(**{name: value[z] for name, value in self.known().items()})
+
+    def known(self) -> dict[str, NDArray[Any]]:
+        """Return the facts that somebody measured, by name."""
+        found = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        return {name: value for name, value in found.items() if value is not None}
+
+
+def fitting(what: str, value: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Return ``value`` as a read-only array of ``dtype``; raises `InputError` unless it has ``shape``."""
+    array = np.array(value, dtype)
+    if array.shape != shape:
+        raise InputError.expected(what, f"shape {shape}", array.shape, "give one value per entry")
+    array.setflags(write=False)
+    return array
+
+
+def packed_bytes(cutout: tuple[int, int]) -> int:
+    """Return how many bytes hold one bit per pixel of a cutout ``(nt, ns)``."""
+    return -(-cutout[0] * cutout[1] // 8)
+
+
+def pack_valid(valid: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return masks ``(…, nt, ns)`` as packed bits ``(…, bytes)``."""
+    return np.packbits(valid.reshape(*valid.shape[:-2], -1), axis=-1)
+
+
+def unpack_valid(packed: NDArray[np.uint8], cutout: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return packed bits ``(…, bytes)`` as masks ``(…, nt, ns)``."""
+    bits = np.unpackbits(packed, axis=-1, count=cutout[0] * cutout[1])
+    return bits.reshape(*packed.shape[:-1], *cutout).astype(np.bool_)
+
+
+_UNKNOWN: dict[str, float] = {"recorded": 0, "saturated": -1, "noise": np.nan, "spread": np.nan, "valid": 255}
+"""What stands for a plane of which a fact is not known while it is of others."""
+
+
+def stacked(planes: Sequence[Facts]) -> Facts:
+    """Return the facts of a matrix from those of its planes, in order."""
+    names = {name for plane in planes for name in plane.known()}
+    found: dict[str, NDArray[Any]] = {}
+    for name in names:
+        some = next(value for plane in planes if (value := getattr(plane, name)) is not None)
+        missing = np.full(some.shape, _UNKNOWN.get(name, np.nan), some.dtype)
+        found[name] = np.stack([missing if (value := getattr(p, name)) is None else value for p in planes])
+    return Facts(**found)

@@ -1,0 +1,211 @@
+"""How one matrix lies in a group of an H file: what is written when, and what every entry means.
+
+Version 2 of the format; ``docs/formats_h.md`` describes it for other programs.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal import __version__
+from lfcal.axes import AXES
+from lfcal.errors import InputError
+from lfcal.psf.chunk_codec import parallel_write
+from lfcal.psf.facts import Facts, stacked
+from lfcal.threads import for_each_chunk
+
+if TYPE_CHECKING:
+    from lfcal.camera import Camera
+
+__all__ = ["CENTRE_RULE", "COMPRESSIONS", "STORED_TYPES", "MatrixGroup", "MatrixHeader", "plane_checksum"]
+
+CENTRE_RULE = "(n - 1) // 2"
+COMPRESSIONS = ("gzip", "zstd", "none")
+STORED_TYPES = ("float32", "uint16", "float64", "uint8")
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixHeader:
+    """What a matrix is, besides its values; see `lfcal.psf.PSFWriter`."""
+
+    shape: tuple[int, int, int, int, int]
+    depths: NDArray[np.float64]
+    camera: Camera | None
+    anchor: tuple[float, float]
+    provenance: Mapping[str, Any]
+    transposed: bool
+    region: str
+    dtype: np.dtype[Any]
+    compression: str
+    workers: int | None
+
+    def __post_init__(self) -> None:
+        """Check what an H file can hold."""
+        if self.dtype.name not in STORED_TYPES:
+            raise InputError.expected("stored type", " or ".join(STORED_TYPES), self.dtype, "choose one of these")
+        if self.compression not in COMPRESSIONS:
+            raise InputError.expected("compression", " or ".join(COMPRESSIONS), self.compression, "choose one of these")
+        if self.depths.shape != self.shape[:1]:
+            raise InputError.expected("depths", f"{self.shape[0]} values", self.depths.shape, "one per plane")
+
+
+class MatrixGroup:
+    """Write one matrix into an open HDF5 group, plane by plane in any order, then `complete` it."""
+
+    def __init__(self, group: Any, header: MatrixHeader) -> None:
+        self._group, self._header = group, header
+        nz = header.shape[0]
+        self._written = np.zeros(nz, bool)
+        self._scale, self._offset = np.ones(nz), np.zeros(nz)
+        self._checksum = np.zeros(nz, np.uint32)
+        self._error = np.full(nz, np.nan)
+        self._used = np.zeros((nz, 4), np.int32)
+        self._sums = np.zeros((nz, *header.shape[3:]))
+        self._facts = [Facts()] * nz
+        self._data = self._create_dataset()
+
+    @property
+    def lacking(self) -> list[int]:
+        """Planes that were not written yet."""
+        return np.flatnonzero(~self._written).tolist()
+
+    def _create_dataset(self) -> Any:
+        header = self._header
+        options: dict[str, Any] = {"fletcher32": True}
+        if header.compression == "gzip":
+            options |= {"shuffle": True, "compression": "gzip", "compression_opts": 1}
+        elif header.compression == "zstd":
+            import hdf5plugin
+
+            options |= {"shuffle": True} | dict(hdf5plugin.Zstd(clevel=3))
+        chunk = (1, 1, 1, *header.shape[3:])
+        return self._group.create_dataset("H", header.shape, header.dtype, chunks=chunk, track_times=False, **options)
+
+    def write_plane(self, z: int, plane: NDArray[Any], facts: Facts) -> None:
+        """Write plane ``z`` ``(ny, nx, nt, ns)`` and what is known of its positions."""
+        from lfcal.psf.transpose import depth_sum
+
+        shape = self._header.shape
+        if plane.shape != shape[1:]:
+            raise InputError.expected(f"plane {z}", f"shape {shape[1:]}", plane.shape, "check the assembly")
+        if not 0 <= z < shape[0] or self._written[z]:
+            raise InputError.expected("plane number", "each of them once", z, "write every plane once")
+        sums = depth_sum(plane, workers=self._header.workers)
+        if not np.isfinite(sums).all():
+            raise InputError.expected(
+                f"plane {z}", "finite values", "NaN or infinity", "find the frame and record it again"
+            )
+        self._sums[z] = sums
+        self._used[z] = _used_window(sums)
+        stored, error = self._stored(z, plane)
+        self._checksum[z] = plane_checksum(stored, self._header.workers)
+        parallel_write(self._data, z, stored, workers=self._header.workers)
+        self._note(z, facts, error)
+        self._written[z] = True
+
+    def _note(self, z: int, facts: Facts, rounding: float) -> None:
+        known = facts.known()
+        stated = known.pop("error", None)
+        errors = [e for e in (rounding, np.nan if stated is None else float(stated)) if np.isfinite(e)]
+        if errors and (rounding > 0 or stated is not None):
+            self._error[z] = sum(errors)
+        known.setdefault("recorded", np.ones(self._header.shape[1:3], np.uint16))
+        self._facts[z] = Facts(**known)
+
+    def _stored(self, z: int, plane: NDArray[Any]) -> tuple[NDArray[Any], float]:
+        """Return the plane in the stored type, and the relative error of rounding to it.
+
+        An integer type takes a scale and an offset per plane unless the values fit as they are. Rounding to
+        steps of ``scale`` errs by ``scale / 4`` in the mean.
+        """
+        dtype = self._header.dtype
+        if dtype.kind == "f" or plane.dtype == dtype:
+            return plane.astype(dtype, copy=False), 0.0
+        low, high, total = _range(plane, self._header.workers)
+        top = float(np.iinfo(dtype).max)
+        scale = (high - low) / top if high > low else 1.0
+        self._offset[z], self._scale[z] = low, scale
+        out = np.empty(plane.shape, dtype)
+
+        def rows(start: int, stop: int) -> None:
+            for y in range(start, stop):
+                np.rint((plane[y] - np.float32(low)) * np.float32(1 / scale), out=out[y], casting="unsafe")
+
+        for_each_chunk(rows, plane.shape[0], self._header.workers)
+        return out, (scale / 4 * plane.size / total if total > 0 and high > low else 0.0)
+
+    def complete(self) -> None:
+        """Write everything but the values; every plane must be there."""
+        group, header = self._group, self._header
+        group.create_dataset("depth_sum", data=self._sums)
+        group.create_dataset("depths", data=header.depths).attrs["unit"] = "um"
+        for name, values in stacked(self._facts).known().items():
+            group.create_dataset(name, data=values, compression="gzip")
+        group.create_dataset("used_window", data=self._used).attrs["columns"] = "t_first,t_last,s_first,s_last"
+        group.create_dataset("checksum", data=self._checksum).attrs["rule"] = CHECKSUM_RULE
+        group.create_dataset("error", data=self._error).attrs["measure"] = "sum |error| / sum |H| of the plane"
+        self._data.attrs["scale"] = self._scale
+        self._data.attrs["offset"] = self._offset
+        group.attrs.update(
+            {
+                "matrix": "HT" if header.transposed else "H",
+                "axes": ",".join(AXES),
+                "centre": CENTRE_RULE,
+                "anchor": np.asarray(header.anchor, np.float64),
+                "region": header.region,
+                "provenance": json.dumps({"lfcal": __version__, **header.provenance}),
+            }
+        )
+        if header.camera is not None:
+            group.attrs["camera"] = header.camera.to_json()
+
+
+CHECKSUM_RULE = "CRC-32 over the little-endian CRC-32 of every stored pattern, y slow, x fast"
+
+
+def plane_checksum(stored: NDArray[Any], workers: int | None = None) -> int:
+    """Return the checksum of a plane ``(ny, nx, nt, ns)`` of stored samples.
+
+    It is a CRC-32 over the CRC-32 of each pattern, so that patterns can be checked in parallel and on their own.
+    """
+    ny, nx = stored.shape[:2]
+    each = np.zeros((ny, nx), "<u4")
+    little = stored.dtype.newbyteorder("<")
+
+    def rows(start: int, stop: int) -> None:
+        for y in range(start, stop):
+            row = np.ascontiguousarray(stored[y], little)
+            for x in range(nx):
+                each[y, x] = zlib.crc32(row[x].data)
+
+    for_each_chunk(rows, ny, workers)
+    return zlib.crc32(each.data)
+
+
+def _used_window(sums: NDArray[np.float64]) -> tuple[int, int, int, int]:
+    """Return first and last row and column of the cutout that hold light, (0, -1, 0, -1) where none does."""
+    rows, columns = np.flatnonzero(sums.any(axis=1)), np.flatnonzero(sums.any(axis=0))
+    if not rows.size:
+        return 0, -1, 0, -1
+    return int(rows[0]), int(rows[-1]), int(columns[0]), int(columns[-1])
+
+
+def _range(plane: NDArray[Any], workers: int | None) -> tuple[float, float, float]:
+    """Return lowest and highest value and the sum of absolute values of a plane."""
+
+    def rows(start: int, stop: int) -> tuple[float, float, float]:
+        part = plane[start:stop]
+        low, high = float(part.min()), float(part.max())
+        positive = float(part.sum(dtype=np.float64))
+        total = positive if low >= 0 else float(np.abs(part).sum(dtype=np.float64))
+        return low, high, total
+
+    found = for_each_chunk(rows, plane.shape[0], workers)
+    return min(f[0] for f in found), max(f[1] for f in found), sum(f[2] for f in found)

@@ -1,0 +1,74 @@
+"""A black level that nothing subtracts: the constant pedestal it would leave in H, found before any work."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.frames.regions import clipped
+from lfcal.psf.gather import Gatherer
+
+__all__ = ["LIMIT", "check_pedestal", "pedestal_share"]
+
+LIMIT = 0.02
+"""Largest share of a plane's light that may be a constant pedestal."""
+
+SAMPLED = 8
+"""Frames of a plane that are looked at."""
+
+BLOCKS = 8
+"""Blocks along each axis in which a cutout without surroundings is looked at."""
+
+
+def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float]:
+    """Return the constant level of some frames of a plane (sample values), and its share of their cutouts' light.
+
+    On whole sensor frames the level is the median beyond the cutout, where the point sends nothing. Frames that are
+    cutouts have no such place: there it is the darkest block of their mean, which a pattern that fills the cutout
+    raises.
+    """
+    levels, cuts = [], []
+    for index in indices:
+        cut = gatherer.cut(index)
+        cuts.append(cut.values.astype(np.float64))
+        around = _surroundings(gatherer, index)
+        if around is not None:
+            levels.append(float(np.median(around)))
+    mean = np.mean(cuts, axis=0)
+    level = float(np.median(levels)) if levels else _darkest_block(mean)
+    total = float(mean.sum())
+    return level, (max(0.0, level) * mean.size / total if total > 0 else 0.0)
+
+
+def _surroundings(gatherer: Gatherer, index: int) -> NDArray[np.float64] | None:
+    """Return the samples of a frame beyond its cutout, or None where these are too few to speak for it."""
+    _, region = gatherer.place(index)
+    frame = gatherer.source.read(index).astype(np.float64)
+    outside = np.ones(frame.shape, bool)
+    outside[clipped(region, gatherer.source.shape)] = False
+    return frame[outside] if np.count_nonzero(outside) >= frame.size / 4 else None
+
+
+def _darkest_block(mean: NDArray[np.float64]) -> float:
+    rows, columns = (np.array_split(np.arange(n), min(BLOCKS, n)) for n in mean.shape)
+    return min(float(mean[np.ix_(r, c)].mean()) for r in rows for c in columns)
+
+
+def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT) -> None:
+    """Raise `InputError` where a constant level would make more than the share ``limit`` of a plane's light."""
+    by_plane: list[list[int]] = [[] for _ in range(planes)]
+    for index, info in enumerate(gatherer.infos):
+        if info.position.z < planes:
+            by_plane[info.position.z].append(index)
+    for z, indices in enumerate(by_plane):
+        if not indices:
+            continue
+        level, share = pedestal_share(gatherer, indices[:: max(1, len(indices) // SAMPLED)])
+        if share > limit:
+            raise InputError.expected(
+                f"plane {z}",
+                f"frames less their black level (at most {100 * limit:g} % of the light of H)",
+                f"a constant level of {level:.4g}, {100 * share:.3g} %",
+                "give dark frames, the black level, or background border; or keep it (--keep-pedestal)",
+            )
