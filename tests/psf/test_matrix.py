@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lfcal.camera import preset
 from lfcal.errors import FileFormatError, InputError
-from lfcal.psf import PSFMatrix, open_psf, save
+from lfcal.psf import Facts, PSFMatrix, open_psf, save
 from lfcal.psf.store import PSFWriter
 
 SHAPE = (3, 4, 5, 7, 9)
@@ -149,3 +149,37 @@ def test_a_writer_that_misses_a_plane_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="missing"), PSFWriter(tmp_path / "H.h5", SHAPE) as writer:
         writer.write_plane(0, random_matrix()[0])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_kept_cannot_be_written_to(tmp_path: Path) -> None:
+    values = random_matrix()
+    save(PSFMatrix(values), tmp_path / "H.h5")
+    with open_psf(tmp_path / "H.h5") as filed:
+        for H in (PSFMatrix(values), filed, filed.T):
+            sums = H.depth_sum(0).copy()
+            for kept in (H.depth_sum(0), H.plane(0), H[0, 1, 2], H[0]):
+                if not kept.flags.owndata:
+                    with pytest.raises(ValueError, match="read-only"):
+                        kept[...] = 1e9
+            np.testing.assert_array_equal(H.depth_sum(0), sums)
+
+
+def test_positions_of_ht_are_pixels_and_have_no_facts() -> None:
+    recorded = np.ones(SHAPE[:3])
+    recorded[0, 1, 2] = 0
+    H = PSFMatrix(random_matrix(), recorded=recorded)
+    assert H.missing.tolist() == [[0, 1, 2]]
+    for name in ("missing", "recorded", "saturated", "facts"):
+        with pytest.raises(InputError, match=r"facts of the positions: expected those of H, got those of HT"):
+            getattr(H.T, name)
+    assert H.T.T.missing.tolist() == [[0, 1, 2]]
+
+
+def test_facts_are_checked() -> None:
+    H = random_matrix()
+    with pytest.raises(InputError, match="noise: expected shape"):
+        PSFMatrix(H, facts=Facts(noise=np.zeros(SHAPE[:3])))
+    with pytest.raises(InputError, match="saturated: expected shape"):
+        PSFMatrix(H, saturated=np.zeros((1, 2)))
+    assert PSFMatrix(H).saturated is None and PSFMatrix(H).variance(0, 0, 0) is None
+    assert PSFMatrix(H).valid(0, 0, 0).all()

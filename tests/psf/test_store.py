@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import zlib
 from pathlib import Path
 
 import h5py
@@ -9,7 +10,8 @@ import pytest
 
 from lfcal.camera import preset
 from lfcal.errors import FileFormatError, InputError, LfcalError, StorageError, UnsafeFileError
-from lfcal.psf import PSFMatrix, PSFWriter, iter_save, open_psf, save
+from lfcal.psf import Facts, PSFMatrix, PSFWriter, iter_save, open_psf, regions_of, save, save_regions
+from lfcal.psf.facts import pack_valid
 
 SHAPE = (2, 3, 4, 5, 7)
 
@@ -213,3 +215,127 @@ def test_writer_checks_its_planes(tmp_path: Path) -> None:
         with pytest.raises(InputError):
             PSFWriter(tmp_path / "c.h5", SHAPE, **options)  # type: ignore[arg-type]
     assert list(tmp_path.iterdir()) == []
+
+
+def facts(shape: tuple[int, ...]) -> Facts:
+    nz, ny, nx, nt, ns = shape
+    rng = np.random.default_rng(1)
+    mask = rng.random((nz, ny, nx, nt, ns)) > 0.1
+    return Facts.of(
+        (nz, ny, nx),
+        (nt, ns),
+        recorded=rng.integers(0, 3, (nz, ny, nx)),
+        saturated=rng.integers(-1, 4, (nz, ny, nx)),
+        noise=rng.random((nz, ny, nx, 2)),
+        spread=np.where(rng.random((nz, ny, nx)) > 0.5, np.nan, 0.01),
+        valid=pack_valid(mask),
+        error=rng.random(nz),
+    )
+
+
+def test_everything_known_of_the_positions_comes_back(tmp_path: Path) -> None:
+    known = facts(values().shape)
+    H = PSFMatrix(values(), facts=known, region="upper left", anchor=(3.0, 4.5))
+    save(H, tmp_path / "H.h5")
+    save(H.T, tmp_path / "HT.h5")
+    with open_psf(tmp_path / "H.h5", check=True) as plain, open_psf(tmp_path / "HT.h5", check=True) as turned:
+        for found in (plain, turned.T):
+            assert found.region == "upper left" and found.anchor == (3.0, 4.5)
+            assert set(found.facts.known()) == set(known.known())
+            for name, value in known.known().items():
+                np.testing.assert_array_equal(getattr(found.facts, name), value, err_msg=name)
+        assert turned.is_transposed and np.array_equal(turned.plane(0), H.T.plane(0))
+        bits = np.unpackbits(known.valid[0, 1, 2], count=values().shape[3] * values().shape[4])  # type: ignore[index]
+        np.testing.assert_array_equal(plain.valid(0, 1, 2).ravel(), bits)
+
+
+def test_what_nobody_measured_is_absent(tmp_path: Path) -> None:
+    save(PSFMatrix(values()), tmp_path / "H.h5")
+    with open_psf(tmp_path / "H.h5") as H:
+        assert set(H.facts.known()) == {"recorded", "error"}
+        assert H.facts.error is not None and np.isnan(H.facts.error).all(), "no error is stated, not none made"
+        assert H.saturated is None
+
+
+def test_rounding_is_stated_as_error_and_holds(tmp_path: Path) -> None:
+    save(PSFMatrix(values()), tmp_path / "H.h5", dtype="uint16")
+    with open_psf(tmp_path / "H.h5") as H:
+        truth = values().astype(float)
+        real = np.abs(np.asarray(H) - truth).sum(axis=(1, 2, 3, 4)) / np.abs(truth).sum(axis=(1, 2, 3, 4))
+        assert H.facts.error is not None
+        np.testing.assert_allclose(H.facts.error, real, rtol=0.2)
+
+
+def test_a_changed_plane_fails_its_checksum(tmp_path: Path) -> None:
+    path = tmp_path / "H.h5"
+    save(PSFMatrix(values()), path, compression="none")
+    open_psf(path, check=True).close()
+    with h5py.File(path, "r+") as file:
+        file["H"][1, 0, 0, 0, 0] += 1
+    with pytest.raises(FileFormatError, match=r"H\.h5, plane 1: expected checksum"):
+        open_psf(path, check=True)
+    with h5py.File(path, "r+") as file:
+        file["H"][1, 0, 0, 0, 0] -= 1
+    open_psf(path, check=True).close()
+
+
+def test_checksum_is_the_documented_one(tmp_path: Path) -> None:
+    """Recomputed from the description in the file alone."""
+    save(PSFMatrix(values()), tmp_path / "H.h5")
+    with h5py.File(tmp_path / "H.h5") as file:
+        plane = file["H"][0]
+        each = b"".join(zlib.crc32(p.astype("<f4").tobytes()).to_bytes(4, "little") for row in plane for p in row)
+        assert file["checksum"][0] == zlib.crc32(each)
+        t0, t1, s0, s1 = file["used_window"][0]
+        lit = np.argwhere(plane.any(axis=(0, 1)))
+        assert [t0, s0] == lit.min(axis=0).tolist() and [t1, s1] == lit.max(axis=0).tolist()
+
+
+def test_viewers_find_the_depth_sums_without_soft_links(tmp_path: Path) -> None:
+    save(PSFMatrix(values(), depths=[1.0, 2.0, 3.0][: values().shape[0]]), tmp_path / "H.h5")
+    with h5py.File(tmp_path / "H.h5") as file:
+        group = file
+        while "default" in group.attrs:
+            group = group[group.attrs["default"]]
+        assert group.attrs["NX_class"] == "NXdata"
+        np.testing.assert_array_equal(group[group.attrs["signal"]], file["depth_sum"])
+        kinds = []
+        file.visit(lambda name: kinds.append(type(file.get(name, getlink=True))))
+        assert set(kinds) == {h5py.HardLink}
+
+
+def test_version_1_still_opens(tmp_path: Path) -> None:
+    path = tmp_path / "H.h5"
+    save(PSFMatrix(values(), recorded=np.full(values().shape[:3], 2)), path)
+    with h5py.File(path, "r+") as file:
+        for name in ("used_window", "checksum", "error", "entry"):
+            del file[name]
+        file.attrs["version"] = 1
+        del file.attrs["region"]
+        file["saturated"] = np.zeros(values().shape[:3], np.uint32)
+    with open_psf(path) as H:
+        np.testing.assert_array_equal(np.asarray(H), values())
+        assert (H.recorded == 2).all() and H.facts.error is None and H.region == ""
+        assert H.saturated is not None and H.saturated.dtype == np.int32
+    with pytest.raises(FileFormatError, match="expected checksums, got version 1 without them"):
+        open_psf(path, check=True)
+
+
+def test_regions_of_the_field_share_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "H.h5"
+    centre, corner = (
+        PSFMatrix(values(), anchor=(1, 2)),
+        PSFMatrix(values() * 3, anchor=(30, 40), facts=facts(values().shape)),
+    )
+    save_regions({"centre": centre, "corner": corner}, path)
+    assert regions_of(path) == ("centre", "corner")
+    with open_psf(path, check=True) as H:
+        assert H.region == "centre" and np.array_equal(np.asarray(H), values())
+    with open_psf(path, region="corner", check=True) as H:
+        assert H.anchor == (30, 40) and np.array_equal(np.asarray(H), values() * 3)
+        np.testing.assert_array_equal(H.recorded, corner.recorded)
+    with pytest.raises(InputError, match="region: expected centre or corner, got 'edge'"):
+        open_psf(path, region="edge")
+    with pytest.raises(InputError, match="regions of the field"):
+        save_regions({"a/b": centre}, tmp_path / "bad.h5")
+    assert not (tmp_path / "bad.h5").exists()

@@ -134,6 +134,7 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
     dark = _dark(source, recipe)
     steps: list[Step] = [] if dark is None else [dark]
     if recipe.white:
+        check_choice("white correction", recipe.white_mode, ("field", "pixels"))
         white = _of_channel(source, read_average(recipe.white, shift=recipe.shift))
         saturation = recipe.saturation if recipe.saturation is not None else facts.get("saturation")
         steps.append(_white(white, _white_dark(dark, white.shape), recipe, str(facts.get("cfa") or ""), saturation))
@@ -155,10 +156,10 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
 
 def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | None:
     """Return what is subtracted first: the recipe's dark, that of the recording, or the black level."""
-    if recipe.dark == "none":
-        return None
-    if recipe.dark:
+    if recipe.dark and recipe.dark != "none":
         return Dark(_of_channel(source, read_average(recipe.dark, shift=recipe.shift)))
+    if recipe.black_level is None and recipe.dark == "none":
+        return None
     darks = source.metadata.get("darks")
     if darks and recipe.black_level is None:
         return DarkSet(darks)
@@ -210,7 +211,6 @@ def _white(
     cfa: str,
     saturation: float | None,
 ) -> White:
-    check_choice("white correction", recipe.white_mode, ("field", "pixels"))
     if recipe.white_mode == "pixels":
         return White(white, dark, floor=recipe.white_floor, cfa=cfa, saturation=saturation)
     from lfcal.lattice.fit import fit_lattice

@@ -1,0 +1,165 @@
+"""One way for a frame: the same simulated frames as a folder, a stack, and a recorded session give the same H."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+import tifffile
+
+from lfcal.acquire.options import Options
+from lfcal.acquire.session import record
+from lfcal.camera import ScanPlan, preset
+from lfcal.devices import simulated_rig
+from lfcal.errors import InputError
+from lfcal.frames import CorrectionRecipe, Frames, FrameSource, corrected_view, open_frames
+from lfcal.psf import AssemblySettings, assemble_plan
+from lfcal.simulate import SimulatedCamera
+from lfcal.simulate.effects import Quantisation
+
+EXACT = AssemblySettings(strict=True, dtype="float32", keep_pedestal=True)
+
+
+@pytest.fixture(scope="module")
+def places(tmp_path_factory: pytest.TempPathFactory) -> tuple[ScanPlan, dict[str, Path]]:
+    """Record a session with the simulator, and write the very frames it took as other files."""
+    root = tmp_path_factory.mktemp("ways")
+    bench = preset("bench")
+    camera = replace(bench, sensor=replace(bench.sensor, shape=(120, 130)))
+    plan = ScanPlan.for_camera(camera, virtual_depths=[4.0], cutout=21, exposure_s=0.02)
+    plan = replace(plan, period=(3, 4))
+    simulated = SimulatedCamera(plan, (Quantisation(),), level="geometric")
+    options = Options(darks=2, reference_every=0)
+    record(root / "session", plan, simulated_rig(plan, optics=simulated), options)
+    with open_frames(root / "session") as session:
+        dark = session.metadata["darks"][0.02]
+        full = np.zeros((plan.shape[0] * 12, *camera.sensor.shape), np.uint16)
+        rng = np.random.default_rng(0)
+        full[:] = rng.integers(60, 70, full.shape)
+        positions = []
+        for k in range(len(session)):
+            info = session.info(k)
+            rows, columns = (slice(a, a + n) for a, n in zip(info.origin, session.shape, strict=True))
+            full[k, rows, columns] = session.read(k)
+            positions.append(tuple(info.position))
+    sensor_dark = np.zeros(camera.sensor.shape, np.float32)
+    top, left = dark.origin
+    sensor_dark[top : top + dark.frame.shape[0], left : left + dark.frame.shape[1]] = dark.frame
+    np.save(root / "dark.npy", sensor_dark)
+    (root / "frames").mkdir()
+    for frame, (z, y, x) in zip(full, positions, strict=True):
+        cv2.imwrite(str(root / "frames" / f"z{z}_y{y}_x{x}.png"), frame)
+    tifffile.imwrite(root / "stack.tif", full, photometric="minisblack")
+    rows_ = "\n".join(f"stack.tif,{k},{z},{y},{x}" for k, (z, y, x) in enumerate(positions))
+    (root / "stack.csv").write_text(f"file,page,z,y,x\n{rows_}\n")
+    with h5py.File(root / "stack.h5", "w") as file:
+        file["frames"], file["positions"] = full, np.array(positions)
+    (root / "plan.json").write_text(plan.to_json())
+    ways = {name: root / name for name in ("session", "frames", "stack.csv", "stack.h5", "dark.npy", "plan.json")}
+    return plan, ways
+
+
+def opened(ways: dict[str, Path], name: str) -> Frames:
+    return open_frames(ways[name], pattern="z{z}_y{y}_x{x}.png" if name == "frames" else None)
+
+
+def test_session_folder_and_stack_give_bit_equal_h(places: tuple[ScanPlan, dict[str, Path]]) -> None:
+    plan, ways = places
+    found = {}
+    for name in ("session", "frames", "stack.csv", "stack.h5"):
+        recipe = CorrectionRecipe() if name == "session" else CorrectionRecipe(dark=ways["dark.npy"])
+        with opened(ways, name) as source:
+            assert isinstance(source, FrameSource)
+            report = assemble_plan(corrected_view(source, recipe, plan), plan, None, EXACT)
+        assert (report.frames, report.saturated, report.unknown_saturation) == (12, 0, 0)
+        found[name] = report.matrix
+    first = np.asarray(found["session"])
+    assert first.any()
+    for name, matrix in found.items():
+        np.testing.assert_array_equal(np.asarray(matrix), first, err_msg=name)
+        assert matrix.facts.noise is not None, "the plan states the sensor's noise"
+        np.testing.assert_array_equal(matrix.facts.noise, found["session"].facts.noise)
+
+
+def test_every_source_answers_everything(places: tuple[ScanPlan, dict[str, Path]]) -> None:
+    plan, ways = places
+    for name in ("session", "frames", "stack.csv", "stack.h5", "plan.json"):
+        with opened(ways, name) as source:
+            info = source.info(1)
+            assert len(info.points) == 1 and info.label
+            region = (slice(2, 9), slice(3, 20))
+            np.testing.assert_array_equal(source.read(1, region), source.read(1)[region], err_msg=name)
+            samples = source.samples(1, region)
+            np.testing.assert_array_equal(samples.values, source.read(1, region))
+            assert (info.origin == (0, 0)) == (name != "session"), "a session's frames know their place"
+            if name in ("session", "plan.json"):
+                assert info.exposure_s == 0.02 and source.metadata["plan"].shape == plan.shape
+                assert samples.saturated == 0
+            else:
+                assert info.exposure_s is None and samples.saturated is None, "unknown, not zero"
+
+
+def test_a_clipped_session_is_not_called_good(tmp_path: Path) -> None:
+    """Frames clipped at the end of 12 bits, stored in 16: the plan says where they end."""
+    bench = preset("bench")
+    camera = replace(bench, sensor=replace(bench.sensor, shape=(80, 80), bit_depth=12))
+    plan = replace(ScanPlan.for_camera(camera, virtual_depths=[4.0], cutout=21), period=(2, 2))
+    row, column = round(plan.anchor[0]), round(plan.anchor[1])
+    (tmp_path / "frames").mkdir()
+    for y in range(2):
+        for x in range(2):
+            r, c = np.mgrid[:80, :80]
+            light = 9000 * np.exp(-((r - row - y) ** 2 + (c - column - x) ** 2) / 8.0)
+            frame = np.minimum(light, 4095).astype(np.uint16)
+            cv2.imwrite(str(tmp_path / "frames" / f"y{y}_x{x}.png"), frame)
+    with open_frames(tmp_path / "frames", pattern="y{y}_x{x}.png") as source:
+        assert source.samples(0).saturated is None, "16-bit files of which nobody knows the camera"
+        report = assemble_plan(corrected_view(source, CorrectionRecipe(), plan), plan, None, EXACT)
+    assert report.saturated == 4 and any("4 positions have saturated pixels" in note for note in report.notes)
+    assert report.matrix.saturated is not None and report.matrix.saturated.min() > 0
+    assert not report.matrix.valid(0, 0, 0).all()
+
+
+def test_a_level_nobody_subtracts_is_refused(places: tuple[ScanPlan, dict[str, Path]]) -> None:
+    plan, ways = places
+    bare = replace(plan, camera=replace(plan.camera, sensor=replace(plan.camera.sensor, black_level=0.0)))
+    with opened(ways, "frames") as source:
+        with pytest.raises(
+            InputError, match=r"plane 0: expected frames less their black level .* got a constant level"
+        ):
+            assemble_plan(corrected_view(source, CorrectionRecipe(), bare), bare)
+        for recipe in (
+            CorrectionRecipe(background="border"),
+            CorrectionRecipe(black_level=64.0),
+            CorrectionRecipe(black_level=0.0),  # said to be none
+            CorrectionRecipe(dark=ways["dark.npy"]),
+        ):
+            assert assemble_plan(corrected_view(source, recipe, bare), bare).frames == 12
+        kept = assemble_plan(corrected_view(source, CorrectionRecipe(), bare), bare, None, EXACT)
+        assert kept.frames == 12, "kept when the user says so"
+    with opened(ways, "session") as source, pytest.raises(InputError, match="give dark frames, the black level"):
+        assemble_plan(corrected_view(source, CorrectionRecipe(dark="none"), bare), bare)
+
+
+def test_what_a_source_brings_itself_is_not_asked_for(places: tuple[ScanPlan, dict[str, Path]]) -> None:
+    _, ways = places
+    for name, what in (("session", "recorded session"), ("plan.json", "simulated camera of a plan")):
+        for option, value in {"pattern": "x{x}.png", "order": "raster", "manifest": ways["stack.csv"]}.items():
+            with pytest.raises(InputError, match=f"{what}: expected no option '{option}', got .*it brings this itself"):
+                open_frames(ways[name], **{option: value})  # type: ignore[arg-type]
+
+
+def test_a_cutout_beyond_the_recorded_window_says_where_it_ends(places: tuple[ScanPlan, dict[str, Path]]) -> None:
+    plan, ways = places
+    wide = replace(EXACT, cutout=(61, 61))
+    with opened(ways, "session") as source:
+        view = corrected_view(source, CorrectionRecipe(), plan)
+        with pytest.raises(InputError, match=r"cutout of recording\.h5\[0\].*expected rows \d+\.\.\d+, columns"):
+            assemble_plan(view, plan, None, wide)
+        small = assemble_plan(view, plan, None, replace(EXACT, cutout=(11, 13))).matrix
+        whole = assemble_plan(view, plan, None, EXACT).matrix
+        np.testing.assert_array_equal(np.asarray(small), np.asarray(whole)[..., 5:16, 4:17])
