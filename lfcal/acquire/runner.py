@@ -182,22 +182,22 @@ class Runner:
             here = self._mover.check(step.target)  # a stage that crept away during the exposure shows here
         frame, mask, row, column = self._crop(step, exposure)
         note = Note(
-            step.flat,
-            step.kind,
-            row,
-            column,
-            step.target,
-            here,
-            exposure.exposure_s,
-            clock.wall(),
-            self._elapsed + clock.monotonic() - self._since,
-            float(frame.sum(dtype=_sum_type(frame))),
-            float(frame.max()),
-            int(np.count_nonzero(frame >= self._max if mask is None else mask)),
-            exposure.saturated,
-            attempt,
-            step.period_y,
-            step.period_x,
+            index=step.flat,
+            attempts=attempt,
+            kind=step.kind,
+            row=row,
+            column=column,
+            period_y=step.period_y,
+            period_x=step.period_x,
+            saturated=int(np.count_nonzero(frame >= self._max if mask is None else mask)),
+            sensor_saturated=exposure.saturated,
+            target_um=step.target,
+            stage_um=here,
+            exposure_s=exposure.exposure_s,
+            time_s=clock.wall(),
+            elapsed_s=self._elapsed + clock.monotonic() - self._since,
+            energy=float(frame.sum(dtype=_sum_type(frame))),
+            peak=float(frame.max()),
         )
         if self._preview is not None:
             self._show(step, exposure, Roi(row, column, *frame.shape))

@@ -23,19 +23,28 @@ SHAPE = (11, 13)
 RNG = np.random.default_rng(5)
 
 
+# the record of `note` 3, frame 17 of a session, as version 1 of the recording writes it
+GOLDEN = bytes.fromhex(
+    "0300000011000000efbeadde0200030007000000fdffffffffff040005000000"
+    "09000000000000000000f03f00000000000000400000000000000840000000000000f83f"
+    "00000000000004400000000000000c407b14ae47e17a943f00000040fc54d941"
+    "00000000000029400000000080842e4100f07f4569ba2cdaa1fc0100"
+)
+
+
 def note(index: int) -> Note:
     return Note(
-        index,
-        Kind.CONTROL,
-        7,
-        -3,
-        (1.0, 2.0, 3.0),
-        (1.5, 2.5, 3.5),
-        0.02,
-        1.7e9,
-        12.5,
-        1e6,
-        4095.0,
+        index=index,
+        kind=Kind.CONTROL,
+        row=7,
+        column=-3,
+        target_um=(1.0, 2.0, 3.0),
+        stage_um=(1.5, 2.5, 3.5),
+        exposure_s=0.02,
+        time_s=1.7e9,
+        elapsed_s=12.5,
+        energy=1e6,
+        peak=4095.0,
         saturated=5,
         sensor_saturated=9,
         attempts=2,
@@ -53,6 +62,23 @@ def make(path: Path, count: int = 6, written: tuple[int, ...] = ()) -> Journal:
     for sequence, slot in enumerate(written):
         journal.write(slot, frame(slot), note(slot), sequence)
     return journal
+
+
+def test_a_recording_of_before_still_reads_and_is_written_the_same() -> None:
+    """The layout is fixed byte by byte: an entry moved, resized or left out shows here."""
+    assert pack(note(3), 17, 0xDEADBEEF) == GOLDEN
+    records = np.frombuffer(GOLDEN, RECORD)
+    assert intact(records).tolist() == [True]
+    assert records["index"][0] == 3
+    assert records["stage_um"][0].tolist() == [1.5, 2.5, 3.5]
+    assert RECORD.fields is not None
+    assert [RECORD.fields[name][1] for name in ("kind", "target_um", "peak", "record_crc", "valid")] == [
+        14,
+        36,
+        116,
+        120,
+        124,
+    ]
 
 
 def test_record_bytes_are_those_of_the_declared_type() -> None:
