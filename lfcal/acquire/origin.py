@@ -18,7 +18,7 @@ from lfcal.errors import InputError
 
 __all__ = ["check_origin"]
 
-LIKENESS = 0.8
+CORRELATION = 0.8
 
 
 def check_origin(
@@ -54,11 +54,12 @@ def check_origin(
     what = f"image of the last recorded position (slot {slot})"
     remedy = "restore the stage's origin and the optics, or start a new session"
     try:
-        down, right, likeness = image_shift(before, after)
+        down, right, correlation = image_shift(before, after)
     except InputError as error:
         raise InputError(f"{what}: {error}") from error
     if max(abs(down), abs(right)) > tolerance:
         got = f"moved by ({down:.2f}, {right:.2f}) px"
         raise InputError.expected(what, f"where it was to {tolerance:g} px (row, column)", got, remedy)
-    if likeness < LIKENESS:
-        raise InputError.expected(what, f"a likeness above {LIKENESS}", f"{likeness:.2f}", remedy)
+    # an image in the same place may still be another one: defocused, or of another spot
+    if correlation < CORRELATION:
+        raise InputError.expected(what, f"a correlation above {CORRELATION}", f"{correlation:.2f}", remedy)

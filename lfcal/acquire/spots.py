@@ -92,9 +92,10 @@ def find_spot(frame: NDArray[Any]) -> Spot:
 
 
 def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float, float]:
-    """Return how far the light moved between two frames of one region, ``(rows, columns)`` in pixels, and its likeness.
+    """Return how far the light moved between two frames of one region, and how alike they are.
 
-    Likeness is the normalised correlation of the frames, 1 for equal ones whatever their brightness.
+    Rows and columns in pixels, then the normalised correlation of the frames: 1 for equal ones, whatever their
+    brightness.
 
     Raises
     ------
@@ -104,5 +105,5 @@ def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float
     first, second = find_spot(before), find_spot(after)
     a = before - np.median(before).astype(np.float64)
     b = after - np.median(after).astype(np.float64)
-    likeness = float((a * b).sum() / math.sqrt(float((a**2).sum()) * float((b**2).sum())))
-    return second.row - first.row, second.column - first.column, likeness
+    correlation = float((a * b).sum() / math.sqrt(float((a**2).sum()) * float((b**2).sum())))
+    return second.row - first.row, second.column - first.column, correlation

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.errors import AcquisitionStopped
+from lfcal.acquire.motion import LAST_POLL_S
 from lfcal.acquire.recording import slots as journal_module
 from lfcal.acquire.recording.durable import FolderLock, write_at
 from lfcal.acquire.recording.source import RecordingSource
@@ -27,6 +29,7 @@ from lfcal.devices.errors import (
     WrongFrame,
 )
 from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.stage import StageModel
 from lfcal.errors import LfcalError, StorageError
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
@@ -40,6 +43,7 @@ PASSING = [
     ("times out", FrameTimeout),
     ("incomplete", IncompleteFrame),
     ("stale", StaleFrame),
+    ("bumped", NotInPosition),  # on arrival all is well: only the read-back after the exposure sees it
 ]
 LASTING = [("wrong shape", WrongFrame), ("vanishes", DeviceLost), ("stage vanishes", DeviceLost)]
 
@@ -166,12 +170,24 @@ def test_a_second_program_is_refused_and_the_first_undisturbed(
     FolderLock(tmp_path).release()
 
 
-def test_without_the_check_after_the_exposure_drift_would_be_kept(tmp_path: Path) -> None:
-    """The counter-test: with a tolerance that sees nothing, the drifted frame does differ."""
-    from dataclasses import replace
-
+def test_a_stage_that_moves_during_the_exposure_spoils_the_frame(tmp_path: Path) -> None:
+    """The counter-test: with a tolerance that sees nothing, the frame of the bumped stage is kept, and differs."""
     blind = replace(CAREFUL, tolerance_um=(1e3, 1e3, 1e3))
     record(tmp_path / "a", PLAN, rig_for(PLAN), blind)
-    record(tmp_path / "b", PLAN, rig_for(PLAN, Fault("drifts", 8)), blind)
+    record(tmp_path / "b", PLAN, rig_for(PLAN, Fault("bumped", 8)), blind)
     a, b = frames_of(tmp_path / "a"), frames_of(tmp_path / "b")
     assert any(not np.array_equal(a[key], b[key]) for key in a)
+
+
+def test_the_read_back_that_is_recorded_is_that_after_the_exposure(tmp_path: Path) -> None:
+    """A stage that creeps within its tolerance stands farther off after the exposure than on arrival."""
+    plan = small_plan(exposure_s=0.1, settle_s=0.2)
+    creep = (1.0, 0.5, -2.0)
+    record(tmp_path, plan, rig_for(plan, model=StageModel(ringing_um=0.0, drift_um_s=creep)), CAREFUL)
+    with RecordingSource(tmp_path) as source:
+        for k in range(len(source)):
+            note = source.record(k)
+            # time since arrival: at most one poll late, then settling and the exposure
+            seconds = (note["stage_um"] - note["target_um"]) / creep
+            assert np.ptp(seconds) == pytest.approx(0.0, abs=1e-9)
+            assert 0.3 - 1e-9 <= seconds[0] <= 0.3 + LAST_POLL_S

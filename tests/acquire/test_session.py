@@ -21,7 +21,9 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.setup.levels import levels
 from lfcal.camera import StageAxes
 from lfcal.devices.errors import LimitError
-from lfcal.devices.protocols import Rig
+from lfcal.devices.protocols import Point, Rig, Roi
+from lfcal.devices.simulated.camera import Patch, Renderer
+from lfcal.devices.simulated.optics import PatternRenderer
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.source import FrameSource, Position
 from lfcal.progress import drain
@@ -208,6 +210,33 @@ def test_resume_sees_a_lost_origin(tmp_path: Path) -> None:
     assert_same_frames(frames_of(tmp_path), done)
     record(tmp_path, PLAN, moved_origin(PLAN, 0.1), CAREFUL, resume=True)
     assert len(frames_of(tmp_path)) == 27
+
+
+class Refocused:
+    """Optics that somebody refocused: the image stands where it was, a third as wide."""
+
+    def __init__(self, renderer: Renderer) -> None:
+        self._renderer = renderer
+
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+        patch = self._renderer.render(source_um, exposure_s, roi)
+        profiles = []
+        for axis, size in ((1, patch.counts.shape[0]), (0, patch.counts.shape[1])):
+            pixels, middle = np.arange(size), (size - 1) / 2
+            line = patch.counts.sum(axis=axis, dtype=float)
+            profiles.append(np.interp(3 * (pixels - middle) + middle, pixels, line, left=0.0, right=0.0))
+        counts = np.multiply.outer(*profiles)
+        return patch._replace(counts=(counts * (patch.counts.max() / counts.max())).astype(np.float32))
+
+
+def test_resume_sees_optics_that_changed_though_the_image_stands_where_it_was(tmp_path: Path) -> None:
+    control = Control()
+    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(3, control),))
+    done = frames_of(tmp_path)
+    rig = rig_for(PLAN, optics=Refocused(PatternRenderer(PLAN)))
+    with pytest.raises(InputError, match=r"expected a correlation above 0\.8, got 0\.[0-7]"):
+        record(tmp_path, PLAN, rig, CAREFUL, resume=True)
+    assert_same_frames(frames_of(tmp_path), done)
 
 
 def test_redo_records_some_positions_again_and_the_later_frame_counts(tmp_path: Path, whole: Path) -> None:

@@ -87,9 +87,9 @@ def test_no_spot_is_an_error() -> None:
 
 
 def test_image_shift_has_its_sign() -> None:
-    down, right, likeness = image_shift(gaussian(30, 40), gaussian(31.5, 38.0))
+    down, right, correlation = image_shift(gaussian(30, 40), gaussian(31.5, 38.0))
     assert (down, right) == pytest.approx((1.5, -2.0), abs=0.05)
-    assert 0.5 < likeness < 0.95
+    assert 0.5 < correlation < 0.95
     assert image_shift(gaussian(30, 40), gaussian(30, 40))[2] == pytest.approx(1.0)
 
 

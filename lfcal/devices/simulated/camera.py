@@ -19,6 +19,9 @@ from lfcal.devices.simulated.stage import SimStage, VirtualTime
 
 __all__ = ["Patch", "Renderer", "SimCamera", "SimLight"]
 
+BUMP_UM = (15.0, -15.0, 0.0)
+"""How far a stage that is bumped during an exposure moves (µm)."""
+
 SPREAD = 64
 """The noise field is this much larger than the region, to take a different part for every frame."""
 
@@ -147,6 +150,8 @@ class SimCamera:
             return self._last
         started = self._time.monotonic()
         self._time.sleep(self._exposure)
+        if "bumped" in struck:
+            self._stage.bump(BUMP_UM)
         data = self._expose()
         self._number += 1
         status = "complete"

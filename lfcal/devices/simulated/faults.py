@@ -10,7 +10,8 @@ from lfcal.checks import check_choice, check_number
 __all__ = ["CAMERA_FAULTS", "FAULTS", "STAGE_FAULTS", "Fault", "FaultBook"]
 
 STAGE_FAULTS = ("move fails", "stops short", "drifts", "never arrives", "stage vanishes")
-CAMERA_FAULTS = ("times out", "incomplete", "stale", "wrong shape", "vanishes", "clock jumps")
+# "bumped" happens to the stage, but while a frame is exposed: it is counted in frames
+CAMERA_FAULTS = ("times out", "incomplete", "stale", "wrong shape", "vanishes", "clock jumps", "bumped")
 FAULTS = STAGE_FAULTS + CAMERA_FAULTS
 
 

@@ -154,6 +154,11 @@ class SimStage:
             self._start = self._target = self._on_the_way(now)
             self._ends = now
 
+    def bump(self, by_um: Point) -> None:
+        """Displace the resting stage (µm), as a knock against the table does; its encoders see it."""
+        x, y, z = (t + d for t, d in zip(self._target, by_um, strict=True))
+        self._target = x, y, z
+
     def home(self) -> None:
         """Begin to move to (0, 0, 0)."""
         self.move((0.0, 0.0, 0.0))
