@@ -11,7 +11,7 @@ from lfcal.acquire.acceptance import check_frame
 from lfcal.acquire.averaging import average
 from lfcal.acquire.control import Control
 from lfcal.acquire.hdr import merge
-from lfcal.devices.errors import CameraError
+from lfcal.devices.errors import CameraError, driver_errors
 from lfcal.devices.protocols import Camera, Rig, Roi
 
 __all__ = ["Exposer", "Exposure"]
@@ -50,6 +50,7 @@ class Exposer:
         self, rig: Rig, control: Control, bracket: tuple[float, ...], black_level: float, timeout_s: float
     ) -> None:
         self._camera: Camera = rig.camera
+        self._name = rig.camera.name
         self._time, self._control = rig.time, control
         self._bracket, self._black, self._timeout = bracket, black_level, timeout_s
         self._max = rig.camera.max_value
@@ -64,7 +65,8 @@ class Exposer:
         """Read at least ``roi`` from now on; `roi` says what the camera took."""
         if roi == self._wanted_roi:
             return
-        actual = self._camera.set_roi(roi).actual
+        with driver_errors(self._name):
+            actual = self._camera.set_roi(roi).actual
         if not actual.holds(roi):
             raise CameraError.expected("camera region", f"at least {roi}", actual, "reset the camera's region")
         self._wanted_roi, self.roi = roi, actual
@@ -89,13 +91,15 @@ class Exposer:
 
     def _grab(self, exposure_s: float, arrived_s: float) -> NDArray[Any]:
         if self._requested != exposure_s:
-            self._actual = self._camera.set_exposure(exposure_s).actual
+            with driver_errors(self._name):
+                self._actual = self._camera.set_exposure(exposure_s).actual
             self._requested = exposure_s
         self._control.check()
         try:
-            frame = self._camera.grab(self._timeout + exposure_s)
+            with driver_errors(self._name):
+                frame = self._camera.grab(self._timeout + exposure_s)
         except CameraError:
-            self._requested = None  # nobody knows what the camera still holds
+            self._requested = None  # what the camera still holds is unknown: set the exposure again
             raise
         check_frame(frame, self.roi.shape, self._dtype, self._last_number, arrived_s)
         self._last_number = frame.number

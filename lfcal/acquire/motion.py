@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.checks import check_number
-from lfcal.devices.errors import LimitError, NotInPosition, StageError
+from lfcal.devices.errors import LimitError, NotInPosition, StageError, driver_errors
 from lfcal.devices.protocols import Limits, Point, Stage, TimeSource
 
 __all__ = ["Motion", "Mover", "check_limits"]
@@ -79,7 +79,7 @@ class Mover:
 
     def __init__(self, stage: Stage, time: TimeSource, motion: Motion, control: Control) -> None:
         self._stage, self._time, self._motion, self._control = stage, time, motion, control
-        self._limits = stage.limits
+        self._limits, self._name = stage.limits, stage.name
         self._last: Point | None = None
 
     def forget(self) -> None:
@@ -113,7 +113,7 @@ class Mover:
 
     def check(self, target: Point) -> Point:
         """Return the read-back, or raise `NotInPosition` if it is out of tolerance (µm)."""
-        here = self._stage.position()
+        here = self.position()
         for k, tolerance in enumerate(self._motion.tolerance_um):
             if not abs(here[k] - target[k]) <= tolerance:
                 raise NotInPosition.expected(
@@ -123,6 +123,11 @@ class Mover:
                     "check the stage, or widen the tolerance",
                 )
         return here
+
+    def position(self) -> Point:
+        """Return the read-back, wherever the stage stands (µm)."""
+        with driver_errors(self._name):
+            return self._stage.position()
 
     def _before(self, target: Point) -> Point:
         """Return where to go first so that every axis arrives in the positive sense."""
@@ -134,11 +139,13 @@ class Mover:
 
     def _travel(self, target: Point) -> None:
         self._control.check()
-        self._stage.move(target)
+        with driver_errors(self._name):
+            self._stage.move(target)
         time, deadline, pause = self._time, self._time.monotonic() + self._motion.timeout_s, FIRST_POLL_S
-        while self._stage.moving():
+        while self._moving():
             if time.monotonic() > deadline:
-                self._stage.stop()
+                with driver_errors(self._name):
+                    self._stage.stop()
                 raise StageError.expected(
                     "stage",
                     f"arrival within {self._motion.timeout_s:g} s",
@@ -148,3 +155,7 @@ class Mover:
             time.sleep(pause)
             self._control.check()
             pause = min(pause * 1.5, LAST_POLL_S)
+
+    def _moving(self) -> bool:
+        with driver_errors(self._name):
+            return self._stage.moving()

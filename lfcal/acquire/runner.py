@@ -21,9 +21,9 @@ from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
 from lfcal.acquire.schedule import Schedule, Step
 from lfcal.camera import ScanPlan
-from lfcal.devices.errors import CameraError, DeviceError, StageError, WrongFrame
+from lfcal.devices.errors import CameraError, DeviceError, StageError, WrongFrame, driver_errors
 from lfcal.devices.protocols import Point, Rig, Roi
-from lfcal.errors import LfcalError, StorageError
+from lfcal.errors import LfcalError
 from lfcal.frames.source import Position
 from lfcal.progress import Progress, Work
 
@@ -111,7 +111,7 @@ class Runner:
         Raises
         ------
         AcquisitionStopped
-            After a fault that retries did not mend: the stage is stopped, what was acknowledged is safe.
+            After a fault that retries did not cure: the stage is stopped, what was acknowledged is safe.
         """
         self._began = time.perf_counter()
         self._since = self._rig.time.monotonic()
@@ -175,7 +175,7 @@ class Runner:
         here: Point = step.target
         if step.kind is Kind.DARK:
             exposure = self._expose_dark(step)
-            here = self._rig.stage.position()
+            here = self._mover.position()
         else:
             self._mover.go(step.target)
             exposure = self._exposer.expose(self._exposures[step.z], self._plan.frames_averaged, clock.monotonic())
@@ -207,13 +207,15 @@ class Runner:
         light = self._rig.light
         if light is None:
             raise DeviceError("dark frames: the rig has no light that can be switched; leave darks out")
-        light.switch(False)
+        with driver_errors("light"):
+            light.switch(False)
         try:
             self.control.sleep(self._options.light_settle_s, self._rig.time)
             now = self._rig.time.monotonic()
             return self._exposer.expose(self._exposures[step.z], max(2, self._options.darks), now)
         finally:
-            light.switch(True)
+            with driver_errors("light"):
+                light.switch(True)
             self.control.sleep(self._options.light_settle_s, self._rig.time)
 
     def _crop(self, step: Step, exposure: Exposure) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
@@ -252,11 +254,12 @@ class Runner:
         self._since += self._rig.time.monotonic() - began
 
     def _halt(self) -> None:
-        """Stop the stage whatever it says."""
-        with suppress(LfcalError, OSError):
+        """Stop the stage and switch the light on again, as far as the devices still answer."""
+        # what a driver raises here would hide why the session ends
+        with suppress(Exception):
             self._rig.stage.stop()
         if self._rig.light is not None:
-            with suppress(LfcalError, OSError):
+            with suppress(Exception):
                 self._rig.light.switch(True)
 
     def _report(self, step: Step | None, error: BaseException) -> str:
@@ -264,10 +267,11 @@ class Runner:
         if step is not None:
             _, ny, nx = self._plan.shape[:3]
             where = f"{step.kind.name.lower()} (z, y, x) = ({step.z}, {step.flat // nx % ny}, {step.flat % nx})"
-        kind = "disk" if isinstance(error, StorageError | OSError) else "device"
+        # devices raise DeviceError only, see `driver_errors`: what is left of OSError is the recording's own
+        kind = "disk" if isinstance(error, OSError) else "device"
         return (
-            f"stopped at {where} by the {kind}: {error}; {self._done} of {self._total} positions are safe, "
-            "put it right and resume"
+            f"stopped at {where} by the {kind}: {error}; {self._done} of {self._total} positions are safe; "
+            "remove the cause, then resume"
         )
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from lfcal.errors import InputError, LfcalError
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from lfcal.errors import InputError, LfcalError, StorageError
 
 __all__ = [
     "CameraError",
@@ -16,6 +19,7 @@ __all__ = [
     "StageError",
     "StaleFrame",
     "WrongFrame",
+    "driver_errors",
 ]
 
 
@@ -61,3 +65,20 @@ class NotInPosition(StageError):
 
 class LimitError(StageError, InputError):
     """A target lies beyond the stage's limits; nothing was moved."""
+
+
+@contextmanager
+def driver_errors(device: str) -> Iterator[None]:
+    """Raise `DeviceError` with the name of ``device`` for whatever else its driver raises inside.
+
+    Drivers fail with errors of their own libraries: RuntimeError, an OSError of the USB bus. An OSError, or a
+    StorageError of a device that works with files, would otherwise be taken for one of the recording's disk.
+    """
+    try:
+        yield
+    except StorageError as error:
+        raise DeviceError(f"{device}: {error}") from error
+    except LfcalError:
+        raise
+    except Exception as error:
+        raise DeviceError(f"{device}: {type(error).__name__}: {error}; check its driver, cable and power") from error

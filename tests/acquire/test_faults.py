@@ -20,6 +20,7 @@ from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.devices.errors import (
+    DeviceError,
     DeviceLost,
     FrameTimeout,
     IncompleteFrame,
@@ -191,3 +192,50 @@ def test_the_read_back_that_is_recorded_is_that_after_the_exposure(tmp_path: Pat
             seconds = (note["stage_um"] - note["target_um"]) / creep
             assert np.ptp(seconds) == pytest.approx(0.0, abs=1e-9)
             assert 0.3 - 1e-9 <= seconds[0] <= 0.3 + LAST_POLL_S
+
+
+@pytest.mark.parametrize("error", [RuntimeError("transfer failed"), OSError(errno.EIO, "Input/output error")])
+@pytest.mark.parametrize(
+    ("device", "call", "after", "named"),
+    [
+        ("camera", "grab", 20, "simulated camera"),
+        ("stage", "move", 20, "simulated stage"),
+        ("stage", "moving", 120, "simulated stage"),
+        ("light", "switch", 3, "light"),
+    ],
+)
+def test_errors_of_a_driver_are_the_devices_and_not_the_disks(
+    tmp_path: Path, undisturbed: dict[Any, np.ndarray], device: str, call: str, after: int, named: str, error: Exception
+) -> None:
+    """Whatever a driver raises ends the session in order, under the device's name; the session can be resumed."""
+    options = replace(CAREFUL, darks=2, dark_every=9)
+    rig = rig_for(PLAN)
+    calls = 0
+    works = getattr(getattr(rig, device), call)
+
+    def failing(*arguments: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        if calls > after:
+            raise error
+        return works(*arguments)
+
+    setattr(getattr(rig, device), call, failing)
+    with pytest.raises(AcquisitionStopped, match=rf"by the device: {named}: {type(error).__name__}: ") as caught:
+        record(tmp_path, PLAN, rig, options)
+    assert isinstance(caught.value.cause, DeviceError)
+    assert 0 < caught.value.acknowledged < 27
+    assert SessionFile.read(tmp_path).runs[-1].how == "failed"
+    record(tmp_path, PLAN, rig_for(PLAN), options, resume=True)
+    assert_same_frames(frames_of(tmp_path), undisturbed)
+
+
+def test_a_device_that_cannot_write_its_own_file_is_not_the_recordings_disk(tmp_path: Path) -> None:
+    rig = rig_for(PLAN)
+
+    def full(_timeout_s: float) -> Any:
+        raise StorageError("/elsewhere/request.json: no space left; free some space")
+
+    rig.camera.grab = full  # type: ignore[method-assign]
+    with pytest.raises(AcquisitionStopped, match="by the device: simulated camera: /elsewhere"):
+        record(tmp_path, PLAN, rig, CAREFUL)
