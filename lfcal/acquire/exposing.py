@@ -12,12 +12,12 @@ from lfcal.acquire.averaging import average
 from lfcal.acquire.control import Control
 from lfcal.acquire.hdr import merge
 from lfcal.devices.errors import CameraError, driver_errors
-from lfcal.devices.protocols import Camera, Rig, Roi
+from lfcal.devices.protocols import CameraDevice, Rig, Roi
 
-__all__ = ["Exposer", "Exposure"]
+__all__ = ["Exposer", "ExposedFrame"]
 
 
-class Exposure(NamedTuple):
+class ExposedFrame(NamedTuple):
     """What was read from the sensor at one place.
 
     ``data`` ``(rows, columns)`` of the region: samples as they came, or float32 where several were combined;
@@ -49,7 +49,7 @@ class Exposer:
     def __init__(
         self, rig: Rig, control: Control, bracket: tuple[float, ...], black_level: float, timeout_s: float
     ) -> None:
-        self._camera: Camera = rig.camera
+        self._camera: CameraDevice = rig.camera
         self._name = rig.camera.name
         self._time, self._control = rig.time, control
         self._bracket, self._black, self._timeout = bracket, black_level, timeout_s
@@ -71,11 +71,11 @@ class Exposer:
             raise CameraError.expected("camera region", f"at least {roi}", actual, "reset the camera's region")
         self._wanted_roi, self.roi = roi, actual
 
-    def expose(self, exposure_s: float, repeats: int, arrived_s: float) -> Exposure:
+    def expose(self, exposure_s: float, repeats: int, arrived_s: float) -> ExposedFrame:
         """Return the frame of this place; every exposure starts after ``arrived_s`` on the rig's clock."""
         if len(self._bracket) == 1 and repeats == 1:
             data = self._grab(exposure_s, arrived_s)
-            return Exposure(data, None, int(np.count_nonzero(data >= self._max)), self._actual)
+            return ExposedFrame(data, None, int(np.count_nonzero(data >= self._max)), self._actual)
         means, masks, actual = [], [], []
         for factor in self._bracket:
             frames = [self._grab(exposure_s * factor, arrived_s) for _ in range(repeats)]
@@ -84,10 +84,10 @@ class Exposer:
             masks.append(mask)
             actual.append(self._actual)
         if len(self._bracket) == 1:
-            return Exposure(means[0], masks[0], int(masks[0].sum()), actual[0])
+            return ExposedFrame(means[0], masks[0], int(masks[0].sum()), actual[0])
         reference = actual[self._bracket.index(1.0)]
         data, mask = merge(means, masks, actual, reference_s=reference, black_level=self._black)
-        return Exposure(data, mask, int(mask.sum()), reference)
+        return ExposedFrame(data, mask, int(mask.sum()), reference)
 
     def _grab(self, exposure_s: float, arrived_s: float) -> NDArray[Any]:
         if self._requested != exposure_s:

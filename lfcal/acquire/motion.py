@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lfcal.acquire.control import Control
 from lfcal.checks import check_number
 from lfcal.devices.errors import LimitError, NotInPosition, StageError, driver_errors
-from lfcal.devices.protocols import Limits, Point, Stage, TimeSource
+from lfcal.devices.protocols import Limits, Point, StageDevice, TimeSource
 
 __all__ = ["Motion", "Mover", "check_limits"]
 
@@ -77,7 +77,7 @@ class Mover:
         Abort is heard while waiting.
     """
 
-    def __init__(self, stage: Stage, time: TimeSource, motion: Motion, control: Control) -> None:
+    def __init__(self, stage: StageDevice, time: TimeSource, motion: Motion, control: Control) -> None:
         self._stage, self._time, self._motion, self._control = stage, time, motion, control
         self._limits, self._name = stage.limits, stage.name
         self._last: Point | None = None

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Aborted, Control
 from lfcal.acquire.errors import AcquisitionStopped
-from lfcal.acquire.exposing import Exposer, Exposure
+from lfcal.acquire.exposing import Exposer, ExposedFrame
 from lfcal.acquire.motion import Mover, check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
@@ -203,7 +203,7 @@ class Runner:
             self._show(step, exposure, Roi(row, column, *frame.shape))
         return frame, note
 
-    def _expose_dark(self, step: Step) -> Exposure:
+    def _expose_dark(self, step: Step) -> ExposedFrame:
         light = self._rig.light
         if light is None:
             raise DeviceError("dark frames: the rig has no light that can be switched; leave darks out")
@@ -218,7 +218,7 @@ class Runner:
                 light.switch(True)
             self.control.sleep(self._options.light_settle_s, self._rig.time)
 
-    def _crop(self, step: Step, exposure: Exposure) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
+    def _crop(self, step: Step, exposure: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
         """Return the part that is kept, contiguous, with its saturation mask and first sensor row and column."""
         roi = self._exposer.roi
         wanted = self._schedule.roi if step.kind is Kind.DARK else Roi(step.row, step.column, *self._schedule.window)
@@ -227,7 +227,7 @@ class Runner:
         mask = None if exposure.mask is None else exposure.mask[rows, columns]
         return np.ascontiguousarray(exposure.data[rows, columns]), mask, wanted.row, wanted.column
 
-    def _show(self, step: Step, exposure: Exposure, cutout: Roi) -> None:
+    def _show(self, step: Step, exposure: ExposedFrame, cutout: Roi) -> None:
         assert self._preview is not None
         _, ny, nx = self._plan.shape[:3]
         position = Position(step.z, step.flat // nx % ny, step.flat % nx)

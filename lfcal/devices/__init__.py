@@ -8,13 +8,13 @@
 """
 
 from lfcal.devices.errors import DeviceError, DeviceMissing
-from lfcal.devices.protocols import Camera, Frame, Light, Rig, Roi, Setting, Stage, SystemTime, TimeSource
+from lfcal.devices.protocols import CameraDevice, Frame, Light, Rig, Roi, Setting, StageDevice, SystemTime, TimeSource
 from lfcal.devices.registry import Backend, Finding, find_backends, get_backend, open_rig
 from lfcal.devices.simulated.backend import simulated_rig
 
 __all__ = [
     "Backend",
-    "Camera",
+    "CameraDevice",
     "DeviceError",
     "DeviceMissing",
     "Finding",
@@ -23,7 +23,7 @@ __all__ = [
     "Rig",
     "Roi",
     "Setting",
-    "Stage",
+    "StageDevice",
     "SystemTime",
     "TimeSource",
     "find_backends",

@@ -13,7 +13,7 @@ from lfcal.camera import ScanPlan
 from lfcal.devices import registry
 from lfcal.devices.backends import _aravis_lib
 from lfcal.devices.errors import DeviceMissing
-from lfcal.devices.protocols import Camera, Light, Rig, Stage
+from lfcal.devices.protocols import CameraDevice, Light, Rig, StageDevice
 from lfcal.devices.registry import Backend, find_backends, get_backend, open_rig
 from lfcal.errors import InputError
 from tests.acquire.rigs import rig_for, small_plan
@@ -34,8 +34,8 @@ def test_all_own_backends_are_listed() -> None:
 
 def test_simulated_devices_fulfil_the_protocols() -> None:
     rig = rig_for(PLAN)
-    assert isinstance(rig.camera, Camera)
-    assert isinstance(rig.stage, Stage)
+    assert isinstance(rig.camera, CameraDevice)
+    assert isinstance(rig.stage, StageDevice)
     assert isinstance(rig.light, Light)
 
 

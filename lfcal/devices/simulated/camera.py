@@ -10,8 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import Camera as CameraDescription
-from lfcal.camera import StageAxes
+from lfcal.camera import Camera, StageAxes
 from lfcal.devices.errors import DeviceLost, FrameTimeout
 from lfcal.devices.protocols import Frame, Point, Roi, Setting, TimeSource
 from lfcal.devices.simulated.faults import CAMERA_FAULTS, Fault, FaultBook
@@ -77,7 +76,7 @@ class SimCamera:
 
     def __init__(
         self,
-        description: CameraDescription,
+        description: Camera,
         axes: StageAxes,
         stage: SimStage,
         time: TimeSource,
