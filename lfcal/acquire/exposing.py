@@ -1,4 +1,4 @@
-"""From exposures to the one frame that is kept of a position."""
+"""From exposures to the one frame that is kept of a position: whole, fresh, of the promised shape."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.acceptance import check_frame
-from lfcal.acquire.averaging import average
+from lfcal.acquire.combining import average, merge
 from lfcal.acquire.control import Control
-from lfcal.acquire.hdr import merge
-from lfcal.devices.errors import CameraError, driver_errors
-from lfcal.devices.protocols import CameraDevice, Rig, Roi
+from lfcal.devices.errors import CameraError, IncompleteFrame, StaleFrame, WrongFrame, driver_errors
+from lfcal.devices.protocols import CameraDevice, Frame, Rig, Roi
 
-__all__ = ["Exposer", "ExposedFrame"]
+__all__ = ["ExposedFrame", "Exposer", "check_frame"]
+
+SLACK_S = 1e-4
+"""How far the clocks of the start of an exposure and of the arrival may disagree (s)."""
 
 
 class ExposedFrame(NamedTuple):
@@ -104,3 +105,45 @@ class Exposer:
         check_frame(frame, self.roi.shape, self._dtype, self._last_number, arrived_s)
         self._last_number = frame.number
         return frame.data
+
+
+def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last_number: int, arrived_s: float) -> None:
+    """Raise unless ``frame`` may be kept.
+
+    Parameters
+    ----------
+    frame
+        As the camera gave it.
+    shape, dtype
+        What the region of interest and the camera promise.
+    last_number
+        Number of the last frame seen.
+    arrived_s
+        Time at which the stage had arrived and settled, on the rig's clock (s).
+
+    Raises
+    ------
+    IncompleteFrame, StaleFrame, WrongFrame
+    """
+    if frame.status != "complete":
+        raise IncompleteFrame.expected(
+            "camera buffer", "complete", frame.status, "check cable, packet size and bandwidth"
+        )
+    if frame.data.shape != shape or frame.data.dtype != dtype:
+        raise WrongFrame.expected(
+            "camera frame",
+            f"{shape} {dtype}",
+            f"{frame.data.shape} {frame.data.dtype}",
+            "another program changed the camera; start again",
+        )
+    if frame.number <= last_number:
+        raise StaleFrame.expected(
+            "frame number", f"above {last_number}", frame.number, "the camera repeated an old buffer"
+        )
+    if frame.started_s is not None and frame.started_s < arrived_s - SLACK_S:
+        raise StaleFrame.expected(
+            "exposure",
+            "started after arrival",
+            f"{arrived_s - frame.started_s:.3g} s before",
+            "trigger the camera, or flush its buffers",
+        )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Aborted, Control
 from lfcal.acquire.errors import AcquisitionStopped
-from lfcal.acquire.exposing import Exposer, ExposedFrame
+from lfcal.acquire.exposing import ExposedFrame, Exposer
 from lfcal.acquire.motion import Mover, check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview

@@ -14,11 +14,10 @@ import numpy as np
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
-from lfcal.acquire.guard import DiskGuard
 from lfcal.acquire.options import Options
 from lfcal.acquire.origin import check_origin
 from lfcal.acquire.preview import Preview
-from lfcal.acquire.recording.durable import FolderLock
+from lfcal.acquire.recording.durable import DiskGuard, FolderLock
 from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.acquire.recording.slots import read_layout
 from lfcal.acquire.recording.store import Store

@@ -106,8 +106,8 @@ def _simulated_optics(plan: ScanPlan, level: str) -> FrameSource:
 def _record(
     scan: ScanPlan, rig: Rig, options: Options, out: Path, control: Control, resume: bool, redo: Any, quiet: bool
 ) -> tuple[Outcome, LiveQuality]:
+    from lfcal.acquire.blocks import window_shape
     from lfcal.acquire.live_quality import LiveQuality
-    from lfcal.acquire.schedule import window_shape
     from lfcal.acquire.session import iter_record
     from lfcal.cli.console import report, run_work
     from lfcal.progress import Work

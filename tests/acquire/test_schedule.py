@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lfcal.acquire.blocks import coarse_order, window_shape
 from lfcal.acquire.options import Options
-from lfcal.acquire.orders import coarse_order
 from lfcal.acquire.recording.records import Kind
-from lfcal.acquire.schedule import Schedule, window_shape
+from lfcal.acquire.schedule import Schedule
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.frames.source import Position
