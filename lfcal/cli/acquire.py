@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from lfcal.acquire.runner import Outcome
     from lfcal.camera import ScanPlan
     from lfcal.devices.protocols import Rig
-    from lfcal.frames import FrameSource
 
 ALARM_EVERY_S = 5.0
 
@@ -63,7 +62,6 @@ def command(
     from lfcal.acquire.control import Control
     from lfcal.acquire.redo import RedoList
     from lfcal.devices.registry import open_rig
-    from lfcal.devices.simulated.backend import SimBackend
 
     scan = _read_plan(plan, origin)
     given = {
@@ -80,8 +78,7 @@ def command(
     }
     options = _options(out if resume or redo is not None else None, given, check_origin)
     positions = RedoList.read(redo).positions if redo is not None else None
-    devices = SimBackend(_simulated_optics) if backend == "sim" else backend
-    with open_rig(scan, devices, _pairs(option), stage=stage) as rig:
+    with open_rig(scan, backend, _pairs(option), stage=stage) as rig:
         if dry_run:
             _show_forecast(scan, rig, options, out, json)
             return
@@ -94,13 +91,6 @@ def command(
     if outcome.how == "complete":
         result |= _finish(out, assemble, pack, json)
     _report(result, outcome, out, json)
-
-
-def _simulated_optics(plan: ScanPlan, level: str) -> FrameSource:
-    """Return the simulator's camera for the simulated rig, free of noise: the rig adds its own."""
-    from lfcal.simulate.sensor.camera_source import SimulatedCamera
-
-    return SimulatedCamera(plan, (), level=level)
 
 
 def _record(

@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._aravis_lib import STATUS, AravisError, Library, library
+from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._fixed_stage import NoStage
-from lfcal.devices.backends._options import number_option
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTimeout
+from lfcal.devices.options import number_option
 from lfcal.devices.protocols import Frame, Rig, Roi, Setting
 from lfcal.errors import InputError
 
-__all__ = ["AravisBackend"]
+__all__ = ["BACKEND", "AravisBackend"]
 
 BUFFERS = 4
 FREE_RUNNING_DISCARD = 2
@@ -61,6 +62,9 @@ class AravisBackend:
             raise DeviceMissing(f"Aravis camera {wanted}: {error}; check power, cable and address") from error
 
 
+BACKEND = AravisBackend()
+
+
 def _only_camera(lib: Library) -> str:
     lib.update_device_list()
     names = [lib.get_device_id(k).decode() for k in range(lib.get_n_devices())]
@@ -71,7 +75,7 @@ def _only_camera(lib: Library) -> str:
     return str(names[0])
 
 
-class _Camera:
+class _Camera(CameraFacts):
     """One camera with its stream; triggered by software, or free-running and flushed."""
 
     def __init__(self, lib: Library, wanted: str, pixel_format: str, trigger: str, packet_size: int) -> None:
@@ -121,21 +125,6 @@ class _Camera:
         self._number = 0
         self._dirty = False
         self._start()
-
-    @property
-    def sensor_shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self._shape
-
-    @property
-    def bit_depth(self) -> int:
-        """Bits per sample."""
-        return self._bits
-
-    @property
-    def max_value(self) -> int:
-        """Saturated sample value."""
-        return (1 << self._bits) - 1
 
     def set_exposure(self, seconds: float) -> Setting[float]:
         """Set the exposure (s)."""

@@ -17,15 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
+from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._fixed_stage import MovedElsewhere
-from lfcal.devices.backends._options import number_option
 from lfcal.devices.errors import DeviceLost, FrameTimeout, IncompleteFrame
+from lfcal.devices.options import number_option
 from lfcal.devices.protocols import Frame, Rig, Roi, Setting
 from lfcal.errors import InputError, LfcalError
 from lfcal.files import replace_whole
 from lfcal.frames.formats.opening import IMAGE_SUFFIXES, read_image
 
-__all__ = ["FolderBackend"]
+__all__ = ["BACKEND", "FolderBackend"]
 
 REQUEST = "lfcal-request.json"
 Signature = tuple[int, int]
@@ -61,10 +62,13 @@ class FolderBackend:
         bits = int(number_option(options, "bits", plan.camera.sensor.bit_depth, low=1, high=16))
         quiet = number_option(options, "quiet", 0.2, low=0)
         wait = number_option(options, "wait", 60.0, low=0.01)
-        return Rig(_Camera(path, pattern, plan.camera.sensor.shape, bits, quiet, wait, stage), stage)
+        return Rig(_Camera(path, pattern, plan.camera.sensor.shape, bits, stage, quiet_s=quiet, wait_s=wait), stage)
 
 
-class _Camera:
+BACKEND = FolderBackend()
+
+
+class _Camera(CameraFacts):
     """The files of one folder."""
 
     def __init__(
@@ -73,9 +77,10 @@ class _Camera:
         pattern: str,
         shape: tuple[int, int],
         bits: int,
+        stage: MovedElsewhere,
+        *,
         quiet_s: float,
         wait_s: float,
-        stage: MovedElsewhere,
     ) -> None:
         self._folder, self._pattern, self._quiet, self._wait, self._stage = folder, pattern, quiet_s, wait_s, stage
         self._shape, self._bits = shape, bits
@@ -83,21 +88,6 @@ class _Camera:
         self._exposure = 0.0
         self._number = 0
         self.name = f"files {pattern} in {folder.resolve()}"
-
-    @property
-    def sensor_shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self._shape
-
-    @property
-    def bit_depth(self) -> int:
-        """Bits per sample."""
-        return self._bits
-
-    @property
-    def max_value(self) -> int:
-        """Saturated sample value."""
-        return (1 << self._bits) - 1
 
     def set_exposure(self, seconds: float) -> Setting[float]:
         """Ask for this exposure in the next requests; whether it is taken is for the other program."""

@@ -15,7 +15,7 @@ from lfcal.devices.simulated.camera import Patch
 from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
 
-__all__ = ["FramesRenderer", "PatternRenderer"]
+__all__ = ["FramesRenderer", "PatternRenderer", "simulated_optics"]
 
 
 class PatternRenderer:
@@ -116,3 +116,15 @@ class FramesRenderer:
         if light is not None:
             return np.asarray(light(index) * np.float32(1 / sensor.electrons_per_count))
         return (self._frames.read(index) - np.float32(sensor.black_level)).clip(0)
+
+
+def simulated_optics(plan: ScanPlan, level: str) -> FramesRenderer:
+    """Return the plenoptic camera of ``plan`` at a level of the simulator, with ideal optics.
+
+    It is free of noise: `SimCamera` adds that of the sensor. ``level`` is ``"auto"``, ``"geometric"``, ``"wave"``
+    or ``"microscope"``; raises `InputError` where that level does not suit the plan's camera.
+    """
+    # here, as the quick pattern is to be had without loading the simulator
+    from lfcal.simulate import SimulatedCamera
+
+    return FramesRenderer(plan, SimulatedCamera(plan, (), level=level))
