@@ -57,11 +57,6 @@ class Preview:
             self.dropped += len(self._items) == self._items.maxlen
             self._items.append(frame)
 
-    def get(self) -> LiveFrame | None:
-        """Return the oldest waiting frame, or None."""
-        with self._lock:
-            return self._items.popleft() if self._items else None
-
     def latest(self) -> LiveFrame | None:
         """Return the newest frame and let the others go, or None."""
         with self._lock:

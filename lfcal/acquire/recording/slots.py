@@ -132,11 +132,6 @@ class Journal:
             part.unlink(missing_ok=True)
         return cls(path)
 
-    def write(self, slot: int, frame: NDArray[Any], note: Note, sequence: int) -> None:
-        """Write ``frame`` and its record into ``slot``; on return both are on the disk: `put` and `sync`."""
-        self.put(slot, frame, note, sequence)
-        self.sync()
-
     def put(self, slot: int, frame: NDArray[Any], note: Note, sequence: int) -> None:
         """Hand ``frame`` and its record to the operating system; they are safe after the next `sync`.
 

@@ -57,10 +57,15 @@ def frame(k: int) -> np.ndarray:
     return np.random.default_rng(k).integers(0, 4096, SHAPE, np.uint16)
 
 
+def write(journal: Journal, slot: int, data: np.ndarray, about: Note, sequence: int) -> None:
+    journal.put(slot, data, about, sequence)
+    journal.sync()
+
+
 def make(path: Path, count: int = 6, written: tuple[int, ...] = ()) -> Journal:
     journal = Journal.create(path, count, SHAPE, np.dtype(np.uint16), {"session": "s"})
     for sequence, slot in enumerate(written):
-        journal.write(slot, frame(slot), note(slot), sequence)
+        write(journal, slot, frame(slot), note(slot), sequence)
     return journal
 
 
@@ -150,7 +155,7 @@ def test_what_a_crash_tore_counts_as_not_taken(tmp_path: Path, spoil: str) -> No
             file.seek(layout.records_at + 3 * RECORD.itemsize - 4)
             file.write(bytes(4))
     assert journal.scan().tolist() == [True, True, False, False, False, False]
-    journal.write(2, frame(2), note(2), 3)
+    write(journal, 2, frame(2), note(2), 3)
     assert journal.scan().tolist() == [True, True, True, False, False, False]
     journal.close()
 
@@ -195,7 +200,7 @@ def test_disk_that_fills_during_a_write_is_an_error_and_the_frame_is_not_taken(
 
     monkeypatch.setattr(journal_module, "write_at", short)
     with pytest.raises(StorageError, match="free some space"):
-        journal.write(1, frame(1), note(1), 1)
+        write(journal, 1, frame(1), note(1), 1)
     assert journal.scan().tolist() == [True] + [False] * 5
     journal.close()
 
@@ -205,7 +210,7 @@ def test_removed_file_is_not_written_to_in_silence(tmp_path: Path) -> None:
     journal = make(tmp_path / "s" / "r.h5", written=(0,))
     shutil.rmtree(tmp_path / "s")
     with pytest.raises(StorageError, match="removed while recording"):
-        journal.write(1, frame(1), note(1), 1)
+        write(journal, 1, frame(1), note(1), 1)
     journal.close()
 
 
@@ -213,7 +218,7 @@ def test_wrong_frames_and_slots_are_refused(tmp_path: Path) -> None:
     journal = make(tmp_path / "r.h5")
     for slot, data in ((6, frame(0)), (-1, frame(0)), (0, frame(0)[:-1]), (0, frame(0).astype(np.int16))):
         with pytest.raises(StorageError, match="slot"):
-            journal.write(slot, data, note(0), 0)
+            write(journal, slot, data, note(0), 0)
     journal.close()
 
 
