@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lfcal.acquire.control import Aborted, Control
 from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.exposing import ExposedFrame, Exposer
+from lfcal.acquire.lighting import Lighting, check_light
 from lfcal.acquire.motion import Mover, check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
@@ -21,7 +22,7 @@ from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
 from lfcal.acquire.schedule import Schedule, Step
 from lfcal.camera import ScanPlan
-from lfcal.devices.errors import CameraError, DeviceError, StageError, WrongFrame, driver_errors
+from lfcal.devices.errors import CameraError, StageError, WrongFrame
 from lfcal.devices.protocols import Point, Rig, Roi
 from lfcal.errors import LfcalError
 from lfcal.frames.source import Position
@@ -67,8 +68,9 @@ class Runner:
 
     Raises
     ------
-    LimitError
-        At once, before anything moves.
+    LimitError, InputError
+        At once, before anything moves: the plan leaves the stage's travel, or dark frames are to be taken and the
+        light cannot be switched.
     """
 
     def __init__(
@@ -94,7 +96,10 @@ class Runner:
         motion = options.motion(plan)
         moved = schedule.kinds != Kind.DARK
         check_limits(schedule.targets[moved], rig.stage.limits, motion.overshoot_um)
+        if bool((todo & ~moved).any()):
+            check_light(rig)
         self._mover = Mover(rig.stage, rig.time, motion, self.control)
+        self._lighting = Lighting(rig, self.control, options.light_settle_s)
         sensor = plan.camera.sensor
         self._exposer = Exposer(rig, self.control, options.bracket, sensor.black_level, options.grab_timeout_s)
         self._max = rig.camera.max_value
@@ -126,6 +131,7 @@ class Runner:
                         break
                     self._acknowledge(writer.submit(step, *self._record(step)))
                     yield self._progress()
+                self._lighting.switch(True)
             except Aborted:
                 self._halt()
             self._acknowledge(writer.flush())
@@ -170,53 +176,54 @@ class Runner:
             attempt += 1
 
     def _take(self, step: Step, attempt: int) -> tuple[NDArray[Any], Note]:
-        clock = self._rig.time
         self._exposer.read_region(self._schedule.roi_of(step.kind))
-        here: Point = step.target
-        if step.kind is Kind.DARK:
-            exposure = self._expose_dark(step)
+        dark = step.kind is Kind.DARK
+        self._lighting.switch(not dark)
+        if dark:
+            repeats = self._options.darks
+            exposure = self._exposer.expose(self._exposures[step.z], repeats, self._rig.time.monotonic())
             here = self._mover.position()
         else:
             self._mover.go(step.target)
-            exposure = self._exposer.expose(self._exposures[step.z], self._plan.frames_averaged, clock.monotonic())
+            repeats = self._plan.frames_averaged
+            exposure = self._exposer.expose(self._exposures[step.z], repeats, self._rig.time.monotonic())
             here = self._mover.check(step.target)  # a stage that crept away during the exposure shows here
         frame, mask, row, column = self._crop(step, exposure)
-        note = Note(
+        note = self._note(step, exposure, frame, mask, stage_um=here, place=(row, column), attempts=attempt)
+        if self._preview is not None:
+            self._show(step, exposure, Roi(row, column, *frame.shape))
+        return frame, note
+
+    def _note(
+        self,
+        step: Step,
+        exposure: ExposedFrame,
+        frame: NDArray[Any],
+        mask: NDArray[np.bool_] | None,
+        *,
+        stage_um: Point,
+        place: tuple[int, int],
+        attempts: int,
+    ) -> Note:
+        clock = self._rig.time
+        return Note(
             index=step.flat,
-            attempts=attempt,
+            attempts=attempts,
             kind=step.kind,
-            row=row,
-            column=column,
+            row=place[0],
+            column=place[1],
             period_y=step.period_y,
             period_x=step.period_x,
             saturated=int(np.count_nonzero(frame >= self._max if mask is None else mask)),
             sensor_saturated=exposure.saturated,
             target_um=step.target,
-            stage_um=here,
+            stage_um=stage_um,
             exposure_s=exposure.exposure_s,
             time_s=clock.wall(),
             elapsed_s=self._elapsed + clock.monotonic() - self._since,
             energy=float(frame.sum(dtype=_sum_type(frame))),
             peak=float(frame.max()),
         )
-        if self._preview is not None:
-            self._show(step, exposure, Roi(row, column, *frame.shape))
-        return frame, note
-
-    def _expose_dark(self, step: Step) -> ExposedFrame:
-        light = self._rig.light
-        if light is None:
-            raise DeviceError("dark frames: the rig has no light that can be switched; leave darks out")
-        with driver_errors("light"):
-            light.switch(False)
-        try:
-            self.control.sleep(self._options.light_settle_s, self._rig.time)
-            now = self._rig.time.monotonic()
-            return self._exposer.expose(self._exposures[step.z], max(2, self._options.darks), now)
-        finally:
-            with driver_errors("light"):
-                light.switch(True)
-            self.control.sleep(self._options.light_settle_s, self._rig.time)
 
     def _crop(self, step: Step, exposure: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
         """Return the part that is kept, contiguous, with its saturation mask and first sensor row and column."""
@@ -258,9 +265,7 @@ class Runner:
         # what a driver raises here would hide why the session ends
         with suppress(Exception):
             self._rig.stage.stop()
-        if self._rig.light is not None:
-            with suppress(Exception):
-                self._rig.light.switch(True)
+        self._lighting.restore()
 
     def _report(self, step: Step | None, error: BaseException) -> str:
         where = "before the first frame"

@@ -53,7 +53,7 @@ def iter_record(
     folder
         A new or empty folder; with ``resume`` or ``redo`` that of an earlier session.
     plan, rig, options
-        What, with which devices, how.
+        What, with which devices, how; by default the options of the session that goes on, or `Options()`.
     resume
         Go on where an earlier run was interrupted, after checking that plan, options, devices and the
         stage's origin are the same.
@@ -69,21 +69,32 @@ def iter_record(
     AcquisitionStopped
         When the session had to end early; it can be resumed.
     """
-    options = options or Options()
     control = control or Control()
     devices = check_devices(plan, rig)
-    _check_folder(folder, new=not resume and redo is None)
-    if resume or redo is not None:
-        SessionFile.read(folder).check_same(plan, options, devices)  # before the lock, for the clearer message
+    goes_on = resume or redo is not None
+    _check_folder(folder, new=not goes_on)
+    earlier = SessionFile.read(folder) if goes_on else None
+    options = options or (earlier.options if earlier else Options())
+    if earlier:
+        earlier.check_same(plan, options, devices)  # before the lock, for the clearer message
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     lock = FolderLock(folder)
     try:
-        file, first = _prepare(folder, plan, options, devices, rig, resume, redo)
+        new = SessionFile(uuid.uuid4().hex, plan, options, devices)
+        file, first = _prepare(folder, rig, new, resume=resume, redo=redo)
         outcome = Outcome("complete", 0, 0, 0.0)
         for run in range(first, len(file.recordings)):
             file, outcome = yield from _record_one(
-                folder, file, run, rig, options, control, preview, observers, check=resume
+                folder,
+                file,
+                run,
+                rig,
+                options,
+                control=control,
+                preview=preview,
+                observers=observers,
+                check=resume,
             )
             if outcome.how != "complete":
                 break
@@ -141,26 +152,19 @@ def _check_folder(folder: Path, *, new: bool) -> None:
 
 
 def _prepare(
-    folder: Path,
-    plan: ScanPlan,
-    options: Options,
-    devices: Devices,
-    rig: Rig,
-    resume: bool,
-    redo: Sequence[Position] | None,
+    folder: Path, rig: Rig, new: SessionFile, *, resume: bool, redo: Sequence[Position] | None
 ) -> tuple[SessionFile, int]:
-    """Return the session, begun if it is new, and the first recording that is to be worked on."""
+    """Return the session, begun as ``new`` if there is none, and the first recording that is to be worked on."""
     if not resume and redo is None:
-        file = SessionFile(uuid.uuid4().hex, plan, options, devices)
-        _create(folder, file, 0, rig, options)
-        return file, 0
+        _create(folder, new, 0, rig, new.options)
+        return new, 0
     file = SessionFile.read(folder)
-    file.check_same(plan, options, devices)
+    file.check_same(new.plan, new.options, new.devices)  # again: another program may have been at it before the lock
     if redo is not None:
         positions = tuple(tuple(map(int, p)) for p in redo)
         name = file_name(Kind.POSITION, len(file.recordings))
         file = replace(file, recordings=(*file.recordings, name), redo=(*file.redo, positions))
-        _create(folder, file, len(file.recordings) - 1, rig, options)
+        _create(folder, file, len(file.recordings) - 1, rig, new.options)
         return file, len(file.recordings) - 1
     return file, 0
 
@@ -168,8 +172,8 @@ def _prepare(
 def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Options) -> None:
     """Lay out recording ``run`` and enter it in ``session.json``, or leave nothing."""
     schedule = _schedule(file, run)
-    nothing = np.zeros(len(schedule), np.bool_)
-    Runner(rig, file.plan, options, schedule, _Nowhere(), nothing)  # limits are checked before anything is made
+    # limits and light are checked before anything is made
+    Runner(rig, file.plan, options, schedule, _Nowhere(), np.ones(len(schedule), np.bool_))
     attributes = {"session": file.identity, "roi": list(_roi_list(schedule)), "run": run}
     Store.create(folder, run, schedule, frame_dtype(file.plan, file.options, file.devices), attributes).close()
     try:
@@ -186,10 +190,10 @@ def _record_one(
     run: int,
     rig: Rig,
     options: Options,
+    *,
     control: Control,
     preview: Preview | None,
     observers: tuple[Observer, ...],
-    *,
     check: bool,
 ) -> Work[tuple[SessionFile, Outcome]]:
     """Record what recording ``run`` lacks, and note the stretch in ``session.json``."""

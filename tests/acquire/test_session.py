@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,16 +13,18 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.control import Control
+from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import Preview
+from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.recording.source import RecordingSource, read_checks
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.setup.levels import levels
 from lfcal.camera import StageAxes
-from lfcal.devices.errors import LimitError
-from lfcal.devices.protocols import Point, Rig, Roi
+from lfcal.devices.errors import DeviceLost, LimitError
+from lfcal.devices.protocols import Frame, Point, Rig, Roi, Setting
 from lfcal.devices.simulated.camera import Patch, Renderer
 from lfcal.devices.simulated.optics import PatternRenderer
 from lfcal.errors import FileFormatError, InputError, StorageError
@@ -309,6 +312,82 @@ def test_darks_references_controls_and_exposures_per_plane(tmp_path: Path) -> No
         assert {source.exposure_s(k) for k in range(27)} == {0.01, 0.02, 0.04}
         corners = [source.read(k)[[0, 0, -1, -1], [0, -1, 0, -1]] for k in range(27)]
     assert abs(float(np.mean(corners))) < 1.5
+
+
+class Watched:
+    """A camera that reads more than it is asked for, and notes what it exposes in the dark."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._camera, self._light = rig.camera, rig.light
+        self.dark: list[tuple[float, Roi]] = []
+        self.lit: set[tuple[float, Roi]] = set()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._camera, name)
+
+    def set_roi(self, roi: Roi) -> Setting[Roi]:
+        self._roi = self._camera.set_roi(Roi(roi.row - 3, roi.column - 1, roi.rows + 8, roi.columns + 8)).actual
+        return Setting(roi, self._roi)
+
+    def set_exposure(self, seconds: float) -> Setting[float]:
+        self._seconds = seconds
+        return self._camera.set_exposure(seconds)
+
+    def grab(self, timeout_s: float) -> Frame:
+        if self._light.on:  # type: ignore[union-attr]
+            self.lit.add((self._seconds, self._roi))
+        else:
+            self.dark.append((self._seconds, self._roi))
+        return self._camera.grab(timeout_s)
+
+
+def test_darks_have_the_region_and_every_exposure_of_the_positions(tmp_path: Path) -> None:
+    plan = small_plan(exposure_s=(0.01, 0.02, 0.04))
+    rig = rig_for(plan)
+    camera = Watched(rig)
+    rig = replace(rig, camera=camera)
+    switched: list[bool] = []
+    switch = rig.light.switch  # type: ignore[union-attr]
+    rig.light.switch = lambda on: (switched.append(on), switch(on))[1]  # type: ignore[union-attr, method-assign]
+    record(tmp_path, plan, rig, replace(CAREFUL, darks=3, bracket=(1.0, 0.5)))
+    assert sorted(seconds for seconds, _ in set(camera.dark)) == [0.005, 0.01, 0.02, 0.04]
+    assert set(camera.dark) == camera.lit
+    assert len(camera.dark) == 3 * 2 * 3
+    assert switched == [False, True]
+    with RecordingFile(tmp_path / "darks.h5") as darks, RecordingFile(tmp_path / "recording.h5") as recording:
+        roi = Roi(int(darks.records["row"][0]), int(darks.records["column"][0]), *darks.layout.shape)
+        assert darks.taken.tolist() == [True] * 3
+        assert set(darks.records["exposure_s"]) == set(recording.records["exposure_s"])
+        for note in recording.records:
+            assert roi.holds(Roi(int(note["row"]), int(note["column"]), *recording.layout.shape))
+
+
+@pytest.mark.parametrize("how", ["stop", "abort", "fault"])
+def test_the_light_is_on_again_however_a_session_ends(tmp_path: Path, how: str) -> None:
+    control, rig = Control(), rig_for(PLAN)
+    grab, grabbed = rig.camera.grab, []
+
+    def interrupted(timeout_s: float) -> Frame:
+        grabbed.append(rig.light.on)  # type: ignore[union-attr]
+        if len(grabbed) == 3:
+            if how == "fault":
+                raise DeviceLost("camera: no answer; check the cable")
+            getattr(control, how)()
+        return grab(timeout_s)
+
+    rig.camera.grab = interrupted  # type: ignore[method-assign]
+    with suppress(AcquisitionStopped):
+        record(tmp_path, PLAN, rig, replace(CAREFUL, darks=8), control=control)
+    assert not any(grabbed[:3])
+    assert rig.light.on  # type: ignore[union-attr]
+
+
+def test_a_session_goes_on_with_its_own_options_unless_others_are_given(tmp_path: Path) -> None:
+    control = Control()
+    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(3, control),))
+    assert record(tmp_path, PLAN, rig_for(PLAN), resume=True).how == "complete"
+    record(tmp_path, PLAN, rig_for(PLAN), redo=[Position(0, 0, 0)])
+    assert SessionFile.read(tmp_path).options == CAREFUL
 
 
 def test_averaging_and_bracketing_record_floats(tmp_path: Path) -> None:
