@@ -1,4 +1,4 @@
-"""From exposures to the one frame that is kept of a position: whole, fresh, of the promised shape."""
+"""From exposures to the one frame that is kept of a position: complete, newly exposed, of the expected shape."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last
     frame
         As the camera gave it.
     shape, dtype
-        What the region of interest and the camera promise.
+        What is expected of the region of interest and the camera.
     last_number
         Number of the last frame seen.
     arrived_s

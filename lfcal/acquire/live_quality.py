@@ -1,4 +1,4 @@
-"""Is the session good so far? Told in its first minutes, from what is recorded anyway."""
+"""Quality of the session so far, from what is recorded anyway: faults show within the first minutes."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Motion:
         Largest difference of read-back and target along x, y, z (µm).
     overshoot_um
         Every target is approached in the positive sense; moves in the negative sense go this far beyond
-        first, so that the play of the drive is always taken up the same way (µm). 0: not needed.
+        first, so that backlash is always taken up in the same direction (µm). 0: not needed.
     timeout_s
         Longest wait for arrival (s).
     """
@@ -74,7 +74,7 @@ class Mover:
     motion
         Settings.
     control
-        Abort is heard while waiting.
+        Asked for an abort while waiting.
     """
 
     def __init__(self, stage: StageDevice, time: TimeSource, motion: Motion, control: Control) -> None:
@@ -83,7 +83,7 @@ class Mover:
         self._last: Point | None = None
 
     def forget(self) -> None:
-        """Take the next approach from afar: after a fault nobody knows which way the play is taken up."""
+        """Approach the next target from beyond: after a fault the state of the backlash is unknown."""
         self._last = None
 
     def go(self, target: Point) -> Point:

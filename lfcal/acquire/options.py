@@ -42,7 +42,7 @@ class Options:
         Control frames per plane and direction, from one period away to the edge of the field, for the
         check of periodicity (0: none).
     retries
-        How often a position is tried again after a fault that may pass.
+        How often a position is tried again after a transient fault.
     tolerance_um, overshoot_um
         As in `Motion`; None tolerates a tenth of the smallest step sideways and a whole one in depth.
     move_timeout_s, grab_timeout_s, light_settle_s

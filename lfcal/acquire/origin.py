@@ -1,4 +1,4 @@
-"""Is the stage's origin still where it was? The last position taken is taken again and compared."""
+"""Check that the stage's origin is where it was: the last position taken is taken again and compared."""
 
 from __future__ import annotations
 

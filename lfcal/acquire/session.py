@@ -1,4 +1,4 @@
-"""A session: begun, resumed, redone in part; its folder is what is left of it."""
+"""Record a session, resume it, record positions of it again."""
 
 from __future__ import annotations
 
@@ -234,7 +234,7 @@ def _record_one(
 
 
 def _note(folder: Path, file: SessionFile, how: str, done: int, seconds: float, message: str) -> SessionFile:
-    """Return the session with its last run closed; a failure to write that down is not worth losing more."""
+    """Return the session with its last run closed; if a failed run cannot be noted, its own error counts."""
     last = replace(file.runs[-1], ended=_now(), how=how, acknowledged=done, seconds=seconds, message=message)
     file = replace(file, runs=(*file.runs[:-1], last))
     try:

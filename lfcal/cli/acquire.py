@@ -47,7 +47,7 @@ def command(
         None, "--reference-every", help="Lamp-drift frame every so many positions (default 100); 0: none."
     ),
     controls: int = typer.Option(None, "--controls", help="Control frames per plane and direction."),
-    retries: int = typer.Option(None, "--retries", help="Attempts after a fault that may pass."),
+    retries: int = typer.Option(None, "--retries", help="Further attempts after a transient fault."),
     tolerance: str = typer.Option(None, "--tolerance", help="Position tolerance X,Y,Z (µm)."),
     overshoot: str = typer.Option(None, "--overshoot", help="Approach from one side, X,Y,Z (µm); 0,0,0 for none."),
     origin: str = typer.Option("", "--origin", help="Stage coordinates of the sensor's centre X,Y,Z (µm)."),

@@ -1,4 +1,4 @@
-"""What can go wrong with a device, by kind, so that each gets its own answer."""
+"""What can go wrong with a device, by kind; the kind decides whether it is tried again."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class DeviceMissing(DeviceError):
 
 
 class DeviceLost(DeviceError):
-    """A device that was there is gone; trying again is of no use."""
+    """A device no longer answers; trying again does not help."""
 
 
 class CameraError(DeviceError):
@@ -52,7 +52,7 @@ class StaleFrame(CameraError):
 
 
 class WrongFrame(CameraError):
-    """A frame has another shape or sample type than the camera promised."""
+    """A frame has another shape or sample type than the camera announced."""
 
 
 class StageError(DeviceError):

@@ -1,4 +1,4 @@
-"""Which devices can be had here, found by name, and why others cannot.
+"""Device backends by name: which can be used here, and why others cannot.
 
 Backends come with lfcal, or from other packages through the entry point group ``lfcal.devices``: a name and
 an object (or a class without arguments) that is a `Backend`.
@@ -99,7 +99,7 @@ BACKENDS = backend_registry()
 
 
 def get_backend(name: str) -> Backend:
-    """Return backend ``name``; raises `InputError` if nobody knows it, `DeviceMissing` if it does not load."""
+    """Return backend ``name``; raises `InputError` if there is none, `DeviceMissing` if it does not load."""
     reason = BACKENDS.failures().get(name)
     if reason is not None and name not in BACKENDS:
         raise DeviceMissing(f"{reason}; update or remove the package that brings it")
@@ -119,7 +119,7 @@ def _probed(backend: Backend) -> Finding:
         return Finding(backend.name, backend.title, backend.probe(), "")
     except LfcalError as error:
         return Finding(backend.name, backend.title, "", str(error))
-    except Exception as error:  # a package of someone else may fail in any way
+    except Exception as error:  # a foreign package may fail in any way
         return Finding(backend.name, backend.title, "", f"{type(error).__name__}: {error}")
 
 

@@ -51,7 +51,7 @@ class FolderBackend:
         return "TIFF, PNG, PGM, NPY, camera RAW"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return the folder as a camera, and a stage that trusts the other program."""
+        """Return the folder as a camera, and a stage that assumes that the other program moves."""
         path = Path(options.get("path", ""))
         if not options.get("path") or not path.is_dir():
             raise InputError.expected("option path", "a folder", repr(options.get("path", "")), "make it first")
@@ -121,7 +121,7 @@ class _Camera(CameraFacts):
         message = f"{self._folder}: no file {self._pattern} for request {self._number} in {self._wait:g} s"
         if "{number" in self._pattern:
             raise FrameTimeout(f"{message}; check the other program")
-        raise DeviceLost(f"{message}; as a late one could not be told from the next, use {{number}} in the pattern")
+        raise DeviceLost(f"{message}; as a late one would be taken for the next, use {{number}} in the pattern")
 
     def close(self) -> None:
         """Take the request back."""

@@ -73,7 +73,7 @@ class SimBackend:
         "optics": "pattern (quick), or a level of the simulator: auto, geometric, wave, microscope",
         "time": "virtual (waits pass at once) or real",
         "velocity": "speed of the stage (µm/s)",
-        "backlash": "play of each axis (µm)",
+        "backlash": "backlash of each axis (µm)",
         "drift": "creep of each axis after arrival (µm/s)",
         "limits": "travel x0:x1,y0:y1,z0:z1 (µm)",
         "axes": "how the stage really moves the image, e.g. -x,+y,+z (right,down,away)",

@@ -1,4 +1,4 @@
-"""Faults the simulated rig can be told to commit, each at a chosen call."""
+"""Faults of the simulated rig, each at a chosen call."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Fault:
     at
         Number of the call to ``move`` (stage faults) or ``grab`` (camera faults), from 0.
     times
-        How many calls in a row are struck; a device that vanishes stays away.
+        How many calls in a row are affected; a device that vanishes does not come back.
     """
 
     kind: str

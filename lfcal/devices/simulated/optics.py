@@ -124,7 +124,7 @@ def simulated_optics(plan: ScanPlan, level: str) -> FramesRenderer:
     It is free of noise: `SimCamera` adds that of the sensor. ``level`` is ``"auto"``, ``"geometric"``, ``"wave"``
     or ``"microscope"``; raises `InputError` where that level does not suit the plan's camera.
     """
-    # here, as the quick pattern is to be had without loading the simulator
+    # here, so that the quick pattern does not load the simulator
     from lfcal.simulate import SimulatedCamera
 
     return FramesRenderer(plan, SimulatedCamera(plan, (), level=level))

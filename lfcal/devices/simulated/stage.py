@@ -55,7 +55,7 @@ class StageModel:
     ringing_um, ringing_s
         Amplitude after a stop (µm) and the time constant with which it dies out (s).
     backlash_um
-        Play of each axis: after moving in the negative sense the source stands this far towards +; the
+        Backlash of each axis: after moving in the negative sense the source stands this far towards +; the
         encoder sits on the motor and does not see it (µm).
     drift_um_s
         Speed at which each axis creeps after arrival (µm/s).
@@ -112,7 +112,7 @@ class SimStage:
         if "move fails" in struck:
             raise StageError("simulated stage: the controller refused the move; try again")
         here = self.position()
-        # ringing dies out within the play and drags nothing along
+        # ringing stays within the backlash and drags nothing along
         self._true = self._follow(here if self._time.monotonic() < self._ends else self._settled())
         short = 0.6 if "stops short" in struck else 1.0
         self._start = here
@@ -142,7 +142,7 @@ class SimStage:
         return x, y, z
 
     def true_position(self) -> Point:
-        """Return where the source really is: the read-back with the play taken into account (µm)."""
+        """Return where the source really is: the read-back with the backlash taken into account (µm)."""
         return self._follow(self.position())
 
     def stop(self) -> None:
@@ -182,7 +182,7 @@ class SimStage:
         return x, y, z
 
     def _follow(self, motor: Point) -> Point:
-        """Return the source's place when its motors stand at ``motor``: dragged within the play."""
+        """Return the source's place when its motors stand at ``motor``: dragged along at the ends of the backlash."""
         x, y, z = (min(max(t, m), m + b) for t, m, b in zip(self._true, motor, self.model.backlash_um, strict=True))
         return x, y, z
 
