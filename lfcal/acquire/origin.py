@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.exposing import Exposer
-from lfcal.acquire.motion import Mover
+from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.spots import image_shift
@@ -43,13 +43,12 @@ def check_origin(
     if tolerance is None:
         return
     x, y, depth = (float(v) for v in note["target_um"])
-    exposer = Exposer(rig, control, options.bracket, plan.camera.sensor.black_level, options.grab_timeout_s)
-    exposer.read_region(schedule.roi)
-    Mover(rig.stage, rig.time, options.motion(plan), control).go((x, y, depth))
-    exposures = plan.exposures
+    targets = np.array([[x, y, depth]])
+    looker = Looker(rig, plan, options, control, targets=targets, roi=schedule.roi, bracket=options.bracket)
+    looker.go((x, y, depth))
     z = int(note["index"]) // (plan.period[0] * plan.period[1])
-    data = exposer.expose(exposures[z], plan.frames_averaged, rig.time.monotonic()).data
-    top, left = int(note["row"]) - exposer.roi.row, int(note["column"]) - exposer.roi.column
+    data = looker.expose(plan.exposures[z], plan.frames_averaged)
+    top, left = int(note["row"]) - looker.roi.row, int(note["column"]) - looker.roi.column
     after = data[top : top + before.shape[0], left : left + before.shape[1]]
     what = f"image of the last recorded position (slot {slot})"
     remedy = "restore the stage's origin and the optics, or start a new session"

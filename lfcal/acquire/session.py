@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import datetime
 import uuid
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -77,34 +77,16 @@ def iter_record(
     options = options or (earlier.options if earlier else Options())
     if earlier:
         earlier.check_same(plan, options, devices)  # before the lock, for the clearer message
-    with storage_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    lock = FolderLock(folder)
-    try:
+    with _locked(folder):
         new = SessionFile(uuid.uuid4().hex, plan, options, devices)
         file, first = _prepare(folder, rig, new, resume=resume, redo=redo)
         outcome = Outcome("complete", 0, 0, 0.0)
         for run in range(first, len(file.recordings)):
-            file, outcome = yield from _record_one(
-                folder,
-                file,
-                run,
-                rig,
-                options,
-                control=control,
-                preview=preview,
-                observers=observers,
-                check=resume,
-            )
+            watching = _Watching(control, preview, observers)
+            file, outcome = yield from _record_one(folder, file, run, rig, options, watching, check=resume)
             if outcome.how != "complete":
                 break
         return outcome
-    finally:
-        lock.release()
-        if not (folder / "session.json").exists():  # refused: leave nothing behind
-            with suppress(OSError):
-                lock.path.unlink(missing_ok=True)
-                folder.rmdir()
 
 
 def record(
@@ -184,27 +166,41 @@ def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Option
         raise
 
 
+class _Watching(NamedTuple):
+    """Who steers a run and who sees its frames."""
+
+    control: Control
+    preview: Preview | None
+    observers: tuple[Observer, ...]
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Make the session's folder and keep other programs out of it; a refused session leaves nothing behind."""
+    with storage_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    lock = FolderLock(folder)
+    try:
+        yield
+    finally:
+        lock.release()
+        if not (folder / "session.json").exists():
+            with suppress(OSError):
+                lock.path.unlink(missing_ok=True)
+                folder.rmdir()
+
+
 def _record_one(
-    folder: Path,
-    file: SessionFile,
-    run: int,
-    rig: Rig,
-    options: Options,
-    *,
-    control: Control,
-    preview: Preview | None,
-    observers: tuple[Observer, ...],
-    check: bool,
+    folder: Path, file: SessionFile, run: int, rig: Rig, options: Options, watching: _Watching, *, check: bool
 ) -> Work[tuple[SessionFile, Outcome]]:
     """Record what recording ``run`` lacks, and note the stretch in ``session.json``."""
     schedule = _schedule(file, run)
-    if not read_layout(folder / file.recordings[run]).in_place:
+    if not read_layout(folder / file.recordings[run]).in_place:  # packed, so it was complete
         count = schedule.count(Kind.POSITION)
         return file, Outcome("complete", count, count, 0.0)
     store = Store.open(folder, run, schedule, frame_dtype(file.plan, file.options, file.devices), file.identity)
     try:
         todo = store.todo()
-        guard: Callable[[], str] = DiskGuard(folder, options.keep_free_bytes)
         runner = Runner(
             rig,
             file.plan,
@@ -212,25 +208,28 @@ def _record_one(
             schedule,
             store,
             todo,
-            control=control,
-            preview=preview,
-            observers=observers,
-            low_space=guard,
+            **watching._asdict(),
+            low_space=DiskGuard(folder, options.keep_free_bytes),
             elapsed_s=store.elapsed_s,
         )
         latest = store.latest()
         if check and latest is not None and todo.any() and options.origin_tolerance_px is not None:
-            check_origin(rig, file.plan, options, schedule, latest, control)
+            check_origin(rig, file.plan, options, schedule, latest, watching.control)
         file = replace(file, runs=(*file.runs, Run(_now())))
-        file.write(folder)
-        try:
-            outcome = yield from runner.run()
-        except AcquisitionStopped as stop:
-            file = _note(folder, file, "failed", stop.acknowledged, 0.0, str(stop))
-            raise
-        return _note(folder, file, outcome.how, outcome.acknowledged, outcome.seconds, ""), outcome
+        file.write(folder)  # before the first frame: a crash leaves the run as interrupted
+        return (yield from _run_noted(folder, file, runner))
     finally:
         store.close()
+
+
+def _run_noted(folder: Path, file: SessionFile, runner: Runner) -> Work[tuple[SessionFile, Outcome]]:
+    """Run, and note in ``session.json`` how it ended."""
+    try:
+        outcome = yield from runner.run()
+    except AcquisitionStopped as stop:
+        _note(folder, file, "failed", stop.acknowledged, 0.0, str(stop))
+        raise
+    return _note(folder, file, outcome.how, outcome.acknowledged, outcome.seconds, ""), outcome
 
 
 def _note(folder: Path, file: SessionFile, how: str, done: int, seconds: float, message: str) -> SessionFile:

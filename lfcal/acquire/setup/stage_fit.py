@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.exposing import Exposer
-from lfcal.acquire.motion import Mover, check_limits
+from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
-from lfcal.acquire.spots import find_spot
 from lfcal.camera import ScanPlan, StageAxes
-from lfcal.devices.protocols import Rig, Roi
+from lfcal.devices.protocols import Rig
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
 
@@ -181,20 +179,14 @@ def iter_stage_fit(
     """
     options, control = options or Options(), control or Control()
     targets, _ = _targets(plan, z)
-    motion = options.motion(plan)
-    check_limits(targets, rig.stage.limits, motion.overshoot_um)
-    mover = Mover(rig.stage, rig.time, motion, control)
-    exposer = Exposer(rig, control, (1.0,), plan.camera.sensor.black_level, options.grab_timeout_s)
-    exposer.read_region(Roi(0, 0, *plan.camera.sensor.shape))
-    exposures = plan.exposures
+    looker = Looker(rig, plan, options, control, targets=targets)
     clock = Clock("stage and image", len(targets))
     stage: list[tuple[float, float, float]] = []
     seen: list[tuple[float, float]] = []
     for k, (x, y, depth) in enumerate(targets.tolist()):
         yield clock.at(k)
-        stage.append(mover.go((x, y, depth)))
-        spot = find_spot(exposer.expose(exposures[z], 1, rig.time.monotonic()).data)
-        seen.append((spot.row + exposer.roi.row, spot.column + exposer.roi.column))
+        stage.append(looker.go((x, y, depth)))
+        seen.append(looker.find_spot(plan.exposures[z]))
     yield clock.at(len(targets))
     return fit_stage(plan, z, stage, seen)
 
