@@ -64,6 +64,7 @@ class Exposer:
 
     def read_region(self, roi: Roi) -> None:
         """Read at least ``roi`` from now on; `roi` says what the camera took."""
+        # setting a region restarts many cameras: only where it changes
         if roi == self._wanted_roi:
             return
         with driver_errors(self._name):
@@ -74,6 +75,7 @@ class Exposer:
 
     def expose(self, exposure_s: float, repeats: int, arrived_s: float) -> ExposedFrame:
         """Return the frame of this place; every exposure starts after ``arrived_s`` on the rig's clock."""
+        # a single exposure stays in the camera's own integers
         if len(self._bracket) == 1 and repeats == 1:
             data = self._grab(exposure_s, arrived_s)
             return ExposedFrame(data, None, int(np.count_nonzero(data >= self._max)), self._actual)
@@ -95,6 +97,7 @@ class Exposer:
             with driver_errors(self._name):
                 self._actual = self._camera.set_exposure(exposure_s).actual
             self._requested = exposure_s
+        # the last moment to abort: a long exposure cannot be interrupted
         self._control.check()
         try:
             with driver_errors(self._name):

@@ -62,6 +62,7 @@ def forecast(plan: ScanPlan, rig: Rig, options: Options, folder: Path) -> Sessio
         check_light(rig)
     positions = schedule.count(Kind.POSITION)
     size = _recording_bytes(schedule, frame_dtype(plan, options, devices).itemsize)
+    # the recording is reserved at once, and the session holds below its reserve
     require_space(folder, size + options.keep_free_bytes, what="the recording and its reserve")
     place = folder.absolute()
     while not place.exists():

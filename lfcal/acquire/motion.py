@@ -102,6 +102,7 @@ class Mover:
                 raise LimitError.expected(
                     f"stage axis {AXES[k]}", f"{lo:g} to {hi:g} µm", f"{target[k]:g} µm", "correct the plan"
                 )
+        # until it has arrived, nothing is known of where the stage stands
         self._last = None
         if before != target:
             self._travel(before)
@@ -115,6 +116,7 @@ class Mover:
         """Return the read-back, or raise `NotInPosition` if it is out of tolerance (µm)."""
         here = self.position()
         for k, tolerance in enumerate(self._motion.tolerance_um):
+            # written so that a read-back of NaN fails too
             if not abs(here[k] - target[k]) <= tolerance:
                 raise NotInPosition.expected(
                     f"stage axis {AXES[k]}",
@@ -154,6 +156,7 @@ class Mover:
                 )
             time.sleep(pause)
             self._control.check()
+            # short moves are polled closely, long ones without loading the controller
             pause = min(pause * 1.5, LAST_POLL_S)
 
     def _moving(self) -> bool:

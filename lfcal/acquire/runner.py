@@ -94,6 +94,7 @@ class Runner:
         self._preview, self._observers, self._low_space = preview, observers, low_space
         self._exposures = plan.exposures
         motion = options.motion(plan)
+        # dark frames are taken wherever the stage stands
         moved = schedule.kinds != Kind.DARK
         check_limits(schedule.targets[moved], rig.stage.limits, motion.overshoot_um)
         if bool((todo & ~moved).any()):
@@ -108,6 +109,7 @@ class Runner:
         self._since = rig.time.monotonic()
         self._total = schedule.count(Kind.POSITION)
         self._done = self._total - int(todo[schedule.kinds == Kind.POSITION].sum())
+        # time without an acknowledged position says nothing about the rate
         self._earlier = elapsed_s if self._done else 0.0
 
     def run(self) -> Work[Outcome]:
@@ -137,6 +139,7 @@ class Runner:
             self._acknowledge(writer.flush())
         except (LfcalError, OSError) as error:
             self._halt()
+            # frames that were already on their way to the disk still count
             self._acknowledge(writer.salvage())
             raise AcquisitionStopped(self._report(step, error), self._done, error) from error
         except BaseException:
@@ -167,11 +170,13 @@ class Runner:
         while True:
             try:
                 return self._take(step, attempt)
+            # the camera was changed from outside: every further frame would be wrong too
             except WrongFrame:
                 raise
             except (CameraError, StageError):
                 if attempt > self._options.retries:
                     raise
+            # the next attempt approaches anew, whatever state the fault left the stage in
             self._mover.forget()
             attempt += 1
 
@@ -228,6 +233,7 @@ class Runner:
     def _crop(self, step: Step, exposure: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
         """Return the part that is kept, contiguous, with its saturation mask and first sensor row and column."""
         roi = self._exposer.roi
+        # dark frames keep the whole region: the cutouts of all positions lie in it
         wanted = self._schedule.roi if step.kind is Kind.DARK else Roi(step.row, step.column, *self._schedule.window)
         top, left = wanted.row - roi.row, wanted.column - roi.column
         rows, columns = slice(top, top + wanted.rows), slice(left, left + wanted.columns)
@@ -254,10 +260,12 @@ class Runner:
                 yield self._progress(why)
             if not why:
                 break
+            # while the session holds, nothing may be left in memory alone
             self._acknowledge(writer.flush())
             self.control.wait(HOLD_S)
             yield self._progress(why)
         self.control.held = ""
+        # a pause is not recording time: the drift of the lamp is judged over it
         self._since += self._rig.time.monotonic() - began
 
     def _halt(self) -> None:

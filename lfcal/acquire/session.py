@@ -156,11 +156,13 @@ def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Option
     schedule = _schedule(file, run)
     # limits and light are checked before anything is made
     Runner(rig, file.plan, options, schedule, _Nowhere(), np.ones(len(schedule), np.bool_))
+    # the region is needed to place dark frames on the sensor
     attributes = {"session": file.identity, "roi": list(_roi_list(schedule)), "run": run}
     Store.create(folder, run, schedule, frame_dtype(file.plan, file.options, file.devices), attributes).close()
     try:
         file.write(folder)
     except BaseException:
+        # files that no session.json names would stand in the way of the next attempt
         for kind in Kind:
             (folder / file_name(kind, run)).unlink(missing_ok=True)
         raise
@@ -245,6 +247,7 @@ def _note(folder: Path, file: SessionFile, how: str, done: int, seconds: float, 
 
 
 def _schedule(file: SessionFile, run: int) -> Schedule:
+    # an empty list stands for all positions
     redo = [Position(*p) for p in file.redo[run]] or None
     return Schedule.of(file.plan, file.options, redo)
 

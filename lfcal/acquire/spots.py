@@ -56,12 +56,15 @@ def find_spot(frame: NDArray[Any]) -> Spot:
     InputError
         If no light stands out.
     """
+    # a sample is enough for the median of millions of pixels
     step = max(1, math.isqrt(frame.size // SAMPLE))
     sample = frame[::step, ::step].astype(np.float64)
     level = float(np.median(sample))
+    # 0.3 counts: what rounding to integers leaves where nothing else is
     noise = max(1.4826 * float(np.median(np.abs(sample - level))), 0.3)
     bright = frame > level + DETECT_SIGMA * noise
     together = np.zeros_like(bright)
+    # a bright pixel counts with a bright neighbour only
     for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:-1], np.s_[1:])):
         together[a] |= bright[b]
         together[:, a] |= bright[:, b]
@@ -78,6 +81,7 @@ def find_spot(frame: NDArray[Any]) -> Spot:
     box = np.s_[top : rows.max() + 1, left : columns.max() + 1]
     light = np.where(bright[box], frame[box] - level, 0.0)
     peak = float(light.max())
+    # the wings of the noise would pull the centroid to the middle of the box
     light[light < KEEP * peak] = 0.0
     energy = float(light.sum())
     change = float((np.diff(light, axis=0) ** 2).sum() + (np.diff(light, axis=1) ** 2).sum())

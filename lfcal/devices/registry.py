@@ -152,6 +152,7 @@ def open_rig(
         except BaseException:
             rig.close()
             raise
+        # opened along with what is used, and to be closed with it
         others = (rig.stage, carrier.camera)
         return Rig(rig.camera, carrier.stage, rig.light or carrier.light, rig.time, others)
     if not backend.has_stage:

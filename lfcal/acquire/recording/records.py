@@ -90,6 +90,7 @@ def pack(note: Note, sequence: int, crc: int) -> bytes:
 
 def intact(records: NDArray[Any]) -> NDArray[np.bool_]:
     """Return for each record whether it was written and is whole."""
+    # a slot that was never written is all zeros; only marked ones are worth a CRC-32
     valid: NDArray[np.bool_] = records["valid"] == _MARK
     raw = np.ascontiguousarray(records).view(np.uint8).reshape(len(records), RECORD.itemsize)
     for k in np.flatnonzero(valid):

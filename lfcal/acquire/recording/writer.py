@@ -107,6 +107,7 @@ class Writer:
 
     def _work(self) -> None:
         while (job := self._jobs.get()) is not None:
+            # one sync for all that waits: a slow disk is called less often
             batch, last = [job], False
             while not self._jobs.empty():
                 more = self._jobs.get()

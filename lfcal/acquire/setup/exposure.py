@@ -77,6 +77,7 @@ def iter_exposures(
                     "too dark or too bright at every exposure",
                     "change the lamp or the iris",
                 )
+            # the brightest place of a plane decides; the first only starts the search
             seconds = min(seconds, suggestion) if (x, y, depth) != tuple(targets[z * len(places)]) else suggestion
         found.append(seconds)
     yield clock.at(nz)

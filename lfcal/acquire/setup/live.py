@@ -100,5 +100,6 @@ def iter_live(
             except InputError:
                 spot = None
             wanted = yield LiveState(counts, spot, stage, expected)
+        # only where it changes: some cameras restart their stream for it
         if wanted is not None:
             seconds = camera.set_exposure(wanted).actual

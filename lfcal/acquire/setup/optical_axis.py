@@ -81,6 +81,7 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
             "the same in all planes",
             "a telecentric system has no such axis; use planes farther apart, or centre by the field",
         )
+    # M_k a + t_k is the same in all planes: its deviations from the mean vanish
     axis, *_ = np.linalg.lstsq(change, -(offset - offset.mean(axis=0)).ravel(), rcond=None)
     images = scale @ axis + offset
     middle = images.mean(axis=0)

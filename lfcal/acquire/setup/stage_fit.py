@@ -94,6 +94,7 @@ def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) 
     solution, *_ = np.linalg.lstsq(design, seen, rcond=None)
     matrix = solution[:2].T
     residual = float(np.sqrt(((design @ solution - seen) ** 2).sum(axis=1).mean()))
+    # noise of the centroids alone fits a matrix near zero
     if np.linalg.norm(matrix) < 0.05:
         raise InputError.expected(
             "image",
@@ -109,6 +110,7 @@ def _axes(plan: ScanPlan, z: int, matrix: NDArray[np.float64], at_origin: NDArra
     """Return stage axes that fit ``matrix``, with the origin where the image is at the sensor's centre."""
     old = plan.stage
     planned = (old.right, old.down)
+    # the larger pair of entries tells which stage axis moves the image sideways
     swapped = abs(matrix[0, 1]) + abs(matrix[1, 0]) > abs(matrix[0, 0]) + abs(matrix[1, 1])
     names = []
     for image in range(2):

@@ -112,6 +112,7 @@ class _Camera(CameraFacts):
         width, height = c.c_int(), c.c_int()
         lib.camera_get_sensor_size(camera, c.byref(width), c.byref(height))
         self._shape = height.value, width.value
+        # USB3 Vision has no packets of its own to size
         if packet_size and lib.camera_is_gv_device(camera):
             lib.camera_gv_set_packet_size(camera, packet_size)
         self._triggered = trigger == "software" or (
@@ -173,6 +174,7 @@ class _Camera(CameraFacts):
             if self._triggered:
                 lib.camera_software_trigger(self._camera)
             else:
+                # free running: the frames on their way were exposed before the call
                 for _ in range(FREE_RUNNING_DISCARD):
                     lib.stream_push_buffer(self._stream, self._pop(timeout_s))
             buffer = self._pop(timeout_s)

@@ -100,6 +100,7 @@ class _Camera(CameraFacts):
 
     def grab(self, timeout_s: float) -> Frame:
         """Write the request and return the file that answers it."""
+        # before the request: whatever is new afterwards answers it
         known = self._listing()
         self._number += 1
         started = time.monotonic()
@@ -160,6 +161,7 @@ class _Camera(CameraFacts):
         """Return the frame if the file is quiet and whole, None while it grows; raises if it is no frame."""
         try:
             before = path.stat()
+            # a file that still grows has another size or time after a moment
             time.sleep(self._quiet)
             after = path.stat()
         except FileNotFoundError:  # renamed or removed while it was looked at

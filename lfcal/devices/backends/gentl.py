@@ -128,6 +128,7 @@ class _Camera(CameraFacts):
 
     def grab(self, timeout_s: float) -> Frame:
         """Trigger, or let what may be old pass, and return the next frame."""
+        # what lies in the buffers was exposed before the call
         while self._device.num_holding_filled_buffers:
             self._fetch(timeout_s)
         started = time.monotonic()

@@ -70,6 +70,7 @@ class MicroManagerBackend:
                 label, _, rest = entry.partition(".")
                 key, _, value = rest.partition("=")
                 core.setProperty(label.strip(), key.strip(), value.strip())
+            # the session switches the light itself; an automatic shutter would light dark frames
             core.setAutoShutter(False)
             labels = {
                 key: options.get(key) or default()

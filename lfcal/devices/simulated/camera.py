@@ -126,6 +126,7 @@ class SimCamera:
         actual = Roi(row, column, min(roi.rows, rows - row), min(roi.columns, columns - column))
         self._roi = actual
         sensor = self._sensor
+        # noise is drawn once for a region and shifted for each frame: drawing it anew takes longer than the exposure
         rng = np.random.default_rng((self._seed, actual.row, actual.column, actual.rows, actual.columns))
         shape = (actual.rows + SPREAD, actual.columns + SPREAD)
         self._normal = rng.standard_normal(shape, np.float32)
@@ -167,6 +168,7 @@ class SimCamera:
 
     def _expose(self) -> NDArray[Any]:
         place = self._stage.true_position()
+        # frames without a move between them differ, the first after a move does not
         count = self._since_move[1] + 1 if self._since_move[0] == self._stage.moves else 0
         self._since_move = (self._stage.moves, count)
         key = struct.pack(
@@ -177,6 +179,7 @@ class SimCamera:
         rows, columns = self._roi.shape
         frame: NDArray[Any] = self._dark[top : top + rows, left : left + columns].copy()
         if self._light.on:
+            # plain numbers: arrays of three cost more than the sums
             offset = [p - o for p, o in zip(place, self._origin, strict=True)]
             source = tuple(sum(offset[k] * self._matrix[k][j] for k in range(3)) for j in range(3))
             patch = self._renderer.render((source[0], source[1], source[2]), self._exposure, self._roi)
