@@ -362,6 +362,16 @@ def test_darks_have_the_region_and_every_exposure_of_the_positions(tmp_path: Pat
             assert roi.holds(Roi(int(note["row"]), int(note["column"]), *recording.layout.shape))
 
 
+@pytest.mark.parametrize("count", [1, 5])
+def test_a_dark_frame_is_the_mean_of_as_many_as_were_asked_for(tmp_path: Path, count: int) -> None:
+    rig = rig_for(PLAN)
+    camera = Watched(rig)
+    record(tmp_path, PLAN, replace(rig, camera=camera), replace(CAREFUL, darks=count))
+    assert len(camera.dark) == count
+    with RecordingSource(tmp_path, dark=True) as source:
+        assert source.read(0).dtype == np.float32
+
+
 @pytest.mark.parametrize("how", ["stop", "abort", "fault"])
 def test_the_light_is_on_again_however_a_session_ends(tmp_path: Path, how: str) -> None:
     control, rig = Control(), rig_for(PLAN)

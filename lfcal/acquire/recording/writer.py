@@ -44,8 +44,8 @@ class Acknowledged(NamedTuple):
 class Writer:
     """Put frames into a `Sink` and have a thread make them safe, at most ``depth`` in flight.
 
-    All methods are for one thread. An error of the disk is raised there, at the latest by the next call but
-    ``depth``; nothing is acknowledged after it.
+    All methods are for one thread. An error of the disk is raised by one of the next ``depth`` calls; nothing is
+    acknowledged after it.
     """
 
     def __init__(self, sink: Sink, *, depth: int = 4) -> None:
