@@ -46,6 +46,8 @@ class Registry(Generic[T]):
         Sort key of the parts; by name when None.
     check
         Called with every part of another distribution; raises where it is not fit for use.
+    make
+        Turns what an entry point loads into the part; what it loads is the part when None.
     """
 
     def __init__(
@@ -57,9 +59,10 @@ class Registry(Generic[T]):
         *,
         order: Callable[[T], Any] | None = None,
         check: Callable[[T], object] | None = None,
+        make: Callable[[Any], T] | None = None,
     ) -> None:
         self.what, self.package, self.attribute, self.group = what, package, attribute, group
-        self._order, self._check = order, check
+        self._order, self._check, self._make = order, check, make
         self._parts: dict[str, T] | None = None
         self._failures: dict[str, str] = {}
 
@@ -87,6 +90,8 @@ class Registry(Generic[T]):
         for point in metadata.entry_points(group=self.group):
             try:
                 parts = _several(point.load())
+                if self._make is not None:
+                    parts = tuple(map(self._make, parts))
                 for part in parts:
                     if not isinstance(getattr(part, "name", None), str):
                         raise TypeError("it has no name")

@@ -33,6 +33,7 @@ __all__ = [
 ]
 
 KEY = "acquire"
+DEFAULTS = Options()
 BINS = 256
 ORDERS = (("serpentine", "serpentine"), ("raster", "raster"), ("coarse", "coarse grid first"))
 
@@ -119,15 +120,15 @@ class AcquireSettings:
     stage: str = ""
     device_options: tuple[tuple[str, str], ...] = ()
     coarse: bool = False
-    bracket: tuple[float, ...] = (1.0,)
-    darks: int = 0
-    dark_every: int = 0
-    reference_every: int = 0
-    controls: int = 0
-    retries: int = 2
-    margin_px: int | None = None
+    bracket: tuple[float, ...] = DEFAULTS.bracket
+    darks: int = DEFAULTS.darks
+    dark_every: int = DEFAULTS.dark_every
+    reference_every: int = DEFAULTS.reference_every
+    controls: int = DEFAULTS.controls
+    retries: int = DEFAULTS.retries
+    margin_px: int | None = DEFAULTS.margin_px
     tolerance_um: tuple[float, ...] = ()
-    overshoot_um: tuple[float, ...] = (20.0, 20.0, 20.0)
+    overshoot_um: tuple[float, ...] = DEFAULTS.overshoot_um
 
     def options(self) -> Options:
         """Return the options of a session; raises `InputError` if they do not go together."""

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.models.station import Station
+from lfcal.acquire.blocks import coarse_order
 from lfcal.acquire.control import Control
 from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.options import Options
-from lfcal.acquire.orders import coarse_order
 from lfcal.acquire.preview import Preview
 from lfcal.acquire.runner import Outcome
 from lfcal.acquire.schedule import window_shape

@@ -1,12 +1,61 @@
 """Recording a session so that nothing acknowledged is ever lost.
 
-- ``devices``, ``errors``: the protocols of camera and stage, and what can go wrong
-- ``registry``, ``backends``: what devices there are, and why not
-- ``options``, ``schedule``, ``orders``: everything a session will do, in order
-- ``runner``, ``motion``, ``exposing``, ``acceptance``, ``averaging``, ``hdr``: the strict loop and its parts
-- ``control``, ``preview``, ``live_quality``: what a person may ask and see meanwhile
-- ``journal``, ``records``, ``durable``, ``store``: frames that survive crash and power cut
-- ``session``, ``session_file``, ``origin``, ``guard``: begun, interrupted, resumed
-- ``recording``, ``finish``: what was recorded as a `FrameSource`; H from it; repacking
+- ``options``, ``blocks``, ``schedule``, ``forecast``: everything a session will do, in order, and what it costs
+- ``session``, ``session_file``, ``origin``: a session is begun, resumed, recorded again in parts
+- ``runner``, ``motion``, ``lighting``, ``exposing``, ``combining``: the strict loop and its parts
+- ``control``, ``preview``, ``live_quality``, ``errors``: requests to a running session, and what it reports
+- ``recording``: frames on the disk that survive a crash and a power cut; a session as a `FrameSource`
+- ``redo``, ``finish``: positions to record again; H from a session; packing
 - ``setup``, ``spots``: live set-up
+
+Devices are those of `lfcal.devices`.
 """
+
+from lfcal.acquire.blocks import coarse_order, window_shape
+from lfcal.acquire.control import Control
+from lfcal.acquire.errors import AcquisitionStopped
+from lfcal.acquire.finish import iter_assemble_session, iter_finish
+from lfcal.acquire.forecast import SessionForecast, forecast
+from lfcal.acquire.live_quality import Alarm, LiveQuality, QualityState
+from lfcal.acquire.options import Options
+from lfcal.acquire.preview import LiveFrame, Preview
+from lfcal.acquire.recording.records import Kind, Note
+from lfcal.acquire.recording.source import CheckFrame, RecordingSource, read_checks
+from lfcal.acquire.redo import RedoList
+from lfcal.acquire.runner import Observer, Outcome
+from lfcal.acquire.schedule import Schedule, Step
+from lfcal.acquire.session import check_devices, iter_record, record
+from lfcal.acquire.session_file import SessionFile
+from lfcal.devices.registry import open_rig
+
+__all__ = [
+    "AcquisitionStopped",
+    "Alarm",
+    "CheckFrame",
+    "Control",
+    "Kind",
+    "LiveFrame",
+    "LiveQuality",
+    "Note",
+    "Observer",
+    "Options",
+    "Outcome",
+    "Preview",
+    "QualityState",
+    "RecordingSource",
+    "RedoList",
+    "Schedule",
+    "SessionFile",
+    "SessionForecast",
+    "Step",
+    "check_devices",
+    "coarse_order",
+    "forecast",
+    "iter_assemble_session",
+    "iter_finish",
+    "iter_record",
+    "open_rig",
+    "read_checks",
+    "record",
+    "window_shape",
+]

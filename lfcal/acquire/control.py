@@ -1,4 +1,4 @@
-"""What a person may ask of a running session: four words that mean four different things.
+"""Requests to a running session, from any thread.
 
 - **pause**: finish the position under way, then hold still; ``resume`` goes on.
 - **stop**: finish the position under way, then end in order; the session can be resumed.
@@ -18,7 +18,7 @@ SLICE_S = 0.05
 
 
 class Aborted(Cancelled):
-    """The user said abort."""
+    """The user asked for an abort."""
 
 
 class Control:
@@ -78,7 +78,7 @@ class Control:
         self._wake.wait(seconds)
 
     def sleep(self, seconds: float, time: TimeSource) -> None:
-        """Let ``seconds`` of the rig's time pass, in slices so that an abort is heard."""
+        """Let ``seconds`` of the rig's time pass, in slices, with a look for an abort after each."""
         if seconds <= SLICE_S:
             if seconds > 0:
                 time.sleep(seconds)

@@ -1,4 +1,4 @@
-"""From exposures to the one frame that is kept of a position."""
+"""From exposures to the one frame that is kept of a position: complete, newly exposed, of the expected shape."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.acceptance import check_frame
-from lfcal.acquire.averaging import average
+from lfcal.acquire.combining import average, merge
 from lfcal.acquire.control import Control
-from lfcal.acquire.hdr import merge
-from lfcal.devices.errors import CameraError
-from lfcal.devices.protocols import Camera, Rig, Roi
+from lfcal.devices.errors import CameraError, IncompleteFrame, StaleFrame, WrongFrame, driver_errors
+from lfcal.devices.protocols import CameraDevice, Frame, Rig, Roi
 
-__all__ = ["Exposer", "Exposure"]
+__all__ = ["ExposedFrame", "Exposer", "check_frame"]
+
+SLACK_S = 1e-4
+"""How far the clocks of the start of an exposure and of the arrival may disagree (s)."""
 
 
-class Exposure(NamedTuple):
+class ExposedFrame(NamedTuple):
     """What was read from the sensor at one place.
 
     ``data`` ``(rows, columns)`` of the region: samples as they came, or float32 where several were combined;
@@ -49,7 +50,8 @@ class Exposer:
     def __init__(
         self, rig: Rig, control: Control, bracket: tuple[float, ...], black_level: float, timeout_s: float
     ) -> None:
-        self._camera: Camera = rig.camera
+        self._camera: CameraDevice = rig.camera
+        self._name = rig.camera.name
         self._time, self._control = rig.time, control
         self._bracket, self._black, self._timeout = bracket, black_level, timeout_s
         self._max = rig.camera.max_value
@@ -62,18 +64,21 @@ class Exposer:
 
     def read_region(self, roi: Roi) -> None:
         """Read at least ``roi`` from now on; `roi` says what the camera took."""
+        # setting a region restarts many cameras: only where it changes
         if roi == self._wanted_roi:
             return
-        actual = self._camera.set_roi(roi).actual
+        with driver_errors(self._name):
+            actual = self._camera.set_roi(roi).actual
         if not actual.holds(roi):
             raise CameraError.expected("camera region", f"at least {roi}", actual, "reset the camera's region")
         self._wanted_roi, self.roi = roi, actual
 
-    def expose(self, exposure_s: float, repeats: int, arrived_s: float) -> Exposure:
+    def expose(self, exposure_s: float, repeats: int, arrived_s: float) -> ExposedFrame:
         """Return the frame of this place; every exposure starts after ``arrived_s`` on the rig's clock."""
+        # a single exposure stays in the camera's own integers
         if len(self._bracket) == 1 and repeats == 1:
             data = self._grab(exposure_s, arrived_s)
-            return Exposure(data, None, int(np.count_nonzero(data >= self._max)), self._actual)
+            return ExposedFrame(data, None, int(np.count_nonzero(data >= self._max)), self._actual)
         means, masks, actual = [], [], []
         for factor in self._bracket:
             frames = [self._grab(exposure_s * factor, arrived_s) for _ in range(repeats)]
@@ -82,21 +87,66 @@ class Exposer:
             masks.append(mask)
             actual.append(self._actual)
         if len(self._bracket) == 1:
-            return Exposure(means[0], masks[0], int(masks[0].sum()), actual[0])
+            return ExposedFrame(means[0], masks[0], int(masks[0].sum()), actual[0])
         reference = actual[self._bracket.index(1.0)]
         data, mask = merge(means, masks, actual, reference_s=reference, black_level=self._black)
-        return Exposure(data, mask, int(mask.sum()), reference)
+        return ExposedFrame(data, mask, int(mask.sum()), reference)
 
     def _grab(self, exposure_s: float, arrived_s: float) -> NDArray[Any]:
         if self._requested != exposure_s:
-            self._actual = self._camera.set_exposure(exposure_s).actual
+            with driver_errors(self._name):
+                self._actual = self._camera.set_exposure(exposure_s).actual
             self._requested = exposure_s
+        # the last moment to abort: a long exposure cannot be interrupted
         self._control.check()
         try:
-            frame = self._camera.grab(self._timeout + exposure_s)
+            with driver_errors(self._name):
+                frame = self._camera.grab(self._timeout + exposure_s)
         except CameraError:
-            self._requested = None  # nobody knows what the camera still holds
+            self._requested = None  # what the camera still holds is unknown: set the exposure again
             raise
         check_frame(frame, self.roi.shape, self._dtype, self._last_number, arrived_s)
         self._last_number = frame.number
         return frame.data
+
+
+def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last_number: int, arrived_s: float) -> None:
+    """Raise unless ``frame`` may be kept.
+
+    Parameters
+    ----------
+    frame
+        As the camera gave it.
+    shape, dtype
+        What is expected of the region of interest and the camera.
+    last_number
+        Number of the last frame seen.
+    arrived_s
+        Time at which the stage had arrived and settled, on the rig's clock (s).
+
+    Raises
+    ------
+    IncompleteFrame, StaleFrame, WrongFrame
+    """
+    if frame.status != "complete":
+        raise IncompleteFrame.expected(
+            "camera buffer", "complete", frame.status, "check cable, packet size and bandwidth"
+        )
+    if frame.data.shape != shape or frame.data.dtype != dtype:
+        raise WrongFrame.expected(
+            "camera frame",
+            f"{shape} {dtype}",
+            f"{frame.data.shape} {frame.data.dtype}",
+            "another program changed the camera; start again",
+        )
+    if frame.number <= last_number:
+        raise StaleFrame.expected(
+            "frame number", f"above {last_number}", frame.number, "the camera repeated an old buffer"
+        )
+    if frame.started_s is not None and frame.started_s < arrived_s - SLACK_S:
+        raise StaleFrame.expected(
+            "exposure",
+            "started after arrival",
+            f"{arrived_s - frame.started_s:.3g} s before",
+            "trigger the camera, or flush its buffers",
+        )

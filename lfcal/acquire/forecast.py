@@ -7,13 +7,13 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from lfcal.acquire.lighting import check_light
 from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import RECORD, Kind
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session import check_devices, frame_dtype
 from lfcal.camera import Forecast, ScanPlan
-from lfcal.devices.errors import DeviceError
 from lfcal.devices.protocols import Rig
 from lfcal.files import require_space, storage_errors
 
@@ -57,27 +57,40 @@ def forecast(plan: ScanPlan, rig: Rig, options: Options, folder: Path) -> Sessio
     schedule = Schedule.of(plan, options)
     moved = schedule.targets[schedule.kinds != Kind.DARK]
     check_limits(moved, rig.stage.limits, options.motion(plan).overshoot_um)
-    if schedule.count(Kind.DARK) and rig.light is None:
-        raise DeviceError("dark frames: the rig has no light that can be switched; leave darks out")
+    dark = schedule.kinds == Kind.DARK
+    if dark.any():
+        check_light(rig)
     positions = schedule.count(Kind.POSITION)
-    pixels = math.prod(schedule.window)
-    size = (len(schedule) - schedule.count(Kind.DARK)) * (
-        pixels * frame_dtype(plan, options, devices).itemsize + RECORD.itemsize
-    ) + schedule.count(Kind.DARK) * (4 * math.prod(schedule.roi.shape) + RECORD.itemsize)
+    size = _recording_bytes(schedule, frame_dtype(plan, options, devices).itemsize)
+    # the recording is reserved at once, and the session holds below its reserve
     require_space(folder, size + options.keep_free_bytes, what="the recording and its reserve")
     place = folder.absolute()
     while not place.exists():
         place = place.parent
     with storage_errors(place):
         free = shutil.disk_usage(place).free
-    cost = Forecast.of(plan)
-    hours = cost.exposure_hours * sum(options.bracket) + cost.settle_hours + cost.move_hours
     return SessionForecast(
         positions,
         len(schedule) - positions,
-        hours * 3600 * len(schedule) / positions,
+        _seconds(plan, options, schedule),
         size,
         free,
         devices.camera,
         devices.stage,
     )
+
+
+def _recording_bytes(schedule: Schedule, sample_bytes: int) -> int:
+    darks = schedule.count(Kind.DARK)
+    lit = (len(schedule) - darks) * math.prod(schedule.window) * sample_bytes
+    return lit + darks * math.prod(schedule.roi.shape) * 4 + len(schedule) * RECORD.itemsize
+
+
+def _seconds(plan: ScanPlan, options: Options, schedule: Schedule) -> float:
+    """Return the time of all frames; a reference or control frame takes that of a position."""
+    cost = Forecast.of(plan)
+    hours = cost.exposure_hours * sum(options.bracket) + cost.settle_hours + cost.move_hours
+    dark = schedule.kinds == Kind.DARK
+    exposed = sum(plan.exposures[z] for z in schedule.planes[dark].tolist()) * sum(options.bracket) * options.darks
+    lit = (len(schedule) - int(dark.sum())) / schedule.count(Kind.POSITION)
+    return float(hours * 3600 * lit + exposed)

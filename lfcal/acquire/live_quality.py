@@ -1,4 +1,4 @@
-"""Is the session good so far? Told in its first minutes, from what is recorded anyway."""
+"""Quality of the session so far, from what is recorded anyway: faults show within the first minutes."""
 
 from __future__ import annotations
 
@@ -124,10 +124,12 @@ class LiveQuality:
         place = step.z, step.flat // nx % ny, step.flat % nx
         with self._lock:
             if self._done < FIRST or self._done % self._stride == 0:
+                # the border of a cutout shows the background: the spot is in its middle
                 self._level = float(np.median(frame[self._border]))
                 self._follow(place, frame)
             self._energy[place] = note.energy - self._level * frame.size
             error = [s - t for s, t in zip(note.stage_um, note.target_um, strict=True)]
+            # depth errors do not move the image sideways
             error[self._away] = 0.0
             self._residual[place] = float(np.hypot.reduce(error)) / self._step[step.z]
             self._saturated[place] = note.saturated
@@ -161,6 +163,7 @@ class LiveQuality:
         row = (float(down @ self._rows) - self._level * frame.shape[1] * float(self._rows.sum())) / light
         column = (float(along @ self._columns) - self._level * frame.shape[0] * float(self._columns.sum())) / light
         at = np.array([1.0, place[1], place[2]])
+        # normal equations grow frame by frame: no centroid is kept
         self._normal += np.outer(at, at)
         self._right += np.outer(at, (row, column))
 
@@ -171,6 +174,7 @@ class LiveQuality:
         return np.asarray(solution[1:].T)
 
     def _alarms(self, lamp: NDArray[np.float64], follow: NDArray[np.float64]) -> tuple[Alarm, ...]:
+        # a few frames say nothing: no alarm from noise
         if self._done < FEW:
             return ()
         seen = np.isfinite(self._energy)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.checks import check_number
-from lfcal.devices.errors import LimitError, NotInPosition, StageError
-from lfcal.devices.protocols import Limits, Point, Stage, TimeSource
+from lfcal.devices.errors import LimitError, NotInPosition, StageError, driver_errors
+from lfcal.devices.protocols import Limits, Point, StageDevice, TimeSource
 
 __all__ = ["Motion", "Mover", "check_limits"]
 
@@ -31,7 +31,7 @@ class Motion:
         Largest difference of read-back and target along x, y, z (µm).
     overshoot_um
         Every target is approached in the positive sense; moves in the negative sense go this far beyond
-        first, so that the play of the drive is always taken up the same way (µm). 0: not needed.
+        first, so that backlash is always taken up in the same direction (µm). 0: not needed.
     timeout_s
         Longest wait for arrival (s).
     """
@@ -74,16 +74,16 @@ class Mover:
     motion
         Settings.
     control
-        Abort is heard while waiting.
+        Asked for an abort while waiting.
     """
 
-    def __init__(self, stage: Stage, time: TimeSource, motion: Motion, control: Control) -> None:
+    def __init__(self, stage: StageDevice, time: TimeSource, motion: Motion, control: Control) -> None:
         self._stage, self._time, self._motion, self._control = stage, time, motion, control
-        self._limits = stage.limits
+        self._limits, self._name = stage.limits, stage.name
         self._last: Point | None = None
 
     def forget(self) -> None:
-        """Take the next approach from afar: after a fault nobody knows which way the play is taken up."""
+        """Approach the next target from beyond: after a fault the state of the backlash is unknown."""
         self._last = None
 
     def go(self, target: Point) -> Point:
@@ -102,6 +102,7 @@ class Mover:
                 raise LimitError.expected(
                     f"stage axis {AXES[k]}", f"{lo:g} to {hi:g} µm", f"{target[k]:g} µm", "correct the plan"
                 )
+        # until it has arrived, nothing is known of where the stage stands
         self._last = None
         if before != target:
             self._travel(before)
@@ -113,8 +114,9 @@ class Mover:
 
     def check(self, target: Point) -> Point:
         """Return the read-back, or raise `NotInPosition` if it is out of tolerance (µm)."""
-        here = self._stage.position()
+        here = self.position()
         for k, tolerance in enumerate(self._motion.tolerance_um):
+            # written so that a read-back of NaN fails too
             if not abs(here[k] - target[k]) <= tolerance:
                 raise NotInPosition.expected(
                     f"stage axis {AXES[k]}",
@@ -123,6 +125,11 @@ class Mover:
                     "check the stage, or widen the tolerance",
                 )
         return here
+
+    def position(self) -> Point:
+        """Return the read-back, wherever the stage stands (µm)."""
+        with driver_errors(self._name):
+            return self._stage.position()
 
     def _before(self, target: Point) -> Point:
         """Return where to go first so that every axis arrives in the positive sense."""
@@ -134,11 +141,13 @@ class Mover:
 
     def _travel(self, target: Point) -> None:
         self._control.check()
-        self._stage.move(target)
+        with driver_errors(self._name):
+            self._stage.move(target)
         time, deadline, pause = self._time, self._time.monotonic() + self._motion.timeout_s, FIRST_POLL_S
-        while self._stage.moving():
+        while self._moving():
             if time.monotonic() > deadline:
-                self._stage.stop()
+                with driver_errors(self._name):
+                    self._stage.stop()
                 raise StageError.expected(
                     "stage",
                     f"arrival within {self._motion.timeout_s:g} s",
@@ -147,4 +156,9 @@ class Mover:
                 )
             time.sleep(pause)
             self._control.check()
+            # short moves are polled closely, long ones without loading the controller
             pause = min(pause * 1.5, LAST_POLL_S)
+
+    def _moving(self) -> bool:
+        with driver_errors(self._name):
+            return self._stage.moving()

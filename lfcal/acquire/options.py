@@ -33,15 +33,16 @@ class Options:
         or 12 where the plan's anchor lies between pixels or frames are resampled.
     darks, dark_every
         Frames averaged into each dark frame (0: none), taken at the start and every so many positions
-        (0: at the start only).
+        (0: at the start only), one dark frame for each exposure of the plan. Assembly subtracts them; without
+        them H keeps the sensor's pedestal. They need a light that can be switched off.
     reference_every
         A frame of the same place every so many positions, at the start and at the end, shows the lamp's
-        drift (0: none).
+        drift (0: none). The default costs 1 % of the frames.
     controls
         Control frames per plane and direction, from one period away to the edge of the field, for the
         check of periodicity (0: none).
     retries
-        How often a position is tried again after a fault that may pass.
+        How often a position is tried again after a transient fault.
     tolerance_um, overshoot_um
         As in `Motion`; None tolerates a tenth of the smallest step sideways and a whole one in depth.
     move_timeout_s, grab_timeout_s, light_settle_s
@@ -57,9 +58,9 @@ class Options:
     order: str = "plan"
     bracket: tuple[float, ...] = (1.0,)
     margin_px: int | None = None
-    darks: int = 0
+    darks: int = 8
     dark_every: int = 0
-    reference_every: int = 0
+    reference_every: int = 100
     controls: int = 0
     retries: int = 2
     tolerance_um: tuple[float, ...] | None = None

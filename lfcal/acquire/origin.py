@@ -1,14 +1,14 @@
-"""Is the stage's origin still where it was? The last position taken is taken again and compared."""
+"""Check that the stage's origin is where it was: the last position taken is taken again and compared."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.exposing import Exposer
-from lfcal.acquire.motion import Mover
+from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.spots import image_shift
@@ -18,7 +18,7 @@ from lfcal.errors import InputError
 
 __all__ = ["check_origin"]
 
-LIKENESS = 0.8
+CORRELATION = 0.8
 
 
 def check_origin(
@@ -43,22 +43,22 @@ def check_origin(
     if tolerance is None:
         return
     x, y, depth = (float(v) for v in note["target_um"])
-    exposer = Exposer(rig, control, options.bracket, plan.camera.sensor.black_level, options.grab_timeout_s)
-    exposer.read_region(schedule.roi)
-    Mover(rig.stage, rig.time, options.motion(plan), control).go((x, y, depth))
-    exposures = plan.exposures
+    targets = np.array([[x, y, depth]])
+    looker = Looker(rig, plan, options, control, targets=targets, roi=schedule.roi, bracket=options.bracket)
+    looker.go((x, y, depth))
     z = int(note["index"]) // (plan.period[0] * plan.period[1])
-    data = exposer.expose(exposures[z], plan.frames_averaged, rig.time.monotonic()).data
-    top, left = int(note["row"]) - exposer.roi.row, int(note["column"]) - exposer.roi.column
+    data = looker.expose(plan.exposures[z], plan.frames_averaged)
+    top, left = int(note["row"]) - looker.roi.row, int(note["column"]) - looker.roi.column
     after = data[top : top + before.shape[0], left : left + before.shape[1]]
     what = f"image of the last recorded position (slot {slot})"
     remedy = "restore the stage's origin and the optics, or start a new session"
     try:
-        down, right, likeness = image_shift(before, after)
+        down, right, correlation = image_shift(before, after)
     except InputError as error:
         raise InputError(f"{what}: {error}") from error
     if max(abs(down), abs(right)) > tolerance:
         got = f"moved by ({down:.2f}, {right:.2f}) px"
         raise InputError.expected(what, f"where it was to {tolerance:g} px (row, column)", got, remedy)
-    if likeness < LIKENESS:
-        raise InputError.expected(what, f"a likeness above {LIKENESS}", f"{likeness:.2f}", remedy)
+    # an image in the same place may still be another one: defocused, or of another spot
+    if correlation < CORRELATION:
+        raise InputError.expected(what, f"a correlation above {CORRELATION}", f"{correlation:.2f}", remedy)

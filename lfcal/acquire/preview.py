@@ -1,4 +1,4 @@
-"""Frames for a window: a bounded queue that drops the oldest, the only place where frames may be dropped."""
+"""Frames for a window: a bounded queue, the only place where frames may be dropped, the oldest first."""
 
 from __future__ import annotations
 
@@ -52,18 +52,13 @@ class Preview:
         self.dropped = 0
 
     def put(self, frame: LiveFrame) -> None:
-        """Add a frame; the oldest gives way."""
+        """Add a frame; a full queue drops its oldest."""
         with self._lock:
             self.dropped += len(self._items) == self._items.maxlen
             self._items.append(frame)
 
-    def get(self) -> LiveFrame | None:
-        """Return the oldest waiting frame, or None."""
-        with self._lock:
-            return self._items.popleft() if self._items else None
-
     def latest(self) -> LiveFrame | None:
-        """Return the newest frame and let the others go, or None."""
+        """Return the newest frame and drop the others, or None if there is none."""
         with self._lock:
             if not self._items:
                 return None

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Aborted, Control
 from lfcal.acquire.errors import AcquisitionStopped
-from lfcal.acquire.exposing import Exposer, Exposure
+from lfcal.acquire.exposing import ExposedFrame, Exposer
+from lfcal.acquire.lighting import Lighting, check_light
 from lfcal.acquire.motion import Mover, check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
@@ -21,9 +22,9 @@ from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
 from lfcal.acquire.schedule import Schedule, Step
 from lfcal.camera import ScanPlan
-from lfcal.devices.errors import CameraError, DeviceError, StageError, WrongFrame
+from lfcal.devices.errors import CameraError, StageError, WrongFrame
 from lfcal.devices.protocols import Point, Rig, Roi
-from lfcal.errors import LfcalError, StorageError
+from lfcal.errors import LfcalError
 from lfcal.frames.source import Position
 from lfcal.progress import Progress, Work
 
@@ -67,8 +68,9 @@ class Runner:
 
     Raises
     ------
-    LimitError
-        At once, before anything moves.
+    LimitError, InputError
+        At once, before anything moves: the plan leaves the stage's travel, or dark frames are to be taken and the
+        light cannot be switched.
     """
 
     def __init__(
@@ -92,9 +94,13 @@ class Runner:
         self._preview, self._observers, self._low_space = preview, observers, low_space
         self._exposures = plan.exposures
         motion = options.motion(plan)
+        # dark frames are taken wherever the stage stands
         moved = schedule.kinds != Kind.DARK
         check_limits(schedule.targets[moved], rig.stage.limits, motion.overshoot_um)
+        if bool((todo & ~moved).any()):
+            check_light(rig)
         self._mover = Mover(rig.stage, rig.time, motion, self.control)
+        self._lighting = Lighting(rig, self.control, options.light_settle_s)
         sensor = plan.camera.sensor
         self._exposer = Exposer(rig, self.control, options.bracket, sensor.black_level, options.grab_timeout_s)
         self._max = rig.camera.max_value
@@ -103,6 +109,7 @@ class Runner:
         self._since = rig.time.monotonic()
         self._total = schedule.count(Kind.POSITION)
         self._done = self._total - int(todo[schedule.kinds == Kind.POSITION].sum())
+        # time without an acknowledged position says nothing about the rate
         self._earlier = elapsed_s if self._done else 0.0
 
     def run(self) -> Work[Outcome]:
@@ -111,7 +118,7 @@ class Runner:
         Raises
         ------
         AcquisitionStopped
-            After a fault that retries did not mend: the stage is stopped, what was acknowledged is safe.
+            After a fault that retries did not cure: the stage is stopped, what was acknowledged is safe.
         """
         self._began = time.perf_counter()
         self._since = self._rig.time.monotonic()
@@ -126,11 +133,13 @@ class Runner:
                         break
                     self._acknowledge(writer.submit(step, *self._record(step)))
                     yield self._progress()
+                self._lighting.switch(True)
             except Aborted:
                 self._halt()
             self._acknowledge(writer.flush())
         except (LfcalError, OSError) as error:
             self._halt()
+            # frames that were already on their way to the disk still count
             self._acknowledge(writer.salvage())
             raise AcquisitionStopped(self._report(step, error), self._done, error) from error
         except BaseException:
@@ -161,71 +170,77 @@ class Runner:
         while True:
             try:
                 return self._take(step, attempt)
+            # the camera was changed from outside: every further frame would be wrong too
             except WrongFrame:
                 raise
             except (CameraError, StageError):
                 if attempt > self._options.retries:
                     raise
+            # the next attempt approaches anew, whatever state the fault left the stage in
             self._mover.forget()
             attempt += 1
 
     def _take(self, step: Step, attempt: int) -> tuple[NDArray[Any], Note]:
-        clock = self._rig.time
         self._exposer.read_region(self._schedule.roi_of(step.kind))
-        here: Point = step.target
-        if step.kind is Kind.DARK:
-            exposure = self._expose_dark(step)
-            here = self._rig.stage.position()
+        dark = step.kind is Kind.DARK
+        self._lighting.switch(not dark)
+        if dark:
+            repeats = self._options.darks
+            exposure = self._exposer.expose(self._exposures[step.z], repeats, self._rig.time.monotonic())
+            here = self._mover.position()
         else:
             self._mover.go(step.target)
-            exposure = self._exposer.expose(self._exposures[step.z], self._plan.frames_averaged, clock.monotonic())
+            repeats = self._plan.frames_averaged
+            exposure = self._exposer.expose(self._exposures[step.z], repeats, self._rig.time.monotonic())
             here = self._mover.check(step.target)  # a stage that crept away during the exposure shows here
         frame, mask, row, column = self._crop(step, exposure)
-        note = Note(
-            step.flat,
-            step.kind,
-            row,
-            column,
-            step.target,
-            here,
-            exposure.exposure_s,
-            clock.wall(),
-            self._elapsed + clock.monotonic() - self._since,
-            float(frame.sum(dtype=_sum_type(frame))),
-            float(frame.max()),
-            int(np.count_nonzero(frame >= self._max if mask is None else mask)),
-            exposure.saturated,
-            attempt,
-            step.period_y,
-            step.period_x,
-        )
+        note = self._note(step, exposure, frame, mask, stage_um=here, place=(row, column), attempts=attempt)
         if self._preview is not None:
             self._show(step, exposure, Roi(row, column, *frame.shape))
         return frame, note
 
-    def _expose_dark(self, step: Step) -> Exposure:
-        light = self._rig.light
-        if light is None:
-            raise DeviceError("dark frames: the rig has no light that can be switched; leave darks out")
-        light.switch(False)
-        try:
-            self.control.sleep(self._options.light_settle_s, self._rig.time)
-            now = self._rig.time.monotonic()
-            return self._exposer.expose(self._exposures[step.z], max(2, self._options.darks), now)
-        finally:
-            light.switch(True)
-            self.control.sleep(self._options.light_settle_s, self._rig.time)
+    def _note(
+        self,
+        step: Step,
+        exposure: ExposedFrame,
+        frame: NDArray[Any],
+        mask: NDArray[np.bool_] | None,
+        *,
+        stage_um: Point,
+        place: tuple[int, int],
+        attempts: int,
+    ) -> Note:
+        clock = self._rig.time
+        return Note(
+            index=step.flat,
+            attempts=attempts,
+            kind=step.kind,
+            row=place[0],
+            column=place[1],
+            period_y=step.period_y,
+            period_x=step.period_x,
+            saturated=int(np.count_nonzero(frame >= self._max if mask is None else mask)),
+            sensor_saturated=exposure.saturated,
+            target_um=step.target,
+            stage_um=stage_um,
+            exposure_s=exposure.exposure_s,
+            time_s=clock.wall(),
+            elapsed_s=self._elapsed + clock.monotonic() - self._since,
+            energy=float(frame.sum(dtype=_sum_type(frame))),
+            peak=float(frame.max()),
+        )
 
-    def _crop(self, step: Step, exposure: Exposure) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
+    def _crop(self, step: Step, exposure: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
         """Return the part that is kept, contiguous, with its saturation mask and first sensor row and column."""
         roi = self._exposer.roi
+        # dark frames keep the whole region: the cutouts of all positions lie in it
         wanted = self._schedule.roi if step.kind is Kind.DARK else Roi(step.row, step.column, *self._schedule.window)
         top, left = wanted.row - roi.row, wanted.column - roi.column
         rows, columns = slice(top, top + wanted.rows), slice(left, left + wanted.columns)
         mask = None if exposure.mask is None else exposure.mask[rows, columns]
         return np.ascontiguousarray(exposure.data[rows, columns]), mask, wanted.row, wanted.column
 
-    def _show(self, step: Step, exposure: Exposure, cutout: Roi) -> None:
+    def _show(self, step: Step, exposure: ExposedFrame, cutout: Roi) -> None:
         assert self._preview is not None
         _, ny, nx = self._plan.shape[:3]
         position = Position(step.z, step.flat // nx % ny, step.flat % nx)
@@ -245,29 +260,31 @@ class Runner:
                 yield self._progress(why)
             if not why:
                 break
+            # while the session holds, nothing may be left in memory alone
             self._acknowledge(writer.flush())
             self.control.wait(HOLD_S)
             yield self._progress(why)
         self.control.held = ""
+        # a pause is not recording time: the drift of the lamp is judged over it
         self._since += self._rig.time.monotonic() - began
 
     def _halt(self) -> None:
-        """Stop the stage whatever it says."""
-        with suppress(LfcalError, OSError):
+        """Stop the stage and switch the light on again, as far as the devices still answer."""
+        # what a driver raises here would hide why the session ends
+        with suppress(Exception):
             self._rig.stage.stop()
-        if self._rig.light is not None:
-            with suppress(LfcalError, OSError):
-                self._rig.light.switch(True)
+        self._lighting.restore()
 
     def _report(self, step: Step | None, error: BaseException) -> str:
         where = "before the first frame"
         if step is not None:
             _, ny, nx = self._plan.shape[:3]
             where = f"{step.kind.name.lower()} (z, y, x) = ({step.z}, {step.flat // nx % ny}, {step.flat % nx})"
-        kind = "disk" if isinstance(error, StorageError | OSError) else "device"
+        # devices raise DeviceError only, see `driver_errors`: what is left of OSError is the recording's own
+        kind = "disk" if isinstance(error, OSError) else "device"
         return (
-            f"stopped at {where} by the {kind}: {error}; {self._done} of {self._total} positions are safe, "
-            "put it right and resume"
+            f"stopped at {where} by the {kind}: {error}; {self._done} of {self._total} positions are safe; "
+            "remove the cause, then resume"
         )
 
 

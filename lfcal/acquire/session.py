@@ -1,24 +1,23 @@
-"""A session: begun, resumed, redone in part; its folder is what is left of it."""
+"""Record a session, resume it, record positions of it again."""
 
 from __future__ import annotations
 
 import datetime
 import uuid
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
-from lfcal.acquire.guard import DiskGuard
 from lfcal.acquire.options import Options
 from lfcal.acquire.origin import check_origin
 from lfcal.acquire.preview import Preview
-from lfcal.acquire.recording.durable import FolderLock
+from lfcal.acquire.recording.durable import DiskGuard, FolderLock
 from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.acquire.recording.slots import read_layout
 from lfcal.acquire.recording.store import Store
@@ -54,7 +53,7 @@ def iter_record(
     folder
         A new or empty folder; with ``resume`` or ``redo`` that of an earlier session.
     plan, rig, options
-        What, with which devices, how.
+        What, with which devices, how; by default the options of the session that goes on, or `Options()`.
     resume
         Go on where an earlier run was interrupted, after checking that plan, options, devices and the
         stage's origin are the same.
@@ -70,31 +69,24 @@ def iter_record(
     AcquisitionStopped
         When the session had to end early; it can be resumed.
     """
-    options = options or Options()
     control = control or Control()
     devices = check_devices(plan, rig)
-    _check_folder(folder, new=not resume and redo is None)
-    if resume or redo is not None:
-        SessionFile.read(folder).check_same(plan, options, devices)  # before the lock, for the clearer message
-    with storage_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    lock = FolderLock(folder)
-    try:
-        file, first = _prepare(folder, plan, options, devices, rig, resume, redo)
+    goes_on = resume or redo is not None
+    _check_folder(folder, new=not goes_on)
+    earlier = SessionFile.read(folder) if goes_on else None
+    options = options or (earlier.options if earlier else Options())
+    if earlier:
+        earlier.check_same(plan, options, devices)  # before the lock, for the clearer message
+    with _locked(folder):
+        new = SessionFile(uuid.uuid4().hex, plan, options, devices)
+        file, first = _prepare(folder, rig, new, resume=resume, redo=redo)
         outcome = Outcome("complete", 0, 0, 0.0)
         for run in range(first, len(file.recordings)):
-            file, outcome = yield from _record_one(
-                folder, file, run, rig, options, control, preview, observers, check=resume
-            )
+            watching = _Watching(control, preview, observers)
+            file, outcome = yield from _record_one(folder, file, run, rig, options, watching, check=resume)
             if outcome.how != "complete":
                 break
         return outcome
-    finally:
-        lock.release()
-        if not (folder / "session.json").exists():  # refused: leave nothing behind
-            with suppress(OSError):
-                lock.path.unlink(missing_ok=True)
-                folder.rmdir()
 
 
 def record(
@@ -142,26 +134,19 @@ def _check_folder(folder: Path, *, new: bool) -> None:
 
 
 def _prepare(
-    folder: Path,
-    plan: ScanPlan,
-    options: Options,
-    devices: Devices,
-    rig: Rig,
-    resume: bool,
-    redo: Sequence[Position] | None,
+    folder: Path, rig: Rig, new: SessionFile, *, resume: bool, redo: Sequence[Position] | None
 ) -> tuple[SessionFile, int]:
-    """Return the session, begun if it is new, and the first recording that is to be worked on."""
+    """Return the session, begun as ``new`` if there is none, and the first recording that is to be worked on."""
     if not resume and redo is None:
-        file = SessionFile(uuid.uuid4().hex, plan, options, devices)
-        _create(folder, file, 0, rig, options)
-        return file, 0
+        _create(folder, new, 0, rig, new.options)
+        return new, 0
     file = SessionFile.read(folder)
-    file.check_same(plan, options, devices)
+    file.check_same(new.plan, new.options, new.devices)  # again: another program may have been at it before the lock
     if redo is not None:
         positions = tuple(tuple(map(int, p)) for p in redo)
         name = file_name(Kind.POSITION, len(file.recordings))
         file = replace(file, recordings=(*file.recordings, name), redo=(*file.redo, positions))
-        _create(folder, file, len(file.recordings) - 1, rig, options)
+        _create(folder, file, len(file.recordings) - 1, rig, new.options)
         return file, len(file.recordings) - 1
     return file, 0
 
@@ -169,39 +154,55 @@ def _prepare(
 def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Options) -> None:
     """Lay out recording ``run`` and enter it in ``session.json``, or leave nothing."""
     schedule = _schedule(file, run)
-    nothing = np.zeros(len(schedule), np.bool_)
-    Runner(rig, file.plan, options, schedule, _Nowhere(), nothing)  # limits are checked before anything is made
+    # limits and light are checked before anything is made
+    Runner(rig, file.plan, options, schedule, _Nowhere(), np.ones(len(schedule), np.bool_))
+    # the region is needed to place dark frames on the sensor
     attributes = {"session": file.identity, "roi": list(_roi_list(schedule)), "run": run}
     Store.create(folder, run, schedule, frame_dtype(file.plan, file.options, file.devices), attributes).close()
     try:
         file.write(folder)
     except BaseException:
+        # files that no session.json names would stand in the way of the next attempt
         for kind in Kind:
             (folder / file_name(kind, run)).unlink(missing_ok=True)
         raise
 
 
+class _Watching(NamedTuple):
+    """Who steers a run and who sees its frames."""
+
+    control: Control
+    preview: Preview | None
+    observers: tuple[Observer, ...]
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Make the session's folder and keep other programs out of it; a refused session leaves nothing behind."""
+    with storage_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    lock = FolderLock(folder)
+    try:
+        yield
+    finally:
+        lock.release()
+        if not (folder / "session.json").exists():
+            with suppress(OSError):
+                lock.path.unlink(missing_ok=True)
+                folder.rmdir()
+
+
 def _record_one(
-    folder: Path,
-    file: SessionFile,
-    run: int,
-    rig: Rig,
-    options: Options,
-    control: Control,
-    preview: Preview | None,
-    observers: tuple[Observer, ...],
-    *,
-    check: bool,
+    folder: Path, file: SessionFile, run: int, rig: Rig, options: Options, watching: _Watching, *, check: bool
 ) -> Work[tuple[SessionFile, Outcome]]:
     """Record what recording ``run`` lacks, and note the stretch in ``session.json``."""
     schedule = _schedule(file, run)
-    if not read_layout(folder / file.recordings[run]).in_place:
+    if not read_layout(folder / file.recordings[run]).in_place:  # packed, so it was complete
         count = schedule.count(Kind.POSITION)
         return file, Outcome("complete", count, count, 0.0)
     store = Store.open(folder, run, schedule, frame_dtype(file.plan, file.options, file.devices), file.identity)
     try:
         todo = store.todo()
-        guard: Callable[[], str] = DiskGuard(folder, options.keep_free_bytes)
         runner = Runner(
             rig,
             file.plan,
@@ -209,29 +210,32 @@ def _record_one(
             schedule,
             store,
             todo,
-            control=control,
-            preview=preview,
-            observers=observers,
-            low_space=guard,
+            **watching._asdict(),
+            low_space=DiskGuard(folder, options.keep_free_bytes),
             elapsed_s=store.elapsed_s,
         )
         latest = store.latest()
         if check and latest is not None and todo.any() and options.origin_tolerance_px is not None:
-            check_origin(rig, file.plan, options, schedule, latest, control)
+            check_origin(rig, file.plan, options, schedule, latest, watching.control)
         file = replace(file, runs=(*file.runs, Run(_now())))
-        file.write(folder)
-        try:
-            outcome = yield from runner.run()
-        except AcquisitionStopped as stop:
-            file = _note(folder, file, "failed", stop.acknowledged, 0.0, str(stop))
-            raise
-        return _note(folder, file, outcome.how, outcome.acknowledged, outcome.seconds, ""), outcome
+        file.write(folder)  # before the first frame: a crash leaves the run as interrupted
+        return (yield from _run_noted(folder, file, runner))
     finally:
         store.close()
 
 
+def _run_noted(folder: Path, file: SessionFile, runner: Runner) -> Work[tuple[SessionFile, Outcome]]:
+    """Run, and note in ``session.json`` how it ended."""
+    try:
+        outcome = yield from runner.run()
+    except AcquisitionStopped as stop:
+        _note(folder, file, "failed", stop.acknowledged, 0.0, str(stop))
+        raise
+    return _note(folder, file, outcome.how, outcome.acknowledged, outcome.seconds, ""), outcome
+
+
 def _note(folder: Path, file: SessionFile, how: str, done: int, seconds: float, message: str) -> SessionFile:
-    """Return the session with its last run closed; a failure to write that down is not worth losing more."""
+    """Return the session with its last run closed; if a failed run cannot be noted, its own error counts."""
     last = replace(file.runs[-1], ended=_now(), how=how, acknowledged=done, seconds=seconds, message=message)
     file = replace(file, runs=(*file.runs[:-1], last))
     try:
@@ -243,6 +247,7 @@ def _note(folder: Path, file: SessionFile, how: str, done: int, seconds: float, 
 
 
 def _schedule(file: SessionFile, run: int) -> Schedule:
+    # an empty list stands for all positions
     redo = [Position(*p) for p in file.redo[run]] or None
     return Schedule.of(file.plan, file.options, redo)
 

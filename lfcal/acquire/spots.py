@@ -56,12 +56,15 @@ def find_spot(frame: NDArray[Any]) -> Spot:
     InputError
         If no light stands out.
     """
+    # a sample is enough for the median of millions of pixels
     step = max(1, math.isqrt(frame.size // SAMPLE))
     sample = frame[::step, ::step].astype(np.float64)
     level = float(np.median(sample))
+    # 0.3 counts: what rounding to integers leaves where nothing else is
     noise = max(1.4826 * float(np.median(np.abs(sample - level))), 0.3)
     bright = frame > level + DETECT_SIGMA * noise
     together = np.zeros_like(bright)
+    # a bright pixel counts with a bright neighbour only
     for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:-1], np.s_[1:])):
         together[a] |= bright[b]
         together[:, a] |= bright[:, b]
@@ -78,6 +81,7 @@ def find_spot(frame: NDArray[Any]) -> Spot:
     box = np.s_[top : rows.max() + 1, left : columns.max() + 1]
     light = np.where(bright[box], frame[box] - level, 0.0)
     peak = float(light.max())
+    # the wings of the noise would pull the centroid to the middle of the box
     light[light < KEEP * peak] = 0.0
     energy = float(light.sum())
     change = float((np.diff(light, axis=0) ** 2).sum() + (np.diff(light, axis=1) ** 2).sum())
@@ -92,9 +96,10 @@ def find_spot(frame: NDArray[Any]) -> Spot:
 
 
 def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float, float]:
-    """Return how far the light moved between two frames of one region, ``(rows, columns)`` in pixels, and its likeness.
+    """Return how far the light moved between two frames of one region, and how alike they are.
 
-    Likeness is the normalised correlation of the frames, 1 for equal ones whatever their brightness.
+    Rows and columns in pixels, then the normalised correlation of the frames: 1 for equal ones, whatever their
+    brightness.
 
     Raises
     ------
@@ -104,5 +109,5 @@ def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float
     first, second = find_spot(before), find_spot(after)
     a = before - np.median(before).astype(np.float64)
     b = after - np.median(after).astype(np.float64)
-    likeness = float((a * b).sum() / math.sqrt(float((a**2).sum()) * float((b**2).sum())))
-    return second.row - first.row, second.column - first.column, likeness
+    correlation = float((a * b).sum() / math.sqrt(float((a**2).sum()) * float((b**2).sum())))
+    return second.row - first.row, second.column - first.column, correlation

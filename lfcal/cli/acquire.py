@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
     from lfcal.acquire.runner import Outcome
     from lfcal.camera import ScanPlan
     from lfcal.devices.protocols import Rig
-    from lfcal.frames import FrameSource
 
 ALARM_EVERY_S = 5.0
 
@@ -39,11 +40,14 @@ def command(
     order: str = typer.Option(None, "--order", help="plan, or coarse for a first look at all planes."),
     bracket: str = typer.Option(None, "--bracket", help="Exposures as factors, merged to HDR, e.g. 1,0.25."),
     margin: int = typer.Option(None, "--margin", help="Pixels kept around the cutout."),
-    darks: int = typer.Option(None, "--darks", help="Frames averaged into each dark frame; 0 for none."),
+    darks: int = typer.Option(None, "--darks", help="Frames averaged into each dark frame (default 8); 0: none."),
     dark_every: int = typer.Option(None, "--dark-every", help="Darks every so many positions; 0: at the start."),
-    reference_every: int = typer.Option(None, "--reference-every", help="Lamp-drift frame every so many positions."),
+    cover: bool = typer.Option(False, "--cover", help="Ask to cover the lens for dark frames: no light to switch."),
+    reference_every: int = typer.Option(
+        None, "--reference-every", help="Lamp-drift frame every so many positions (default 100); 0: none."
+    ),
     controls: int = typer.Option(None, "--controls", help="Control frames per plane and direction."),
-    retries: int = typer.Option(None, "--retries", help="Attempts after a fault that may pass."),
+    retries: int = typer.Option(None, "--retries", help="Further attempts after a transient fault."),
     tolerance: str = typer.Option(None, "--tolerance", help="Position tolerance X,Y,Z (µm)."),
     overshoot: str = typer.Option(None, "--overshoot", help="Approach from one side, X,Y,Z (µm); 0,0,0 for none."),
     origin: str = typer.Option("", "--origin", help="Stage coordinates of the sensor's centre X,Y,Z (µm)."),
@@ -56,14 +60,15 @@ def command(
 ) -> None:
     """Move the point source through a scan plan and record a frame at each position, safe against any crash.
 
-    Ctrl-C ends after the position under way, a second one at once; `--resume` goes on.
+    Dark frames are taken first, with the light switched off. Ctrl-C ends after the position under way, a second one at
+    once; `--resume` goes on.
 
     Example: `lfcal acquire plan.json --backend sim --out session/ --assemble H.h5`
     """
     from lfcal.acquire.control import Control
+    from lfcal.acquire.lighting import check_light
     from lfcal.acquire.redo import RedoList
     from lfcal.devices.registry import open_rig
-    from lfcal.devices.simulated.backend import SimBackend
 
     scan = _read_plan(plan, origin)
     given = {
@@ -80,34 +85,30 @@ def command(
     }
     options = _options(out if resume or redo is not None else None, given, check_origin)
     positions = RedoList.read(redo).positions if redo is not None else None
-    devices = SimBackend(_simulated_optics) if backend == "sim" else backend
-    with open_rig(scan, devices, _pairs(option), stage=stage) as rig:
+    with open_rig(scan, backend, _pairs(option), stage=stage) as rig:
+        if cover and rig.light is None:
+            rig = replace(rig, light=_Cover())
         if dry_run:
             _show_forecast(scan, rig, options, out, json)
             return
+        if options.darks and not resume and positions is None:
+            check_light(rig)
         if check_stage and not resume:
             _check_stage(rig, scan, options, json)
         control = Control()
         with _stoppable(control):
-            outcome, quality = _record(scan, rig, options, out, control, resume, positions, json)
+            outcome, quality = _record(out, scan, rig, options, control, resume=resume, redo=positions, quiet=json)
     result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": quality.state().alarms}
     if outcome.how == "complete":
         result |= _finish(out, assemble, pack, json)
     _report(result, outcome, out, json)
 
 
-def _simulated_optics(plan: ScanPlan, level: str) -> FrameSource:
-    """Return the simulator's camera for the simulated rig, free of noise: the rig adds its own."""
-    from lfcal.simulate.sensor.camera_source import SimulatedCamera
-
-    return SimulatedCamera(plan, (), level=level)
-
-
 def _record(
-    scan: ScanPlan, rig: Rig, options: Options, out: Path, control: Control, resume: bool, redo: Any, quiet: bool
+    out: Path, scan: ScanPlan, rig: Rig, options: Options, control: Control, *, resume: bool, redo: Any, quiet: bool
 ) -> tuple[Outcome, LiveQuality]:
+    from lfcal.acquire.blocks import window_shape
     from lfcal.acquire.live_quality import LiveQuality
-    from lfcal.acquire.schedule import window_shape
     from lfcal.acquire.session import iter_record
     from lfcal.cli.console import report, run_work
     from lfcal.progress import Work
@@ -116,7 +117,7 @@ def _record(
 
     def watched() -> Work[Outcome]:
         work = iter_record(out, scan, rig, options, resume=resume, redo=redo, control=control, observers=(quality,))
-        told: set[str] = set()
+        reported: set[str] = set()
         look = time.monotonic() + ALARM_EVERY_S
         while True:
             try:
@@ -127,8 +128,8 @@ def _record(
             if time.monotonic() > look:
                 look = time.monotonic() + ALARM_EVERY_S
                 for alarm in quality.state().alarms:
-                    if alarm.what not in told:
-                        told.add(alarm.what)
+                    if alarm.what not in reported:
+                        reported.add(alarm.what)
                         report(f"{alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
             yield record
 
@@ -137,7 +138,7 @@ def _record(
 
 @contextmanager
 def _stoppable(control: Control) -> Iterator[None]:
-    """Let Ctrl-C stop in order, and a second one abort."""
+    """Let Ctrl-C, a hang-up and the request to terminate stop in order, and a second one of them abort."""
     from lfcal.cli.console import report
 
     def asked(*_: Any) -> None:
@@ -147,16 +148,30 @@ def _stoppable(control: Control) -> Iterator[None]:
             control.stop()
             report("stopping after this position; Ctrl-C again stops at once")
 
-    before = signal.signal(signal.SIGINT, asked)
+    # Windows has no hang-up
+    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {name: signal.signal(getattr(signal, name), asked) for name in names}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for name, handler in before.items():
+            signal.signal(getattr(signal, name), handler)
+
+
+class _Cover:
+    """A person who covers the lens, in place of a light that can be switched."""
+
+    def switch(self, on: bool) -> None:
+        """Ask for it and wait for the Enter key."""
+        from lfcal.cli.console import report
+        from lfcal.devices import DeviceError
+
+        report(f"{'uncover' if on else 'cover'} the lens, then press Enter")
+        if not sys.stdin.readline():
+            raise DeviceError("lens cover: nobody answered; run in a terminal, or record without darks (--darks 0)")
 
 
 def _read_plan(path: Path, origin: str) -> ScanPlan:
-    from dataclasses import replace
-
     from lfcal.camera import ScanPlan
     from lfcal.errors import InputError
     from lfcal.files import storage_errors
@@ -173,16 +188,12 @@ def _read_plan(path: Path, origin: str) -> ScanPlan:
 
 def _options(session: Path | None, given: dict[str, Any], check_origin: bool) -> Options:
     """Return the session's options where it exists, else the defaults, changed by what was given."""
-    from dataclasses import replace
-
     from lfcal.acquire.options import Options
     from lfcal.acquire.session_file import SessionFile
 
     base = SessionFile.read(session).options if session is not None else Options()
-    if not check_origin:
-        given["origin_tolerance_px"] = None
-        return replace(base, **{k: v for k, v in given.items() if v is not None}, origin_tolerance_px=None)
-    return replace(base, **{k: v for k, v in given.items() if v is not None})
+    options = replace(base, **{k: v for k, v in given.items() if v is not None})
+    return options if check_origin else replace(options, origin_tolerance_px=None)
 
 
 def _numbers(text: str | None, what: str) -> tuple[float, ...] | None:

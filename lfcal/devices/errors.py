@@ -1,8 +1,11 @@
-"""What can go wrong with a device, by kind, so that each gets its own answer."""
+"""What can go wrong with a device, by kind; the kind decides whether it is tried again."""
 
 from __future__ import annotations
 
-from lfcal.errors import InputError, LfcalError
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from lfcal.errors import InputError, LfcalError, StorageError
 
 __all__ = [
     "CameraError",
@@ -16,6 +19,7 @@ __all__ = [
     "StageError",
     "StaleFrame",
     "WrongFrame",
+    "driver_errors",
 ]
 
 
@@ -28,7 +32,7 @@ class DeviceMissing(DeviceError):
 
 
 class DeviceLost(DeviceError):
-    """A device that was there is gone; trying again is of no use."""
+    """A device no longer answers; trying again does not help."""
 
 
 class CameraError(DeviceError):
@@ -48,7 +52,7 @@ class StaleFrame(CameraError):
 
 
 class WrongFrame(CameraError):
-    """A frame has another shape or sample type than the camera promised."""
+    """A frame has another shape or sample type than the camera announced."""
 
 
 class StageError(DeviceError):
@@ -61,3 +65,20 @@ class NotInPosition(StageError):
 
 class LimitError(StageError, InputError):
     """A target lies beyond the stage's limits; nothing was moved."""
+
+
+@contextmanager
+def driver_errors(device: str) -> Iterator[None]:
+    """Raise `DeviceError` with the name of ``device`` for whatever else its driver raises inside.
+
+    Drivers fail with errors of their own libraries: RuntimeError, an OSError of the USB bus. An OSError, or a
+    StorageError of a device that works with files, would otherwise be taken for one of the recording's disk.
+    """
+    try:
+        yield
+    except StorageError as error:
+        raise DeviceError(f"{device}: {error}") from error
+    except LfcalError:
+        raise
+    except Exception as error:
+        raise DeviceError(f"{device}: {type(error).__name__}: {error}; check its driver, cable and power") from error

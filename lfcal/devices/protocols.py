@@ -1,7 +1,8 @@
 """The small protocols behind which any camera and any stage can stand.
 
 Lengths are µm, times s. Stage coordinates are ``(x, y, z)``; image coordinates ``(row, column)``.
-A call that fails raises one of `lfcal.devices.errors`; nothing else may escape from a backend.
+A call that fails raises one of `lfcal.devices.errors`, which say whether to try again. Any other exception ends the
+session in order, as the device's.
 """
 
 from __future__ import annotations
@@ -14,7 +15,19 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 from numpy.typing import NDArray
 
-__all__ = ["Camera", "Frame", "Light", "Limits", "Point", "Rig", "Roi", "Setting", "Stage", "SystemTime", "TimeSource"]
+__all__ = [
+    "CameraDevice",
+    "Frame",
+    "Light",
+    "Limits",
+    "Point",
+    "Rig",
+    "Roi",
+    "Setting",
+    "StageDevice",
+    "SystemTime",
+    "TimeSource",
+]
 
 T = TypeVar("T")
 
@@ -83,7 +96,7 @@ class Frame:
 
 
 @runtime_checkable
-class Camera(Protocol):
+class CameraDevice(Protocol):
     """A camera that exposes when asked."""
 
     @property
@@ -129,7 +142,7 @@ class Camera(Protocol):
 
 
 @runtime_checkable
-class Stage(Protocol):
+class StageDevice(Protocol):
     """A stage that carries the point source along x, y and z."""
 
     @property
@@ -215,11 +228,11 @@ class Rig:
     ``others`` are devices that had to be opened along with these and are closed with them.
     """
 
-    camera: Camera
-    stage: Stage
+    camera: CameraDevice
+    stage: StageDevice
     light: Light | None = None
     time: TimeSource = field(default_factory=SystemTime)
-    others: tuple[Camera | Stage, ...] = ()
+    others: tuple[CameraDevice | StageDevice, ...] = ()
 
     def close(self) -> None:
         """Release all devices, each even if another fails."""

@@ -1,4 +1,4 @@
-"""Which devices can be had here, found by name, and why others cannot.
+"""Device backends by name: which can be used here, and why others cannot.
 
 Backends come with lfcal, or from other packages through the entry point group ``lfcal.devices``: a name and
 an object (or a class without arguments) that is a `Backend`.
@@ -6,29 +6,29 @@ an object (or a class without arguments) that is a `Backend`.
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import metadata
 from typing import Any, Protocol, runtime_checkable
 
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import DeviceMissing
 from lfcal.devices.protocols import Rig
 from lfcal.errors import InputError, LfcalError
+from lfcal.registry import Registry
 
-__all__ = ["GROUP", "Backend", "Finding", "check_options", "find_backends", "get_backend", "open_rig"]
+__all__ = [
+    "BACKENDS",
+    "GROUP",
+    "Backend",
+    "Finding",
+    "backend_registry",
+    "check_options",
+    "find_backends",
+    "get_backend",
+    "open_rig",
+]
 
 GROUP = "lfcal.devices"
-
-OWN = {
-    "sim": "lfcal.devices.simulated.backend:SimBackend",
-    "micromanager": "lfcal.devices.backends.micromanager:MicroManagerBackend",
-    "aravis": "lfcal.devices.backends.aravis:AravisBackend",
-    "gentl": "lfcal.devices.backends.gentl:GenTLBackend",
-    "folder": "lfcal.devices.backends.folder:FolderBackend",
-}
-"""Backends that come with lfcal."""
 
 
 @runtime_checkable
@@ -74,36 +74,53 @@ class Finding:
         return not self.reason
 
 
+def _made(found: Any) -> Backend:
+    """Return the backend that an entry point loads, made where that is a class."""
+    backend = found() if isinstance(found, type) else found
+    if not isinstance(backend, Backend):
+        raise TypeError("is not a backend; it needs name, title, has_stage, options, probe and open")
+    return backend
+
+
+def backend_registry() -> Registry[Backend]:
+    """Return a new registry of backends: lfcal's own, the simulator first, and those of other distributions."""
+    return Registry(
+        "device backend",
+        "lfcal.devices.backends",
+        "BACKEND",
+        GROUP,
+        order=lambda backend: (backend.name != "sim", backend.name),
+        make=_made,
+    )
+
+
+BACKENDS = backend_registry()
+"""Every backend there is."""
+
+
 def get_backend(name: str) -> Backend:
-    """Return backend ``name``; raises `InputError` if nobody knows it, `DeviceMissing` if it does not load."""
-    places = _places()
-    if name not in places:
-        raise InputError.expected("device backend", " or ".join(sorted(places)), repr(name), "choose one of these")
-    try:
-        found = places[name]()
-    except LfcalError:
-        raise
-    except Exception as error:  # a package of someone else may fail in any way
-        raise DeviceMissing(
-            f"device backend {name}: does not load ({type(error).__name__}: {error}); mend it"
-        ) from error
-    if not isinstance(found, Backend):
-        raise DeviceMissing(f"device backend {name}: is not a backend; it needs name, title, options, probe and open")
-    return found
+    """Return backend ``name``; raises `InputError` if there is none, `DeviceMissing` if it does not load."""
+    reason = BACKENDS.failures().get(name)
+    if reason is not None and name not in BACKENDS:
+        raise DeviceMissing(f"{reason}; update or remove the package that brings it")
+    return BACKENDS.get(name)
 
 
 def find_backends() -> list[Finding]:
     """Return what is found of every backend, with the reason where it cannot be used."""
-    findings = []
-    for name in _places():
-        try:
-            backend = get_backend(name)
-            findings.append(Finding(name, backend.title, backend.probe(), ""))
-        except LfcalError as error:
-            findings.append(Finding(name, name, "", str(error)))
-        except Exception as error:
-            findings.append(Finding(name, name, "", f"{type(error).__name__}: {error}"))
-    return findings
+    findings = [_probed(backend) for backend in BACKENDS]
+    known = {finding.name for finding in findings}
+    failures = BACKENDS.failures().items()
+    return findings + [Finding(name, name, "", reason) for name, reason in failures if name not in known]
+
+
+def _probed(backend: Backend) -> Finding:
+    try:
+        return Finding(backend.name, backend.title, backend.probe(), "")
+    except LfcalError as error:
+        return Finding(backend.name, backend.title, "", str(error))
+    except Exception as error:  # a foreign package may fail in any way
+        return Finding(backend.name, backend.title, "", f"{type(error).__name__}: {error}")
 
 
 def open_rig(
@@ -135,6 +152,7 @@ def open_rig(
         except BaseException:
             rig.close()
             raise
+        # opened along with what is used, and to be closed with it
         others = (rig.stage, carrier.camera)
         return Rig(rig.camera, carrier.stage, rig.light or carrier.light, rig.time, others)
     if not backend.has_stage:
@@ -163,27 +181,3 @@ def _split(options: Mapping[str, str], stage: str) -> tuple[dict[str, str], dict
     own = {key: value for key, value in options.items() if not key.startswith(prefix)}
     other = {key.removeprefix(prefix): value for key, value in options.items() if key.startswith(prefix)}
     return own, other
-
-
-def _places() -> dict[str, Callable[[], Any]]:
-    """Return name and loader of every backend; those of other packages cannot hide lfcal's own."""
-    places: dict[str, Callable[[], Any]] = {name: _own(target) for name, target in OWN.items()}
-    for point in metadata.entry_points(group=GROUP):
-        places.setdefault(point.name, _foreign(point))
-    return places
-
-
-def _own(target: str) -> Callable[[], Any]:
-    def load() -> Any:
-        module, _, attribute = target.partition(":")
-        return getattr(importlib.import_module(module), attribute)()
-
-    return load
-
-
-def _foreign(point: metadata.EntryPoint) -> Callable[[], Any]:
-    def load() -> Any:
-        found = point.load()
-        return found() if isinstance(found, type) else found
-
-    return load

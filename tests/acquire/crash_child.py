@@ -26,7 +26,7 @@ def main() -> None:
         if step.kind is Kind.POSITION:
             os.write(1, b"%d\n" % step.flat)
 
-    options = Options(reference_every=200, keep_free_bytes=0)
+    options = Options(darks=0, reference_every=200, keep_free_bytes=0)
     record(folder, plan, simulated_rig(plan), options, resume="resume" in sys.argv[2:], observers=(acknowledge,))
 
 

@@ -17,7 +17,8 @@ from lfcal.devices.protocols import Rig
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import Fault
 
-CAREFUL = Options(origin_tolerance_px=0.5, keep_free_bytes=0)
+CAREFUL = Options(darks=0, reference_every=0, origin_tolerance_px=0.5, keep_free_bytes=0)
+"""Positions alone, all checks on."""
 
 
 def small_plan(

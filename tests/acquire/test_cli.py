@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -15,9 +16,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.source import RecordingSource, read_checks
 from lfcal.acquire.redo import RedoList
 from lfcal.camera import ScanPlan, preset
 from lfcal.cli import main
+from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.errors import FileFormatError
 from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
 from lfcal.psf import open_psf
@@ -62,6 +66,69 @@ def test_from_plan_to_h_without_copying_by_hand(
         assert psf.facts.noise is not None and psf.saturated is not None and not psf.saturated.any()
 
 
+def test_by_default_a_session_brings_its_darks_and_references_and_h_has_no_pedestal(
+    tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, matrix = tmp_path / "session", tmp_path / "H.h5"
+    assert run("acquire", plan_file, "--out", out, "--assemble", matrix, monkeypatch=monkeypatch) == 0
+    assert (out / "darks.h5").exists()
+    assert len(read_checks(out)) == 2
+    with open_psf(matrix) as psf, RecordingSource(out) as raw:
+        corners = [(0, 0), (0, -1), (-1, 0), (-1, -1)]
+        recorded = np.array([[raw.read(k)[at] for at in corners] for k in range(len(raw))], float)
+        assembled = np.array([[psf[raw.info(k).position][at] for at in corners] for k in range(len(raw))])
+    assert recorded.mean() == pytest.approx(64, abs=2)  # the black level of the sensor
+    assert assembled.mean() == pytest.approx(0, abs=1)
+
+
+FOLDER = ("--backend", "folder", "--option", "path=.", "--no-check-stage")
+
+
+def test_a_rig_whose_light_cannot_be_switched_is_asked_about_its_darks(
+    tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for more in ((), ("--dry-run",)):
+        assert run("acquire", plan_file, "--out", tmp_path / "s", *FOLDER, *more, monkeypatch=monkeypatch) == 2
+        said = capsys.readouterr().err
+        assert "cover the lens when asked (--cover), or record without them (--darks 0)" in said
+        assert said.count("\n") == 1
+    dry = ("acquire", plan_file, "--out", tmp_path / "s", *FOLDER, "--dry-run")
+    assert run(*dry, "--darks", 0, monkeypatch=monkeypatch) == 0
+    assert run(*dry, "--cover", monkeypatch=monkeypatch) == 0
+    assert not (tmp_path / "s").exists()
+
+
+def test_the_lens_is_covered_by_hand_once_for_all_darks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = small_plan((2, 2), 2, exposure_s=(0.01, 0.02))
+    (tmp_path / "plan.json").write_text(plan.to_json())
+    rig = simulated_rig(plan)
+    lamp = rig.light
+    assert lamp is not None
+
+    class Hands(io.StringIO):
+        """Do what was asked last, then press Enter."""
+
+        def readline(self, *_: Any) -> str:
+            asked = capsys.readouterr().err
+            lamp.switch("uncover" in asked)
+            requests.append("uncover" if "uncover" in asked else "cover")
+            return "\n"
+
+    requests: list[str] = []
+    monkeypatch.setattr(sys, "stdin", Hands())
+    monkeypatch.setattr("lfcal.devices.registry.open_rig", lambda *_, **__: replace(rig, light=None))
+    arguments = ("acquire", tmp_path / "plan.json", "--out", tmp_path / "s", "--no-check-stage")
+    assert run(*arguments, "--cover", monkeypatch=monkeypatch) == 0
+    assert requests == ["cover", "uncover"]
+    with RecordingSource(tmp_path / "s") as source:
+        assert len(source) == 8 and sorted(source.metadata["darks"]) == [0.01, 0.02]
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    assert run(*arguments[:3], tmp_path / "t", "--no-check-stage", "--cover", monkeypatch=monkeypatch) == 2
+    assert "by the device: lens cover: nobody answered" in capsys.readouterr().err
+
+
 def test_optics_of_the_simulator_are_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0])
     plan = replace(plan, period=(2, 3))
@@ -77,8 +144,8 @@ def test_dry_run_moves_and_writes_nothing(
     out = tmp_path / "session"
     assert run("acquire", plan_file, "--out", out, "--dry-run", "--controls", 1, "--json", monkeypatch=monkeypatch) == 0
     found = json.loads(capsys.readouterr().out)
-    assert (found["positions"], found["other_frames"]) == (40, 8)
-    assert found["recording_bytes"] == 48 * (21 * 21 * 2 + 128)
+    assert (found["positions"], found["other_frames"]) == (40, 8 + 1 + 2)  # controls, a dark frame, references
+    assert found["recording_bytes"] == 50 * (21 * 21 * 2 + 128) + (24 * 25 * 4 + 128)
     assert not out.exists()
     assert run("acquire", plan_file, "--out", out, "--dry-run", monkeypatch=monkeypatch) == 0
     assert "nothing was moved" in capsys.readouterr().out
@@ -89,12 +156,14 @@ def test_fault_resume_redo_and_coarse_order(
 ) -> None:
     out, calm = tmp_path / "session", tmp_path / "calm"
     start = ("acquire", plan_file, "--out", out, "--no-pack")
-    assert run(*start, "--order", "coarse", "--option", "faults=times out@20*9", monkeypatch=monkeypatch) == 2
+    alone = ("--darks", 0, "--reference-every", 0)
+    faults = ("--option", "faults=times out@20*9")
+    assert run(*start, *alone, "--order", "coarse", *faults, monkeypatch=monkeypatch) == 2
     assert "15 of 40 positions are safe" in capsys.readouterr().err
     assert run(*start, monkeypatch=monkeypatch) == 2
     assert "choose another folder, or resume" in capsys.readouterr().err
     assert run(*start, "--resume", monkeypatch=monkeypatch) == 0
-    assert run("acquire", plan_file, "--out", calm, monkeypatch=monkeypatch) == 0
+    assert run("acquire", plan_file, "--out", calm, *alone, monkeypatch=monkeypatch) == 0
     assert_same_frames(frames_of(out), frames_of(calm))
     redo = tmp_path / "redo.json"
     RedoList.of([(1, 2, 3)], ["step outlier"]).write(redo)
@@ -168,8 +237,19 @@ def test_redo_list_comes_back(tmp_path: Path) -> None:
     assert RedoList.read(tmp_path / "redo.json") == given
 
 
+def acknowledged(folder: Path) -> int:
+    """Positions that are safe in a session that may not have begun."""
+    if not (folder / "session.json").exists():
+        return 0
+    with RecordingFile(folder / "recording.h5") as recording:
+        return int(recording.taken.sum())
+
+
 @pytest.mark.skipif(os.name != "posix", reason="interrupted by a signal")
-def test_ctrl_c_stops_in_order_and_the_session_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_ctrl_c_stops_in_order_and_the_session_resumes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     plan = small_plan((10, 20), 1)
     (tmp_path / "plan.json").write_text(plan.to_json())
     out = tmp_path / "session"
@@ -178,10 +258,9 @@ def test_ctrl_c_stops_in_order_and_the_session_resumes(tmp_path: Path, monkeypat
     command = [sys.executable, "-c", code, "acquire", str(tmp_path / "plan.json"), *options]
     child = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     end = time.monotonic() + 30
-    while not (out / "session.json").exists() and time.monotonic() < end:
+    while acknowledged(out) < 3 and time.monotonic() < end:
         time.sleep(0.02)
-    time.sleep(0.5)
-    child.send_signal(signal.SIGINT)
+    child.send_signal(getattr(signal, name))
     said, complaint = child.communicate(timeout=30)
     assert child.returncode == 130
     assert "stopping after this position" in complaint

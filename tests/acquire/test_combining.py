@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.acquire.averaging import average
-from lfcal.acquire.hdr import merge
+from lfcal.acquire.combining import average, merge
 from lfcal.errors import InputError
 
 MAX, BLACK = 4095, 64

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,14 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.errors import AcquisitionStopped
+from lfcal.acquire.motion import LAST_POLL_S
 from lfcal.acquire.recording import slots as journal_module
 from lfcal.acquire.recording.durable import FolderLock, write_at
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.devices.errors import (
+    DeviceError,
     DeviceLost,
     FrameTimeout,
     IncompleteFrame,
@@ -27,6 +30,7 @@ from lfcal.devices.errors import (
     WrongFrame,
 )
 from lfcal.devices.simulated.faults import Fault
+from lfcal.devices.simulated.stage import StageModel
 from lfcal.errors import LfcalError, StorageError
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
@@ -40,6 +44,7 @@ PASSING = [
     ("times out", FrameTimeout),
     ("incomplete", IncompleteFrame),
     ("stale", StaleFrame),
+    ("bumped", NotInPosition),  # on arrival all is well: only the read-back after the exposure sees it
 ]
 LASTING = [("wrong shape", WrongFrame), ("vanishes", DeviceLost), ("stage vanishes", DeviceLost)]
 
@@ -166,12 +171,71 @@ def test_a_second_program_is_refused_and_the_first_undisturbed(
     FolderLock(tmp_path).release()
 
 
-def test_without_the_check_after_the_exposure_drift_would_be_kept(tmp_path: Path) -> None:
-    """The counter-test: with a tolerance that sees nothing, the drifted frame does differ."""
-    from dataclasses import replace
-
+def test_a_stage_that_moves_during_the_exposure_spoils_the_frame(tmp_path: Path) -> None:
+    """The counter-test: with a tolerance that sees nothing, the frame of the bumped stage is kept, and differs."""
     blind = replace(CAREFUL, tolerance_um=(1e3, 1e3, 1e3))
     record(tmp_path / "a", PLAN, rig_for(PLAN), blind)
-    record(tmp_path / "b", PLAN, rig_for(PLAN, Fault("drifts", 8)), blind)
+    record(tmp_path / "b", PLAN, rig_for(PLAN, Fault("bumped", 8)), blind)
     a, b = frames_of(tmp_path / "a"), frames_of(tmp_path / "b")
     assert any(not np.array_equal(a[key], b[key]) for key in a)
+
+
+def test_the_read_back_that_is_recorded_is_that_after_the_exposure(tmp_path: Path) -> None:
+    """A stage that creeps within its tolerance stands farther off after the exposure than on arrival."""
+    plan = small_plan(exposure_s=0.1, settle_s=0.2)
+    creep = (1.0, 0.5, -2.0)
+    record(tmp_path, plan, rig_for(plan, model=StageModel(ringing_um=0.0, drift_um_s=creep)), CAREFUL)
+    with RecordingSource(tmp_path) as source:
+        for k in range(len(source)):
+            note = source.record(k)
+            # time since arrival: at most one poll late, then settling and the exposure
+            seconds = (note["stage_um"] - note["target_um"]) / creep
+            assert np.ptp(seconds) == pytest.approx(0.0, abs=1e-9)
+            assert 0.3 - 1e-9 <= seconds[0] <= 0.3 + LAST_POLL_S
+
+
+@pytest.mark.parametrize("error", [RuntimeError("transfer failed"), OSError(errno.EIO, "Input/output error")])
+@pytest.mark.parametrize(
+    ("device", "call", "after", "named"),
+    [
+        ("camera", "grab", 20, "simulated camera"),
+        ("stage", "move", 20, "simulated stage"),
+        ("stage", "moving", 120, "simulated stage"),
+        ("light", "switch", 3, "light"),
+    ],
+)
+def test_errors_of_a_driver_are_the_devices_and_not_the_disks(
+    tmp_path: Path, undisturbed: dict[Any, np.ndarray], device: str, call: str, after: int, named: str, error: Exception
+) -> None:
+    """Whatever a driver raises ends the session in order, under the device's name; the session can be resumed."""
+    options = replace(CAREFUL, darks=2, dark_every=9)
+    rig = rig_for(PLAN)
+    calls = 0
+    works = getattr(getattr(rig, device), call)
+
+    def failing(*arguments: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        if calls > after:
+            raise error
+        return works(*arguments)
+
+    setattr(getattr(rig, device), call, failing)
+    with pytest.raises(AcquisitionStopped, match=rf"by the device: {named}: {type(error).__name__}: ") as caught:
+        record(tmp_path, PLAN, rig, options)
+    assert isinstance(caught.value.cause, DeviceError)
+    assert 0 < caught.value.acknowledged < 27
+    assert SessionFile.read(tmp_path).runs[-1].how == "failed"
+    record(tmp_path, PLAN, rig_for(PLAN), options, resume=True)
+    assert_same_frames(frames_of(tmp_path), undisturbed)
+
+
+def test_a_device_that_cannot_write_its_own_file_is_not_the_recordings_disk(tmp_path: Path) -> None:
+    rig = rig_for(PLAN)
+
+    def full(_timeout_s: float) -> Any:
+        raise StorageError("/elsewhere/request.json: no space left; free some space")
+
+    rig.camera.grab = full  # type: ignore[method-assign]
+    with pytest.raises(AcquisitionStopped, match="by the device: simulated camera: /elsewhere"):
+        record(tmp_path, PLAN, rig, CAREFUL)

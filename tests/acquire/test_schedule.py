@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lfcal.acquire.blocks import coarse_order, window_shape
 from lfcal.acquire.options import Options
-from lfcal.acquire.orders import coarse_order
 from lfcal.acquire.recording.records import Kind
-from lfcal.acquire.schedule import Schedule, window_shape
+from lfcal.acquire.schedule import Schedule
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.frames.source import Position
@@ -119,7 +119,8 @@ def test_margin_is_kept_where_interpolation_needs_it() -> None:
 
 def test_redo_takes_each_position_once() -> None:
     plan = small_plan()
-    schedule = Schedule.of(plan, Options(), [Position(2, 1, 0), Position(0, 0, 1), Position(2, 1, 0)])
+    redo = [Position(2, 1, 0), Position(0, 0, 1), Position(2, 1, 0)]
+    schedule = Schedule.of(plan, Options(reference_every=0), redo)
     assert [(s.slot, s.flat) for s in schedule.steps()] == [(0, 1), (1, 21)]
     with pytest.raises(InputError, match="inside"):
         Schedule.of(plan, Options(), [Position(3, 0, 0)])
@@ -130,9 +131,18 @@ def test_redo_takes_each_position_once() -> None:
 def test_a_full_session_is_planned_in_arrays() -> None:
     """57,475 positions of the R29: made and gone through once; `lfcal bench acquire` times it."""
     plan = ScanPlan.for_camera(preset("r29"), virtual_depths=[-3, -2, 1.5, 2, 2.5, 3, 3.5, 4, 4.5, 5, 5.5])
-    schedule = Schedule.of(plan, Options(reference_every=500))
+    schedule = Schedule.of(plan, Options(reference_every=500, darks=0))
     assert schedule.count(Kind.POSITION) == plan.n_positions == 57475
     assert sum(1 for _ in schedule.steps()) == len(schedule) == 57475 + 116
+
+
+def test_darks_and_references_are_on_by_default_at_little_cost() -> None:
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0, 4.0])
+    schedule = Schedule.of(plan, Options())
+    assert schedule.count(Kind.POSITION) == 1254
+    assert schedule.count(Kind.DARK) == 1
+    assert 2 <= schedule.count(Kind.REFERENCE) <= 0.02 * 1254
+    assert Options().darks >= 2
 
 
 def test_todo_leaves_out_what_is_done() -> None:

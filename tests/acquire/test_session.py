@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,16 +13,20 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.control import Control
+from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import Preview
+from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import Kind
-from lfcal.acquire.recording.source import RecordingSource, complete_planes, read_checks
+from lfcal.acquire.recording.source import RecordingSource, read_checks
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.setup.levels import levels
 from lfcal.camera import StageAxes
-from lfcal.devices.errors import LimitError
-from lfcal.devices.protocols import Rig
+from lfcal.devices.errors import DeviceLost, LimitError
+from lfcal.devices.protocols import Frame, Point, Rig, Roi, Setting
+from lfcal.devices.simulated.camera import Patch, Renderer
+from lfcal.devices.simulated.optics import PatternRenderer
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames import CorrectionRecipe, corrected_view
 from lfcal.frames.source import FrameSource, Position
@@ -211,6 +216,33 @@ def test_resume_sees_a_lost_origin(tmp_path: Path) -> None:
     assert len(frames_of(tmp_path)) == 27
 
 
+class Refocused:
+    """Optics that somebody refocused: the image stands where it was, a third as wide."""
+
+    def __init__(self, renderer: Renderer) -> None:
+        self._renderer = renderer
+
+    def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
+        patch = self._renderer.render(source_um, exposure_s, roi)
+        profiles = []
+        for axis, size in ((1, patch.counts.shape[0]), (0, patch.counts.shape[1])):
+            pixels, middle = np.arange(size), (size - 1) / 2
+            line = patch.counts.sum(axis=axis, dtype=float)
+            profiles.append(np.interp(3 * (pixels - middle) + middle, pixels, line, left=0.0, right=0.0))
+        counts = np.multiply.outer(*profiles)
+        return patch._replace(counts=(counts * (patch.counts.max() / counts.max())).astype(np.float32))
+
+
+def test_resume_sees_optics_that_changed_though_the_image_stands_where_it_was(tmp_path: Path) -> None:
+    control = Control()
+    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(3, control),))
+    done = frames_of(tmp_path)
+    rig = rig_for(PLAN, optics=Refocused(PatternRenderer(PLAN)))
+    with pytest.raises(InputError, match=r"expected a correlation above 0\.8, got 0\.[0-7]"):
+        record(tmp_path, PLAN, rig, CAREFUL, resume=True)
+    assert_same_frames(frames_of(tmp_path), done)
+
+
 def test_redo_records_some_positions_again_and_the_later_frame_counts(tmp_path: Path, whole: Path) -> None:
     record(tmp_path, PLAN, rig_for(PLAN), CAREFUL)
     again = [Position(0, 1, 2), Position(2, 0, 0)]
@@ -282,7 +314,92 @@ def test_darks_references_controls_and_exposures_per_plane(tmp_path: Path) -> No
         assert {source.info(k).exposure_s for k in range(27)} == {0.01, 0.02, 0.04}
         corners = [source.read(k)[[0, 0, -1, -1], [0, -1, 0, -1]] for k in range(27)]
     assert abs(float(np.mean(corners))) < 1.5
-    assert complete_planes(tmp_path) == (0, 1, 2)
+
+
+class Watched:
+    """A camera that reads more than it is asked for, and notes what it exposes in the dark."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._camera, self._light = rig.camera, rig.light
+        self.dark: list[tuple[float, Roi]] = []
+        self.lit: set[tuple[float, Roi]] = set()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._camera, name)
+
+    def set_roi(self, roi: Roi) -> Setting[Roi]:
+        self._roi = self._camera.set_roi(Roi(roi.row - 3, roi.column - 1, roi.rows + 8, roi.columns + 8)).actual
+        return Setting(roi, self._roi)
+
+    def set_exposure(self, seconds: float) -> Setting[float]:
+        self._seconds = seconds
+        return self._camera.set_exposure(seconds)
+
+    def grab(self, timeout_s: float) -> Frame:
+        if self._light.on:  # type: ignore[union-attr]
+            self.lit.add((self._seconds, self._roi))
+        else:
+            self.dark.append((self._seconds, self._roi))
+        return self._camera.grab(timeout_s)
+
+
+def test_darks_have_the_region_and_every_exposure_of_the_positions(tmp_path: Path) -> None:
+    plan = small_plan(exposure_s=(0.01, 0.02, 0.04))
+    rig = rig_for(plan)
+    camera = Watched(rig)
+    rig = replace(rig, camera=camera)
+    switched: list[bool] = []
+    switch = rig.light.switch  # type: ignore[union-attr]
+    rig.light.switch = lambda on: (switched.append(on), switch(on))[1]  # type: ignore[union-attr, method-assign]
+    record(tmp_path, plan, rig, replace(CAREFUL, darks=3, bracket=(1.0, 0.5)))
+    assert sorted(seconds for seconds, _ in set(camera.dark)) == [0.005, 0.01, 0.02, 0.04]
+    assert set(camera.dark) == camera.lit
+    assert len(camera.dark) == 3 * 2 * 3
+    assert switched == [False, True]
+    with RecordingFile(tmp_path / "darks.h5") as darks, RecordingFile(tmp_path / "recording.h5") as recording:
+        roi = Roi(int(darks.records["row"][0]), int(darks.records["column"][0]), *darks.layout.shape)
+        assert darks.taken.tolist() == [True] * 3
+        assert set(darks.records["exposure_s"]) == set(recording.records["exposure_s"])
+        for note in recording.records:
+            assert roi.holds(Roi(int(note["row"]), int(note["column"]), *recording.layout.shape))
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_a_dark_frame_is_the_mean_of_as_many_as_were_asked_for(tmp_path: Path, count: int) -> None:
+    rig = rig_for(PLAN)
+    camera = Watched(rig)
+    record(tmp_path, PLAN, replace(rig, camera=camera), replace(CAREFUL, darks=count))
+    assert len(camera.dark) == count
+    with RecordingSource(tmp_path) as source:
+        assert sorted(source.metadata["darks"]) == [0.02]
+
+
+@pytest.mark.parametrize("how", ["stop", "abort", "fault"])
+def test_the_light_is_on_again_however_a_session_ends(tmp_path: Path, how: str) -> None:
+    control, rig = Control(), rig_for(PLAN)
+    grab, grabbed = rig.camera.grab, []
+
+    def interrupted(timeout_s: float) -> Frame:
+        grabbed.append(rig.light.on)  # type: ignore[union-attr]
+        if len(grabbed) == 3:
+            if how == "fault":
+                raise DeviceLost("camera: no answer; check the cable")
+            getattr(control, how)()
+        return grab(timeout_s)
+
+    rig.camera.grab = interrupted  # type: ignore[method-assign]
+    with suppress(AcquisitionStopped):
+        record(tmp_path, PLAN, rig, replace(CAREFUL, darks=8), control=control)
+    assert not any(grabbed[:3])
+    assert rig.light.on  # type: ignore[union-attr]
+
+
+def test_a_session_goes_on_with_its_own_options_unless_others_are_given(tmp_path: Path) -> None:
+    control = Control()
+    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(3, control),))
+    assert record(tmp_path, PLAN, rig_for(PLAN), resume=True).how == "complete"
+    record(tmp_path, PLAN, rig_for(PLAN), redo=[Position(0, 0, 0)])
+    assert SessionFile.read(tmp_path).options == CAREFUL
 
 
 def test_averaging_and_bracketing_record_floats(tmp_path: Path) -> None:
@@ -316,7 +433,7 @@ def test_only_the_preview_may_drop_frames(tmp_path: Path) -> None:
     assert shown.cutout is not None
     assert shown.position == Position(2, 2, 2)
     assert shown.saturated == levels(shown.data, 4095).saturated
-    assert preview.get() is None
+    assert preview.latest() is None
     last = frames_of(tmp_path)[2, 2, 2]
     top, left = shown.cutout.row - shown.roi.row, shown.cutout.column - shown.roi.column
     assert np.array_equal(shown.data[top : top + 21, left : left + 21], last)

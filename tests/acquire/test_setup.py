@@ -23,15 +23,12 @@ from lfcal.acquire.setup import (
     iter_live,
     iter_optical_axis,
     iter_stage_fit,
-    lattice_centres,
     levels,
-    predicted_cutout,
     predicted_image,
     suggest_exposure,
 )
 from lfcal.camera import ScanPlan, StageAxes, preset
 from lfcal.devices.errors import LimitError
-from lfcal.devices.protocols import Roi
 from lfcal.devices.simulated.faults import Fault
 from lfcal.errors import InputError
 from lfcal.progress import drain
@@ -87,9 +84,9 @@ def test_no_spot_is_an_error() -> None:
 
 
 def test_image_shift_has_its_sign() -> None:
-    down, right, likeness = image_shift(gaussian(30, 40), gaussian(31.5, 38.0))
+    down, right, correlation = image_shift(gaussian(30, 40), gaussian(31.5, 38.0))
     assert (down, right) == pytest.approx((1.5, -2.0), abs=0.05)
-    assert 0.5 < likeness < 0.95
+    assert 0.5 < correlation < 0.95
     assert image_shift(gaussian(30, 40), gaussian(30, 40))[2] == pytest.approx(1.0)
 
 
@@ -246,22 +243,3 @@ def test_predicted_image_inverts_the_plan() -> None:
     for position in plan.positions():
         x, y, z = plan.stage_um(np.array(position)).tolist()
         assert predicted_image(plan, (x, y, z)) == pytest.approx(tuple(plan.image_px(np.array(position))))
-
-
-def test_predicted_cutout_is_the_recorded_one() -> None:
-    for position in PLAN.positions():
-        x, y, z = PLAN.stage_um(np.array(position)).tolist()
-        row, column = (int(v) - 10 for v in PLAN.image_px(np.array(position)))
-        assert predicted_cutout(PLAN, (x, y, z)) == Roi(row, column, 21, 21)
-
-
-def test_lattice_centres_lie_inside_and_a_pitch_apart() -> None:
-    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0])
-    roi = Roi(40, 100, 60, 80)
-    centres, types = lattice_centres(plan, roi)
-    assert np.all((centres >= [40 - 0.5, 100 - 0.5]) & (centres <= [99.5, 179.5]))
-    expected = 60 * 80 / (plan.camera.pitch_px**2 * math.sqrt(3) / 2)
-    assert len(centres) == pytest.approx(expected, rel=0.2)
-    assert set(types.tolist()) == {0, 1, 2}
-    distances = np.hypot(*(centres[:, None] - centres).transpose(2, 0, 1))
-    assert np.sort(distances, axis=1)[:, 1] == pytest.approx(plan.camera.pitch_px, abs=0.05)

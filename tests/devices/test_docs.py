@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lfcal.acquire.session import record
-from lfcal.devices.protocols import Camera, Stage
+from lfcal.devices.protocols import CameraDevice, StageDevice
 from lfcal.devices.registry import Backend
 from tests.acquire.rigs import CAREFUL, frames_of, small_plan
 
@@ -26,8 +26,8 @@ def test_the_documented_backend_works(tmp_path: Path) -> None:
     assert isinstance(backend, Backend)
     plan = small_plan(shape=(320, 320), settle_s=0.0)
     with backend.open(plan, {}) as rig:
-        assert isinstance(rig.camera, Camera)
-        assert isinstance(rig.stage, Stage)
+        assert isinstance(rig.camera, CameraDevice)
+        assert isinstance(rig.stage, StageDevice)
         assert record(tmp_path, plan, rig, replace(CAREFUL, origin_tolerance_px=None)).how == "complete"
     frames = frames_of(tmp_path)
     assert len({int(frame[0, 0]) for frame in frames.values()}) == 27

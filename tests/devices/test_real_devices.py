@@ -20,7 +20,7 @@ from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, StageError
-from lfcal.devices.protocols import Camera, Rig, Roi, Stage
+from lfcal.devices.protocols import CameraDevice, Rig, Roi, StageDevice
 from lfcal.devices.registry import find_backends, open_rig
 from lfcal.errors import InputError
 from tests.acquire.rigs import CAREFUL, small_plan
@@ -59,8 +59,8 @@ def check_session(folder: Path, plan: ScanPlan) -> None:
 
 def check_camera(rig: Rig, bits: int) -> None:
     camera = rig.camera
-    assert isinstance(camera, Camera)
-    assert isinstance(rig.stage, Stage)
+    assert isinstance(camera, CameraDevice)
+    assert isinstance(rig.stage, StageDevice)
     assert camera.bit_depth == bits
     assert camera.max_value == 2**bits - 1
     setting = camera.set_exposure(0.002)

@@ -19,6 +19,7 @@ from gui.models.session import Session, SessionState
 from gui.models.stages import STAGES
 from gui.pages.acquire import Page
 from gui.theme import DARK, LIGHT, apply_theme
+from lfcal.acquire import Options
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.psf import open_psf
 from tests.acquire.rigs import small_plan
@@ -167,11 +168,11 @@ def test_form_and_session_follow_each_other(page: Page, context: Context) -> Non
     darks.textEdited.emit("4")
     assert AcquireSettings.of(context.state).darks == 4
     context.session.undo()
-    assert darks.text() == "0"
+    assert darks.text() == str(Options().darks)
     darks.textEdited.emit("-3")
     darks.setText("-3")
     darks.textEdited.emit("-3")
-    assert form.error and AcquireSettings.of(context.state).darks == 0
+    assert form.error and AcquireSettings.of(context.state).darks == Options().darks
     order: Any = form.editor("order")
     order.setCurrentIndex(order.findData("raster"))
     assert context.state.plan is not None and context.state.plan.order == "raster"
@@ -233,7 +234,7 @@ def test_a_session_from_start_to_h(page: Page, context: Context, qtbot: QtBot, t
 
 
 def test_a_fault_stops_safely_and_is_said(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
-    page.setup._devices_edited("sim", (("faults", "vanishes@9"),), "")
+    page.setup._devices_edited("sim", (("faults", "vanishes@19"),), "")
     connect(page, qtbot)
     context.session.update("folder", recording=str(tmp_path / "s"))
     page.setup.panel.live.setChecked(False)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import struct
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import Any
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,60 +33,44 @@ def file_name(kind: Kind, run: int) -> str:
     return f"{FILES[kind]}.h5" if run == 0 else f"{FILES[kind]}-{run + 1:03d}.h5"
 
 
-RECORD = np.dtype(
-    [
-        ("index", "<u4"),  # position in the scan plan
-        ("sequence", "<u4"),  # the session's count of acknowledged frames
-        ("frame_crc", "<u4"),
-        ("attempts", "<u2"),
-        ("kind", "<u2"),
-        ("row", "<i4"),  # sensor pixel of the frame's first row and column
-        ("column", "<i4"),
-        ("period_y", "<i2"),  # control frames: whole periods away from the plan's position
-        ("period_x", "<i2"),
-        ("saturated", "<u4"),  # saturated pixels in this frame
-        ("sensor_saturated", "<u4"),  # saturated pixels in all that was read from the sensor
-        ("target_um", "<f8", (3,)),
-        ("stage_um", "<f8", (3,)),  # read back after the exposure
-        ("exposure_s", "<f8"),
-        ("time_s", "<f8"),  # seconds since 1970
-        ("elapsed_s", "<f8"),  # seconds of recording, pauses and interruptions left out
-        ("energy", "<f8"),  # sum of the frame's samples
-        ("peak", "<f4"),
-        ("record_crc", "<u4"),
-        ("valid", "<u4"),
-    ]
-)
-"""One record: 128 bytes, little-endian."""
-
-_BODY = struct.Struct("<IIIHHiihhII3d3d4df")
-_TAIL = struct.Struct("<II")
-_MARK = 0x1FCA1
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Note:
-    """What is noted with a frame; see `RECORD` for the meaning of each entry.
+    """What is noted with a frame: the fields, their order and their stored types are the record's layout.
 
-    ``stage_um`` and ``target_um`` in µm, times in s.
+    Lengths in µm, times in s, light in counts. ``sequence`` and ``frame_crc`` are filled in when the frame is written.
     """
 
-    index: int
-    kind: Kind
-    row: int
-    column: int
-    target_um: Point
-    stage_um: Point
-    exposure_s: float
-    time_s: float
-    elapsed_s: float
-    energy: float
-    peak: float
-    saturated: int = 0
-    sensor_saturated: int = 0
-    attempts: int = 1
-    period_y: int = 0
-    period_x: int = 0
+    index: Annotated[int, "<u4"]  # position in the scan plan, (z * ny + y) * nx + x
+    sequence: Annotated[int, "<u4"] = 0  # the session's count of acknowledged frames
+    frame_crc: Annotated[int, "<u4"] = 0
+    attempts: Annotated[int, "<u2"] = 1
+    kind: Annotated[Kind, "<u2"]
+    row: Annotated[int, "<i4"]  # sensor pixel of the frame's first row and column
+    column: Annotated[int, "<i4"]
+    period_y: Annotated[int, "<i2"] = 0  # control frames: whole periods away from the plan's position
+    period_x: Annotated[int, "<i2"] = 0
+    saturated: Annotated[int, "<u4"] = 0  # saturated pixels in this frame
+    sensor_saturated: Annotated[int, "<u4"] = 0  # saturated pixels in all that was read from the sensor
+    target_um: Annotated[Point, "3<f8"]
+    stage_um: Annotated[Point, "3<f8"]  # read back after the exposure
+    exposure_s: Annotated[float, "<f8"]
+    time_s: Annotated[float, "<f8"]  # seconds since 1970
+    elapsed_s: Annotated[float, "<f8"]  # seconds of recording, pauses and interruptions left out
+    energy: Annotated[float, "<f8"]  # sum of the frame's samples
+    peak: Annotated[float, "<f4"]
+
+
+def _layout() -> list[tuple[str, str]]:
+    types = get_type_hints(Note, include_extras=True)
+    return [(field.name, types[field.name].__metadata__[0]) for field in fields(Note)]
+
+
+RECORD = np.dtype([*_layout(), ("record_crc", "<u4"), ("valid", "<u4")])
+"""One record: the fields of `Note`, their CRC-32 and the mark of validity; 128 bytes, little-endian."""
+
+_NOTED = [field.name for field in fields(Note)]
+_BODY = RECORD.itemsize - 8  # a record's CRC-32 covers everything before itself
+_MARK = 0x1FCA1
 
 
 def frame_crc(frame: bytes | memoryview) -> int:
@@ -96,34 +79,20 @@ def frame_crc(frame: bytes | memoryview) -> int:
 
 
 def pack(note: Note, sequence: int, crc: int) -> bytes:
-    """Return the 128 bytes of a record, closed with their own CRC-32 and the mark of validity."""
-    body = _BODY.pack(
-        note.index,
-        sequence,
-        crc,
-        note.attempts,
-        note.kind,
-        note.row,
-        note.column,
-        note.period_y,
-        note.period_x,
-        note.saturated,
-        note.sensor_saturated,
-        *note.target_um,
-        *note.stage_um,
-        note.exposure_s,
-        note.time_s,
-        note.elapsed_s,
-        note.energy,
-        note.peak,
-    )
-    return body + _TAIL.pack(zlib.crc32(body), _MARK)
+    """Return the 128 bytes of the record of ``note``, with the frame's place in the session and its CRC-32."""
+    record = np.zeros((), RECORD)
+    for name in _NOTED:
+        record[name] = getattr(note, name)
+    record["sequence"], record["frame_crc"] = sequence, crc
+    record["record_crc"], record["valid"] = zlib.crc32(record.tobytes()[:_BODY]), _MARK
+    return record.tobytes()
 
 
 def intact(records: NDArray[Any]) -> NDArray[np.bool_]:
     """Return for each record whether it was written and is whole."""
+    # a slot that was never written is all zeros; only marked ones are worth a CRC-32
     valid: NDArray[np.bool_] = records["valid"] == _MARK
     raw = np.ascontiguousarray(records).view(np.uint8).reshape(len(records), RECORD.itemsize)
     for k in np.flatnonzero(valid):
-        valid[k] = zlib.crc32(raw[k, : _BODY.size].data) == records["record_crc"][k]
+        valid[k] = zlib.crc32(raw[k, :_BODY].data) == records["record_crc"][k]
     return valid

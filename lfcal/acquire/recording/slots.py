@@ -126,16 +126,12 @@ class Journal:
                     os.fsync(descriptor)
                 finally:
                     os.close(descriptor)
+                # under its name only when it is laid out, reserved and on the disk
                 os.replace(part, path)
                 sync_folder(path.parent)
         finally:
             part.unlink(missing_ok=True)
         return cls(path)
-
-    def write(self, slot: int, frame: NDArray[Any], note: Note, sequence: int) -> None:
-        """Write ``frame`` and its record into ``slot``; on return both are on the disk: `put` and `sync`."""
-        self.put(slot, frame, note, sequence)
-        self.sync()
 
     def put(self, slot: int, frame: NDArray[Any], note: Note, sequence: int) -> None:
         """Hand ``frame`` and its record to the operating system; they are safe after the next `sync`.
@@ -153,6 +149,7 @@ class Journal:
         data = np.ascontiguousarray(frame).data.cast("B")
         record = pack(note, sequence, frame_crc(data))
         try:
+            # the frame before its record: a record alone must never be found
             write_at(self._descriptor, data, layout.frames_at + slot * layout.frame_bytes)
             write_at(self._descriptor, record, layout.records_at + slot * RECORD.itemsize)
         except OSError:
@@ -163,6 +160,7 @@ class Journal:
         """Return when everything put is on the disk; raises `StorageError` if it is not, or the file is gone."""
         try:
             sync_data(self._descriptor)
+            # a file that was removed still takes writes, which nobody would find again
             links = os.fstat(self._descriptor).st_nlink
         except OSError:
             with storage_errors(self.path):

@@ -41,6 +41,7 @@ class Store:
         for kind, journal in journals.items():
             good = journal.records()[self._taken[kind]]
             if len(good):
+                # a resumed session counts on from its highest number, over all files
                 self._sequence = max(self._sequence, int(good["sequence"].max()) + 1)
                 self.elapsed_s = max(self.elapsed_s, float(good["elapsed_s"].max()))
 
@@ -82,6 +83,7 @@ class Store:
                         f"{layout.count} of {layout.shape} {layout.dtype}",
                         "restore this session's file",
                     )
+                # a file put here from another session would be filled up with this one's frames
                 if layout.attributes.get("session") != identity:
                     raise FileFormatError.expected(
                         str(path),

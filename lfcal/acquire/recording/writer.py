@@ -44,8 +44,8 @@ class Acknowledged(NamedTuple):
 class Writer:
     """Put frames into a `Sink` and have a thread make them safe, at most ``depth`` in flight.
 
-    All methods are for one thread. An error of the disk is raised there, at the latest by the next call but
-    ``depth``; nothing is acknowledged after it.
+    All methods are for one thread. An error of the disk is raised by one of the next ``depth`` calls; nothing is
+    acknowledged after it.
     """
 
     def __init__(self, sink: Sink, *, depth: int = 4) -> None:
@@ -107,6 +107,7 @@ class Writer:
 
     def _work(self) -> None:
         while (job := self._jobs.get()) is not None:
+            # one sync for all that waits: a slow disk is called less often
             batch, last = [job], False
             while not self._jobs.empty():
                 more = self._jobs.get()

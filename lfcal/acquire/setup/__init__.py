@@ -5,15 +5,13 @@
 - ``stage_fit``: stage-to-image scale, rotation and sign from a few moves
 - ``optical_axis``: where moving in depth does not move the image
 - ``exposure``: exposure time for each plane
-- ``live``: the live view
-- ``overlay``: what is drawn over it: expected image, cutout, lenslets
+- ``live``: the live view, and where the plan expects the image
 """
 
 from lfcal.acquire.setup.exposure import iter_exposures, suggest_exposure
 from lfcal.acquire.setup.levels import Levels, levels
-from lfcal.acquire.setup.live import LiveState, iter_live
+from lfcal.acquire.setup.live import LiveState, iter_live, predicted_image
 from lfcal.acquire.setup.optical_axis import OpticalAxis, find_optical_axis, iter_optical_axis
-from lfcal.acquire.setup.overlay import lattice_centres, predicted_cutout, predicted_image
 from lfcal.acquire.setup.stage_fit import StageFit, check_stage, fit_stage, iter_stage_fit
 from lfcal.acquire.spots import Spot, find_spot, image_shift
 
@@ -32,9 +30,7 @@ __all__ = [
     "iter_live",
     "iter_optical_axis",
     "iter_stage_fit",
-    "lattice_centres",
     "levels",
-    "predicted_cutout",
     "predicted_image",
     "suggest_exposure",
 ]

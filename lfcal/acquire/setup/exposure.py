@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.exposing import Exposer
-from lfcal.acquire.motion import Mover, check_limits
+from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
 from lfcal.acquire.schedule import Schedule
 from lfcal.camera import ScanPlan
@@ -56,21 +58,18 @@ def iter_exposures(
     places = np.array([[0, 0], [ny // 2, nx // 2], [0, nx // 2], [ny // 2, 0]])
     positions = np.column_stack([np.repeat(np.arange(nz), len(places)), np.tile(places, (nz, 1))])
     targets = plan.stage_um(positions)
-    motion = options.motion(plan)
-    check_limits(targets, rig.stage.limits, motion.overshoot_um)
-    mover = Mover(rig.stage, rig.time, motion, control)
-    sensor = plan.camera.sensor
-    exposer = Exposer(rig, control, (1.0,), sensor.black_level, options.grab_timeout_s)
-    exposer.read_region(schedule.roi)
-    exposures = plan.exposures
+    looker = Looker(rig, plan, options, control, targets=targets, roi=schedule.roi)
+    suggest = partial(
+        suggest_exposure, black_level=plan.camera.sensor.black_level, max_value=rig.camera.max_value, target=target
+    )
     clock = Clock("exposures", nz)
     found = []
     for z in range(nz):
         yield clock.at(z)
-        seconds = exposures[z]
+        seconds = plan.exposures[z]
         for x, y, depth in targets[z * len(places) : (z + 1) * len(places)].tolist():
-            mover.go((x, y, depth))
-            suggestion = _settle(rig, exposer, seconds, sensor.black_level, target, longest_s)
+            looker.go((x, y, depth))
+            suggestion = _settle(looker, seconds, suggest, rig.camera.max_value, longest_s)
             if suggestion is None:
                 raise InputError.expected(
                     f"plane z={z} ({plan.depths_um[z]:g} µm)",
@@ -78,20 +77,22 @@ def iter_exposures(
                     "too dark or too bright at every exposure",
                     "change the lamp or the iris",
                 )
+            # the brightest place of a plane decides; the first only starts the search
             seconds = min(seconds, suggestion) if (x, y, depth) != tuple(targets[z * len(places)]) else suggestion
         found.append(seconds)
     yield clock.at(nz)
     return tuple(found)
 
 
-def _settle(rig: Rig, exposer: Exposer, seconds: float, black: float, target: float, longest_s: float) -> float | None:
+def _settle(
+    looker: Looker, seconds: float, suggest: Callable[[float, float], float | None], max_value: int, longest_s: float
+) -> float | None:
     """Return the exposure for the place the stage stands at, or None."""
     for _ in range(TRIES):
-        frame = exposer.expose(seconds, 1, rig.time.monotonic()).data
-        peak = float(frame.max())
-        better = suggest_exposure(peak, seconds, black_level=black, max_value=rig.camera.max_value, target=target)
-        if better is None:
-            better = seconds / 4 if peak >= rig.camera.max_value else seconds * 8
+        peak = float(looker.expose(seconds).max())
+        better = suggest(peak, seconds)
+        if better is None:  # saturated, or dark: how far off cannot be seen
+            better = seconds / 4 if peak >= max_value else seconds * 8
         elif 0.5 < better / seconds < 2:
             return min(better, longest_s)
         if not 1e-6 < better <= longest_s * 8:

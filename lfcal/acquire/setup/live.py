@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass
 
+import numpy as np
+
 from lfcal.acquire.control import Control
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.setup.levels import Levels, levels
-from lfcal.acquire.setup.overlay import predicted_image
 from lfcal.acquire.spots import Spot, find_spot
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import FrameTimeout, IncompleteFrame
-from lfcal.devices.protocols import Rig, Roi
+from lfcal.devices.protocols import Point, Rig, Roi
 from lfcal.errors import InputError
 
-__all__ = ["LiveState", "iter_live"]
+__all__ = ["LiveState", "iter_live", "predicted_image"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +49,14 @@ class LiveState:
         if self.spot is None or self.expected_px is None:
             return None
         return self.spot.row - self.expected_px[0], self.spot.column - self.expected_px[1]
+
+
+def predicted_image(plan: ScanPlan, stage_um: Point) -> tuple[float, float]:
+    """Return where the plan expects the image (row, column) with the stage at ``stage_um``; sensor pixels."""
+    right, down, away = plan.stage.to_object(np.array(stage_um)).tolist()
+    step = plan.camera.step_um(away)
+    row, column = plan.camera.sensor.centre_px
+    return row + down / step, column + right / step
 
 
 def iter_live(
@@ -91,5 +100,6 @@ def iter_live(
             except InputError:
                 spot = None
             wanted = yield LiveState(counts, spot, stage, expected)
+        # only where it changes: some cameras restart their stream for it
         if wanted is not None:
             seconds = camera.set_exposure(wanted).actual

@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.exposing import Exposer
-from lfcal.acquire.motion import Mover, check_limits
+from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
-from lfcal.acquire.spots import find_spot
 from lfcal.camera import ScanPlan
-from lfcal.devices.protocols import Rig, Roi
+from lfcal.devices.protocols import Rig
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
 
@@ -83,6 +81,7 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
             "the same in all planes",
             "a telecentric system has no such axis; use planes farther apart, or centre by the field",
         )
+    # M_k a + t_k is the same in all planes: its deviations from the mean vanish
     axis, *_ = np.linalg.lstsq(change, -(offset - offset.mean(axis=0)).ravel(), rcond=None)
     images = scale @ axis + offset
     middle = images.mean(axis=0)
@@ -103,20 +102,14 @@ def iter_optical_axis(
     chosen = list(planes) if planes is not None else sorted({0, len(plan.depths_um) - 1})
     objects = _places(plan, chosen)
     targets = plan.stage.to_stage(objects.reshape(-1, 3))
-    motion = options.motion(plan)
-    check_limits(targets, rig.stage.limits, motion.overshoot_um)
-    mover = Mover(rig.stage, rig.time, motion, control)
-    exposer = Exposer(rig, control, (1.0,), plan.camera.sensor.black_level, options.grab_timeout_s)
-    exposer.read_region(Roi(0, 0, *plan.camera.sensor.shape))
+    looker = Looker(rig, plan, options, control, targets=targets)
     exposures = plan.exposures
     clock = Clock("optical axis", len(targets))
     seen = []
     for k, (x, y, depth) in enumerate(targets.tolist()):
         yield clock.at(k)
-        mover.go((x, y, depth))
-        exposure = exposures[chosen[k // objects.shape[1]]]
-        spot = find_spot(exposer.expose(exposure, 1, rig.time.monotonic()).data)
-        seen.append((spot.row + exposer.roi.row, spot.column + exposer.roi.column))
+        looker.go((x, y, depth))
+        seen.append(looker.find_spot(exposures[chosen[k // objects.shape[1]]]))
     yield clock.at(len(targets))
     return find_optical_axis(objects[..., :2], np.array(seen).reshape(len(chosen), -1, 2))
 

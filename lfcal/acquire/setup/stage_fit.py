@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.acquire.exposing import Exposer
-from lfcal.acquire.motion import Mover, check_limits
+from lfcal.acquire.looking import Looker
 from lfcal.acquire.options import Options
-from lfcal.acquire.spots import find_spot
 from lfcal.camera import ScanPlan, StageAxes
-from lfcal.devices.protocols import Rig, Roi
+from lfcal.devices.protocols import Rig
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
 
@@ -96,6 +94,7 @@ def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) 
     solution, *_ = np.linalg.lstsq(design, seen, rcond=None)
     matrix = solution[:2].T
     residual = float(np.sqrt(((design @ solution - seen) ** 2).sum(axis=1).mean()))
+    # noise of the centroids alone fits a matrix near zero
     if np.linalg.norm(matrix) < 0.05:
         raise InputError.expected(
             "image",
@@ -111,6 +110,7 @@ def _axes(plan: ScanPlan, z: int, matrix: NDArray[np.float64], at_origin: NDArra
     """Return stage axes that fit ``matrix``, with the origin where the image is at the sensor's centre."""
     old = plan.stage
     planned = (old.right, old.down)
+    # the larger pair of entries tells which stage axis moves the image sideways
     swapped = abs(matrix[0, 1]) + abs(matrix[1, 0]) > abs(matrix[0, 0]) + abs(matrix[1, 1])
     names = []
     for image in range(2):
@@ -181,20 +181,14 @@ def iter_stage_fit(
     """
     options, control = options or Options(), control or Control()
     targets, _ = _targets(plan, z)
-    motion = options.motion(plan)
-    check_limits(targets, rig.stage.limits, motion.overshoot_um)
-    mover = Mover(rig.stage, rig.time, motion, control)
-    exposer = Exposer(rig, control, (1.0,), plan.camera.sensor.black_level, options.grab_timeout_s)
-    exposer.read_region(Roi(0, 0, *plan.camera.sensor.shape))
-    exposures = plan.exposures
+    looker = Looker(rig, plan, options, control, targets=targets)
     clock = Clock("stage and image", len(targets))
     stage: list[tuple[float, float, float]] = []
     seen: list[tuple[float, float]] = []
     for k, (x, y, depth) in enumerate(targets.tolist()):
         yield clock.at(k)
-        stage.append(mover.go((x, y, depth)))
-        spot = find_spot(exposer.expose(exposures[z], 1, rig.time.monotonic()).data)
-        seen.append((spot.row + exposer.roi.row, spot.column + exposer.roi.column))
+        stage.append(looker.go((x, y, depth)))
+        seen.append(looker.find_spot(plan.exposures[z]))
     yield clock.at(len(targets))
     return fit_stage(plan, z, stage, seen)
 

@@ -1,4 +1,4 @@
-"""The part of libaravis-0.8 that a strict session needs, by ctypes; no introspection, no build step."""
+"""The functions of libaravis-0.8 that are used here, by ctypes: no introspection, no build step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stages of backends that have none: one that refuses, one that trusts somebody else to move."""
+"""Stages of backends that have none: one that raises, one that assumes that another program moves."""
 
 from __future__ import annotations
 

@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._aravis_lib import STATUS, AravisError, Library, library
+from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._fixed_stage import NoStage
-from lfcal.devices.backends._options import number_option
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTimeout
+from lfcal.devices.options import number_option
 from lfcal.devices.protocols import Frame, Rig, Roi, Setting
 from lfcal.errors import InputError
 
-__all__ = ["AravisBackend"]
+__all__ = ["BACKEND", "AravisBackend"]
 
 BUFFERS = 4
 FREE_RUNNING_DISCARD = 2
@@ -61,6 +62,9 @@ class AravisBackend:
             raise DeviceMissing(f"Aravis camera {wanted}: {error}; check power, cable and address") from error
 
 
+BACKEND = AravisBackend()
+
+
 def _only_camera(lib: Library) -> str:
     lib.update_device_list()
     names = [lib.get_device_id(k).decode() for k in range(lib.get_n_devices())]
@@ -71,7 +75,7 @@ def _only_camera(lib: Library) -> str:
     return str(names[0])
 
 
-class _Camera:
+class _Camera(CameraFacts):
     """One camera with its stream; triggered by software, or free-running and flushed."""
 
     def __init__(self, lib: Library, wanted: str, pixel_format: str, trigger: str, packet_size: int) -> None:
@@ -108,6 +112,7 @@ class _Camera:
         width, height = c.c_int(), c.c_int()
         lib.camera_get_sensor_size(camera, c.byref(width), c.byref(height))
         self._shape = height.value, width.value
+        # USB3 Vision has no packets of its own to size
         if packet_size and lib.camera_is_gv_device(camera):
             lib.camera_gv_set_packet_size(camera, packet_size)
         self._triggered = trigger == "software" or (
@@ -121,21 +126,6 @@ class _Camera:
         self._number = 0
         self._dirty = False
         self._start()
-
-    @property
-    def sensor_shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self._shape
-
-    @property
-    def bit_depth(self) -> int:
-        """Bits per sample."""
-        return self._bits
-
-    @property
-    def max_value(self) -> int:
-        """Saturated sample value."""
-        return (1 << self._bits) - 1
 
     def set_exposure(self, seconds: float) -> Setting[float]:
         """Set the exposure (s)."""
@@ -184,6 +174,7 @@ class _Camera:
             if self._triggered:
                 lib.camera_software_trigger(self._camera)
             else:
+                # free running: the frames on their way were exposed before the call
                 for _ in range(FREE_RUNNING_DISCARD):
                     lib.stream_push_buffer(self._stream, self._pop(timeout_s))
             buffer = self._pop(timeout_s)

@@ -17,15 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
+from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._fixed_stage import MovedElsewhere
-from lfcal.devices.backends._options import number_option
 from lfcal.devices.errors import DeviceLost, FrameTimeout, IncompleteFrame
+from lfcal.devices.options import number_option
 from lfcal.devices.protocols import Frame, Rig, Roi, Setting
 from lfcal.errors import InputError, LfcalError
 from lfcal.files import replace_whole
 from lfcal.frames.formats.opening import image_suffixes, read_image
 
-__all__ = ["FolderBackend"]
+__all__ = ["BACKEND", "FolderBackend"]
 
 REQUEST = "lfcal-request.json"
 Signature = tuple[int, int]
@@ -50,7 +51,7 @@ class FolderBackend:
         return "TIFF, PNG, PGM, NPY, camera RAW"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return the folder as a camera, and a stage that trusts the other program."""
+        """Return the folder as a camera, and a stage that assumes that the other program moves."""
         path = Path(options.get("path", ""))
         if not options.get("path") or not path.is_dir():
             raise InputError.expected("option path", "a folder", repr(options.get("path", "")), "make it first")
@@ -61,10 +62,13 @@ class FolderBackend:
         bits = int(number_option(options, "bits", plan.camera.sensor.bit_depth, low=1, high=16))
         quiet = number_option(options, "quiet", 0.2, low=0)
         wait = number_option(options, "wait", 60.0, low=0.01)
-        return Rig(_Camera(path, pattern, plan.camera.sensor.shape, bits, quiet, wait, stage), stage)
+        return Rig(_Camera(path, pattern, plan.camera.sensor.shape, bits, stage, quiet_s=quiet, wait_s=wait), stage)
 
 
-class _Camera:
+BACKEND = FolderBackend()
+
+
+class _Camera(CameraFacts):
     """The files of one folder."""
 
     def __init__(
@@ -73,9 +77,10 @@ class _Camera:
         pattern: str,
         shape: tuple[int, int],
         bits: int,
+        stage: MovedElsewhere,
+        *,
         quiet_s: float,
         wait_s: float,
-        stage: MovedElsewhere,
     ) -> None:
         self._folder, self._pattern, self._quiet, self._wait, self._stage = folder, pattern, quiet_s, wait_s, stage
         self._shape, self._bits = shape, bits
@@ -83,21 +88,6 @@ class _Camera:
         self._exposure = 0.0
         self._number = 0
         self.name = f"files {pattern} in {folder.resolve()}"
-
-    @property
-    def sensor_shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self._shape
-
-    @property
-    def bit_depth(self) -> int:
-        """Bits per sample."""
-        return self._bits
-
-    @property
-    def max_value(self) -> int:
-        """Saturated sample value."""
-        return (1 << self._bits) - 1
 
     def set_exposure(self, seconds: float) -> Setting[float]:
         """Ask for this exposure in the next requests; whether it is taken is for the other program."""
@@ -110,6 +100,7 @@ class _Camera:
 
     def grab(self, timeout_s: float) -> Frame:
         """Write the request and return the file that answers it."""
+        # before the request: whatever is new afterwards answers it
         known = self._listing()
         self._number += 1
         started = time.monotonic()
@@ -131,7 +122,7 @@ class _Camera:
         message = f"{self._folder}: no file {self._pattern} for request {self._number} in {self._wait:g} s"
         if "{number" in self._pattern:
             raise FrameTimeout(f"{message}; check the other program")
-        raise DeviceLost(f"{message}; as a late one could not be told from the next, use {{number}} in the pattern")
+        raise DeviceLost(f"{message}; as a late one would be taken for the next, use {{number}} in the pattern")
 
     def close(self) -> None:
         """Take the request back."""
@@ -170,6 +161,7 @@ class _Camera:
         """Return the frame if the file is quiet and whole, None while it grows; raises if it is no frame."""
         try:
             before = path.stat()
+            # a file that still grows has another size or time after a moment
             time.sleep(self._quiet)
             after = path.stat()
         except FileNotFoundError:  # renamed or removed while it was looked at

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from lfcal.camera import ScanPlan
+from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.backends._fixed_stage import NoStage
 from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, FrameTimeout
 from lfcal.devices.protocols import Frame, Rig, Roi, Setting
 from lfcal.errors import InputError
 
-__all__ = ["GenTLBackend"]
+__all__ = ["BACKEND", "GenTLBackend"]
 
 FREE_RUNNING_DISCARD = 2
 INSTALL = "uv pip install 'lfcal[acquire]'"
@@ -68,6 +69,9 @@ class GenTLBackend:
             raise DeviceMissing(f"GenTL camera: {type(error).__name__}: {error}; check the producer {cti}") from error
 
 
+BACKEND = GenTLBackend()
+
+
 def _chosen(harvester: Any, wanted: str) -> int:
     devices = harvester.device_info_list
     serials = [str(device.serial_number) for device in devices]
@@ -80,7 +84,7 @@ def _chosen(harvester: Any, wanted: str) -> int:
     )
 
 
-class _Camera:
+class _Camera(CameraFacts):
     """One device of a producer; triggered by software, or free-running and flushed."""
 
     def __init__(self, harvester: Any, number: int, options: Mapping[str, str]) -> None:
@@ -111,21 +115,6 @@ class _Camera:
         self._triggered = options.get("trigger", "") != "none" and self._arm_trigger()
         self._device.start()
 
-    @property
-    def sensor_shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self._shape
-
-    @property
-    def bit_depth(self) -> int:
-        """Bits per sample."""
-        return self._bits
-
-    @property
-    def max_value(self) -> int:
-        """Saturated sample value."""
-        return (1 << self._bits) - 1
-
     def set_exposure(self, seconds: float) -> Setting[float]:
         """Set the exposure (s); a camera without this feature keeps its own."""
         if self._nodes.has_node("ExposureTime"):
@@ -139,6 +128,7 @@ class _Camera:
 
     def grab(self, timeout_s: float) -> Frame:
         """Trigger, or let what may be old pass, and return the next frame."""
+        # what lies in the buffers was exposed before the call
         while self._device.num_holding_filled_buffers:
             self._fetch(timeout_s)
         started = time.monotonic()

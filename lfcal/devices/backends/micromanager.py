@@ -14,12 +14,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lfcal.camera import ScanPlan
-from lfcal.devices.backends._options import limits_option
+from lfcal.devices.backends._camera import CameraFacts
 from lfcal.devices.errors import CameraError, DeviceError, DeviceLost, DeviceMissing, FrameTimeout, StageError
+from lfcal.devices.options import limits_option
 from lfcal.devices.protocols import Frame, Limits, Point, Rig, Roi, Setting
 from lfcal.errors import InputError
 
-__all__ = ["MicroManagerBackend"]
+__all__ = ["BACKEND", "MicroManagerBackend"]
 
 T = TypeVar("T")
 INSTALL = "uv pip install 'lfcal[acquire]', and Micro-Manager for its drivers"
@@ -69,6 +70,7 @@ class MicroManagerBackend:
                 label, _, rest = entry.partition(".")
                 key, _, value = rest.partition("=")
                 core.setProperty(label.strip(), key.strip(), value.strip())
+            # the session switches the light itself; an automatic shutter would light dark frames
             core.setAutoShutter(False)
             labels = {
                 key: options.get(key) or default()
@@ -91,6 +93,9 @@ class MicroManagerBackend:
             raise DeviceError(f"Micro-Manager: {error}; check the configuration {config}") from error
 
 
+BACKEND = MicroManagerBackend()
+
+
 def _config(options: Mapping[str, str]) -> tuple[str, str]:
     """Return configuration file and adapter folder."""
     folder = options.get("adapters", "")
@@ -108,7 +113,7 @@ def _config(options: Mapping[str, str]) -> tuple[str, str]:
     return config, folder
 
 
-class _Camera:
+class _Camera(CameraFacts):
     """The camera of a core; snapping starts the exposure, so a frame is never stale."""
 
     def __init__(self, core: Any, label: str) -> None:
@@ -125,21 +130,6 @@ class _Camera:
         # a driver that hangs must not hang the session
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="micromanager")
         self._pending: Future[Any] | None = None
-
-    @property
-    def sensor_shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self._shape
-
-    @property
-    def bit_depth(self) -> int:
-        """Bits per sample."""
-        return self._bits
-
-    @property
-    def max_value(self) -> int:
-        """Saturated sample value."""
-        return (1 << self._bits) - 1
 
     def set_exposure(self, seconds: float) -> Setting[float]:
         """Set the exposure (s)."""

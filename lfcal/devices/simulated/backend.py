@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from lfcal import __version__
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.checks import check_choice
-from lfcal.devices.backends._options import limits_option, number_option
+from lfcal.devices.options import limits_option, number_option
 from lfcal.devices.protocols import Rig, SystemTime, TimeSource
 from lfcal.devices.simulated.camera import Renderer, SimCamera, SimLight
 from lfcal.devices.simulated.faults import Fault
-from lfcal.devices.simulated.optics import FramesRenderer, PatternRenderer
+from lfcal.devices.simulated.optics import FramesRenderer, PatternRenderer, simulated_optics
 from lfcal.devices.simulated.stage import SimStage, StageModel, VirtualTime
 from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
@@ -64,14 +64,7 @@ def simulated_rig(
 
 
 class SimBackend:
-    """The simulator as a backend.
-
-    Parameters
-    ----------
-    optics
-        Makes the frames for a plan and a level of simulation, such as `lfcal.simulate.SimulatedCamera`;
-        None leaves the light, quick pattern only.
-    """
+    """The simulator as a backend."""
 
     name = "sim"
     title = "simulated camera and stage"
@@ -80,16 +73,13 @@ class SimBackend:
         "optics": "pattern (quick), or a level of the simulator: auto, geometric, wave, microscope",
         "time": "virtual (waits pass at once) or real",
         "velocity": "speed of the stage (µm/s)",
-        "backlash": "play of each axis (µm)",
+        "backlash": "backlash of each axis (µm)",
         "drift": "creep of each axis after arrival (µm/s)",
         "limits": "travel x0:x1,y0:y1,z0:z1 (µm)",
         "axes": "how the stage really moves the image, e.g. -x,+y,+z (right,down,away)",
         "faults": "kind@call[*times] separated by ';', e.g. 'times out@5*2;stale@9'",
         "seed": "of the camera's noise",
     }
-
-    def __init__(self, optics: Callable[[ScanPlan, str], FrameSource] | None = None) -> None:
-        self._optics = optics
 
     def probe(self) -> str:
         """Return the version; the simulator is always there."""
@@ -101,17 +91,12 @@ class SimBackend:
         check_choice("option time", clock, CLOCKS)
         level = options.get("optics", "pattern")
         check_choice("option optics", level, OPTICS)
-        optics: FrameSource | None = None
-        if level != "pattern":
-            if self._optics is None:
-                raise InputError.expected("option optics", "pattern", level, "open it where a simulator is given")
-            optics = self._optics(plan, level)
         return simulated_rig(
             plan,
             model=_stage_model(plan, options),
             faults=_faults(options.get("faults", "")),
             axes=_axes(plan, options.get("axes")),
-            optics=optics,
+            optics=None if level == "pattern" else simulated_optics(plan, level),
             seed=int(number_option(options, "seed", 0, low=0)),
             time=SystemTime() if clock == "real" else VirtualTime(),
         )

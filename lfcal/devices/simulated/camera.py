@@ -10,14 +10,16 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import Camera as CameraDescription
-from lfcal.camera import StageAxes
+from lfcal.camera import Camera, StageAxes
 from lfcal.devices.errors import DeviceLost, FrameTimeout
 from lfcal.devices.protocols import Frame, Point, Roi, Setting, TimeSource
 from lfcal.devices.simulated.faults import CAMERA_FAULTS, Fault, FaultBook
 from lfcal.devices.simulated.stage import SimStage, VirtualTime
 
 __all__ = ["Patch", "Renderer", "SimCamera", "SimLight"]
+
+BUMP_UM = (15.0, -15.0, 0.0)
+"""How far a stage that is bumped during an exposure moves (µm)."""
 
 SPREAD = 64
 """The noise field is this much larger than the region, to take a different part for every frame."""
@@ -74,7 +76,7 @@ class SimCamera:
 
     def __init__(
         self,
-        description: CameraDescription,
+        description: Camera,
         axes: StageAxes,
         stage: SimStage,
         time: TimeSource,
@@ -124,6 +126,7 @@ class SimCamera:
         actual = Roi(row, column, min(roi.rows, rows - row), min(roi.columns, columns - column))
         self._roi = actual
         sensor = self._sensor
+        # noise is drawn once for a region and shifted for each frame: drawing it anew takes longer than the exposure
         rng = np.random.default_rng((self._seed, actual.row, actual.column, actual.rows, actual.columns))
         shape = (actual.rows + SPREAD, actual.columns + SPREAD)
         self._normal = rng.standard_normal(shape, np.float32)
@@ -147,6 +150,8 @@ class SimCamera:
             return self._last
         started = self._time.monotonic()
         self._time.sleep(self._exposure)
+        if "bumped" in struck:
+            self._stage.bump(BUMP_UM)
         data = self._expose()
         self._number += 1
         status = "complete"
@@ -163,6 +168,7 @@ class SimCamera:
 
     def _expose(self) -> NDArray[Any]:
         place = self._stage.true_position()
+        # frames without a move between them differ, the first after a move does not
         count = self._since_move[1] + 1 if self._since_move[0] == self._stage.moves else 0
         self._since_move = (self._stage.moves, count)
         key = struct.pack(
@@ -173,6 +179,7 @@ class SimCamera:
         rows, columns = self._roi.shape
         frame: NDArray[Any] = self._dark[top : top + rows, left : left + columns].copy()
         if self._light.on:
+            # plain numbers: arrays of three cost more than the sums
             offset = [p - o for p, o in zip(place, self._origin, strict=True)]
             source = tuple(sum(offset[k] * self._matrix[k][j] for k in range(3)) for j in range(3))
             patch = self._renderer.render((source[0], source[1], source[2]), self._exposure, self._roi)

@@ -1,4 +1,4 @@
-"""Faults the simulated rig can be told to commit, each at a chosen call."""
+"""Faults of the simulated rig, each at a chosen call."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from lfcal.checks import check_choice, check_number
 __all__ = ["CAMERA_FAULTS", "FAULTS", "STAGE_FAULTS", "Fault", "FaultBook"]
 
 STAGE_FAULTS = ("move fails", "stops short", "drifts", "never arrives", "stage vanishes")
-CAMERA_FAULTS = ("times out", "incomplete", "stale", "wrong shape", "vanishes", "clock jumps")
+# "bumped" happens to the stage, but while a frame is exposed: it is counted in frames
+CAMERA_FAULTS = ("times out", "incomplete", "stale", "wrong shape", "vanishes", "clock jumps", "bumped")
 FAULTS = STAGE_FAULTS + CAMERA_FAULTS
 
 
@@ -25,7 +26,7 @@ class Fault:
     at
         Number of the call to ``move`` (stage faults) or ``grab`` (camera faults), from 0.
     times
-        How many calls in a row are struck; a device that vanishes stays away.
+        How many calls in a row are affected; a device that vanishes does not come back.
     """
 
     kind: str

@@ -15,7 +15,7 @@ from lfcal.devices.simulated.camera import Patch
 from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
 
-__all__ = ["FramesRenderer", "PatternRenderer"]
+__all__ = ["FramesRenderer", "PatternRenderer", "simulated_optics"]
 
 
 class PatternRenderer:
@@ -64,6 +64,7 @@ def _profile(middle: float, sigma: float, period: int) -> tuple[int, NDArray[np.
     half = math.ceil(3 * sigma)
     first = math.floor(middle + 0.5) - half
     pixels = np.arange(first, first + 2 * half + 1)
+    # depends on the pixel, not on the source: the lenslets stand still
     mask = 0.75 + 0.25 * np.cos((2 * math.pi / period) * (pixels % period))
     return first, (mask * np.exp(-((pixels - middle) ** 2) / (2 * sigma**2))).astype(np.float32)
 
@@ -99,6 +100,7 @@ class FramesRenderer:
         step = plan.camera.step_um(plan.depths_um[z])
         centre, factors = plan.camera.sensor.centre_px, plan.resample_factors
         steps = [round((centre[k] + source_um[1 - k] / step - plan.anchor[k]) * factors[k]) for k in range(2)]
+        # whole periods away the pattern is the same, moved
         (ky, y), (kx, x) = (divmod(n, period) for n, period in zip(steps, plan.period, strict=True))
         index = self._index.get((z, y, x))
         if index is None:
@@ -116,3 +118,15 @@ class FramesRenderer:
         if light is not None:
             return np.asarray(light(index) * np.float32(1 / sensor.electrons_per_count))
         return (self._frames.read(index) - np.float32(sensor.black_level)).clip(0)
+
+
+def simulated_optics(plan: ScanPlan, level: str) -> FramesRenderer:
+    """Return the plenoptic camera of ``plan`` at a level of the simulator, with ideal optics.
+
+    It is free of noise: `SimCamera` adds that of the sensor. ``level`` is ``"auto"``, ``"geometric"``, ``"wave"``
+    or ``"microscope"``; raises `InputError` where that level does not suit the plan's camera.
+    """
+    # here, so that the quick pattern does not load the simulator
+    from lfcal.simulate import SimulatedCamera
+
+    return FramesRenderer(plan, SimulatedCamera(plan, (), level=level))

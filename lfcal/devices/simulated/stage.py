@@ -55,7 +55,7 @@ class StageModel:
     ringing_um, ringing_s
         Amplitude after a stop (µm) and the time constant with which it dies out (s).
     backlash_um
-        Play of each axis: after moving in the negative sense the source stands this far towards +; the
+        Backlash of each axis: after moving in the negative sense the source stands this far towards +; the
         encoder sits on the motor and does not see it (µm).
     drift_um_s
         Speed at which each axis creeps after arrival (µm/s).
@@ -112,8 +112,9 @@ class SimStage:
         if "move fails" in struck:
             raise StageError("simulated stage: the controller refused the move; try again")
         here = self.position()
-        # ringing dies out within the play and drags nothing along
+        # ringing stays within the backlash and drags nothing along
         self._true = self._follow(here if self._time.monotonic() < self._ends else self._settled())
+        # the read-back tells it: the encoder sees where the motor stopped
         short = 0.6 if "stops short" in struck else 1.0
         self._start = here
         self._target = _between(here, target, short) if short < 1 else target
@@ -142,7 +143,7 @@ class SimStage:
         return x, y, z
 
     def true_position(self) -> Point:
-        """Return where the source really is: the read-back with the play taken into account (µm)."""
+        """Return where the source really is: the read-back with the backlash taken into account (µm)."""
         return self._follow(self.position())
 
     def stop(self) -> None:
@@ -153,6 +154,11 @@ class SimStage:
             self._true = self._follow(self._on_the_way(now))
             self._start = self._target = self._on_the_way(now)
             self._ends = now
+
+    def bump(self, by_um: Point) -> None:
+        """Displace the resting stage (µm), as a knock against the table does; its encoders see it."""
+        x, y, z = (t + d for t, d in zip(self._target, by_um, strict=True))
+        self._target = x, y, z
 
     def home(self) -> None:
         """Begin to move to (0, 0, 0)."""
@@ -170,6 +176,7 @@ class SimStage:
 
     def _settled(self) -> Point:
         """Return where the motors stand after arrival, ringing left out."""
+        # exactly the target, so that places repeat bit by bit
         if self._drift == (0.0, 0.0, 0.0):
             return self._target
         rest = self._time.monotonic() - self._ends
@@ -177,7 +184,7 @@ class SimStage:
         return x, y, z
 
     def _follow(self, motor: Point) -> Point:
-        """Return the source's place when its motors stand at ``motor``: dragged within the play."""
+        """Return the source's place when its motors stand at ``motor``: dragged along at the ends of the backlash."""
         x, y, z = (min(max(t, m), m + b) for t, m, b in zip(self._true, motor, self.model.backlash_um, strict=True))
         return x, y, z
 

@@ -23,19 +23,28 @@ SHAPE = (11, 13)
 RNG = np.random.default_rng(5)
 
 
+# the record of `note` 3, frame 17 of a session, as version 1 of the recording writes it
+GOLDEN = bytes.fromhex(
+    "0300000011000000efbeadde0200030007000000fdffffffffff040005000000"
+    "09000000000000000000f03f00000000000000400000000000000840000000000000f83f"
+    "00000000000004400000000000000c407b14ae47e17a943f00000040fc54d941"
+    "00000000000029400000000080842e4100f07f4569ba2cdaa1fc0100"
+)
+
+
 def note(index: int) -> Note:
     return Note(
-        index,
-        Kind.CONTROL,
-        7,
-        -3,
-        (1.0, 2.0, 3.0),
-        (1.5, 2.5, 3.5),
-        0.02,
-        1.7e9,
-        12.5,
-        1e6,
-        4095.0,
+        index=index,
+        kind=Kind.CONTROL,
+        row=7,
+        column=-3,
+        target_um=(1.0, 2.0, 3.0),
+        stage_um=(1.5, 2.5, 3.5),
+        exposure_s=0.02,
+        time_s=1.7e9,
+        elapsed_s=12.5,
+        energy=1e6,
+        peak=4095.0,
         saturated=5,
         sensor_saturated=9,
         attempts=2,
@@ -48,11 +57,33 @@ def frame(k: int) -> np.ndarray:
     return np.random.default_rng(k).integers(0, 4096, SHAPE, np.uint16)
 
 
+def write(journal: Journal, slot: int, data: np.ndarray, about: Note, sequence: int) -> None:
+    journal.put(slot, data, about, sequence)
+    journal.sync()
+
+
 def make(path: Path, count: int = 6, written: tuple[int, ...] = ()) -> Journal:
     journal = Journal.create(path, count, SHAPE, np.dtype(np.uint16), {"session": "s"})
     for sequence, slot in enumerate(written):
-        journal.write(slot, frame(slot), note(slot), sequence)
+        write(journal, slot, frame(slot), note(slot), sequence)
     return journal
+
+
+def test_a_recording_of_before_still_reads_and_is_written_the_same() -> None:
+    """The layout is fixed byte by byte: an entry moved, resized or left out shows here."""
+    assert pack(note(3), 17, 0xDEADBEEF) == GOLDEN
+    records = np.frombuffer(GOLDEN, RECORD)
+    assert intact(records).tolist() == [True]
+    assert records["index"][0] == 3
+    assert records["stage_um"][0].tolist() == [1.5, 2.5, 3.5]
+    assert RECORD.fields is not None
+    assert [RECORD.fields[name][1] for name in ("kind", "target_um", "peak", "record_crc", "valid")] == [
+        14,
+        36,
+        116,
+        120,
+        124,
+    ]
 
 
 def test_record_bytes_are_those_of_the_declared_type() -> None:
@@ -124,7 +155,7 @@ def test_what_a_crash_tore_counts_as_not_taken(tmp_path: Path, spoil: str) -> No
             file.seek(layout.records_at + 3 * RECORD.itemsize - 4)
             file.write(bytes(4))
     assert journal.scan().tolist() == [True, True, False, False, False, False]
-    journal.write(2, frame(2), note(2), 3)
+    write(journal, 2, frame(2), note(2), 3)
     assert journal.scan().tolist() == [True, True, True, False, False, False]
     journal.close()
 
@@ -169,7 +200,7 @@ def test_disk_that_fills_during_a_write_is_an_error_and_the_frame_is_not_taken(
 
     monkeypatch.setattr(journal_module, "write_at", short)
     with pytest.raises(StorageError, match="free some space"):
-        journal.write(1, frame(1), note(1), 1)
+        write(journal, 1, frame(1), note(1), 1)
     assert journal.scan().tolist() == [True] + [False] * 5
     journal.close()
 
@@ -179,7 +210,7 @@ def test_removed_file_is_not_written_to_in_silence(tmp_path: Path) -> None:
     journal = make(tmp_path / "s" / "r.h5", written=(0,))
     shutil.rmtree(tmp_path / "s")
     with pytest.raises(StorageError, match="removed while recording"):
-        journal.write(1, frame(1), note(1), 1)
+        write(journal, 1, frame(1), note(1), 1)
     journal.close()
 
 
@@ -187,7 +218,7 @@ def test_wrong_frames_and_slots_are_refused(tmp_path: Path) -> None:
     journal = make(tmp_path / "r.h5")
     for slot, data in ((6, frame(0)), (-1, frame(0)), (0, frame(0)[:-1]), (0, frame(0).astype(np.int16))):
         with pytest.raises(StorageError, match="slot"):
-            journal.write(slot, data, note(0), 0)
+            write(journal, slot, data, note(0), 0)
     journal.close()
 
 

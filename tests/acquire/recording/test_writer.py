@@ -21,7 +21,19 @@ def step(k: int, kind: Kind = Kind.POSITION) -> Step:
 
 
 def note(k: int) -> Note:
-    return Note(k, Kind.POSITION, 0, 0, (0, 0, 0), (0, 0, 0), 0.01, 0.0, 0.0, 0.0, 0.0)
+    return Note(
+        index=k,
+        kind=Kind.POSITION,
+        row=0,
+        column=0,
+        target_um=(0, 0, 0),
+        stage_um=(0, 0, 0),
+        exposure_s=0.01,
+        time_s=0.0,
+        elapsed_s=0.0,
+        energy=0.0,
+        peak=0.0,
+    )
 
 
 class Disk:

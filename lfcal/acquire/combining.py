@@ -1,4 +1,4 @@
-"""Several exposures of one place made one frame: bracketing merged to a high dynamic range."""
+"""Several exposures of one place made one frame: averaged, or merged to a high dynamic range."""
 
 from __future__ import annotations
 
@@ -10,7 +10,35 @@ from numpy.typing import NDArray
 
 from lfcal.errors import InputError
 
-__all__ = ["merge"]
+__all__ = ["average", "merge"]
+
+
+def average(frames: Sequence[NDArray[Any]], max_value: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return the mean of equally exposed frames and which pixels were saturated in any of them.
+
+    Parameters
+    ----------
+    frames
+        ``(rows, columns)`` unsigned integers, the same shape each.
+    max_value
+        Saturated sample value. A pixel that is saturated in one frame has a mean that is too low, however
+        the others are, so it counts as saturated.
+
+    Returns
+    -------
+    mean, saturated
+        float32 and bool, ``(rows, columns)``.
+    """
+    if not frames or any(frame.shape != frames[0].shape for frame in frames):
+        raise InputError.expected(
+            "frames to average", "one or more of one shape", [f.shape for f in frames], "grab them again"
+        )
+    total = np.zeros(frames[0].shape, np.uint32)
+    saturated = np.zeros(frames[0].shape, np.bool_)
+    for frame in frames:
+        total += frame
+        saturated |= frame >= max_value
+    return (total / np.float64(len(frames))).astype(np.float32), saturated
 
 
 def merge(
@@ -54,6 +82,7 @@ def merge(
     light = np.zeros(frames[0].shape, np.float64)
     seconds = np.zeros(frames[0].shape, np.float64)
     for k, (frame, full, exposure) in enumerate(zip(frames, saturated, exposures_s, strict=True)):
+        # the shortest exposure is the best there is of a pixel that all of them saturate
         use = ~full if k != shortest else ~full | np.logical_and.reduce(saturated)
         light += np.where(use, frame - np.float64(black_level), 0.0)
         seconds += np.where(use, exposure, 0.0)

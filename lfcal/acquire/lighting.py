@@ -1,0 +1,56 @@
+"""The light of the source: off while dark frames are taken, on for everything else."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from lfcal.acquire.control import Control
+from lfcal.devices.errors import driver_errors
+from lfcal.devices.protocols import Rig
+from lfcal.errors import InputError
+
+__all__ = ["Lighting", "check_light"]
+
+
+def check_light(rig: Rig) -> None:
+    """Raise `InputError` unless the rig has a light that can be switched off for dark frames."""
+    if rig.light is None:
+        raise InputError.expected(
+            "dark frames",
+            "a light that can be switched off",
+            f"none with {rig.camera.name}",
+            "cover the lens when asked (--cover), or record without them (--darks 0)",
+        )
+
+
+class Lighting:
+    """Switch the light, and only where it changes: a lamp left on is a steadier one.
+
+    Parameters
+    ----------
+    rig, control
+        The devices, and what the user asks.
+    settle_s
+        Wait after the light is switched (s).
+    """
+
+    def __init__(self, rig: Rig, control: Control, settle_s: float) -> None:
+        self._light, self._time, self._control, self._settle = rig.light, rig.time, control, settle_s
+        self._off = False
+
+    def switch(self, on: bool) -> None:
+        """Switch the light on or off and wait until it is steady; raises `DeviceError` if it cannot be."""
+        if self._light is None or on != self._off:
+            return
+        self._off = True  # also while it is being switched: after a fault it may be either
+        with driver_errors("light"):
+            self._light.switch(on)
+        self._off = not on
+        self._control.sleep(self._settle, self._time)
+
+    def restore(self) -> None:
+        """Switch the light on again, as far as it still answers; raises nothing."""
+        if self._light is not None and self._off:
+            with suppress(Exception):
+                self._light.switch(True)
+                self._off = False

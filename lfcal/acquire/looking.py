@@ -1,0 +1,75 @@
+"""Move to places and expose there without recording: for the set-up, and for the check of the stage's origin."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.exposing import Exposer
+from lfcal.acquire.motion import Mover, check_limits
+from lfcal.acquire.options import Options
+from lfcal.acquire.spots import find_spot
+from lfcal.camera import ScanPlan
+from lfcal.devices.protocols import Point, Rig, Roi
+
+__all__ = ["Looker"]
+
+
+class Looker:
+    """The stage and the camera of a rig, driven as a session drives them.
+
+    Parameters
+    ----------
+    rig, plan, options, control
+        As in `Runner`.
+    targets
+        ``(N, 3)`` all stage coordinates that will be gone to (µm).
+    roi
+        Region of the sensor to read; the whole sensor by default.
+    bracket
+        Factors of the exposure; see `Options.bracket`.
+
+    Raises
+    ------
+    LimitError
+        If a target lies beyond the stage's travel; nothing was moved.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        plan: ScanPlan,
+        options: Options,
+        control: Control,
+        *,
+        targets: NDArray[np.float64],
+        roi: Roi | None = None,
+        bracket: tuple[float, ...] = (1.0,),
+    ) -> None:
+        motion, sensor = options.motion(plan), plan.camera.sensor
+        check_limits(targets, rig.stage.limits, motion.overshoot_um)
+        self._time = rig.time
+        self._mover = Mover(rig.stage, rig.time, motion, control)
+        self._exposer = Exposer(rig, control, bracket, sensor.black_level, options.grab_timeout_s)
+        self._exposer.read_region(roi or Roi(0, 0, *sensor.shape))
+
+    @property
+    def roi(self) -> Roi:
+        """The region of the sensor that is read."""
+        return self._exposer.roi
+
+    def go(self, target: Point) -> Point:
+        """Move to ``target``, settle, and return the read-back (µm)."""
+        return self._mover.go(target)
+
+    def expose(self, seconds: float, repeats: int = 1) -> NDArray[Any]:
+        """Return a new frame of `roi`, exposed for ``seconds``, the mean of ``repeats``."""
+        return self._exposer.expose(seconds, repeats, self._time.monotonic()).data
+
+    def find_spot(self, seconds: float) -> tuple[float, float]:
+        """Return where the light of the source is, (row, column) in pixels of the sensor."""
+        spot = find_spot(self.expose(seconds))
+        return spot.row + self.roi.row, spot.column + self.roi.column

@@ -1,0 +1,7 @@
+"""The simulator, listed with the other backends."""
+
+from lfcal.devices.simulated.backend import SimBackend
+
+__all__ = ["BACKEND"]
+
+BACKEND = SimBackend()
