@@ -14,7 +14,7 @@ from lfcal.errors import InputError
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.progress import Work
-    from lfcal.simulate import EffectPlan
+    from lfcal.simulate import EffectSelection
 
 __all__ = ["register"]
 
@@ -108,7 +108,7 @@ def _settings(effects: Sequence[str]) -> dict[str, str]:
     return settings
 
 
-def _show(found: EffectPlan, json: bool) -> None:
+def _show(found: EffectSelection, json: bool) -> None:
     from lfcal.units import format_seconds
 
     if json:
@@ -146,7 +146,7 @@ def _show(found: EffectPlan, json: bool) -> None:
 
 
 def _write_h(
-    planned: ScanPlan, found: EffectPlan, level: str, tolerance: float, out: Path, workers: int | None, quiet: bool
+    planned: ScanPlan, found: EffectSelection, level: str, tolerance: float, out: Path, workers: int | None, quiet: bool
 ) -> dict[str, Any]:
     from lfcal.simulate import iter_simulate_psf, predict_seconds
     from lfcal.units import format_seconds
@@ -178,7 +178,7 @@ def _write_h(
 
 def _write_frames(
     planned: ScanPlan,
-    found: EffectPlan,
+    found: EffectSelection,
     level: str,
     tolerance: float,
     folder: Path,

@@ -15,7 +15,7 @@
 
 from lfcal.simulate.accuracy.forecast import predict_seconds
 from lfcal.simulate.accuracy.ladder import draw_ladder, iter_ladder, ladder
-from lfcal.simulate.accuracy.planner import EffectPlan, PlannedEffect, plan_effects
+from lfcal.simulate.accuracy.planner import EffectSelection, PlannedEffect, plan_effects
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.noise import expose
 from lfcal.simulate.sensor.session import iter_write_session, write_session
@@ -23,7 +23,7 @@ from lfcal.simulate.simulate import iter_simulate_psf, simulate_psf
 from lfcal.simulate.volume import iter_light_field, light_field, plume, points, vesicle
 
 __all__ = [
-    "EffectPlan",
+    "EffectSelection",
     "PlannedEffect",
     "SimulatedCamera",
     "draw_ladder",

@@ -27,10 +27,10 @@ from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 from lfcal.simulate.pupil import Iris, Wavefront, seidel
 
-__all__ = ["Grid", "Iris", "Scene", "Wavefront", "scene_of", "seidel"]
+__all__ = ["Iris", "ScanGrid", "Scene", "Wavefront", "scene_of", "seidel"]
 
 
-class Grid(Protocol):
+class ScanGrid(Protocol):
     """What of a scan plan a scene needs."""
 
     @property
@@ -226,7 +226,7 @@ class Scene:
 
 def scene_of(
     camera: Camera,
-    grid: Grid | None = None,
+    grid: ScanGrid | None = None,
     z_um: float | None = None,
     *,
     virtual_depth: float | None = None,

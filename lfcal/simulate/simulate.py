@@ -16,7 +16,7 @@ from lfcal.errors import InputError
 from lfcal.progress import Clock, Progress, Work, drain
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.store import PSFWriter
-from lfcal.simulate.accuracy.planner import EffectPlan, plan_effects
+from lfcal.simulate.accuracy.planner import EffectSelection, plan_effects
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
@@ -31,16 +31,16 @@ MEMORY_LIMIT = 6 << 30
 BLOCK_BYTES = 64 << 20
 """Rows of responses that are computed between two reports of progress are about this large."""
 
-EffectsLike = Iterable[Effect] | EffectPlan | str
+EffectsLike = Iterable[Effect] | EffectSelection | str
 
 
 def effects_of(effects: EffectsLike, plan: ScanPlan, tolerance: float) -> tuple[Effect, ...]:
     """Return a tuple of effects: as given, those a plan has on, or those that ``"auto"`` finds necessary."""
-    if isinstance(effects, EffectPlan):
+    if isinstance(effects, EffectSelection):
         return effects.effects
     if isinstance(effects, str):
         if effects != "auto":
-            raise InputError.expected("effects", "effects, an EffectPlan or 'auto'", repr(effects), "correct it")
+            raise InputError.expected("effects", "effects, an EffectSelection or 'auto'", repr(effects), "correct it")
         return plan_effects(plan.camera, plan, tolerance).effects
     chosen = tuple(effects)
     for effect in chosen:
@@ -113,7 +113,7 @@ def simulate_psf(
     plan
         Period, cutout, depths and anchor: H has shape ``plan.shape``, axes (z, y, x, t, s).
     effects
-        A tuple of effects, ``()`` for the ideal camera; an `EffectPlan`; or ``"auto"``: what `plan_effects`
+        A tuple of effects, ``()`` for the ideal camera; an `EffectSelection`; or ``"auto"``: what `plan_effects`
         finds necessary for ``tolerance``.
     level
         ``"geometric"``, ``"wave"``, ``"microscope"``, ``"reference"``, or ``"auto"``: rays unless an effect calls

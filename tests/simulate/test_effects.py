@@ -12,6 +12,7 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.simulate.effects import (
     CATALOGUE,
+    ActsOn,
     ArrayRotation,
     Backlash,
     Bandwidth,
@@ -26,13 +27,13 @@ from lfcal.simulate.effects import (
     IrisShape,
     LensletDiffraction,
     LensletGap,
-    LensTypes,
+    LensTypeDefocus,
+    MechanicalVignetting,
     PitchError,
     PixelFill,
+    PositioningError,
     Spherical,
-    StageError,
     Telecentricity,
-    Vignetting,
     Zernike,
 )
 from lfcal.simulate.effects.aberrations import wavefront_rms
@@ -49,7 +50,7 @@ SCENES = (4.0, -3.0, 2.2, 0.5)
 """Virtual depths: the usual one, before the array with large spots, near focus, near the native plane."""
 
 EVERYWHERE: list[Effect] = [
-    LensTypes(),
+    LensTypeDefocus(),
     LensletDiffraction(),
     IrisDiffraction(),
     IrisShape(),
@@ -64,7 +65,7 @@ EVERYWHERE: list[Effect] = [
 """Measured in the first two scenes."""
 
 SOMEWHERE: list[tuple[float, Effect]] = [
-    (2.2, LensTypes()),
+    (2.2, LensTypeDefocus()),
     (2.2, LensletDiffraction()),
     (2.2, Spherical(0.05)),
     (-3.0, Spherical(1.0)),
@@ -75,7 +76,7 @@ SOMEWHERE: list[tuple[float, Effect]] = [
     (-3.0, ArrayRotation(math.radians(-0.2))),
     (4.0, FiniteSource(50.0)),
     (-3.0, FiniteSource(80.0)),
-    (0.5, LensTypes()),
+    (0.5, LensTypeDefocus()),
     (0.5, LensletDiffraction()),
     (0.5, Telecentricity()),
     (0.5, ExactAngles()),
@@ -145,7 +146,7 @@ MICROSCOPE: list[Effect] = [
 @pytest.mark.parametrize("effect", MICROSCOPE, ids=label)
 def test_microscope_estimates(effect: Effect) -> None:
     plan = ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[25.0])
-    base = (LensTypes(), LensletDiffraction())
+    base = (LensTypeDefocus(), LensletDiffraction())
     on = responses(plan, (*(e for e in base if e.name != effect.name), effect))
     off = responses(plan, tuple(e for e in base if e.name != effect.name))
     estimate = effect.estimate(outlook_of(plan, 0)).error
@@ -156,7 +157,7 @@ def test_estimates_of_the_r29() -> None:
     """The table of the r29 at v = 4: every optical effect that matters there, within a factor of two."""
     camera = preset("r29")
     plan = ScanPlan.for_camera(camera, virtual_depths=[4.0])
-    for effect in (LensTypes(), IrisDiffraction(), ExactAngles()):
+    for effect in (LensTypeDefocus(), IrisDiffraction(), ExactAngles()):
         others = tuple(e for e in BASE if e.name != effect.name)
         ys, xs = [20], [10, 60]
         on = PlaneResponse(plan, 0, (*others, effect), sampling=FAST).rows(ys, xs)
@@ -188,11 +189,11 @@ def test_exact_angles_keep_the_chief_rays() -> None:
 def test_vignetting_is_measured_off_axis() -> None:
     """A region at the sensor's edge, the only place where a rim cuts the pupil."""
     plan = small_plan(4.0, small_camera(160, 1200), anchor=(70.0, 1100.0))
-    rim = Vignetting(30e3, 1.02)
+    rim = MechanicalVignetting(30e3, 1.02)
     estimate = rim.estimate(outlook_of(plan, 0))
     assert estimate.error > 0.02
     assert 0.5 * estimate.error <= switched(plan, rim) <= 2 * estimate.error
-    assert Vignetting().estimate(outlook_of(small_plan(), 0)).error == 0
+    assert MechanicalVignetting().estimate(outlook_of(small_plan(), 0)).error == 0
 
 
 @pytest.mark.parametrize(("v", "step"), [(4.0, 6.0), (-3.0, 12.0), (2.2, 3.0)])
@@ -217,7 +218,7 @@ def test_motion_estimates(plans: dict[float, ScanPlan], v: float, step: float) -
     commanded = plan.object_um(plan.order_indices())[:, ::-1]
     rng = np.random.default_rng(1)
     scale = pixel / camera.step_um(outlook.z_um)
-    for effect, count in ((StageError(step / 3), len(commanded)), (Drift(step / 2, step / 2), len(commanded))):
+    for effect, count in ((PositioningError(step / 3), len(commanded)), (Drift(step / 2, step / 2), len(commanded))):
         moved = effect.displace(commanded, camera, rng)[:, 1:] * scale
         measured = mean_error(moved[rng.permutation(count)])
         estimate = effect.estimate(outlook).error
@@ -262,7 +263,7 @@ def test_effects_are_frozen_and_named_once() -> None:
     for kind in CATALOGUE:
         with pytest.raises((AttributeError, TypeError)):
             kind().name = "x"  # type: ignore[misc]
-        assert kind.title and kind.cost
+        assert kind.title and kind.acts_on in ActsOn
 
 
 # -- oracles of the pieces -----------------------------------------------------------------------------------

@@ -14,11 +14,12 @@ from functools import lru_cache
 import numpy as np
 
 from lfcal.simulate.accuracy.sampling import sampling_for
+from lfcal.simulate.effects.base import EngineSeconds
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import Sampling
 from lfcal.threads import one_blas_thread
 
-__all__ = ["engine_seconds", "frame_seconds", "machine_rate", "table_seconds"]
+__all__ = ["engine_seconds", "engine_times", "machine_rate", "table_seconds"]
 
 FITTED_RATE = 2e10
 """Complex multiply-adds per second of the machine the constants come from."""
@@ -78,8 +79,8 @@ def table_seconds(outlook: Outlook) -> float:
     return _slower() * 2.5e-7 * side**2
 
 
-def frame_seconds(outlook: Outlook, effect: str) -> float:
-    """Return CPU-seconds of one frame effect over all frames of a plane."""
-    rows, columns = outlook.camera.sensor.shape
-    nanoseconds = {"shot_noise": 25.0, "read_noise": 9.0, "fixed_pattern": 9.0}.get(effect, 1.0)
-    return outlook.period[0] * outlook.period[1] * rows * columns * nanoseconds * 1e-9
+def engine_times(outlook: Outlook, waves: str, tolerance: float) -> EngineSeconds:
+    """Return what one plane costs by rays and at the level ``waves``: what the costs of effects are reckoned from."""
+    return EngineSeconds(
+        engine_seconds(outlook, "geometric"), engine_seconds(outlook, waves, tolerance), table_seconds(outlook)
+    )

@@ -23,6 +23,7 @@ class Telecentricity(SceneEffect):
 
     name: ClassVar[str] = "telecentricity"
     title: ClassVar[str] = "loss of telecentricity"
+    rank: ClassVar[int] = 50
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the growth of the period, and the spots' rms shift over the lit lenslets of the region."""
@@ -55,6 +56,7 @@ class LensletGap(SceneEffect):
 
     name: ClassVar[str] = "lenslet_gap"
     title: ClassVar[str] = "lenslet gap error"
+    rank: ClassVar[int] = 80
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -82,6 +84,7 @@ class ArrayRotation(SceneEffect):
 
     name: ClassVar[str] = "array_rotation"
     title: ClassVar[str] = "array rotation error"
+    rank: ClassVar[int] = 81
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -110,6 +113,7 @@ class PitchError(SceneEffect):
 
     name: ClassVar[str] = "pitch_error"
     title: ClassVar[str] = "lenslet pitch error"
+    rank: ClassVar[int] = 82
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -123,3 +127,6 @@ class PitchError(SceneEffect):
         lattice, grow = scene.lattice, 1.0 + self.relative
         rows = None if lattice.row_pitch_um is None else lattice.row_pitch_um * grow
         return replace(scene, lattice=replace(lattice, pitch_um=lattice.pitch_um * grow, row_pitch_um=rows))
+
+
+EFFECTS = (Telecentricity, LensletGap, ArrayRotation, PitchError)

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, MainLens
-from lfcal.simulate.effects.base import Estimate, FrameEffect, FrameView, SceneEffect
+from lfcal.simulate.effects.base import EngineSeconds, Estimate, FrameEffect, SceneEffect, SensorStrip
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
 
-__all__ = ["CosFourth", "Vignetting"]
+__all__ = ["CosFourth", "MechanicalVignetting"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,6 @@ class CosFourth(FrameEffect):
 
     name: ClassVar[str] = "cos4"
     title: ClassVar[str] = "cos^4 fall-off"
-    cost: ClassVar[str] = "gain map"
     rank: ClassVar[int] = 10
 
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -46,14 +45,14 @@ class CosFourth(FrameEffect):
         x = (np.arange(sensor.shape[1]) - sensor.centre_px[1]) * unit
         return ((1.0 + (y * y)[:, None] + x * x) ** -2.0).astype(np.float32)
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip times the gain."""
         strip *= self.gain(view.camera, view.row, len(strip))
         return strip
 
 
 @dataclass(frozen=True, slots=True)
-class Vignetting(SceneEffect):
+class MechanicalVignetting(SceneEffect):
     """A rim of the lens barrel that cuts the pupil seen from off the axis (cat's eye).
 
     Attributes
@@ -69,7 +68,7 @@ class Vignetting(SceneEffect):
 
     name: ClassVar[str] = "vignetting"
     title: ClassVar[str] = "mechanical vignetting"
-    cost: ClassVar[str] = "FFT per plane"
+    rank: ClassVar[int] = 65
     deviation: ClassVar[bool] = True
 
     def shift(self, outlook: Outlook) -> tuple[float, float]:
@@ -94,6 +93,11 @@ class Vignetting(SceneEffect):
             return scene
         return replace(scene, iris=replace(scene.iris, stop=(x, y, self.radius)))
 
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return the seconds of a table of the cut pupil's field."""
+        del outlook
+        return engine.fringes
+
 
 def overlap(distance: float, radius: float) -> float:
     """Return the share of a unit disc that a disc of ``radius`` whose centre is ``distance`` away covers."""
@@ -106,3 +110,6 @@ def overlap(distance: float, radius: float) -> float:
     b = math.acos(min(1.0, max(-1.0, (d * d + r * r - 1) / (2 * d * r))))
     kite = 0.5 * math.sqrt(max(0.0, (1 + r - d) * (d + 1 - r) * (d + r - 1) * (d + r + 1)))
     return (a + r * r * b - kite) / math.pi
+
+
+EFFECTS = (CosFourth, MechanicalVignetting)

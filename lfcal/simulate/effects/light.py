@@ -28,6 +28,7 @@ class FiniteSource(LightEffect):
 
     name: ClassVar[str] = "finite_source"
     title: ClassVar[str] = "finite source size"
+    rank: ClassVar[int] = 10
     deviation: ClassVar[bool] = True
 
     def image_px(self, outlook: Outlook) -> float:
@@ -95,6 +96,7 @@ class Bandwidth(LightEffect):
 
     name: ClassVar[str] = "bandwidth"
     title: ClassVar[str] = "bandwidth"
+    rank: ClassVar[int] = 20
 
     def width(self, outlook: Outlook) -> float:
         """Return the spectrum's full width (µm)."""
@@ -136,3 +138,6 @@ class Bandwidth(LightEffect):
             for s in samples
             for u, w in zip(nodes, weights, strict=True)
         )
+
+
+EFFECTS = (FiniteSource, Bandwidth)

@@ -13,7 +13,7 @@ from lfcal.camera import Camera, Microscope
 from lfcal.simulate.effects.base import Estimate, MotionEffect, typical
 from lfcal.simulate.effects.outlook import Outlook
 
-__all__ = ["Backlash", "DepthError", "Drift", "StageError"]
+__all__ = ["Backlash", "DepthError", "Drift", "PositioningError"]
 
 MEAN = math.sqrt(2.0 / math.pi)
 """Mean absolute value of a standard normal deviate."""
@@ -24,7 +24,7 @@ def _pixels(outlook: Outlook, length_um: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class StageError(MotionEffect):
+class PositioningError(MotionEffect):
     """Random error of every stop, normally distributed.
 
     Attributes
@@ -37,6 +37,7 @@ class StageError(MotionEffect):
 
     name: ClassVar[str] = "stage_error"
     title: ClassVar[str] = "stage error"
+    rank: ClassVar[int] = 10
 
     def rms(self, camera: Camera) -> float:
         """Return the rms error of each axis (µm)."""
@@ -72,6 +73,7 @@ class Backlash(MotionEffect):
 
     name: ClassVar[str] = "backlash"
     title: ClassVar[str] = "backlash"
+    rank: ClassVar[int] = 20
 
     def play(self, camera: Camera) -> float:
         """Return the lost motion (µm)."""
@@ -112,6 +114,7 @@ class Drift(MotionEffect):
 
     name: ClassVar[str] = "drift"
     title: ClassVar[str] = "drift over the session"
+    rank: ClassVar[int] = 30
 
     def end(self, camera: Camera) -> tuple[float, float]:
         """Return the displacement ``(y, x)`` at the end (µm)."""
@@ -147,6 +150,7 @@ class DepthError(MotionEffect):
 
     name: ClassVar[str] = "depth_error"
     title: ClassVar[str] = "depth error"
+    rank: ClassVar[int] = 40
 
     def rms(self, camera: Camera) -> float:
         """Return the rms error of a plane's depth (µm)."""
@@ -170,3 +174,6 @@ class DepthError(MotionEffect):
         planes, which = np.unique(commanded_um[:, 0], return_inverse=True)
         out[:, 0] = (self.rms(camera) * rng.standard_normal(len(planes)))[which]
         return out
+
+
+EFFECTS = (PositioningError, Backlash, Drift, DepthError)

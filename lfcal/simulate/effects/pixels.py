@@ -33,6 +33,7 @@ class PixelFill(SceneEffect):
 
     name: ClassVar[str] = "pixel_fill"
     title: ClassVar[str] = "pixel integration and fill factor"
+    rank: ClassVar[int] = 90
 
     def share(self, camera: Camera) -> float:
         """Return the light-sensitive share of a pixel's area."""
@@ -79,3 +80,6 @@ class Crosstalk(PsfEffect):
         del camera
         line = np.array([self.share, 1.0 - 2.0 * self.share, self.share])
         return np.outer(line, line)
+
+
+EFFECTS = (PixelFill, Crosstalk)

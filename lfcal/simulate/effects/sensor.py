@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera
 from lfcal.frames.cfa import pattern_side
-from lfcal.simulate.effects.base import Estimate, FrameEffect, FrameView
+from lfcal.simulate.effects.base import Estimate, FrameEffect, SensorStrip
 from lfcal.simulate.effects.outlook import Outlook
 
 __all__ = [
@@ -71,7 +71,7 @@ class StrayLight(FrameEffect):
         veil = min(1.0, outlook.pixels / (rows * columns))
         return Estimate(self.share, "relative", self.share * (1.0 + veil), "share (1 + cutout/sensor)")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip with the scattered share spread out."""
         rows, columns = view.camera.sensor.shape
         strip *= np.float32(1.0 - self.share)
@@ -110,7 +110,7 @@ class ColourFilter(FrameEffect):
         kept = float(self.transmission(outlook.camera).mean())
         return Estimate(kept, "kept", (1.0 - kept) / kept, "(1 - kept)/kept")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip under the filter; the pattern starts at sensor pixel (0, 0)."""
         passed = self.transmission(view.camera)
         side = len(passed)
@@ -138,6 +138,7 @@ class FixedPattern(FrameEffect):
     name: ClassVar[str] = "fixed_pattern"
     title: ClassVar[str] = "fixed pattern (PRNU)"
     rank: ClassVar[int] = 40
+    pixel_ns: ClassVar[float] = 9.0
 
     def gain_rms(self, camera: Camera) -> float:
         """Return the relative rms of the pixels' gains."""
@@ -149,7 +150,7 @@ class FixedPattern(FrameEffect):
         offsets = self.offset_e * outlook.pixels / outlook.signal_e
         return Estimate(rms, "relative", MEAN * math.hypot(rms, offsets), "0.8 prnu")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip with each pixel's own gain and offset."""
         rms = self.gain_rms(view.camera)
         if rms:
@@ -185,7 +186,7 @@ class DarkCurrent(FrameEffect):
         mean = self.mean_e(outlook.camera, outlook.exposure_s)
         return Estimate(mean, "e-", mean * outlook.pixels / outlook.signal_e, "D t * pixels/signal")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip with the mean added; its noise comes with the shot noise."""
         strip += np.float32(self.mean_e(view.camera, view.exposure_s))
         return strip
@@ -228,6 +229,8 @@ class ShotNoise(FrameEffect):
     name: ClassVar[str] = "shot_noise"
     title: ClassVar[str] = "shot noise"
     rank: ClassVar[int] = 60
+    stream: ClassVar[int | None] = 60  # a number, so that a seed gives the same session for ever
+    pixel_ns: ClassVar[float] = 25.0
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return 1/sqrt(peak), and 0.8 sum(sqrt(N))/sum(N) over Gaussian spots of equal light."""
@@ -235,7 +238,7 @@ class ShotNoise(FrameEffect):
         error = outlook.over_types(lambda w: 2.0 * MEAN * (w / sharp) / root)
         return Estimate(1.0 / root, "relative", min(1.0, error), "1/sqrt(peak); 1.6 (w/w_min)/sqrt(peak) per type")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return Poisson deviates with the strip as their mean."""
         return poisson_quantile(strip, view.rng.random(strip.shape)).astype(np.float32)
 
@@ -260,7 +263,7 @@ class Saturation(FrameEffect):
         share = outlook.over_types(lost)
         return Estimate(outlook.peak_e / full, "of full well", min(2.0, share / (1 - share)), "1 - (1 + ln k)/k")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip clipped at the full well."""
         return np.minimum(strip, np.float32(view.camera.sensor.full_well_e), out=strip)
 
@@ -280,6 +283,8 @@ class ReadNoise(FrameEffect):
     name: ClassVar[str] = "read_noise"
     title: ClassVar[str] = "read noise"
     rank: ClassVar[int] = 70
+    stream: ClassVar[int | None] = 70
+    pixel_ns: ClassVar[float] = 9.0
 
     def rms(self, camera: Camera) -> float:
         """Return the rms (electrons)."""
@@ -291,7 +296,7 @@ class ReadNoise(FrameEffect):
         error = min(2.0, MEAN * rms * outlook.pixels / outlook.signal_e)
         return Estimate(rms, "e-", error, "0.8 read * pixels/signal")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip with normal noise added."""
         strip += np.float32(self.rms(view.camera)) * view.rng.standard_normal(strip.shape, np.float32)
         return strip
@@ -304,6 +309,7 @@ class Quantisation(FrameEffect):
     name: ClassVar[str] = "quantisation"
     title: ClassVar[str] = "quantisation"
     rank: ClassVar[int] = 90
+    whole_numbers: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rms LSB/sqrt(12), and a quarter of an LSB over the pixels of the pattern.
@@ -316,7 +322,10 @@ class Quantisation(FrameEffect):
         error = min(2.0, 0.25 * lsb * lit / outlook.signal_e)
         return Estimate(lsb / math.sqrt(12), "e-", error, "LSB/sqrt(12); LSB/4 * pixels of the pattern/signal")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip rounded and kept within the converter's range."""
         np.rint(strip, out=strip)
         return np.clip(strip, 0, view.camera.sensor.max_value, out=strip)
+
+
+EFFECTS = (StrayLight, ColourFilter, FixedPattern, DarkCurrent, ShotNoise, Saturation, ReadNoise, Quantisation)
