@@ -43,8 +43,11 @@ def register(app: typer.Typer) -> None:
 
         Example: `lfcal simulate bench --virtual-depths 3,4 -o H.h5`
         """
+        from lfcal.simulate import effects as known
         from lfcal.simulate import plan_effects
 
+        for reason in known.CATALOGUE.failures().values():
+            report(f"left out: {reason}")
         planned = _plan(camera, depths, virtual_depths, cutout)
         found = plan_effects(
             planned.camera, planned, tolerance, _settings(effects), frames=frames is not None, peak=peak

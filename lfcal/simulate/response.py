@@ -32,7 +32,7 @@ class PlaneResponse:
     plan, z
         The plan and the number of the plane.
     effects
-        Scene, light and psf effects; others are not its business.
+        Those on scene, light and response; others are not its business.
     level, tolerance, sampling
         As in `simulate_psf`; a sampling that is given is taken as it is, else it is refined until the energy
         balances.

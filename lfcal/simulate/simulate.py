@@ -35,7 +35,7 @@ EffectsLike = Iterable[Effect] | EffectSelection | str
 
 
 def effects_of(effects: EffectsLike, plan: ScanPlan, tolerance: float) -> tuple[Effect, ...]:
-    """Return a tuple of effects: as given, those a plan has on, or those that ``"auto"`` finds necessary."""
+    """Return a tuple of effects: as given, those a selection has on, or those that ``"auto"`` finds necessary."""
     if isinstance(effects, EffectSelection):
         return effects.effects
     if isinstance(effects, str):
@@ -98,7 +98,14 @@ def simulate_psf(
     plan: ScanPlan,
     effects: EffectsLike = "auto",
     level: str = "auto",
-    **options: Any,
+    *,
+    tolerance: float = 0.03,
+    sampling: Sampling | None = None,
+    out: str | os.PathLike[str] | None = None,
+    dtype: str = "float32",
+    compression: str = "gzip",
+    workers: int | None = None,
+    provenance: Mapping[str, Any] | None = None,
 ) -> PSFMatrix:
     """Return H of ``camera`` for a scan plan, by simulation.
 
@@ -128,6 +135,8 @@ def simulate_psf(
         As in `PSFWriter`.
     workers
         Threads over source rows; None takes all processors.
+    provenance
+        What else the file is to keep of how H came to be; plain JSON types.
 
     Returns
     -------
@@ -143,7 +152,21 @@ def simulate_psf(
     StorageError
         If the file cannot be written.
     """
-    return drain(iter_simulate_psf(camera, plan, effects, level, **options))
+    return drain(
+        iter_simulate_psf(
+            camera,
+            plan,
+            effects,
+            level,
+            tolerance=tolerance,
+            sampling=sampling,
+            out=out,
+            dtype=dtype,
+            compression=compression,
+            workers=workers,
+            provenance=provenance,
+        )
+    )
 
 
 def _check_plan(camera: Camera, plan: ScanPlan) -> None:

@@ -248,6 +248,24 @@ def test_every_effect_has_a_word_on_the_microscope() -> None:
         assert 0 <= estimate.error <= 2 and estimate.unit and estimate.formula, kind.name
 
 
+def test_coma_turns_with_the_field_point() -> None:
+    """A square array looks the same when rows and columns change places; a field point along +x then lies along +y."""
+    camera = small_camera()
+    square = replace(camera.lattice, kind="square", types=camera.lattice.types[:1], row_pitch_um=None, rotation_rad=0.0)
+    plan = small_plan(4.0, replace(camera, lattice=square), cutout=41)
+    ny, nx = plan.period
+    ys, xs = [2, ny // 3], [3, nx // 2]
+    base = (LensletDiffraction(), IrisDiffraction())
+
+    def seen(angle: float, rows: list[int], columns: list[int]) -> np.ndarray:
+        return PlaneResponse(plan, 0, (*base, Coma(0.6, angle)), sampling=FAST).rows(rows, columns)
+
+    along_x, along_y = seen(0.0, ys, xs), seen(math.pi / 2, xs, ys)
+    turned = along_y.transpose(1, 0, 3, 2)
+    assert difference(along_x, turned) < 1e-4
+    assert difference(along_x, seen(-math.pi / 2, xs, ys).transpose(1, 0, 3, 2)) > 0.05, "the other way is another H"
+
+
 def test_the_empty_tuple_is_the_ideal_camera(plans: dict[float, ScanPlan]) -> None:
     response = PlaneResponse(plans[4.0], 0, ())
     scene = response.scene

@@ -143,7 +143,17 @@ def iter_ladder(
     return Ladder(ordered, tuple(refused), tolerance, f"reference, {judge} samples/px", whole, v, len(places))
 
 
-def ladder(camera: Camera, plan: ScanPlan, tolerance: float = 0.03, **options: object) -> Ladder:
+def ladder(
+    camera: Camera,
+    plan: ScanPlan,
+    tolerance: float = 0.03,
+    *,
+    effects: EffectsLike = "auto",
+    z: int | None = None,
+    positions: int = 3,
+    samplings: Iterable[Sampling] | None = None,
+    reference: Sampling | None = None,
+) -> Ladder:
     """Return seconds and error of every level and sampling for one plane of a plan, against the reference.
 
     Parameters
@@ -168,7 +178,18 @@ def ladder(camera: Camera, plan: ScanPlan, tolerance: float = 0.03, **options: o
     InputError
         If camera, plan and plane do not fit, or no grid holds the reference.
     """
-    return drain(iter_ladder(camera, plan, tolerance, **options))  # type: ignore[arg-type]
+    return drain(
+        iter_ladder(
+            camera,
+            plan,
+            tolerance,
+            effects=effects,
+            z=z,
+            positions=positions,
+            samplings=samplings,
+            reference=reference,
+        )
+    )
 
 
 # -- measuring -------------------------------------------------------------------------------------------

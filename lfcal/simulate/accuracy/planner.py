@@ -60,7 +60,7 @@ class PlannedEffect:
 
 @dataclass(frozen=True, slots=True)
 class EffectSelection:
-    """Every effect with on or off, estimate, reason and cost.
+    """Every effect with on or off, estimate, reason and cost: what `plan_effects` finds.
 
     Attributes
     ----------
