@@ -59,14 +59,18 @@ def command(
     from lfcal.cli.console import print_json, print_table, report, run_work
     from lfcal.psf import open_psf
     from lfcal.reconstruct.projectors.projector import Projector
-    from lfcal.reconstruct.series import iter_series
+    from lfcal.reconstruct.series import check_warm, iter_series
     from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
     from lfcal.reconstruct.volumes import check_suffix, save_volume
 
     if solver == "list":
-        print_table(["solver", "what it does"], [[name, text] for name, text in SOLVERS.items()])
+        for reason in SOLVERS.failures().values():
+            report(f"left out: {reason}")
+        print_table(["solver", "what it does"], [[known.name, known.title] for known in SOLVERS])
         return
     choice = SolverChoice(solver, iterations, background, read_noise, saturation, strength, subsets, tolerance)
+    if warm:
+        check_warm(choice)
     _check_paths(frame, out, batch, forecast)
     frames = list(_frames(batch or frame))
     _check_names([name for name, _ in frames])

@@ -20,8 +20,9 @@ from lfcal.reconstruct.solvers.records import (
     relative_change,
     without_state,
 )
+from lfcal.reconstruct.solvers.solver import COMMON, Solver, SolverRun
 
-__all__ = ["conjugate_gradient", "iter_conjugate_gradient"]
+__all__ = ["SOLVER", "conjugate_gradient", "iter_conjugate_gradient"]
 
 
 def iter_conjugate_gradient(
@@ -36,32 +37,7 @@ def iter_conjugate_gradient(
     tolerance: float = 0.0,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS, Bjoerck 1996, section 7.4).
-
-    The volume may become negative. ``likelihood`` of a record is minus half the weighted sum of squares.
-
-    Parameters
-    ----------
-    P
-        Projector pair.
-    image
-        ``(Y, X)``; negative values are kept.
-    iterations
-        How many to do, beyond those of ``resume``.
-    background, weights, saturation
-        As for `Measurement.of`.
-    damping
-        lambda relative to the largest value of ``HT w H 1``.
-    tolerance
-        Stop when the relative change falls below.
-    resume
-        State to go on from.
-
-    Raises
-    ------
-    InputError
-        If the image does not fit the projector or an argument is out of range.
-    """
+    """Minimise the weighted squares as `conjugate_gradient`, one `SolverProgress` per iteration."""
     data = Measurement.of(
         image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, signed=True
     )
@@ -105,9 +81,81 @@ def iter_conjugate_gradient(
     return Reconstruction(state.volume, tuple(history), state, data.notes)
 
 
-def conjugate_gradient(P: Projector, image: ArrayLike, iterations: int = 20, **options: Any) -> Reconstruction:
-    """Minimise the weighted squares: `iter_conjugate_gradient`, drained."""
-    return drain(iter_conjugate_gradient(P, image, iterations, **options))
+def conjugate_gradient(
+    P: Projector,
+    image: ArrayLike,
+    iterations: int = 20,
+    *,
+    background: ArrayLike = 0.0,
+    weights: ArrayLike | None = None,
+    saturation: float | None = None,
+    damping: float = 0.0,
+    tolerance: float = 0.0,
+    resume: SolverState | None = None,
+) -> Reconstruction:
+    """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS, Bjoerck 1996, section 7.4).
+
+    The volume may become negative. ``likelihood`` of a record is minus half the weighted sum of squares.
+
+    Parameters
+    ----------
+    P
+        Projector pair.
+    image
+        ``(Y, X)``; negative values are kept.
+    iterations
+        How many to do, beyond those of ``resume``.
+    background, weights, saturation
+        As for `Measurement.of`.
+    damping
+        lambda relative to the largest value of ``HT w H 1``.
+    tolerance
+        Stop when the relative change falls below.
+    resume
+        State to go on from.
+
+    Raises
+    ------
+    InputError
+        If the image does not fit the projector or an argument is out of range.
+    """
+    return drain(
+        iter_conjugate_gradient(
+            P,
+            image,
+            iterations,
+            background=background,
+            weights=weights,
+            saturation=saturation,
+            damping=damping,
+            tolerance=tolerance,
+            resume=resume,
+        )
+    )
+
+
+def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
+    """Run conjugate gradients, damped by the strength asked for."""
+    return iter_conjugate_gradient(
+        P,
+        image,
+        run.iterations,
+        background=run.background,
+        weights=run.weights,
+        saturation=run.saturation,
+        damping=run.strength or 0.0,
+        tolerance=run.tolerance,
+        resume=run.resume,
+    )
+
+
+SOLVER = Solver(
+    "cg",
+    "linear least squares by conjugate gradients; may become negative",
+    iterate,
+    COMMON | {"strength"},
+    rank=95,
+)
 
 
 def _start(P: Projector, data: Measurement) -> SolverState:
