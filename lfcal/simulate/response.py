@@ -120,7 +120,7 @@ class PlaneResponse:
             order = _pairs_together(engine.scene, ys)
             for start in range(0, len(ys), block):
                 part = order[start : start + block]
-                self._add(out, part, engine, sample.weight, ys, xs, workers)
+                self._add(out, part, engine, sample.weight, (ys[part], xs), workers)
                 done += part.size
                 yield done
             if engine not in self._engines.values():
@@ -132,15 +132,15 @@ class PlaneResponse:
         part: NDArray[np.intp],
         engine: PlaneEngine,
         weight: float,
-        ys: NDArray[np.intp],
-        xs: NDArray[np.intp],
+        places: tuple[NDArray[np.intp], NDArray[np.intp]],
         workers: int | None,
     ) -> None:
+        # One engine run that fills consecutive rows alone may write into the result without a copy.
         in_order = bool((np.diff(part) == 1).all())
         if self.runs == 1 and self.kernel is None and in_order and out.flags.c_contiguous:
-            engine.rows(ys[part], xs, out=out[part[0] : part[-1] + 1], workers=workers)
+            engine.rows(*places, out=out[part[0] : part[-1] + 1], workers=workers)
         else:
-            out[part] += np.float32(weight) * self._filter(engine.rows(ys[part], xs, workers=workers))
+            out[part] += np.float32(weight) * self._filter(engine.rows(*places, workers=workers))
 
     def _engine_of(self, sample: LightSample) -> PlaneEngine:
         if not (sample.rows or sample.columns):

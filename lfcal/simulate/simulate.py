@@ -72,6 +72,12 @@ def iter_simulate_psf(
     _check_plan(camera, plan)
     chosen = effects_of(effects, plan, tolerance)
     details = {"simulated": {"effects": describe(chosen), "level": level, "tolerance": tolerance}, **(provenance or {})}
+    planes, count = range(plan.shape[0]), worker_count(workers)
+    names = [f"simulate plane {z + 1} of {len(planes)}" for z in planes]
+
+    def response(z: int) -> PlaneResponse:
+        return PlaneResponse(plan, z, chosen, level=level, tolerance=tolerance, sampling=sampling)
+
     common: dict[str, Any] = {"depths": plan.depths_um, "camera": camera, "anchor": plan.anchor}
     if out is None:
         need = int(np.prod(plan.shape, dtype=np.int64)) * 4
@@ -79,16 +85,16 @@ def iter_simulate_psf(
             limit = f"at most {format_bytes(MEMORY_LIMIT)}"
             raise InputError.expected("H in memory", limit, format_bytes(need), "name a file with out=")
         whole = np.zeros(plan.shape, np.float32)
-        for z in range(plan.shape[0]):
-            yield from _plane(whole[z], plan, z, chosen, level, tolerance, sampling, workers)
+        for z in planes:
+            yield from _plane(whole[z], response(z), names[z], count)
         return PSFMatrix(whole, **common, provenance=details)
     with PSFWriter(
         out, plan.shape, **common, dtype=dtype, compression=compression, provenance=details, workers=workers
     ) as writer:
         plane = np.empty(plan.shape[1:], np.float32)
-        for z in range(plan.shape[0]):
+        for z in planes:
             plane[:] = 0
-            yield from _plane(plane, plan, z, chosen, level, tolerance, sampling, workers)
+            yield from _plane(plane, response(z), names[z], count)
             writer.write_plane(z, plane)
     return open_psf(Path(out))
 
@@ -184,23 +190,13 @@ def _check_plan(camera: Camera, plan: ScanPlan) -> None:
         )
 
 
-def _plane(
-    out: NDArray[np.float32],
-    plan: ScanPlan,
-    z: int,
-    effects: tuple[Effect, ...],
-    level: str,
-    tolerance: float,
-    sampling: Sampling | None,
-    workers: int | None,
-) -> Iterable[Progress]:
-    """Compute one plane into ``out``, zeroed; yield progress."""
-    response = PlaneResponse(plan, z, effects, level=level, tolerance=tolerance, sampling=sampling)
-    ny, nx = plan.period
-    row_bytes = nx * plan.cutout[0] * plan.cutout[1] * 4
-    threads = worker_count(workers)
-    block = min(ny, max(threads, BLOCK_BYTES // max(1, row_bytes) // threads * threads))
-    clock = Clock(f"simulate plane {z + 1} of {plan.shape[0]}", ny * response.runs)
+def _plane(out: NDArray[np.float32], response: PlaneResponse, name: str, workers: int) -> Iterable[Progress]:
+    """Compute one plane into ``out`` ``(ny, nx, nt, ns)``, zeroed; yield progress."""
+    ny, nx = out.shape[:2]
+    # Whole rounds of all threads, so that none waits at the end of a block.
+    rounds = BLOCK_BYTES // max(1, out[0].nbytes) // workers
+    block = min(ny, max(1, rounds) * workers)
+    clock = Clock(name, ny * response.runs)
     yield clock.at(0)
     for done in response.accumulate(out, np.arange(ny), np.arange(nx), block=block, workers=workers):
         yield clock.at(done)

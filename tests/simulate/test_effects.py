@@ -287,11 +287,10 @@ def test_effects_are_frozen_and_named_once() -> None:
 # -- oracles of the pieces -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("degree", "moments"), [(3, 3), (5, 5), (7, 7)])
-def test_disc_rule_integrates_polynomials(degree: int, moments: int) -> None:
-    rule = np.array(disc_rule(degree))
-    for i in range(moments + 1):
-        for j in range(moments + 1 - i):
+def test_disc_rule_integrates_polynomials() -> None:
+    rule = np.array(disc_rule())
+    for i in range(6):
+        for j in range(6 - i):
             if i % 2 or j % 2:
                 exact = 0.0
             else:  # mean of y^i x^j over the unit disc

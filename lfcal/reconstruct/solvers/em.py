@@ -19,6 +19,7 @@ from lfcal.reconstruct.solvers.records import (
     SolverProgress,
     SolverState,
     SolverWork,
+    progress_of,
     relative_change,
     without_state,
 )
@@ -125,24 +126,16 @@ def iter_em(
         start, step = extrapolate(state, options.acceleration)
         volume, fit = _iterate(start, parts, data, options)
         change = relative_change(volume, state.volume)
+        # The likelihood belongs to the extrapolated start: where it fell, the last step was too long.
         restart = step > 0 and fit.likelihood < before
         before = fit.likelihood
         arrays, numbers = remember(state, start, volume, options.acceleration, restart=restart)
         seconds = state.seconds + time.perf_counter() - began
         state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
-        record = SolverProgress(
-            state.iteration,
-            total,
-            options.rule,
-            seconds,
-            _note(fit, change),
-            state.iteration,
-            fit.residual,
-            fit.likelihood,
-            change,
-            state,
+        record = progress_of(
+            state, total, options.rule, residual=fit.residual, likelihood=fit.likelihood, change=change
         )
-        history.append(without_state(record))
+        history.append(without_state(record))  # the history would else hold a volume per iteration
         yield record
         if change < options.tolerance:
             break
@@ -198,6 +191,7 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
     light = float(data.weighted(np.maximum(data.image - data.background, 0)).sum(dtype=np.float64))
     reach = float(np.sum(sensitivity, dtype=np.float64))
     level = light / reach if reach > 0 else 0.0
+    # A voxel no pixel sees would keep its start for ever: it starts, and stays, at zero.
     seen = sensitivity > UNSEEN * np.max(sensitivity)
     start: NDArray[Any] = np.where(seen, level, 0).astype(P.dtype)
     return start
@@ -214,6 +208,7 @@ def _iterate(
         floor = max(P.rounding * float(model.max(initial=0)), float(np.finfo(model.dtype).tiny))
         fit = data.fit(model, part.mask, floor)
         likelihood += fit.likelihood
+        # Subsets are disjoint: their squares add up to that of the whole image, each at its own estimate.
         own = data.image if part.mask is None else data.image * part.mask
         square += (fit.residual * float(np.linalg.norm(data.weighted(own)))) ** 2
         volume = _update(volume, model, floor, part, data, options)
@@ -245,7 +240,3 @@ def _update(
         factor = 1 + options.relaxation * (factor - 1)
     updated: NDArray[Any] = volume * factor.astype(volume.dtype, copy=False)
     return updated
-
-
-def _note(fit: GoodnessOfFit, change: float) -> str:
-    return f"residual {fit.residual:.4g}, change {change:.2g}"

@@ -17,6 +17,7 @@ from lfcal.reconstruct.solvers.records import (
     SolverProgress,
     SolverState,
     SolverWork,
+    progress_of,
     relative_change,
     without_state,
 )
@@ -41,13 +42,7 @@ def iter_conjugate_gradient(
     data = Measurement.of(
         image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, signed=True
     )
-    if data.image.shape != P.image_shape or iterations < 1 or damping < 0:
-        raise InputError.expected(
-            "image, iterations, damping",
-            f"{P.image_shape}, at least 1, not negative",
-            f"{data.image.shape}, {iterations}, {damping}",
-            "correct them",
-        )
+    _check(P, data, iterations, damping)
     weak = damping * _largest(P, data) if damping > 0 else 0.0
     state = resume if resume is not None else _start(P, data)
     history: list[SolverProgress] = []
@@ -61,18 +56,8 @@ def iter_conjugate_gradient(
         change = relative_change(volume, state.volume)
         seconds = state.seconds + time.perf_counter() - began
         state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
-        note = f"residual {residual:.4g}, change {change:.2g}"
-        record = SolverProgress(
-            state.iteration,
-            total,
-            "conjugate gradients",
-            seconds,
-            note,
-            state.iteration,
-            residual,
-            -squares / 2,
-            change,
-            state,
+        record = progress_of(
+            state, total, "conjugate gradients", residual=residual, likelihood=-squares / 2, change=change
         )
         history.append(without_state(record))
         yield record
@@ -158,6 +143,16 @@ SOLVER = Solver(
 )
 
 
+def _check(P: Projector, data: Measurement, iterations: int, damping: float) -> None:
+    if data.image.shape != P.image_shape or iterations < 1 or damping < 0:
+        raise InputError.expected(
+            "image, iterations, damping",
+            f"{P.image_shape}, at least 1, not negative",
+            f"{data.image.shape}, {iterations}, {damping}",
+            "correct them",
+        )
+
+
 def _start(P: Projector, data: Measurement) -> SolverState:
     miss = data.image - data.background
     descent = P.adjoint(data.weighted(miss))
@@ -177,7 +172,7 @@ def _step(
     kind = state.volume.dtype.type
     length = kind(power / curvature)
     volume = state.volume + length * direction
-    miss = miss - length * image
+    miss = miss - length * image  # instead of projecting the new volume: one projection less per step
     gradient = P.adjoint(data.weighted(miss)) - kind(weak) * volume
     new_power = _square(gradient)
     return volume, (miss, gradient + kind(new_power / power) * direction), (new_power,)

@@ -133,7 +133,7 @@ def iter_ladder(
         label = _label(kind, sampling)
         yield clock.at(done, label)
         try:
-            rungs.append(_measure(scene, kind, sampling, label, places, truth, shares))
+            rungs.append(_measure(scene, kind, sampling, places, truth, shares))
         except EnergyError:
             refused.append(label)
     yield clock.at(len(tasks) + 1)
@@ -246,7 +246,6 @@ def _measure(
     scene: Scene,
     level: str,
     sampling: Sampling | None,
-    label: str,
     places: Sequence[tuple[int, int]],
     truth: NDArray[np.float32],
     shares: Whole,
@@ -257,7 +256,8 @@ def _measure(
     error = np.abs(_respond(engine, places).astype(np.float64) - truth).sum() / truth.sum(dtype=np.float64)
     positions = scene.period[0] * scene.period[1]
     plane = engine.predicted_seconds(positions) * own_rows(engine)
-    return Rung(level, sampling, label, float(error), setup, plane / positions, shares.seconds(setup, plane))
+    label, whole = _label(level, sampling), shares.seconds(setup, plane)
+    return Rung(level, sampling, label, float(error), setup, plane / positions, whole)
 
 
 def _marked(rungs: Sequence[Rung]) -> tuple[Rung, ...]:

@@ -72,7 +72,7 @@ def expose(
     light_e
         Photoelectrons ``(rows, columns)`` of the whole sensor if nothing disturbed them.
     effects
-        Frame effects; they act in the order of their rank. None: sample values without noise.
+        Frame effects; they act in the order of their rank. Empty: sample values without noise.
     exposure_s
         Exposure time (s).
     seed, kind, index
@@ -113,6 +113,7 @@ def _strip(
     for effect, view in zip(ordered, views, strict=True):
         if effect.rank < COUNTS_FROM:
             strip = effect.on_frame(strip, view)
+    # Here the converter stands: electrons before, counts after it.
     strip /= np.float32(camera.sensor.electrons_per_count)
     strip += np.float32(camera.sensor.black_level)
     for effect, view in zip(ordered, views, strict=True):
