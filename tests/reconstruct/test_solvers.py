@@ -94,6 +94,11 @@ def test_likelihood_of_a_record_is_that_of_its_start():
     assert np.isclose(result.history[2].residual, np.linalg.norm(d - m) / np.linalg.norm(d))
 
 
+def test_names_that_files_and_scripts_keep():
+    kept = ("rl", "rl-tv", "rl-tikhonov", "rl-biggs", "rl-nesterov", "osem", "phase-space", "ems", "isra", "cg")
+    assert SOLVERS.names() == kept
+
+
 @pytest.mark.parametrize("name", SOLVERS.names())
 def test_every_solver_improves_and_reports(scene, name):
     P, truth, image = scene

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from dataclasses import replace
 
@@ -282,6 +283,21 @@ def test_effects_are_frozen_and_named_once() -> None:
         with pytest.raises((AttributeError, TypeError)):
             kind().name = "x"  # type: ignore[misc]
         assert kind.title and kind.acts_on in ActsOn
+
+
+def all_below(kind: type[Effect]) -> list[type[Effect]]:
+    return [kind, *(deeper for below in kind.__subclasses__() for deeper in all_below(below))]
+
+
+def test_the_catalogue_lacks_no_effect_and_follows_the_light() -> None:
+    """An effect that its module forgets to name would never be planned."""
+    own = {k.name for k in all_below(Effect) if k.__module__.startswith("lfcal.") and not inspect.isabstract(k)}
+    names = CATALOGUE.names()
+    assert set(names) == own and len(own) == 30
+    way = ["lens_types", "iris_shape", "coma", "pixel_fill", "finite_source", "crosstalk", "stage_error", "cos4"]
+    assert [names.index(n) for n in way] == sorted(names.index(n) for n in way)
+    sensor = "stray_light colour_filter fixed_pattern dark_current shot_noise saturation read_noise quantisation"
+    assert " ".join(names[-8:]) == sensor
 
 
 # -- oracles of the pieces -----------------------------------------------------------------------------------
