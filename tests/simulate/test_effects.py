@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -367,6 +368,25 @@ def test_crosstalk_keeps_light_and_is_symmetric() -> None:
     assert filtered(dot, uneven)[0, 2, 0] == np.float32(0.2), "the kernel must not be turned round"
 
 
-def test_magnitudes_are_checked_where_they_are_used() -> None:
-    with pytest.raises(InputError):
-        responses(small_plan(), (PixelFill(1.5),))
+@pytest.mark.parametrize(
+    ("make", "word"),
+    [
+        (lambda: PixelFill(1.5), "fill_factor"),
+        (lambda: PixelFill(0.0), "fill_factor"),
+        (lambda: Crosstalk(-0.1), "share"),
+        (lambda: Bandwidth(-0.02), "width_um"),
+        (lambda: Spherical(math.nan), "waves"),
+        (lambda: LensletGap(math.inf), "error_um"),
+        (lambda: IrisShape(curvature=1.2), "curvature"),
+        (lambda: PositioningError(-1.0), "rms_um"),
+    ],
+)
+def test_magnitudes_are_checked_where_they_are_given(make: Callable[[], Effect], word: str) -> None:
+    with pytest.raises(InputError, match=word) as error:
+        make()
+    assert "\n" not in str(error.value)
+
+
+def test_terms_are_checked_by_the_scene() -> None:
+    with pytest.raises(InputError, match="Zernike term"):
+        responses(small_plan(), (Zernike(((3, 2, 0.1),)),))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -112,6 +113,7 @@ class PitchError(SceneEffect):
     relative: float = 1e-4
 
     name: ClassVar[str] = "pitch_error"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"relative": (-0.5, 0.5)}
     title: ClassVar[str] = "lenslet pitch error"
     rank: ClassVar[int] = 82
     deviation: ClassVar[bool] = True

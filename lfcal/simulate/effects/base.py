@@ -5,16 +5,19 @@ An ideal camera is simulated with the empty tuple of effects. Each effect change
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from enum import Enum
+from numbers import Real
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, MainLens
+from lfcal.checks import check_number
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
 
@@ -172,6 +175,18 @@ class Effect(ABC):
     """Whether the effect is an error of build or use whose size the camera's description does not hold."""
     needs_waves: ClassVar[bool] = False
     """Whether rays cannot show the effect: it switches lenslet diffraction on."""
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    """Least and largest value of magnitudes that cannot be any number."""
+
+    def __post_init__(self) -> None:
+        """Check that every magnitude is a finite number within its limits; None is taken from the camera later."""
+        for field in fields(self):  # type: ignore[arg-type]  # subclasses are dataclasses
+            value = getattr(self, field.name)
+            if isinstance(value, bool) or not isinstance(value, Real):
+                continue  # letters of a colour filter, Zernike terms: checked by what reads them
+            bounds = self.limits.get(field.name, (-math.inf, math.inf))
+            low, high = (bound if math.isfinite(bound) else None for bound in bounds)
+            check_number(f"{self.title}: {field.name}", value, at_least=low, at_most=high)
 
     @abstractmethod
     def estimate(self, outlook: Outlook) -> Estimate:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -67,6 +68,7 @@ class MechanicalVignetting(SceneEffect):
     radius: float = 1.05
 
     name: ClassVar[str] = "vignetting"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"radius": (1e-3, math.inf)}
     title: ClassVar[str] = "mechanical vignetting"
     rank: ClassVar[int] = 65
     deviation: ClassVar[bool] = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -27,6 +28,7 @@ class FiniteSource(LightEffect):
     diameter_um: float | None = None
 
     name: ClassVar[str] = "finite_source"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"diameter_um": (0.0, math.inf)}
     title: ClassVar[str] = "finite source size"
     rank: ClassVar[int] = 10
     deviation: ClassVar[bool] = True
@@ -78,6 +80,7 @@ class Bandwidth(LightEffect):
     width_um: float | None = None
 
     name: ClassVar[str] = "bandwidth"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"width_um": (0.0, math.inf)}
     title: ClassVar[str] = "bandwidth"
     rank: ClassVar[int] = 20
 

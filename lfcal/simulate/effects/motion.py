@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -36,6 +37,7 @@ class PositioningError(MotionEffect):
     rms_um: float | None = None
 
     name: ClassVar[str] = "stage_error"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_um": (0.0, math.inf)}
     title: ClassVar[str] = "stage error"
     rank: ClassVar[int] = 10
 
@@ -72,6 +74,7 @@ class Backlash(MotionEffect):
     play_um: float | None = None
 
     name: ClassVar[str] = "backlash"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"play_um": (0.0, math.inf)}
     title: ClassVar[str] = "backlash"
     rank: ClassVar[int] = 20
 
@@ -149,6 +152,7 @@ class DepthError(MotionEffect):
     rms_um: float | None = None
 
     name: ClassVar[str] = "depth_error"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_um": (0.0, math.inf)}
     title: ClassVar[str] = "depth error"
     rank: ClassVar[int] = 40
 

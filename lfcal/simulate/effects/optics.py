@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -116,6 +117,7 @@ class IrisShape(SceneEffect):
     rotation_rad: float | None = None
 
     name: ClassVar[str] = "iris_shape"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"blades": (0, 64), "curvature": (0.0, 1.0)}
     title: ClassVar[str] = "iris blades"
     rank: ClassVar[int] = 40
 

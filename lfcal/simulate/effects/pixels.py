@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -32,6 +33,7 @@ class PixelFill(SceneEffect):
     fill_factor: float | None = None
 
     name: ClassVar[str] = "pixel_fill"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"fill_factor": (1e-6, 1.0)}
     title: ClassVar[str] = "pixel integration and fill factor"
     rank: ClassVar[int] = 90
 
@@ -64,6 +66,7 @@ class Crosstalk(PsfEffect):
     share: float = 0.01
 
     name: ClassVar[str] = "crosstalk"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (0.0, 0.25)}
     title: ClassVar[str] = "pixel crosstalk"
     deviation: ClassVar[bool] = True
 

@@ -7,6 +7,7 @@ dark current, shot noise, full well, read noise; then electrons become sample va
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -61,6 +62,7 @@ class StrayLight(FrameEffect):
     share: float = 0.01
 
     name: ClassVar[str] = "stray_light"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (0.0, 1.0)}
     title: ClassVar[str] = "stray light"
     deviation: ClassVar[bool] = True
     rank: ClassVar[int] = 20
@@ -95,6 +97,7 @@ class ColourFilter(FrameEffect):
     leak: float = 0.03
 
     name: ClassVar[str] = "colour_filter"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"leak": (0.0, 1.0)}
     title: ClassVar[str] = "colour filter array (Bayer)"
     rank: ClassVar[int] = 30
 
@@ -136,6 +139,7 @@ class FixedPattern(FrameEffect):
     offset_e: float = 0.0
 
     name: ClassVar[str] = "fixed_pattern"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"prnu": (0.0, math.inf), "offset_e": (0.0, math.inf)}
     title: ClassVar[str] = "fixed pattern (PRNU)"
     rank: ClassVar[int] = 40
     pixel_ns: ClassVar[float] = 9.0
@@ -173,6 +177,7 @@ class DarkCurrent(FrameEffect):
     e_per_s: float | None = None
 
     name: ClassVar[str] = "dark_current"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"e_per_s": (0.0, math.inf)}
     title: ClassVar[str] = "dark current"
     rank: ClassVar[int] = 50
 
@@ -281,6 +286,7 @@ class ReadNoise(FrameEffect):
     rms_e: float | None = None
 
     name: ClassVar[str] = "read_noise"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_e": (0.0, math.inf)}
     title: ClassVar[str] = "read noise"
     rank: ClassVar[int] = 70
     stream: ClassVar[int | None] = 70
