@@ -93,6 +93,7 @@ def iter_two_point(
             image = P.forward(truth)
             image *= photons / max(float(image.sum()), float(np.finfo(P.dtype).tiny))
             if seed is not None:
+                # Other noise for each distance, the same for each plane: planes are compared under equal noise.
                 image = np.random.default_rng(seed + k).poisson(np.maximum(image, 0)).astype(P.dtype)
             volume = richardson_lucy(P, image, iterations).volume
             dips.append(dip(volume[z, row].astype(np.float64), left, left + distance))

@@ -105,6 +105,7 @@ def iter_series(
         finally:
             work.close()
         save(name, result)
+        # Only the volume: the solver's memory belongs to the frame before.
         previous = result.volume if warm else None
         last = result.history[-1]
         results.append(FrameResult(name, last.iteration, last.residual, time.perf_counter() - start, result.notes))

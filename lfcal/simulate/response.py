@@ -123,6 +123,7 @@ class PlaneResponse:
                 self._add(out, part, engine, sample.weight, (ys[part], xs), workers)
                 done += part.size
                 yield done
+            # Engines of displaced points are let go of here; what they certified is kept.
             if engine not in self._engines.values():
                 self._spent.append(engine.certificate)
 
@@ -145,6 +146,7 @@ class PlaneResponse:
     def _engine_of(self, sample: LightSample) -> PlaneEngine:
         if not (sample.rows or sample.columns):
             return self.engine(sample.wavelength_um)
+        # Offsets displace the source on the sensor's scale: the pixels stay where they are.
         shift = np.array([sample.rows, sample.columns]) * self.scene.pixel_um
         planned = np.zeros((*self.scene.period, 2)) if self.scene.offsets_um is None else self.scene.offsets_um
         scene = replace(at_wavelength(self.scene, sample.wavelength_um), offsets_um=planned + shift)
@@ -179,6 +181,7 @@ class PlaneResponse:
 
 def _pairs_together(scene: Scene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the order of rows in which those that mirror each other follow each other: engines compute one."""
+    # Rows next to each other fall into one block, and an engine mirrors within a block only.
     twins = mirrored_rows(scene, ys)
     order = [i for k in range(len(ys)) if k not in twins for i in (k, *(t for t, of in twins.items() if of == k))]
     return np.array(order, np.intp)
@@ -187,6 +190,7 @@ def _pairs_together(scene: Scene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
 def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:
     """Return the scene in light of another wavelength; aberrations keep their path lengths."""
     scale = scene.wavelength_um / wavelength_um
+    # The glass keeps its path length in µm; in waves of another light it is another number.
     terms = tuple((n, m, waves * scale) for n, m, waves in scene.wavefront)
     return replace(scene, wavelength_um=wavelength_um, wavefront=terms)
 

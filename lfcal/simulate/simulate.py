@@ -71,6 +71,7 @@ def iter_simulate_psf(
     """Simulate H as `simulate_psf`; yields progress in rows, and closing it leaves nothing half-written."""
     _check_plan(camera, plan)
     chosen = effects_of(effects, plan, tolerance)
+    # The file says what was simulated, so that H can be made again.
     details = {"simulated": {"effects": describe(chosen), "level": level, "tolerance": tolerance}, **(provenance or {})}
     planes, count = range(plan.shape[0]), worker_count(workers)
     names = [f"simulate plane {z + 1} of {len(planes)}" for z in planes]
@@ -93,6 +94,7 @@ def iter_simulate_psf(
     ) as writer:
         plane = np.empty(plan.shape[1:], np.float32)
         for z in planes:
+            # The buffer of one plane is used for all: a file of any size takes the memory of one.
             plane[:] = 0
             yield from _plane(plane, response(z), names[z], count)
             writer.write_plane(z, plane)

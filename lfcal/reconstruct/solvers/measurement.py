@@ -99,6 +99,7 @@ class Measurement:
         if read_noise > 0:
             data += np.asarray(read_noise**2, dtype)
             floor = floor + np.asarray(read_noise**2, dtype)
+        # Counted after the read noise is added: its square lifts most of them above zero.
         below = int(np.count_nonzero(data < 0))
         if below and not signed:
             notes.append(f"{below} negative pixels were taken as 0; a background or read noise would keep them")
@@ -123,6 +124,7 @@ class Measurement:
         data, m = self.image.astype(np.float64), model.astype(np.float64)
         norm = float(np.sqrt((trust * data**2).sum()))
         miss = float(np.sqrt((trust * (data - m) ** 2).sum()))
+        # A model of 0 under a lit pixel would make the likelihood minus infinity.
         m = np.maximum(m, max(floor, float(np.finfo(np.float64).tiny)))
         lit = data > 0
         terms = m - data

@@ -40,6 +40,7 @@ def machine_rate() -> float:
         for _ in range(8):
             start = time.perf_counter()
             a @ a
+            # The best of several: another program may have taken the processor in between.
             best = min(best, time.perf_counter() - start)
     return n**3 / best
 
@@ -53,6 +54,7 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
     positions = outlook.period[0] * outlook.period[1]
     if level == "geometric":
         return _slower() * (0.005 + positions * (2.5e-6 * outlook.lenslets + 1e-9 * outlook.pixels + 1e-5))
+    # The reference has no sampling of its own here: it is taken as a multiple of the wave engine.
     sampling = sampling_for(outlook, "wave" if level == "reference" else level, tolerance)
     if level == "debye":
         return _slower() * (0.02 + positions / 6 * outlook.pixels * sampling.nodes_per_px**2 * 1e-8)
@@ -65,6 +67,7 @@ def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
     nodes = 0.0
     for spot in outlook.geometric_px:
         half = math.ceil(spot + sampling.margin_px)
+        # Samples per pixel on a lenslet that its window on the sensor needs (Nyquist), in steps of a half.
         need = 2 * (half + 0.5) * outlook.pixel_um**2 / (outlook.wavelength_um * outlook.gap_um)
         samples = 2 * outlook.lit_px * max(1.0, math.ceil(2 * need) / 2) + 3
         window = (2 * half + 1) * sampling.nodes_per_px + 2

@@ -125,6 +125,7 @@ def iter_ladder(
     tasks = [("geometric", None), *((level, s) for s in (samplings or _samplings(level)))]
     clock = Clock("accuracy against time", len(tasks) + 1)
     yield clock.at(0, "reference")
+    # One scene for all rungs: what differs is how it is computed.
     truth, judge, each = _reference(scene, places, reference)
     shares = whole_of(plan, z, chosen, level)
     rungs: list[Rung] = []
@@ -235,6 +236,7 @@ def _reference(
     choices = [wanted] if wanted is not None else [Sampling(samples_per_px=n) for n in REFERENCE_SAMPLES]
     reach = 2 * scene.shadow_radius_um / scene.reduced_pixel_um + 4 * scene.lattice.pitch_um / scene.reduced_pixel_um
     if wanted is None:
+        # The finest grid that is still quick; the coarsest where none is.
         choices = [c for c in choices if reach * (c.samples_per_px or 8) <= LARGEST_GRID] or choices[-1:]
     engine = engine_for(scene, "reference", choices[0])
     start = time.process_time()

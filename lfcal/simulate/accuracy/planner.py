@@ -139,6 +139,7 @@ def plan_effects(
     """
     check_number("tolerance", tolerance, above=0, at_most=2, remedy="0.03 is usual")
     planes = _outlooks(camera, region, peak)
+    # A given effect takes the place, and the order, of the catalogue's of its name.
     candidates = tuple({e.name: e for e in (*catalogue(), *effects)}.values())
     settings = _settings(overrides or {}, candidates)
     known = {effect.name for effect in effects}
@@ -146,6 +147,7 @@ def plan_effects(
     drafts = [_draft(effect, settings[effect.name], planes, costs) for effect in candidates]
     left = tolerance
     rows: dict[str, PlannedEffect] = {}
+    # False before True: what costs a fifth of the whole simulation or more comes first, then the smallest errors.
     for draft in sorted(drafts, key=lambda d: (d.seconds < 0.2 * costs.full, d.estimate.error)):
         row = _decide(draft, known=draft.name in known, frames=frames, tolerance=tolerance, left=left)
         if not row.on and row.setting == "auto" and _counts(row.effect, draft.name in known, frames):

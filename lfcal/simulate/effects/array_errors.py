@@ -32,6 +32,7 @@ class Telecentricity(SceneEffect):
         if isinstance(optics, Microscope):
             return Estimate(0.0, "px", 0.0, "telecentric")
         excess = outlook.gap_um / optics.image_distance_um
+        # Micro-images are farther apart than lenslets by the ratio of the distances from the pupil.
         period = max(outlook.camera.period_px) * excess
         return Estimate(
             period, "px", outlook.array_moved(excess * outlook.field_rms_px), "period * B/b; shift B/b * r_rms"
@@ -127,6 +128,7 @@ class PitchError(SceneEffect):
         """Return the scene with the true pitch."""
         del outlook
         lattice, grow = scene.lattice, 1.0 + self.relative
+        # None means rows as far apart as the kind of lattice has them: they grow with the pitch.
         rows = None if lattice.row_pitch_um is None else lattice.row_pitch_um * grow
         return replace(scene, lattice=replace(lattice, pitch_um=lattice.pitch_um * grow, row_pitch_um=rows))
 

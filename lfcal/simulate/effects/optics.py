@@ -123,6 +123,7 @@ class IrisShape(SceneEffect):
 
     def iris(self, camera: Camera) -> Iris:
         """Return the iris of ``camera`` with this effect's values in it."""
+        # A microscope's pupil is round unless blades are given.
         lens = camera.optics if isinstance(camera.optics, MainLens) else MainLens(blades=0)
         given = (self.blades, self.curvature, self.rotation_rad)
         known = (lens.blades, lens.blade_curvature, lens.blade_rotation_rad)
@@ -143,6 +144,7 @@ class IrisShape(SceneEffect):
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the bladed iris; a second stop stays."""
+        # Mechanical vignetting may have been applied before.
         return replace(scene, iris=replace(self.iris(outlook.camera), stop=scene.iris.stop))
 
 

@@ -70,6 +70,7 @@ class StrayLight(FrameEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the share, and what is lost by the spots and gained by the cutout."""
         rows, columns = outlook.camera.sensor.shape
+        # The light is lost in the cutout and comes back spread over the whole sensor.
         veil = min(1.0, outlook.pixels / (rows * columns))
         return Estimate(self.share, "relative", self.share * (1.0 + veil), "share (1 + cutout/sensor)")
 
@@ -119,6 +120,7 @@ class ColourFilter(FrameEffect):
         side = len(passed)
         for r in range(side):
             for c in range(side):
+                # A strip may begin in the middle of the pattern.
                 strip[(r - view.row) % side :: side, c::side] *= passed[r, c]
         return strip
 
@@ -151,6 +153,7 @@ class FixedPattern(FrameEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the gains' rms and the mean deviation 0.8 rms; offsets count on every pixel of the cutout."""
         rms = self.gain_rms(outlook.camera)
+        # Gains follow the light, offsets do not: they count on dark pixels too.
         offsets = self.offset_e * outlook.pixels / outlook.signal_e
         return Estimate(rms, "relative", MEAN * math.hypot(rms, offsets), "0.8 prnu")
 
@@ -210,13 +213,16 @@ def poisson_quantile(mean: NDArray[np.floating], share: NDArray[np.float64]) -> 
     out = np.zeros(mean.shape)
     large = mean > EXACT_MEAN
     if large.any():
+        # The normal deviate of a share of 0 is minus infinity.
         m, z = mean[large], ndtri(np.clip(share[large], 1e-16, None))
         third = (z * z - 1) / 6 - (z * z * z - z) / (72 * np.sqrt(m))
         out[large] = np.maximum(np.floor(m + z * np.sqrt(m) + third + 0.5), 0.0)
+    # A share below P(0) makes 0 electrons; the others count up until their share is reached.
     todo = np.flatnonzero(~large.ravel() & (share > np.exp(-mean)).ravel())
     m, u, flat = mean.ravel()[todo], share.ravel()[todo], out.ravel()
     term = np.exp(-m)
     total, count = term.copy(), 0
+    # The sum may end a rounding below 1 and never reach the last share: 400 is far beyond any count here.
     while todo.size and count < 400:
         count += 1
         term = term * m / count
