@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import os
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -27,3 +29,12 @@ def install(monkeypatch: pytest.MonkeyPatch, folder: Path, module: str, source: 
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.delitem(sys.modules, module, raising=False)
     importlib.invalidate_caches()
+
+
+def in_a_new_process(folder: Path, code: str) -> str:
+    """Return what ``code`` prints in a process that finds the distributions in ``folder`` installed."""
+    root = str(Path(__file__).parents[1])
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), root))}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
+    assert done.returncode == 0, done.stderr
+    return done.stdout

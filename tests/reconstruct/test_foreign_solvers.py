@@ -13,7 +13,7 @@ from lfcal.reconstruct import Projector, SolverChoice, reconstruct
 from lfcal.reconstruct.solvers import choice
 from lfcal.reconstruct.solvers.choice import find_solvers, iter_reconstruct
 from lfcal.reconstruct.solvers.solver import OPTIONS, Solver, SolverRun
-from tests.distribution import code_of, install
+from tests.distribution import code_of, in_a_new_process, install
 from tests.reconstruct.oracles import dense, lenslet_psf
 
 PAGE = code_of("adding_a_solver.md")
@@ -98,6 +98,17 @@ def test_the_command_line_runs_it(foreign, run, tmp_path):
     assert code == 0 and "landweber" in out and "Landweber 1951" in out
     code, _, err = run(*arguments, "--solver", "landweber", "--read-noise", 3)
     assert code == 2 and "read noise" in err and len(err.strip().splitlines()) == 1
+
+
+def test_the_window_lists_it(foreign, tmp_path):
+    foreign(PAGE[0])
+    code = """
+from gui.models.reconstruct_view import FIELDS, ReconstructSettings, used_by
+assert "landweber" in dict(FIELDS[0].choices) and "Landweber 1951" in FIELDS[0].tip
+assert used_by("landweber", "background") and not used_by("landweber", "read_noise")
+print(ReconstructSettings("landweber", read_noise=3.0).choice().solver.title)
+"""
+    assert "projected gradient" in in_a_new_process(tmp_path, code)
 
 
 @pytest.mark.parametrize(

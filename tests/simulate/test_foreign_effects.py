@@ -18,7 +18,7 @@ from lfcal.simulate import plan_effects, simulate_psf
 from lfcal.simulate.effects import LensTypeDefocus, ShotNoise, find_effects
 from lfcal.simulate.sensor.noise import expose
 from lfcal.simulate.staging import outlook_of
-from tests.distribution import code_of, install
+from tests.distribution import code_of, in_a_new_process, install
 from tests.simulate.common import BASE, FAST, difference, responses, small_camera, small_plan
 
 PAGE = code_of("adding_an_effect.md")
@@ -76,6 +76,18 @@ def test_the_command_line_lists_it(
         main()
     assert not end.value.code
     assert '"array_decentre"' in capfd.readouterr().out
+
+
+def test_the_window_lists_it(foreign: Install, tmp_path: Path) -> None:
+    foreign(PAGE[0], "ArrayDecentre")
+    code = """
+from gui.models.session import SimulateSettings
+from gui.models.simulate_view import verdict_of
+from tests.simulate.common import small_plan
+settings = SimulateSettings(overrides=(("array_decentre", "on"),))
+print(*(row.name for row in verdict_of(small_plan(), settings).rows if row.on))
+"""
+    assert "array_decentre" in in_a_new_process(tmp_path, code).split()
 
 
 SHOWN = PAGE[0].replace("ArrayDecentre", "effect")
