@@ -99,6 +99,8 @@ BROKEN = {
     "not frozen": (SHOWN.replace("frozen=True, ", ""), "not a frozen dataclass"),
     "no title": (SHOWN.replace("    title:", "    subtitle:"), "does not say its title"),
     "no defaults": (SHOWN.replace("float = 1.0", "float"), "rows_um"),
+    "estimate fails": (SHOWN.replace("outlook.pixel_um", "outlook.pixels_um"), "pixels_um"),
+    "no estimate": (SHOWN.replace('return Estimate(shift, "px", ', 'return (shift, "px", '), "it has no estimate"),
     "does not load": ("raise RuntimeError('their library is missing')", "their library is missing"),
 }
 

@@ -18,8 +18,10 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 from __future__ import annotations
 
 import inspect
+import math
 from dataclasses import is_dataclass
 
+from lfcal.camera import preset
 from lfcal.registry import Registry
 from lfcal.simulate.effects.aberrations import Coma, Spherical, Zernike
 from lfcal.simulate.effects.array_errors import ArrayRotation, LensletGap, PitchError, Telecentricity
@@ -113,7 +115,7 @@ GROUP = "lfcal.effects"
 
 
 def check_effect(kind: type[Effect]) -> None:
-    """Raise `TypeError` unless ``kind`` is an effect that can be listed, planned and kept in a file."""
+    """Raise `TypeError`, or what its own code raises, unless ``kind`` can be listed, planned and kept in a file."""
     if not (isinstance(kind, type) and issubclass(kind, Effect)):
         raise TypeError("it is not a class derived from Effect")
     if inspect.isabstract(kind):
@@ -123,7 +125,13 @@ def check_effect(kind: type[Effect]) -> None:
         raise TypeError("it is not a frozen dataclass")
     if not isinstance(getattr(kind, "title", None), str) or not isinstance(getattr(kind, "acts_on", None), ActsOn):
         raise TypeError("it does not say its title or what it acts on")
-    kind()
+    # Tried here, because one estimate that fails later would stop every plan, whether it wants the effect or not.
+    camera = preset("bench")
+    outlook = Outlook(camera, camera.depth_of(4.0), (61, 61), (33, 19))
+    found = kind().estimate(outlook)
+    if not isinstance(found, Estimate) or not math.isfinite(found.error):
+        raise TypeError("it has no estimate")
+    kind().seconds(outlook, EngineSeconds(1.0, 1.0, 1.0))
 
 
 def find_effects() -> Registry[type[Effect]]:
