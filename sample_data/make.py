@@ -20,7 +20,7 @@ from lfcal.simulate.effects import (
     IrisDiffraction,
     IrisShape,
     LensletDiffraction,
-    LensTypes,
+    LensTypeDefocus,
     Quantisation,
     ReadNoise,
     ShotNoise,
@@ -37,7 +37,7 @@ CUTOUT = 55
 VIRTUAL_DEPTHS = (3.0, 4.0)
 DARKS, WHITES = 8, 4
 
-OPTICS: tuple[Effect, ...] = (LensTypes(), LensletDiffraction(), IrisDiffraction(), IrisShape(), Telecentricity())
+OPTICS: tuple[Effect, ...] = (LensTypeDefocus(), LensletDiffraction(), IrisDiffraction(), IrisShape(), Telecentricity())
 SENSOR_EFFECTS: tuple[Effect, ...] = (ShotNoise(), ReadNoise(), FixedPattern(), DarkCurrent(), Quantisation())
 
 SAMPLING = Sampling(nodes_per_px=4, margin_px=8, coherent=True, double=True)

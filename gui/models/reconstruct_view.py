@@ -17,6 +17,7 @@ from lfcal.files import replace_whole
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.projectors.forecast import METHODS
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
+from lfcal.reconstruct.solvers.solver import OPTIONS
 from lfcal.units import format_bytes, format_seconds
 
 __all__ = [
@@ -40,8 +41,8 @@ FIELDS = (
         "solver",
         "Solver",
         kind="choice",
-        choices=tuple((name, name) for name in SOLVERS),
-        tip="; ".join(f"{name}: {text}" for name, text in SOLVERS.items()),
+        choices=tuple((name, name) for name in SOLVERS.names()),
+        tip="; ".join(f"{solver.name}: {solver.title}" for solver in SOLVERS),
     ),
     FieldSpec("iterations", "Iterations", "", "How many; Go on does as many again", kind="int"),
     FieldSpec("background", "Background", "counts", "Expected value of a pixel without any source"),
@@ -85,16 +86,10 @@ FIELDS = (
     ),
 )
 
-_USES = {
-    "read_noise": lambda s: s not in ("cg", "isra"),
-    "strength": lambda s: s in ("rl-tv", "rl-tikhonov", "cg"),
-    "subsets": lambda s: s in ("osem", "phase-space"),
-}
-
 
 def used_by(solver: str, key: str) -> bool:
     """Return whether the field ``key`` matters to ``solver``."""
-    return key not in _USES or _USES[key](solver)
+    return key not in OPTIONS or key in SOLVERS.get(solver).honours
 
 
 @dataclass(frozen=True)
@@ -147,10 +142,10 @@ class ReconstructSettings:
             raise InputError.expected("anchor", "row, column in pixels", self.anchor, "for example 12, 7")
 
     def choice(self) -> SolverChoice:
-        """Return the solver with its settings."""
-        return SolverChoice(
-            self.solver, self.iterations, self.background, self.read_noise, self.saturation, self.strength, self.subsets
-        )
+        """Return the solver with the settings it uses; those the page greys out stay as they are, for another one."""
+        options = ("background", "read_noise", "saturation", "strength", "subsets")
+        used = {key: getattr(self, key) for key in options if used_by(self.solver, key)}
+        return SolverChoice(self.solver, self.iterations, **used)
 
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Return rows and columns of a light field of ``shape`` to be used; raises `InputError` if outside."""

@@ -14,7 +14,7 @@ from lfcal.camera import ScanPlan
 from lfcal.units import format_seconds
 
 if TYPE_CHECKING:
-    from lfcal.simulate.accuracy.planner import EffectPlan
+    from lfcal.simulate.accuracy.planner import EffectSelection
 
 __all__ = ["EffectRow", "Verdict", "preview", "tolerance_of", "tolerance_step", "verdict_of"]
 
@@ -79,7 +79,7 @@ def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> Verdict:
     return Verdict(rows, found.level, summary_of(found), found.effects)
 
 
-def summary_of(found: EffectPlan) -> str:
+def summary_of(found: EffectSelection) -> str:
     """Return what the whole simulation will cost, in a line."""
     on = len(found.effects)
     return (

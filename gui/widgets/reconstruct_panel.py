@@ -182,8 +182,8 @@ class ReconstructPanel(QWidget):
     # -- showing ---------------------------------------------------------------------------------------
     def show_solver(self, name: str) -> None:
         """Say what the solver does, and enable what it uses."""
-        self.solver_words.setText(SOLVERS[name])
-        for key in ("read_noise", "strength", "subsets"):
+        self.solver_words.setText(SOLVERS.get(name).title)
+        for key in ("background", "read_noise", "saturation", "strength", "subsets"):
             self.form.set_enabled(key, used_by(name, key))
 
     def show_hint(self, text: str) -> None:

@@ -129,7 +129,7 @@ def against_reference(H: PSFMatrix, image: int, workers: int) -> dict[str, float
     import numpy as np
 
     from lfcal.reconstruct import Projector
-    from lfcal.reconstruct.solvers.em import richardson_lucy
+    from lfcal.reconstruct.solvers.richardson_lucy import richardson_lucy
 
     shape = (image, image)
     g = np.random.default_rng(0).random((H.shape[0], *shape), np.float32)

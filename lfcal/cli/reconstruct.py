@@ -12,7 +12,9 @@ import typer
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.resample import Resampling
+    from lfcal.reconstruct.series import FrameResult
     from lfcal.reconstruct.solvers.records import Reconstruction
 
 Reader = Callable[[], "NDArray[Any]"]
@@ -56,17 +58,19 @@ def command(
     """
     from dataclasses import asdict
 
-    from lfcal.cli.console import print_json, print_table, report, run_work
+    from lfcal.cli.console import report, run_work
     from lfcal.psf import open_psf
     from lfcal.reconstruct.projectors.projector import Projector
-    from lfcal.reconstruct.series import iter_series
-    from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
-    from lfcal.reconstruct.volumes import check_suffix, save_volume
+    from lfcal.reconstruct.series import check_warm, iter_series
+    from lfcal.reconstruct.solvers.choice import SolverChoice
+    from lfcal.reconstruct.volumes import check_suffix
 
     if solver == "list":
-        print_table(["solver", "what it does"], [[name, text] for name, text in SOLVERS.items()])
+        _list_solvers()
         return
     choice = SolverChoice(solver, iterations, background, read_noise, saturation, strength, subsets, tolerance)
+    if warm:
+        check_warm(choice)
     _check_paths(frame, out, batch, forecast)
     frames = list(_frames(batch or frame))
     _check_names([name for name, _ in frames])
@@ -88,13 +92,7 @@ def command(
             return
         targets = {name: check_suffix(out / f"{name}{suffix}" if batch else out) for name, _ in frames}
         details = {"psf": psf.name, "solver": asdict(choice), "method": P.method, "anchor": P.grid.anchor}
-        voxel = P.camera.step_um(0.0) if P.camera is not None else None
-
-        def save(name: str, result: Reconstruction) -> None:
-            depths = P.depths if P.camera is not None else None
-            more = {**details, "frame": name, "notes": result.notes, "residual": result.history[-1].residual}
-            save_volume(targets[name], result.volume, depths_um=depths, voxel_um=voxel, details=more)
-
+        save = partial(_save, P, targets, details)
         clean = _cleaner(dark, white, view)
         weights = None if view is None else view.inside(frames[0][1]().shape)
         cleaned = [(name, partial(_cleaned, read, clean)) for name, read in frames]
@@ -103,6 +101,34 @@ def command(
             report(str(P.forecast()))
         run_work(P.iter_prepare(), quiet=json)
         results = run_work(work, quiet=json)
+    _show_results(P, results, targets, json)
+
+
+def _list_solvers() -> None:
+    """Print every solver, and why those of other distributions could not be had."""
+    from lfcal.cli.console import print_table, report
+    from lfcal.reconstruct.solvers import choice
+
+    for reason in choice.SOLVERS.failures().values():
+        report(f"left out: {reason}")
+    print_table(["solver", "what it does"], [[solver.name, solver.title] for solver in choice.SOLVERS])
+
+
+def _save(P: Projector, targets: dict[str, Path], details: dict[str, Any], name: str, result: Reconstruction) -> None:
+    """Write the volume of frame ``name`` with how it was made; lengths only where H knows its camera."""
+    from lfcal.reconstruct.volumes import save_volume
+
+    known = P.camera is not None
+    more = {**details, "frame": name, "notes": result.notes, "residual": result.history[-1].residual}
+    voxel = P.camera.step_um(0.0) if known else None
+    save_volume(targets[name], result.volume, depths_um=P.depths if known else None, voxel_um=voxel, details=more)
+
+
+def _show_results(P: Projector, results: tuple[FrameResult, ...], targets: dict[str, Path], json: bool) -> None:
+    from dataclasses import asdict
+
+    from lfcal.cli.console import print_json
+
     if json:
         files = [{**asdict(r), "file": targets[r.name]} for r in results]
         print_json({"method": P.method, "forecast": str(P.forecast()), "volumes": files})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,55 +15,69 @@ from lfcal.errors import InputError
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.progress import Work
-    from lfcal.simulate import EffectPlan
+    from lfcal.simulate import EffectSelection
 
 __all__ = ["register"]
 
 
 def register(app: typer.Typer) -> None:
     """Add ``simulate`` to the app."""
+    app.command("simulate")(command)
 
-    @app.command()
-    def simulate(
-        camera: str = typer.Argument(..., help="Preset, camera JSON, Raytrix XML, or the JSON of a scan plan."),
-        depths: str = typer.Option("", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
-        virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B."),
-        cutout: str = typer.Option("", help="Pixels kept, odd: 181 or ROWS,COLUMNS; by default by geometry."),
-        effects: list[str] = typer.Option([], help="NAME=on, NAME=off or NAME=auto; may be repeated."),
-        tolerance: float = typer.Option(0.03, help="Relative L1 error allowed for what is left out."),
-        level: str = typer.Option("auto", help="auto, geometric, wave, microscope or reference."),
-        out: Path | None = typer.Option(None, "-o", "--out", help="H file to write."),
-        frames: Path | None = typer.Option(None, help="Folder for the frames of a simulated session."),
-        seed: int = typer.Option(0, help="Seed of noise and stage errors in frames."),
-        peak: float = typer.Option(0.8, help="Share of the full well that the brightest pixel reaches in frames."),
-        workers: int | None = typer.Option(None, help="Threads; by default all processors."),
-        plan_only: bool = typer.Option(False, help="Only show which effects matter and what they cost."),
-        json: bool = typer.Option(False, "--json", help="Print JSON."),
-    ) -> None:
-        """Simulate the PSF matrix of a camera, with the effects that matter for it and no others.
 
-        Example: `lfcal simulate bench --virtual-depths 3,4 -o H.h5`
-        """
-        from lfcal.simulate import plan_effects
+def command(
+    camera: str = typer.Argument(..., help="Preset, camera JSON, Raytrix XML, or the JSON of a scan plan."),
+    depths: str = typer.Option("", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
+    virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B."),
+    cutout: str = typer.Option("", help="Pixels kept, odd: 181 or ROWS,COLUMNS; by default by geometry."),
+    effects: list[str] = typer.Option([], help="NAME=on, NAME=off or NAME=auto; may be repeated."),
+    tolerance: float = typer.Option(0.03, help="Relative L1 error allowed for what is left out."),
+    level: str = typer.Option("auto", help="auto, geometric, wave, microscope or reference."),
+    out: Path | None = typer.Option(None, "-o", "--out", help="H file to write."),
+    frames: Path | None = typer.Option(None, help="Folder for the frames of a simulated session."),
+    seed: int = typer.Option(0, help="Seed of noise and stage errors in frames."),
+    peak: float = typer.Option(0.8, help="Share of the full well that the brightest pixel reaches in frames."),
+    workers: int | None = typer.Option(None, help="Threads; by default all processors."),
+    plan_only: bool = typer.Option(False, help="Only show which effects matter and what they cost."),
+    json: bool = typer.Option(False, "--json", help="Print JSON."),
+) -> None:
+    """Simulate the PSF matrix of a camera, with the effects that matter for it and no others.
 
-        planned = _plan(camera, depths, virtual_depths, cutout)
-        found = plan_effects(
-            planned.camera, planned, tolerance, _settings(effects), frames=frames is not None, peak=peak
-        )
-        if plan_only:
-            _show(found, json)
-            return
-        if (out is None) == (frames is None):
-            raise InputError("output: give -o H.h5 for the matrix or --frames DIR for a session, or --plan-only")
-        if out is not None:
-            made = _write_h(planned, found, level, tolerance, out, workers, json)
-        else:
-            assert frames is not None
-            made = _write_frames(planned, found, level, tolerance, frames, seed, peak, json)
-        if json:
-            print_json(made)
-        else:
-            typer.echo(f"written: {made['path']} ({made['what']})")
+    Example: `lfcal simulate bench --virtual-depths 3,4 -o H.h5`
+    """
+    from lfcal.simulate import effects as known
+    from lfcal.simulate import plan_effects
+
+    for reason in known.CATALOGUE.failures().values():
+        report(f"left out: {reason}")
+    planned = _plan(camera, depths, virtual_depths, cutout)
+    found = plan_effects(planned.camera, planned, tolerance, _settings(effects), frames=frames is not None, peak=peak)
+    if plan_only:
+        _show(found, json)
+        return
+    if (out is None) == (frames is None):
+        raise InputError("output: give -o H.h5 for the matrix or --frames DIR for a session, or --plan-only")
+    task = _Task(planned, found, level, tolerance, json)
+    if out is not None:
+        made = _write_h(task, out, workers)
+    else:
+        assert frames is not None
+        made = _write_frames(task, frames, seed, peak)
+    if json:
+        print_json(made)
+    else:
+        typer.echo(f"written: {made['path']} ({made['what']})")
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What is simulated, whatever becomes of it."""
+
+    planned: ScanPlan
+    found: EffectSelection
+    level: str
+    tolerance: float
+    quiet: bool
 
 
 def _plan(camera: str, depths: str, virtual_depths: str, cutout: str) -> ScanPlan:
@@ -108,7 +123,7 @@ def _settings(effects: Sequence[str]) -> dict[str, str]:
     return settings
 
 
-def _show(found: EffectPlan, json: bool) -> None:
+def _show(found: EffectSelection, json: bool) -> None:
     from lfcal.units import format_seconds
 
     if json:
@@ -145,57 +160,47 @@ def _show(found: EffectPlan, json: bool) -> None:
     )
 
 
-def _write_h(
-    planned: ScanPlan, found: EffectPlan, level: str, tolerance: float, out: Path, workers: int | None, quiet: bool
-) -> dict[str, Any]:
+def _write_h(task: _Task, out: Path, workers: int | None) -> dict[str, Any]:
     from lfcal.simulate import iter_simulate_psf, predict_seconds
     from lfcal.units import format_seconds
 
-    foretold = predict_seconds(planned, found, level, tolerance=tolerance)
-    if not quiet:
+    plan = task.planned
+    foretold = predict_seconds(plan, task.found, task.level, tolerance=task.tolerance)
+    if not task.quiet:
         report(f"about {format_seconds(foretold)} of processor time ahead")
     work: Work[Any] = iter_simulate_psf(
-        planned.camera,
-        planned,
-        found,
-        level,
-        tolerance=tolerance,
+        plan.camera,
+        plan,
+        task.found,
+        task.level,
+        tolerance=task.tolerance,
         out=out,
         workers=workers,
-        provenance={"plan": planned.to_dict()},
+        provenance={"plan": plan.to_dict()},
     )
-    with run_work(work, quiet=quiet) as matrix:
+    with run_work(work, quiet=task.quiet) as matrix:
         shape = matrix.shape
     return {
         "path": out,
         "what": f"H {shape}",
         "shape": shape,
-        "level": found.level,
+        "level": task.found.level,
         "predicted_seconds": foretold,
-        "effects": [e.name for e in found.effects],
+        "effects": [e.name for e in task.found.effects],
     }
 
 
-def _write_frames(
-    planned: ScanPlan,
-    found: EffectPlan,
-    level: str,
-    tolerance: float,
-    folder: Path,
-    seed: int,
-    peak: float,
-    quiet: bool,
-) -> dict[str, Any]:
+def _write_frames(task: _Task, folder: Path, seed: int, peak: float) -> dict[str, Any]:
     from lfcal.simulate.sensor.camera_source import SimulatedCamera
     from lfcal.simulate.sensor.session import iter_write_session
 
     if folder.exists() and any(folder.iterdir()):
         raise InputError.expected(str(folder), "a new or empty folder", "one with files in it", "choose another")
-    source = SimulatedCamera(planned, found, level=level, tolerance=tolerance, seed=seed, peak=peak)
-    count = run_work(iter_write_session(source, folder), quiet=quiet)
+    source = SimulatedCamera(task.planned, task.found, level=task.level, tolerance=task.tolerance, seed=seed, peak=peak)
+    count = run_work(iter_write_session(source, folder), quiet=task.quiet)
     return {
         "path": folder,
         "what": f"{count} frames, dark and white frames, plan",
         "frames": count,
-        "effects": [e.name for e in found.effects],
+        "effects": [e.name for e in task.found.effects],
     }

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.progress import Clock, Work, drain
 from lfcal.reconstruct.projectors.projector import Projector
-from lfcal.reconstruct.solvers.em import richardson_lucy
+from lfcal.reconstruct.solvers.richardson_lucy import richardson_lucy
 
 __all__ = ["TwoPoint", "dip", "iter_two_point", "two_point"]
 
@@ -94,6 +93,7 @@ def iter_two_point(
             image = P.forward(truth)
             image *= photons / max(float(image.sum()), float(np.finfo(P.dtype).tiny))
             if seed is not None:
+                # Other noise for each distance, the same for each plane: planes are compared under equal noise.
                 image = np.random.default_rng(seed + k).poisson(np.maximum(image, 0)).astype(P.dtype)
             volume = richardson_lucy(P, image, iterations).volume
             dips.append(dip(volume[z, row].astype(np.float64), left, left + distance))
@@ -105,6 +105,14 @@ def iter_two_point(
     return tuple(results)
 
 
-def two_point(P: Projector, **options: Any) -> tuple[TwoPoint, ...]:
+def two_point(
+    P: Projector,
+    distances: Sequence[int] = (2, 3, 4, 6, 8, 12, 16, 24),
+    *,
+    iterations: int = 30,
+    photons: float = 1e5,
+    seed: int | None = 0,
+    limit: float = RAYLEIGH_DIP,
+) -> tuple[TwoPoint, ...]:
     """Return the resolution of each plane: `iter_two_point`, drained."""
-    return drain(iter_two_point(P, **options))
+    return drain(iter_two_point(P, distances, iterations=iterations, photons=photons, seed=seed, limit=limit))

@@ -9,12 +9,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.progress import Progress, Work, drain
+from lfcal.errors import InputError
+from lfcal.progress import Progress, Work
 from lfcal.reconstruct.projectors.projector import Projector
-from lfcal.reconstruct.solvers.choice import SolverChoice, iter_reconstruct
+from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice, iter_reconstruct
 from lfcal.reconstruct.solvers.records import Reconstruction
 
-__all__ = ["FrameResult", "iter_series"]
+__all__ = ["FrameResult", "check_warm", "iter_series"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,13 @@ class FrameResult:
     residual: float
     seconds: float
     notes: tuple[str, ...]
+
+
+def check_warm(choice: SolverChoice) -> None:
+    """Raise `InputError` unless the solver of ``choice`` can start from a volume."""
+    if "initial" not in choice.solver.honours:
+        able = " or ".join(solver.name for solver in SOLVERS if "initial" in solver.honours)
+        raise InputError.expected("warm start", "a solver that starts from a volume", choice.name, f"choose {able}")
 
 
 def iter_series(
@@ -71,15 +79,21 @@ def iter_series(
     warm
         Start each frame from the last one's volume: fewer iterations where little moves between frames. Voxels
         that became zero stay zero under multiplicative solvers.
+
+    Raises
+    ------
+    InputError
+        If frames, weights and choice do not fit, or ``warm`` is asked of a solver that has no start.
     """
+    if warm:
+        check_warm(choice)
     began = time.perf_counter()
     total = count * choice.iterations
     results: list[FrameResult] = []
     previous: NDArray[Any] | None = None
     for k, (name, read) in enumerate(frames):
         start = time.perf_counter()
-        multiplicative = choice.name != "cg"
-        work = iter_reconstruct(P, read(), choice, weights=weights, initial=previous if multiplicative else None)
+        work = iter_reconstruct(P, read(), choice, weights=weights, initial=previous)
         try:
             while True:
                 record = next(work)
@@ -91,19 +105,8 @@ def iter_series(
         finally:
             work.close()
         save(name, result)
+        # Only the volume: the solver's memory belongs to the frame before.
         previous = result.volume if warm else None
         last = result.history[-1]
         results.append(FrameResult(name, last.iteration, last.residual, time.perf_counter() - start, result.notes))
     return tuple(results)
-
-
-def series(
-    P: Projector,
-    frames: Iterable[tuple[str, Callable[[], NDArray[Any]]]],
-    count: int,
-    choice: SolverChoice,
-    save: Callable[[str, Reconstruction], None],
-    **options: Any,
-) -> tuple[FrameResult, ...]:
-    """Reconstruct each frame: `iter_series`, drained."""
-    return drain(iter_series(P, frames, count, choice, save, **options))

@@ -1,21 +1,18 @@
 """What a described camera does to the light of a point: only the effects a scene calls for.
 
 - ``scene``: one depth plane as an engine needs it
-- ``engine``: the protocol of engines, their sampling, and the energy they account for
-- ``geometric``, ``wave``, ``microscope``, ``reference``: the engines, from rays to the coherent reference
-- ``effects``: physical effects as objects with their a-priori estimates
-- ``cost``, ``planner``: what a simulation costs, and which effects are worth it
+- ``engines``: from rays to the coherent reference, their sampling, and the energy they account for
+- ``effects``: physical effects as objects with their a-priori estimates, found by registry
+- ``accuracy``: what a simulation costs, which effects are worth it, how finely to compute, the ladder of levels
 - ``staging``, ``response``: effects put to work on one plane
 - ``simulate``: H, in memory or straight to a file
-- ``sampling``: how finely an engine computes for a tolerance
-- ``noise``, ``white``, ``camera_source``, ``session``: sensor frames of a simulated session
+- ``sensor``: sensor frames of a simulated session
 - ``volume``: light fields of extended objects through the same H
-- ``ladder``, ``forecast``: what each step of accuracy costs, and how long the whole will take
 """
 
 from lfcal.simulate.accuracy.forecast import predict_seconds
 from lfcal.simulate.accuracy.ladder import draw_ladder, iter_ladder, ladder
-from lfcal.simulate.accuracy.planner import EffectPlan, PlannedEffect, plan_effects
+from lfcal.simulate.accuracy.planner import EffectSelection, PlannedEffect, plan_effects
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.noise import expose
 from lfcal.simulate.sensor.session import iter_write_session, write_session
@@ -23,7 +20,7 @@ from lfcal.simulate.simulate import iter_simulate_psf, simulate_psf
 from lfcal.simulate.volume import iter_light_field, light_field, plume, points, vesicle
 
 __all__ = [
-    "EffectPlan",
+    "EffectSelection",
     "PlannedEffect",
     "SimulatedCamera",
     "draw_ladder",

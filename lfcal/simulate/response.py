@@ -32,7 +32,7 @@ class PlaneResponse:
     plan, z
         The plan and the number of the plane.
     effects
-        Scene, light and psf effects; others are not its business.
+        Those on scene, light and response; others are not its business.
     level, tolerance, sampling
         As in `simulate_psf`; a sampling that is given is taken as it is, else it is refined until the energy
         balances.
@@ -120,9 +120,10 @@ class PlaneResponse:
             order = _pairs_together(engine.scene, ys)
             for start in range(0, len(ys), block):
                 part = order[start : start + block]
-                self._add(out, part, engine, sample.weight, ys, xs, workers)
+                self._add(out, part, engine, sample.weight, (ys[part], xs), workers)
                 done += part.size
                 yield done
+            # Engines of displaced points are let go of here; what they certified is kept.
             if engine not in self._engines.values():
                 self._spent.append(engine.certificate)
 
@@ -132,19 +133,20 @@ class PlaneResponse:
         part: NDArray[np.intp],
         engine: PlaneEngine,
         weight: float,
-        ys: NDArray[np.intp],
-        xs: NDArray[np.intp],
+        places: tuple[NDArray[np.intp], NDArray[np.intp]],
         workers: int | None,
     ) -> None:
+        # One engine run that fills consecutive rows alone may write into the result without a copy.
         in_order = bool((np.diff(part) == 1).all())
         if self.runs == 1 and self.kernel is None and in_order and out.flags.c_contiguous:
-            engine.rows(ys[part], xs, out=out[part[0] : part[-1] + 1], workers=workers)
+            engine.rows(*places, out=out[part[0] : part[-1] + 1], workers=workers)
         else:
-            out[part] += np.float32(weight) * self._filter(engine.rows(ys[part], xs, workers=workers))
+            out[part] += np.float32(weight) * self._filter(engine.rows(*places, workers=workers))
 
     def _engine_of(self, sample: LightSample) -> PlaneEngine:
         if not (sample.rows or sample.columns):
             return self.engine(sample.wavelength_um)
+        # Offsets displace the source on the sensor's scale: the pixels stay where they are.
         shift = np.array([sample.rows, sample.columns]) * self.scene.pixel_um
         planned = np.zeros((*self.scene.period, 2)) if self.scene.offsets_um is None else self.scene.offsets_um
         scene = replace(at_wavelength(self.scene, sample.wavelength_um), offsets_um=planned + shift)
@@ -179,6 +181,7 @@ class PlaneResponse:
 
 def _pairs_together(scene: Scene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the order of rows in which those that mirror each other follow each other: engines compute one."""
+    # Rows next to each other fall into one block, and an engine mirrors within a block only.
     twins = mirrored_rows(scene, ys)
     order = [i for k in range(len(ys)) if k not in twins for i in (k, *(t for t, of in twins.items() if of == k))]
     return np.array(order, np.intp)
@@ -187,6 +190,7 @@ def _pairs_together(scene: Scene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
 def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:
     """Return the scene in light of another wavelength; aberrations keep their path lengths."""
     scale = scene.wavelength_um / wavelength_um
+    # The glass keeps its path length in µm; in waves of another light it is another number.
     terms = tuple((n, m, waves * scale) for n, m, waves in scene.wavefront)
     return replace(scene, wavelength_um=wavelength_um, wavefront=terms)
 

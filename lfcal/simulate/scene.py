@@ -27,10 +27,10 @@ from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 from lfcal.simulate.pupil import Iris, Wavefront, seidel
 
-__all__ = ["Grid", "Iris", "Scene", "Wavefront", "scene_of", "seidel"]
+__all__ = ["Iris", "ScanGrid", "Scene", "Wavefront", "scene_of", "seidel"]
 
 
-class Grid(Protocol):
+class ScanGrid(Protocol):
     """What of a scan plan a scene needs."""
 
     @property
@@ -226,7 +226,7 @@ class Scene:
 
 def scene_of(
     camera: Camera,
-    grid: Grid | None = None,
+    grid: ScanGrid | None = None,
     z_um: float | None = None,
     *,
     virtual_depth: float | None = None,
@@ -268,29 +268,28 @@ def scene_of(
     positions = period if period is not None else (grid.period if grid is not None else _whole_period(camera))
     depth = camera.depth_of(virtual_depth) if virtual_depth is not None else float(z_um or 0.0)
     a = virtual_depth * camera.lattice.gap_um if virtual_depth is not None else camera.image_shift_um(depth)
-    optics, lattice = camera.optics, _on_array(camera, anchor_px)
-    known: dict[str, Any] = {
-        "aperture": "cell" if lattice.kind == "square" and lattice.clear_um is None else "circle",
-        "pixel_fill": math.sqrt(camera.sensor.fill_factor),
-        "z_um": depth,
-    }
-    if isinstance(optics, Microscope):
-        known["objective"] = optics
-    else:
-        known["iris"] = Iris(optics.blades, optics.blade_curvature, optics.blade_rotation_rad)
-        known["pupil_um"] = optics.image_distance_um
+    lattice = _on_array(camera, anchor_px)
     if gap_um is not None:
         lattice = replace(lattice, gap_um=gap_um)
-    known |= {
+    known = {"image_um": a, "z_um": depth, "lattice": lattice, "cutout": window, "period": positions}
+    return Scene(**(_described(camera) | known | overrides))
+
+
+def _described(camera: Camera) -> dict[str, Any]:
+    """Return the fields of a scene that hold for every plane of ``camera``."""
+    optics, lattice, sensor = camera.optics, camera.lattice, camera.sensor
+    known: dict[str, Any] = {
         "wavelength_um": camera.wavelength_um,
-        "pixel_um": camera.sensor.pixel_um,
-        "image_um": a,
-        "lattice": lattice,
-        "cutout": window,
-        "period": positions,
+        "pixel_um": sensor.pixel_um,
         "f_number": optics.working_f_number,
+        # Square lenslets without a clear diameter of their own are moulded edge to edge.
+        "aperture": "cell" if lattice.kind == "square" and lattice.clear_um is None else "circle",
+        "pixel_fill": math.sqrt(sensor.fill_factor),
     }
-    return Scene(**(known | overrides))
+    if isinstance(optics, Microscope):
+        return known | {"objective": optics}
+    iris = Iris(optics.blades, optics.blade_curvature, optics.blade_rotation_rad)
+    return known | {"iris": iris, "pupil_um": optics.image_distance_um}
 
 
 def _whole_period(camera: Camera) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from lfcal.errors import InputError
 from lfcal.progress import Clock, Progress, Work, drain
 from lfcal.psf import PSFMatrix, open_psf
 from lfcal.psf.store import PSFWriter
-from lfcal.simulate.accuracy.planner import EffectPlan, plan_effects
+from lfcal.simulate.accuracy.planner import EffectSelection, plan_effects
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
@@ -31,16 +31,16 @@ MEMORY_LIMIT = 6 << 30
 BLOCK_BYTES = 64 << 20
 """Rows of responses that are computed between two reports of progress are about this large."""
 
-EffectsLike = Iterable[Effect] | EffectPlan | str
+EffectsLike = Iterable[Effect] | EffectSelection | str
 
 
 def effects_of(effects: EffectsLike, plan: ScanPlan, tolerance: float) -> tuple[Effect, ...]:
-    """Return a tuple of effects: as given, those a plan has on, or those that ``"auto"`` finds necessary."""
-    if isinstance(effects, EffectPlan):
+    """Return a tuple of effects: as given, those a selection has on, or those that ``"auto"`` finds necessary."""
+    if isinstance(effects, EffectSelection):
         return effects.effects
     if isinstance(effects, str):
         if effects != "auto":
-            raise InputError.expected("effects", "effects, an EffectPlan or 'auto'", repr(effects), "correct it")
+            raise InputError.expected("effects", "effects, an EffectSelection or 'auto'", repr(effects), "correct it")
         return plan_effects(plan.camera, plan, tolerance).effects
     chosen = tuple(effects)
     for effect in chosen:
@@ -71,7 +71,14 @@ def iter_simulate_psf(
     """Simulate H as `simulate_psf`; yields progress in rows, and closing it leaves nothing half-written."""
     _check_plan(camera, plan)
     chosen = effects_of(effects, plan, tolerance)
+    # The file says what was simulated, so that H can be made again.
     details = {"simulated": {"effects": describe(chosen), "level": level, "tolerance": tolerance}, **(provenance or {})}
+    planes, count = range(plan.shape[0]), worker_count(workers)
+    names = [f"simulate plane {z + 1} of {len(planes)}" for z in planes]
+
+    def response(z: int) -> PlaneResponse:
+        return PlaneResponse(plan, z, chosen, level=level, tolerance=tolerance, sampling=sampling)
+
     common: dict[str, Any] = {"depths": plan.depths_um, "camera": camera, "anchor": plan.anchor}
     if out is None:
         need = int(np.prod(plan.shape, dtype=np.int64)) * 4
@@ -79,16 +86,17 @@ def iter_simulate_psf(
             limit = f"at most {format_bytes(MEMORY_LIMIT)}"
             raise InputError.expected("H in memory", limit, format_bytes(need), "name a file with out=")
         whole = np.zeros(plan.shape, np.float32)
-        for z in range(plan.shape[0]):
-            yield from _plane(whole[z], plan, z, chosen, level, tolerance, sampling, workers)
+        for z in planes:
+            yield from _plane(whole[z], response(z), names[z], count)
         return PSFMatrix(whole, **common, provenance=details)
     with PSFWriter(
         out, plan.shape, **common, dtype=dtype, compression=compression, provenance=details, workers=workers
     ) as writer:
         plane = np.empty(plan.shape[1:], np.float32)
-        for z in range(plan.shape[0]):
+        for z in planes:
+            # The buffer of one plane is used for all: a file of any size takes the memory of one.
             plane[:] = 0
-            yield from _plane(plane, plan, z, chosen, level, tolerance, sampling, workers)
+            yield from _plane(plane, response(z), names[z], count)
             writer.write_plane(z, plane)
     return open_psf(Path(out))
 
@@ -98,7 +106,14 @@ def simulate_psf(
     plan: ScanPlan,
     effects: EffectsLike = "auto",
     level: str = "auto",
-    **options: Any,
+    *,
+    tolerance: float = 0.03,
+    sampling: Sampling | None = None,
+    out: str | os.PathLike[str] | None = None,
+    dtype: str = "float32",
+    compression: str = "gzip",
+    workers: int | None = None,
+    provenance: Mapping[str, Any] | None = None,
 ) -> PSFMatrix:
     """Return H of ``camera`` for a scan plan, by simulation.
 
@@ -113,7 +128,7 @@ def simulate_psf(
     plan
         Period, cutout, depths and anchor: H has shape ``plan.shape``, axes (z, y, x, t, s).
     effects
-        A tuple of effects, ``()`` for the ideal camera; an `EffectPlan`; or ``"auto"``: what `plan_effects`
+        A tuple of effects, ``()`` for the ideal camera; an `EffectSelection`; or ``"auto"``: what `plan_effects`
         finds necessary for ``tolerance``.
     level
         ``"geometric"``, ``"wave"``, ``"microscope"``, ``"reference"``, or ``"auto"``: rays unless an effect calls
@@ -128,6 +143,8 @@ def simulate_psf(
         As in `PSFWriter`.
     workers
         Threads over source rows; None takes all processors.
+    provenance
+        What else the file is to keep of how H came to be; plain JSON types.
 
     Returns
     -------
@@ -143,7 +160,21 @@ def simulate_psf(
     StorageError
         If the file cannot be written.
     """
-    return drain(iter_simulate_psf(camera, plan, effects, level, **options))
+    return drain(
+        iter_simulate_psf(
+            camera,
+            plan,
+            effects,
+            level,
+            tolerance=tolerance,
+            sampling=sampling,
+            out=out,
+            dtype=dtype,
+            compression=compression,
+            workers=workers,
+            provenance=provenance,
+        )
+    )
 
 
 def _check_plan(camera: Camera, plan: ScanPlan) -> None:
@@ -161,23 +192,13 @@ def _check_plan(camera: Camera, plan: ScanPlan) -> None:
         )
 
 
-def _plane(
-    out: NDArray[np.float32],
-    plan: ScanPlan,
-    z: int,
-    effects: tuple[Effect, ...],
-    level: str,
-    tolerance: float,
-    sampling: Sampling | None,
-    workers: int | None,
-) -> Iterable[Progress]:
-    """Compute one plane into ``out``, zeroed; yield progress."""
-    response = PlaneResponse(plan, z, effects, level=level, tolerance=tolerance, sampling=sampling)
-    ny, nx = plan.period
-    row_bytes = nx * plan.cutout[0] * plan.cutout[1] * 4
-    threads = worker_count(workers)
-    block = min(ny, max(threads, BLOCK_BYTES // max(1, row_bytes) // threads * threads))
-    clock = Clock(f"simulate plane {z + 1} of {plan.shape[0]}", ny * response.runs)
+def _plane(out: NDArray[np.float32], response: PlaneResponse, name: str, workers: int) -> Iterable[Progress]:
+    """Compute one plane into ``out`` ``(ny, nx, nt, ns)``, zeroed; yield progress."""
+    ny, nx = out.shape[:2]
+    # Whole rounds of all threads, so that none waits at the end of a block.
+    rounds = BLOCK_BYTES // max(1, out[0].nbytes) // workers
+    block = min(ny, max(1, rounds) * workers)
+    clock = Clock(name, ny * response.runs)
     yield clock.at(0)
     for done in response.accumulate(out, np.arange(ny), np.arange(nx), block=block, workers=workers):
         yield clock.at(done)

@@ -20,6 +20,7 @@ def is_mirror_symmetric(scene: Scene) -> bool:
 
     A square or hexagonal array along the pixel rows does, lens types included, about every row of lenslets.
     """
+    # Offsets could mirror each other too; they are not looked at.
     upright = scene.lattice.rotation_rad == 0 and scene.offsets_um is None
     return upright and _iris_is_symmetric(scene.iris) and all(m >= 0 for _, m, _ in scene.wavefront)
 
@@ -29,6 +30,7 @@ def _iris_is_symmetric(iris: Iris) -> bool:
         return False
     if iris.blades == 0 or iris.curvature == 1:
         return True
+    # A regular iris mirrors itself about x where a vertex or the middle of an edge lies on it.
     turns = iris.rotation_rad * iris.blades / math.pi
     return abs(turns - round(turns)) < 1e-9
 

@@ -21,7 +21,7 @@ def blind_spot_psf(rng):
     return H
 
 
-@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("name", SOLVERS.names())
 def test_voxels_no_pixel_sees_stay_zero(name):
     rng = np.random.default_rng(0)
     P = Projector(blind_spot_psf(rng), (16, 17))
@@ -32,7 +32,7 @@ def test_voxels_no_pixel_sees_stay_zero(name):
     assert np.abs(volume[:, unseen]).max() <= 1e-5 * volume.max() or name in ("ems", "rl-tv", "rl-tikhonov")
 
 
-@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("name", SOLVERS.names())
 @pytest.mark.parametrize("case", ["all zero", "one photon", "huge range", "all masked", "holes"])
 def test_extreme_images_give_finite_volumes(name, case):
     P = Projector(lenslet_psf(2, 5, 15), (30, 31))

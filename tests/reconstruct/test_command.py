@@ -11,7 +11,7 @@ import tifffile
 from lfcal.cli import main
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector
-from lfcal.reconstruct.solvers.em import richardson_lucy
+from lfcal.reconstruct.solvers.richardson_lucy import richardson_lucy
 from lfcal.reconstruct.volumes import load_volume
 from tests.reconstruct.oracles import lenslet_psf
 
@@ -121,6 +121,9 @@ def test_forecast_and_list_of_solvers_write_nothing(files, run):
         (["frames/none.tif", "-o", "v.tif"], "no such file"),
         (["frames/t0.tif", "-o", "v.jpg"], "volume file"),
         (["frames/t0.tif", "-o", "v.tif", "--solver", "magic"], "solver"),
+        (["frames/t0.tif", "-o", "v.tif", "--solver", "cg", "--read-noise", 3], "read noise"),
+        (["frames/t0.tif", "-o", "v.tif", "--strength", 0.1], "rl-tv"),
+        (["--batch", "frames", "-o", "v", "--solver", "cg", "--warm"], "warm start"),
         (["frames/t0.tif", "-o", "v.tif", "--anchor", "left"], "--anchor"),
         (["frames/t0.tif", "-o", "v.tif", "--resample"], "--resample"),
         (["frames/t0.tif", "-o", "v.tif", "--memory", "0.000001"], "memory limit"),

@@ -13,7 +13,7 @@ from lfcal.frames import CorrectionChain, Dark, White, read_image
 from lfcal.lattice.fit import fit_lattice
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
-from lfcal.reconstruct.solvers.em import richardson_lucy
+from lfcal.reconstruct.solvers.richardson_lucy import richardson_lucy
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.simulate import simulate_psf
 

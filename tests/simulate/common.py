@@ -8,11 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan, preset
-from lfcal.simulate.effects import Effect, IrisDiffraction, IrisShape, LensletDiffraction, LensTypes, Telecentricity
+from lfcal.simulate.effects import (
+    Effect,
+    IrisDiffraction,
+    IrisShape,
+    LensletDiffraction,
+    LensTypeDefocus,
+    Telecentricity,
+)
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
 
-BASE: tuple[Effect, ...] = (LensTypes(), LensletDiffraction(), IrisDiffraction(), IrisShape(), Telecentricity())
+BASE: tuple[Effect, ...] = (LensTypeDefocus(), LensletDiffraction(), IrisDiffraction(), IrisShape(), Telecentricity())
 """The optics of the described camera; an effect under test is switched on and off beside these."""
 
 FAST = Sampling(nodes_per_px=3, margin_px=4)

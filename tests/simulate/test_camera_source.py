@@ -23,10 +23,10 @@ from lfcal.simulate.effects import (
     Effect,
     FiniteSource,
     FixedPattern,
+    PositioningError,
     Quantisation,
     ReadNoise,
     ShotNoise,
-    StageError,
 )
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.white import fold, white_tile
@@ -140,7 +140,7 @@ def test_motion_displaces_the_source_without_telling() -> None:
 def test_motion_is_seeded_and_serpentine_backlash_lags_every_other_row() -> None:
     plan = corner(small_plan(), 4, 6)
     step = plan.camera.step_um(plan.depths_um[0])
-    noisy = [SimulatedCamera(plan, (StageError(3.0),), seed=s) for s in (1, 1, 2)]
+    noisy = [SimulatedCamera(plan, (PositioningError(3.0),), seed=s) for s in (1, 1, 2)]
     moves = [np.array([c.displacement_um(k) for k in range(len(c))]) for c in noisy]
     assert np.array_equal(moves[0], moves[1]) and not np.array_equal(moves[0], moves[2])
     assert moves[0][:, 1:].std() == pytest.approx(3.0, rel=0.3) and not moves[0][:, 0].any()

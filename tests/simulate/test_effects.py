@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +14,7 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.simulate.effects import (
     CATALOGUE,
+    ActsOn,
     ArrayRotation,
     Backlash,
     Bandwidth,
@@ -26,13 +29,13 @@ from lfcal.simulate.effects import (
     IrisShape,
     LensletDiffraction,
     LensletGap,
-    LensTypes,
+    LensTypeDefocus,
+    MechanicalVignetting,
     PitchError,
     PixelFill,
+    PositioningError,
     Spherical,
-    StageError,
     Telecentricity,
-    Vignetting,
     Zernike,
 )
 from lfcal.simulate.effects.aberrations import wavefront_rms
@@ -49,7 +52,7 @@ SCENES = (4.0, -3.0, 2.2, 0.5)
 """Virtual depths: the usual one, before the array with large spots, near focus, near the native plane."""
 
 EVERYWHERE: list[Effect] = [
-    LensTypes(),
+    LensTypeDefocus(),
     LensletDiffraction(),
     IrisDiffraction(),
     IrisShape(),
@@ -64,7 +67,7 @@ EVERYWHERE: list[Effect] = [
 """Measured in the first two scenes."""
 
 SOMEWHERE: list[tuple[float, Effect]] = [
-    (2.2, LensTypes()),
+    (2.2, LensTypeDefocus()),
     (2.2, LensletDiffraction()),
     (2.2, Spherical(0.05)),
     (-3.0, Spherical(1.0)),
@@ -75,7 +78,7 @@ SOMEWHERE: list[tuple[float, Effect]] = [
     (-3.0, ArrayRotation(math.radians(-0.2))),
     (4.0, FiniteSource(50.0)),
     (-3.0, FiniteSource(80.0)),
-    (0.5, LensTypes()),
+    (0.5, LensTypeDefocus()),
     (0.5, LensletDiffraction()),
     (0.5, Telecentricity()),
     (0.5, ExactAngles()),
@@ -145,7 +148,7 @@ MICROSCOPE: list[Effect] = [
 @pytest.mark.parametrize("effect", MICROSCOPE, ids=label)
 def test_microscope_estimates(effect: Effect) -> None:
     plan = ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[25.0])
-    base = (LensTypes(), LensletDiffraction())
+    base = (LensTypeDefocus(), LensletDiffraction())
     on = responses(plan, (*(e for e in base if e.name != effect.name), effect))
     off = responses(plan, tuple(e for e in base if e.name != effect.name))
     estimate = effect.estimate(outlook_of(plan, 0)).error
@@ -156,7 +159,7 @@ def test_estimates_of_the_r29() -> None:
     """The table of the r29 at v = 4: every optical effect that matters there, within a factor of two."""
     camera = preset("r29")
     plan = ScanPlan.for_camera(camera, virtual_depths=[4.0])
-    for effect in (LensTypes(), IrisDiffraction(), ExactAngles()):
+    for effect in (LensTypeDefocus(), IrisDiffraction(), ExactAngles()):
         others = tuple(e for e in BASE if e.name != effect.name)
         ys, xs = [20], [10, 60]
         on = PlaneResponse(plan, 0, (*others, effect), sampling=FAST).rows(ys, xs)
@@ -188,11 +191,11 @@ def test_exact_angles_keep_the_chief_rays() -> None:
 def test_vignetting_is_measured_off_axis() -> None:
     """A region at the sensor's edge, the only place where a rim cuts the pupil."""
     plan = small_plan(4.0, small_camera(160, 1200), anchor=(70.0, 1100.0))
-    rim = Vignetting(30e3, 1.02)
+    rim = MechanicalVignetting(30e3, 1.02)
     estimate = rim.estimate(outlook_of(plan, 0))
     assert estimate.error > 0.02
     assert 0.5 * estimate.error <= switched(plan, rim) <= 2 * estimate.error
-    assert Vignetting().estimate(outlook_of(small_plan(), 0)).error == 0
+    assert MechanicalVignetting().estimate(outlook_of(small_plan(), 0)).error == 0
 
 
 @pytest.mark.parametrize(("v", "step"), [(4.0, 6.0), (-3.0, 12.0), (2.2, 3.0)])
@@ -217,7 +220,7 @@ def test_motion_estimates(plans: dict[float, ScanPlan], v: float, step: float) -
     commanded = plan.object_um(plan.order_indices())[:, ::-1]
     rng = np.random.default_rng(1)
     scale = pixel / camera.step_um(outlook.z_um)
-    for effect, count in ((StageError(step / 3), len(commanded)), (Drift(step / 2, step / 2), len(commanded))):
+    for effect, count in ((PositioningError(step / 3), len(commanded)), (Drift(step / 2, step / 2), len(commanded))):
         moved = effect.displace(commanded, camera, rng)[:, 1:] * scale
         measured = mean_error(moved[rng.permutation(count)])
         estimate = effect.estimate(outlook).error
@@ -247,6 +250,24 @@ def test_every_effect_has_a_word_on_the_microscope() -> None:
         assert 0 <= estimate.error <= 2 and estimate.unit and estimate.formula, kind.name
 
 
+def test_coma_turns_with_the_field_point() -> None:
+    """A square array looks the same when rows and columns change places; a field point along +x then lies along +y."""
+    camera = small_camera()
+    square = replace(camera.lattice, kind="square", types=camera.lattice.types[:1], row_pitch_um=None, rotation_rad=0.0)
+    plan = small_plan(4.0, replace(camera, lattice=square), cutout=41)
+    ny, nx = plan.period
+    ys, xs = [2, ny // 3], [3, nx // 2]
+    base = (LensletDiffraction(), IrisDiffraction())
+
+    def seen(angle: float, rows: list[int], columns: list[int]) -> np.ndarray:
+        return PlaneResponse(plan, 0, (*base, Coma(0.6, angle)), sampling=FAST).rows(rows, columns)
+
+    along_x, along_y = seen(0.0, ys, xs), seen(math.pi / 2, xs, ys)
+    turned = along_y.transpose(1, 0, 3, 2)
+    assert difference(along_x, turned) < 1e-4
+    assert difference(along_x, seen(-math.pi / 2, xs, ys).transpose(1, 0, 3, 2)) > 0.05, "the other way is another H"
+
+
 def test_the_empty_tuple_is_the_ideal_camera(plans: dict[float, ScanPlan]) -> None:
     response = PlaneResponse(plans[4.0], 0, ())
     scene = response.scene
@@ -262,17 +283,31 @@ def test_effects_are_frozen_and_named_once() -> None:
     for kind in CATALOGUE:
         with pytest.raises((AttributeError, TypeError)):
             kind().name = "x"  # type: ignore[misc]
-        assert kind.title and kind.cost
+        assert kind.title and kind.acts_on in ActsOn
+
+
+def all_below(kind: type[Effect]) -> list[type[Effect]]:
+    return [kind, *(deeper for below in kind.__subclasses__() for deeper in all_below(below))]
+
+
+def test_the_catalogue_lacks_no_effect_and_follows_the_light() -> None:
+    """An effect that its module forgets to name would never be planned."""
+    own = {k.name for k in all_below(Effect) if k.__module__.startswith("lfcal.") and not inspect.isabstract(k)}
+    names = CATALOGUE.names()
+    assert set(names) == own and len(own) == 30
+    way = ["lens_types", "iris_shape", "coma", "pixel_fill", "finite_source", "crosstalk", "stage_error", "cos4"]
+    assert [names.index(n) for n in way] == sorted(names.index(n) for n in way)
+    sensor = "stray_light colour_filter fixed_pattern dark_current shot_noise saturation read_noise quantisation"
+    assert " ".join(names[-8:]) == sensor
 
 
 # -- oracles of the pieces -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("degree", "moments"), [(3, 3), (5, 5), (7, 7)])
-def test_disc_rule_integrates_polynomials(degree: int, moments: int) -> None:
-    rule = np.array(disc_rule(degree))
-    for i in range(moments + 1):
-        for j in range(moments + 1 - i):
+def test_disc_rule_integrates_polynomials() -> None:
+    rule = np.array(disc_rule())
+    for i in range(6):
+        for j in range(6 - i):
             if i % 2 or j % 2:
                 exact = 0.0
             else:  # mean of y^i x^j over the unit disc
@@ -333,6 +368,25 @@ def test_crosstalk_keeps_light_and_is_symmetric() -> None:
     assert filtered(dot, uneven)[0, 2, 0] == np.float32(0.2), "the kernel must not be turned round"
 
 
-def test_magnitudes_are_checked_where_they_are_used() -> None:
-    with pytest.raises(InputError):
-        responses(small_plan(), (PixelFill(1.5),))
+@pytest.mark.parametrize(
+    ("make", "word"),
+    [
+        (lambda: PixelFill(1.5), "fill_factor"),
+        (lambda: PixelFill(0.0), "fill_factor"),
+        (lambda: Crosstalk(-0.1), "share"),
+        (lambda: Bandwidth(-0.02), "width_um"),
+        (lambda: Spherical(math.nan), "waves"),
+        (lambda: LensletGap(math.inf), "error_um"),
+        (lambda: IrisShape(curvature=1.2), "curvature"),
+        (lambda: PositioningError(-1.0), "rms_um"),
+    ],
+)
+def test_magnitudes_are_checked_where_they_are_given(make: Callable[[], Effect], word: str) -> None:
+    with pytest.raises(InputError, match=word) as error:
+        make()
+    assert "\n" not in str(error.value)
+
+
+def test_terms_are_checked_by_the_scene() -> None:
+    with pytest.raises(InputError, match="Zernike term"):
+        responses(small_plan(), (Zernike(((3, 2, 0.1),)),))

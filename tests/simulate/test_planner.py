@@ -18,11 +18,11 @@ from lfcal.simulate.effects import (
     FiniteSource,
     LensletGap,
     Outlook,
+    PositioningError,
     PsfEffect,
     ReadNoise,
     SceneEffect,
     ShotNoise,
-    StageError,
     catalogue,
 )
 from lfcal.simulate.response import PlaneResponse
@@ -84,7 +84,7 @@ def test_a_loose_tolerance_leaves_all_out_and_a_tight_one_nothing() -> None:
     assert none.effects == () and none.level == "geometric"
     assert none.seconds == pytest.approx(none.ideal_seconds)
     all_of_it = plan_effects(plan.camera, plan, 1e-9)
-    known = [r for r in all_of_it.rows if not r.effect.deviation and r.effect.stage not in ("frame", "motion")]
+    known = [r for r in all_of_it.rows if not r.effect.deviation and r.effect.acts_on.enters_h]
     assert all(row.on or row.estimate.error < 1e-5 for row in known)
 
 
@@ -93,9 +93,7 @@ def test_what_is_left_out_adds_up_to_less_than_the_tolerance() -> None:
     for tolerance in (0.005, 0.02, 0.05, 0.2, 0.6):
         found = plan_effects(plan.camera, plan, tolerance)
         out = [
-            r.estimate.error
-            for r in found.rows
-            if not r.on and not r.effect.deviation and r.effect.stage not in ("frame", "motion")
+            r.estimate.error for r in found.rows if not r.on and not r.effect.deviation and r.effect.acts_on.enters_h
         ]
         assert sum(out) <= tolerance
 
@@ -141,7 +139,7 @@ def test_deviations_count_once_they_are_known() -> None:
 
 def test_frames_bring_noise_and_motion() -> None:
     plan = small_plan()
-    names = {e.name for e in plan_effects(plan.camera, plan, 0.02, frames=True, effects=(StageError(5.0),))}
+    names = {e.name for e in plan_effects(plan.camera, plan, 0.02, frames=True, effects=(PositioningError(5.0),))}
     assert {"read_noise", "quantisation", "stage_error"} <= names
     quiet = small_plan(camera=small_camera(read_noise_e=0.0))
     assert "read_noise" not in {e.name for e in plan_effects(quiet.camera, quiet, 0.02, frames=True)}

@@ -106,6 +106,17 @@ def test_seidel_terms_are_the_powers():
     assert np.abs(three + 0.4 * rho**3).max() < 1e-15
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.6, 2.5, -1.1])
+def test_coma_points_where_its_angle_says(angle):
+    """W131 rho^3 cos(theta - angle) over the pupil, by the convention of `Scene.wavefront`: sines for m < 0."""
+    rho, theta = np.linspace(0, 1, 6)[:, None], np.linspace(0, 2 * math.pi, 13)
+    terms = seidel(coma=0.3, angle_rad=angle)
+    found = sum(
+        w * zernike_radial(n, abs(m), rho) * (np.cos(m * theta) if m >= 0 else np.sin(-m * theta)) for n, m, w in terms
+    )
+    assert np.abs(found - 0.3 * rho**3 * np.cos(theta - angle)).max() < 1e-15
+
+
 @pytest.mark.parametrize(
     "change",
     [

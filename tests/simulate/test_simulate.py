@@ -13,7 +13,7 @@ from lfcal.errors import InputError
 from lfcal.psf import open_psf
 from lfcal.simulate import iter_simulate_psf, plan_effects, simulate_psf
 from lfcal.simulate.accuracy.sampling import STEPS, sampling_for
-from lfcal.simulate.effects import Bandwidth, Crosstalk, ReadNoise, StageError
+from lfcal.simulate.effects import Bandwidth, Crosstalk, PositioningError, ReadNoise
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
@@ -97,7 +97,7 @@ def test_certificate_is_passed_on() -> None:
 def test_frame_and_motion_effects_do_not_enter_h() -> None:
     plan = corner(small_plan(cutout=31))
     plain = simulate_psf(plan.camera, plan, ())
-    assert np.array_equal(simulate_psf(plan.camera, plan, (ReadNoise(), StageError())).plane(0), plain.plane(0))
+    assert np.array_equal(simulate_psf(plan.camera, plan, (ReadNoise(), PositioningError())).plane(0), plain.plane(0))
 
 
 def test_effects_may_be_planned_or_given_as_a_plan() -> None:

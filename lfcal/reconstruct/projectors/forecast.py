@@ -18,7 +18,7 @@ from lfcal.reconstruct.projectors.planes import PlaneReader
 from lfcal.reconstruct.projectors.tiles import TilePlan
 from lfcal.units import format_bytes, format_seconds
 
-__all__ = ["METHODS", "Forecast", "Problem", "forecast"]
+__all__ = ["METHODS", "Problem", "ProjectionForecast", "forecast"]
 
 METHODS = ("polyphase", "direct", "sparse", "fft")
 """Ways to project."""
@@ -69,7 +69,7 @@ class Problem:
 
 
 @dataclass(frozen=True, slots=True)
-class Forecast:
+class ProjectionForecast:
     """The method taken, what it will cost, and what the others would.
 
     Attributes
@@ -106,7 +106,7 @@ class Forecast:
 Option = tuple[Cost, TilePlan | None, int | None]
 
 
-def forecast(problem: Problem, method: str, memory_limit: int) -> Forecast:
+def forecast(problem: Problem, method: str, memory_limit: int) -> ProjectionForecast:
     """Return the cheapest way to project within ``memory_limit`` bytes.
 
     Raises
@@ -137,7 +137,7 @@ def forecast(problem: Problem, method: str, memory_limit: int) -> Forecast:
         )
     cost, plan, band = min(fitting, key=lambda o: o[0].prepare_s + PAIRS * o[0].pair_s)
     by_method = {o[0].method: o[0] for o in sorted(options, key=lambda o: -o[0].pair_s)}
-    return Forecast(cost, plan, band, tuple(by_method.values()), memory_limit)
+    return ProjectionForecast(cost, plan, band, tuple(by_method.values()), memory_limit)
 
 
 def reading_seconds(reader: PlaneReader) -> float:

@@ -14,7 +14,7 @@ from lfcal.errors import InputError
 from lfcal.progress import Clock, Work, drain
 from lfcal.reconstruct.projectors.direct import Direct
 from lfcal.reconstruct.projectors.engine import Engine
-from lfcal.reconstruct.projectors.forecast import Forecast, Problem, forecast, reading_seconds
+from lfcal.reconstruct.projectors.forecast import Problem, ProjectionForecast, forecast, reading_seconds
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.planes import PlaneReader
 from lfcal.reconstruct.projectors.polyphase import Polyphase
@@ -139,7 +139,7 @@ class Projector:
         depths = getattr(self._reader.H, "depths", None)
         return np.arange(self.volume_shape[0], dtype=float) if depths is None else np.asarray(depths, float)
 
-    def forecast(self) -> Forecast:
+    def forecast(self) -> ProjectionForecast:
         """Return what the method costs on this machine, and what the others would."""
         return self._forecast
 

@@ -1,32 +1,33 @@
-"""Multiplicative solvers: Richardson-Lucy and ISRA, with penalties, acceleration, subsets and smoothing."""
+"""The iteration of all multiplicative solvers: update rules, penalties, acceleration, subsets and smoothing."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
-from lfcal.progress import drain
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.acceleration import check_acceleration, extrapolate, remember
-from lfcal.reconstruct.solvers.measurement import Fit, Measurement
+from lfcal.reconstruct.solvers.measurement import GoodnessOfFit, Measurement
 from lfcal.reconstruct.solvers.penalty import Penalty
 from lfcal.reconstruct.solvers.records import (
     Reconstruction,
     SolverProgress,
     SolverState,
     SolverWork,
+    progress_of,
     relative_change,
     without_state,
 )
 from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
+from lfcal.reconstruct.solvers.solver import SolverRun
 from lfcal.reconstruct.solvers.subsets import Masks, check_partition
 
-__all__ = ["EmOptions", "isra", "iter_em", "iter_isra", "iter_richardson_lucy", "richardson_lucy"]
+__all__ = ["EmOptions", "iter_em", "iter_run"]
 
 UNSEEN = 1e-6
 """Voxels whose sensitivity is below this share of the largest are left as they are."""
@@ -125,95 +126,34 @@ def iter_em(
         start, step = extrapolate(state, options.acceleration)
         volume, fit = _iterate(start, parts, data, options)
         change = relative_change(volume, state.volume)
+        # The likelihood belongs to the extrapolated start: where it fell, the last step was too long.
         restart = step > 0 and fit.likelihood < before
         before = fit.likelihood
         arrays, numbers = remember(state, start, volume, options.acceleration, restart=restart)
         seconds = state.seconds + time.perf_counter() - began
         state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
-        record = SolverProgress(
-            state.iteration,
-            total,
-            options.rule,
-            seconds,
-            _note(fit, change),
-            state.iteration,
-            fit.residual,
-            fit.likelihood,
-            change,
-            state,
+        record = progress_of(
+            state, total, options.rule, residual=fit.residual, likelihood=fit.likelihood, change=change
         )
-        history.append(without_state(record))
+        history.append(without_state(record))  # the history would else hold a volume per iteration
         yield record
         if change < options.tolerance:
             break
     return Reconstruction(state.volume, tuple(history), state, data.notes)
 
 
-def iter_richardson_lucy(
-    P: Projector,
-    image: ArrayLike,
-    iterations: int = 20,
-    *,
-    background: ArrayLike = 0.0,
-    weights: ArrayLike | None = None,
-    saturation: float | None = None,
-    read_noise: float = 0.0,
-    penalty: Penalty | None = None,
-    acceleration: str = "none",
-    subsets: Masks | None = None,
-    relaxation: float = 1.0,
-    smoothing: DepthSmoothing | None = None,
-    tolerance: float = 0.0,
-    initial: ArrayLike | None = None,
-    resume: SolverState | None = None,
-) -> SolverWork:
-    """Deconvolve ``image`` ``(Y, X)`` by Richardson-Lucy, one `SolverProgress` per iteration.
-
-    ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2); with weights, ``HT(w f / (Hg + b)) /
-    HTw``. Where Hg + b is nothing but rounding the ratio is 0; voxels no pixel sees stay as they are. For the other
-    arguments see `Measurement.of` and `EmOptions`.
-
-    Raises
-    ------
-    InputError
-        If the image does not fit the projector or an argument is out of range.
-    """
+def iter_run(P: Projector, image: ArrayLike, run: SolverRun, options: EmOptions) -> SolverWork:
+    """Iterate as ``run`` asks; ``options`` say what makes the solver this one."""
     data = Measurement.of(
-        image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, read_noise=read_noise
+        image,
+        dtype=P.dtype,
+        weights=run.weights,
+        saturation=run.saturation,
+        background=run.background,
+        read_noise=run.read_noise,
     )
-    options = EmOptions("richardson-lucy", penalty, acceleration, subsets, relaxation, smoothing, tolerance)
-    return iter_em(P, data, iterations, options, initial=initial, resume=resume)
-
-
-def richardson_lucy(P: Projector, image: ArrayLike, iterations: int = 20, **options: Any) -> Reconstruction:
-    """Deconvolve ``image``: `iter_richardson_lucy`, drained."""
-    return drain(iter_richardson_lucy(P, image, iterations, **options))
-
-
-def iter_isra(
-    P: Projector,
-    image: ArrayLike,
-    iterations: int = 20,
-    *,
-    background: ArrayLike = 0.0,
-    weights: ArrayLike | None = None,
-    saturation: float | None = None,
-    initial: ArrayLike | None = None,
-    resume: SolverState | None = None,
-    **options: Any,
-) -> SolverWork:
-    """Deconvolve by the image-space reconstruction algorithm: least squares without negative values.
-
-    ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Arguments as for
-    `iter_richardson_lucy`.
-    """
-    data = Measurement.of(image, dtype=P.dtype, weights=weights, saturation=saturation, background=background)
-    return iter_em(P, data, iterations, EmOptions("isra", **options), initial=initial, resume=resume)
-
-
-def isra(P: Projector, image: ArrayLike, iterations: int = 20, **options: Any) -> Reconstruction:
-    """Deconvolve ``image``: `iter_isra`, drained."""
-    return drain(iter_isra(P, image, iterations, **options))
+    options = replace(options, tolerance=run.tolerance)
+    return iter_em(P, data, run.iterations, options, initial=run.initial, resume=run.resume)
 
 
 # -- steps ---------------------------------------------------------------------------------------------
@@ -251,6 +191,7 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
     light = float(data.weighted(np.maximum(data.image - data.background, 0)).sum(dtype=np.float64))
     reach = float(np.sum(sensitivity, dtype=np.float64))
     level = light / reach if reach > 0 else 0.0
+    # A voxel no pixel sees would keep its start for ever: it starts, and stays, at zero.
     seen = sensitivity > UNSEEN * np.max(sensitivity)
     start: NDArray[Any] = np.where(seen, level, 0).astype(P.dtype)
     return start
@@ -258,7 +199,7 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
 
 def _iterate(
     volume: NDArray[Any], parts: tuple[_Part, ...], data: Measurement, options: EmOptions
-) -> tuple[NDArray[Any], Fit]:
+) -> tuple[NDArray[Any], GoodnessOfFit]:
     """Return the volume after one pass over all subsets, and the fit met on the way."""
     square, likelihood, norm = 0.0, 0.0, float(np.linalg.norm(data.weighted(data.image)))
     for part in parts:
@@ -267,13 +208,14 @@ def _iterate(
         floor = max(P.rounding * float(model.max(initial=0)), float(np.finfo(model.dtype).tiny))
         fit = data.fit(model, part.mask, floor)
         likelihood += fit.likelihood
+        # Subsets are disjoint: their squares add up to that of the whole image, each at its own estimate.
         own = data.image if part.mask is None else data.image * part.mask
         square += (fit.residual * float(np.linalg.norm(data.weighted(own)))) ** 2
         volume = _update(volume, model, floor, part, data, options)
     if options.smoothing is not None:
         volume = options.smoothing.apply(volume)
     residual = fit.residual if len(parts) == 1 else (square**0.5 / norm if norm > 0 else 0.0)
-    return volume, Fit(residual, likelihood)
+    return volume, GoodnessOfFit(residual, likelihood)
 
 
 def _update(
@@ -290,6 +232,7 @@ def _update(
         above, below = P.adjoint(data.weighted(ratio)), part.sensitivity
     if options.penalty is not None:
         scale = below.max(initial=0) if options.rule == "isra" else top
+        # A steep gradient would turn the denominator negative or blow the voxel up: grow no more than tenfold.
         below = np.maximum(below + scale * options.penalty.gradient(volume), 0.1 * below)
     seen = (part.sensitivity > UNSEEN * top) & (below > 0)
     factor = np.divide(np.maximum(above, 0), below, out=np.ones_like(volume), where=seen)
@@ -297,7 +240,3 @@ def _update(
         factor = 1 + options.relaxation * (factor - 1)
     updated: NDArray[Any] = volume * factor.astype(volume.dtype, copy=False)
     return updated
-
-
-def _note(fit: Fit, change: float) -> str:
-    return f"residual {fit.residual:.4g}, change {change:.2g}"

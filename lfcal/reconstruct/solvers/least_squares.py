@@ -17,11 +17,13 @@ from lfcal.reconstruct.solvers.records import (
     SolverProgress,
     SolverState,
     SolverWork,
+    progress_of,
     relative_change,
     without_state,
 )
+from lfcal.reconstruct.solvers.solver import COMMON, Solver, SolverRun
 
-__all__ = ["conjugate_gradient", "iter_conjugate_gradient"]
+__all__ = ["SOLVER", "conjugate_gradient", "iter_conjugate_gradient"]
 
 
 def iter_conjugate_gradient(
@@ -36,6 +38,46 @@ def iter_conjugate_gradient(
     tolerance: float = 0.0,
     resume: SolverState | None = None,
 ) -> SolverWork:
+    """Minimise the weighted squares as `conjugate_gradient`, one `SolverProgress` per iteration."""
+    data = Measurement.of(
+        image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, signed=True
+    )
+    _check(P, data, iterations, damping)
+    weak = damping * _largest(P, data) if damping > 0 else 0.0
+    state = resume if resume is not None else _start(P, data)
+    history: list[SolverProgress] = []
+    total = state.iteration + iterations
+    norm = float(np.linalg.norm(data.weighted(data.image - data.background)))
+    for _ in range(iterations):
+        began = time.perf_counter()
+        residual = float(np.linalg.norm(data.weighted(state.arrays[0]))) / norm if norm > 0 else 0.0
+        squares = float((data.weighted(state.arrays[0]).astype(np.float64) * state.arrays[0]).sum())
+        volume, arrays, numbers = _step(P, data, state, weak)
+        change = relative_change(volume, state.volume)
+        seconds = state.seconds + time.perf_counter() - began
+        state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
+        record = progress_of(
+            state, total, "conjugate gradients", residual=residual, likelihood=-squares / 2, change=change
+        )
+        history.append(without_state(record))
+        yield record
+        if change <= tolerance:
+            break
+    return Reconstruction(state.volume, tuple(history), state, data.notes)
+
+
+def conjugate_gradient(
+    P: Projector,
+    image: ArrayLike,
+    iterations: int = 20,
+    *,
+    background: ArrayLike = 0.0,
+    weights: ArrayLike | None = None,
+    saturation: float | None = None,
+    damping: float = 0.0,
+    tolerance: float = 0.0,
+    resume: SolverState | None = None,
+) -> Reconstruction:
     """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS, Bjoerck 1996, section 7.4).
 
     The volume may become negative. ``likelihood`` of a record is minus half the weighted sum of squares.
@@ -62,9 +104,46 @@ def iter_conjugate_gradient(
     InputError
         If the image does not fit the projector or an argument is out of range.
     """
-    data = Measurement.of(
-        image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, signed=True
+    return drain(
+        iter_conjugate_gradient(
+            P,
+            image,
+            iterations,
+            background=background,
+            weights=weights,
+            saturation=saturation,
+            damping=damping,
+            tolerance=tolerance,
+            resume=resume,
+        )
     )
+
+
+def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
+    """Run conjugate gradients, damped by the strength asked for."""
+    return iter_conjugate_gradient(
+        P,
+        image,
+        run.iterations,
+        background=run.background,
+        weights=run.weights,
+        saturation=run.saturation,
+        damping=run.strength or 0.0,
+        tolerance=run.tolerance,
+        resume=run.resume,
+    )
+
+
+SOLVER = Solver(
+    "cg",
+    "linear least squares by conjugate gradients; may become negative",
+    iterate,
+    COMMON | {"strength"},
+    rank=95,
+)
+
+
+def _check(P: Projector, data: Measurement, iterations: int, damping: float) -> None:
     if data.image.shape != P.image_shape or iterations < 1 or damping < 0:
         raise InputError.expected(
             "image, iterations, damping",
@@ -72,42 +151,6 @@ def iter_conjugate_gradient(
             f"{data.image.shape}, {iterations}, {damping}",
             "correct them",
         )
-    weak = damping * _largest(P, data) if damping > 0 else 0.0
-    state = resume if resume is not None else _start(P, data)
-    history: list[SolverProgress] = []
-    total = state.iteration + iterations
-    norm = float(np.linalg.norm(data.weighted(data.image - data.background)))
-    for _ in range(iterations):
-        began = time.perf_counter()
-        residual = float(np.linalg.norm(data.weighted(state.arrays[0]))) / norm if norm > 0 else 0.0
-        squares = float((data.weighted(state.arrays[0]).astype(np.float64) * state.arrays[0]).sum())
-        volume, arrays, numbers = _step(P, data, state, weak)
-        change = relative_change(volume, state.volume)
-        seconds = state.seconds + time.perf_counter() - began
-        state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
-        note = f"residual {residual:.4g}, change {change:.2g}"
-        record = SolverProgress(
-            state.iteration,
-            total,
-            "conjugate gradients",
-            seconds,
-            note,
-            state.iteration,
-            residual,
-            -squares / 2,
-            change,
-            state,
-        )
-        history.append(without_state(record))
-        yield record
-        if change <= tolerance:
-            break
-    return Reconstruction(state.volume, tuple(history), state, data.notes)
-
-
-def conjugate_gradient(P: Projector, image: ArrayLike, iterations: int = 20, **options: Any) -> Reconstruction:
-    """Minimise the weighted squares: `iter_conjugate_gradient`, drained."""
-    return drain(iter_conjugate_gradient(P, image, iterations, **options))
 
 
 def _start(P: Projector, data: Measurement) -> SolverState:
@@ -129,7 +172,7 @@ def _step(
     kind = state.volume.dtype.type
     length = kind(power / curvature)
     volume = state.volume + length * direction
-    miss = miss - length * image
+    miss = miss - length * image  # instead of projecting the new volume: one projection less per step
     gradient = P.adjoint(data.weighted(miss)) - kind(weak) * volume
     new_power = _square(gradient)
     return volume, (miss, gradient + kind(new_power / power) * direction), (new_power,)

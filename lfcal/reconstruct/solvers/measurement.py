@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.errors import InputError
 
-__all__ = ["Fit", "Measurement"]
+__all__ = ["GoodnessOfFit", "Measurement"]
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class GoodnessOfFit:
     """How well a model image fits: see `SolverProgress`."""
 
     residual: float
@@ -99,6 +99,7 @@ class Measurement:
         if read_noise > 0:
             data += np.asarray(read_noise**2, dtype)
             floor = floor + np.asarray(read_noise**2, dtype)
+        # Counted after the read noise is added: its square lifts most of them above zero.
         below = int(np.count_nonzero(data < 0))
         if below and not signed:
             notes.append(f"{below} negative pixels were taken as 0; a background or read noise would keep them")
@@ -113,7 +114,7 @@ class Measurement:
         """Return the weights as an image: its back projection is the sensitivity HT1."""
         return np.ones_like(self.image) if self.weights is None else self.weights
 
-    def fit(self, model: NDArray[Any], mask: NDArray[Any] | None = None, floor: float = 0.0) -> Fit:
+    def fit(self, model: NDArray[Any], mask: NDArray[Any] | None = None, floor: float = 0.0) -> GoodnessOfFit:
         """Return how well ``model`` (background included) fits, over the pixels of ``mask``.
 
         The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64, with m no less than ``floor``.
@@ -123,11 +124,12 @@ class Measurement:
         data, m = self.image.astype(np.float64), model.astype(np.float64)
         norm = float(np.sqrt((trust * data**2).sum()))
         miss = float(np.sqrt((trust * (data - m) ** 2).sum()))
+        # A model of 0 under a lit pixel would make the likelihood minus infinity.
         m = np.maximum(m, max(floor, float(np.finfo(np.float64).tiny)))
         lit = data > 0
         terms = m - data
         terms[lit] += data[lit] * (np.log(data[lit]) - np.log(m[lit]))
-        return Fit(miss / norm if norm > 0 else float(miss > 0), -float((trust * terms).sum()))
+        return GoodnessOfFit(miss / norm if norm > 0 else float(miss > 0), -float((trust * terms).sum()))
 
 
 def _fitting(what: str, value: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:

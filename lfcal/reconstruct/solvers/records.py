@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 
 from lfcal.progress import Progress
 
-__all__ = ["Reconstruction", "SolverProgress", "SolverState", "SolverWork"]
+__all__ = [
+    "Reconstruction",
+    "SolverProgress",
+    "SolverState",
+    "SolverWork",
+    "progress_of",
+    "relative_change",
+    "without_state",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +94,24 @@ class Reconstruction:
 
 SolverWork = Generator[SolverProgress, None, Reconstruction]
 """A running solver: yields `SolverProgress`, returns its `Reconstruction`."""
+
+
+def progress_of(
+    state: SolverState, total: int, method: str, *, residual: float, likelihood: float, change: float
+) -> SolverProgress:
+    """Return the record of the iteration that ended in ``state``; ``total`` iterations are planned."""
+    return SolverProgress(
+        done=state.iteration,
+        total=total,
+        stage=method,
+        seconds=state.seconds,
+        note=f"residual {residual:.4g}, change {change:.2g}",
+        iteration=state.iteration,
+        residual=residual,
+        likelihood=likelihood,
+        change=change,
+        state=state,
+    )
 
 
 def relative_change(new: NDArray[Any], old: NDArray[Any]) -> float:

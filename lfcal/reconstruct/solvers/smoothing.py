@@ -33,6 +33,7 @@ def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
         if abs(v) < 1:
             widths.append(pitch)
             continue
+        # With several lens types the one in focus decides what is resolved.
         blur = min(abs(f - 1.0 / v) for f in inverse_focus) / 2
         widths.append(2 * pitch * min(0.5, abs(1.0 / abs(v) - blur)))
     return np.array(widths)

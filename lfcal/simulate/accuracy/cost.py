@@ -14,11 +14,12 @@ from functools import lru_cache
 import numpy as np
 
 from lfcal.simulate.accuracy.sampling import sampling_for
+from lfcal.simulate.effects.base import EngineSeconds
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import Sampling
 from lfcal.threads import one_blas_thread
 
-__all__ = ["engine_seconds", "frame_seconds", "machine_rate", "table_seconds"]
+__all__ = ["engine_seconds", "engine_times", "machine_rate", "table_seconds"]
 
 FITTED_RATE = 2e10
 """Complex multiply-adds per second of the machine the constants come from."""
@@ -39,6 +40,7 @@ def machine_rate() -> float:
         for _ in range(8):
             start = time.perf_counter()
             a @ a
+            # The best of several: another program may have taken the processor in between.
             best = min(best, time.perf_counter() - start)
     return n**3 / best
 
@@ -52,6 +54,7 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
     positions = outlook.period[0] * outlook.period[1]
     if level == "geometric":
         return _slower() * (0.005 + positions * (2.5e-6 * outlook.lenslets + 1e-9 * outlook.pixels + 1e-5))
+    # The reference has no sampling of its own here: it is taken as a multiple of the wave engine.
     sampling = sampling_for(outlook, "wave" if level == "reference" else level, tolerance)
     if level == "debye":
         return _slower() * (0.02 + positions / 6 * outlook.pixels * sampling.nodes_per_px**2 * 1e-8)
@@ -64,6 +67,7 @@ def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
     nodes = 0.0
     for spot in outlook.geometric_px:
         half = math.ceil(spot + sampling.margin_px)
+        # Samples per pixel on a lenslet that its window on the sensor needs (Nyquist), in steps of a half.
         need = 2 * (half + 0.5) * outlook.pixel_um**2 / (outlook.wavelength_um * outlook.gap_um)
         samples = 2 * outlook.lit_px * max(1.0, math.ceil(2 * need) / 2) + 3
         window = (2 * half + 1) * sampling.nodes_per_px + 2
@@ -78,8 +82,8 @@ def table_seconds(outlook: Outlook) -> float:
     return _slower() * 2.5e-7 * side**2
 
 
-def frame_seconds(outlook: Outlook, effect: str) -> float:
-    """Return CPU-seconds of one frame effect over all frames of a plane."""
-    rows, columns = outlook.camera.sensor.shape
-    nanoseconds = {"shot_noise": 25.0, "read_noise": 9.0, "fixed_pattern": 9.0}.get(effect, 1.0)
-    return outlook.period[0] * outlook.period[1] * rows * columns * nanoseconds * 1e-9
+def engine_times(outlook: Outlook, waves: str, tolerance: float) -> EngineSeconds:
+    """Return what one plane costs by rays and at the level ``waves``: what the costs of effects are reckoned from."""
+    return EngineSeconds(
+        engine_seconds(outlook, "geometric"), engine_seconds(outlook, waves, tolerance), table_seconds(outlook)
+    )

@@ -68,6 +68,7 @@ class Whole:
 
 def whole_of(plan: ScanPlan, z: int, effects: Sequence[Effect], level: str, runs: int | None = None) -> Whole:
     """Return how plane ``z`` scales to the whole plan at an engine's level, by what the descriptions foretell."""
+    # Planes differ by how many lenslets they light: their ratio is foretold, one of them is measured.
     costs = [engine_seconds(outlook_of(plan, k), level) for k in range(len(plan.depths_um))]
     if runs is None:
         runs = math.prod(effect.runs(outlook_of(plan, z)) for effect in effects)

@@ -125,6 +125,7 @@ def iter_ladder(
     tasks = [("geometric", None), *((level, s) for s in (samplings or _samplings(level)))]
     clock = Clock("accuracy against time", len(tasks) + 1)
     yield clock.at(0, "reference")
+    # One scene for all rungs: what differs is how it is computed.
     truth, judge, each = _reference(scene, places, reference)
     shares = whole_of(plan, z, chosen, level)
     rungs: list[Rung] = []
@@ -133,7 +134,7 @@ def iter_ladder(
         label = _label(kind, sampling)
         yield clock.at(done, label)
         try:
-            rungs.append(_measure(scene, kind, sampling, label, places, truth, shares))
+            rungs.append(_measure(scene, kind, sampling, places, truth, shares))
         except EnergyError:
             refused.append(label)
     yield clock.at(len(tasks) + 1)
@@ -143,7 +144,17 @@ def iter_ladder(
     return Ladder(ordered, tuple(refused), tolerance, f"reference, {judge} samples/px", whole, v, len(places))
 
 
-def ladder(camera: Camera, plan: ScanPlan, tolerance: float = 0.03, **options: object) -> Ladder:
+def ladder(
+    camera: Camera,
+    plan: ScanPlan,
+    tolerance: float = 0.03,
+    *,
+    effects: EffectsLike = "auto",
+    z: int | None = None,
+    positions: int = 3,
+    samplings: Iterable[Sampling] | None = None,
+    reference: Sampling | None = None,
+) -> Ladder:
     """Return seconds and error of every level and sampling for one plane of a plan, against the reference.
 
     Parameters
@@ -168,7 +179,18 @@ def ladder(camera: Camera, plan: ScanPlan, tolerance: float = 0.03, **options: o
     InputError
         If camera, plan and plane do not fit, or no grid holds the reference.
     """
-    return drain(iter_ladder(camera, plan, tolerance, **options))  # type: ignore[arg-type]
+    return drain(
+        iter_ladder(
+            camera,
+            plan,
+            tolerance,
+            effects=effects,
+            z=z,
+            positions=positions,
+            samplings=samplings,
+            reference=reference,
+        )
+    )
 
 
 # -- measuring -------------------------------------------------------------------------------------------
@@ -214,6 +236,7 @@ def _reference(
     choices = [wanted] if wanted is not None else [Sampling(samples_per_px=n) for n in REFERENCE_SAMPLES]
     reach = 2 * scene.shadow_radius_um / scene.reduced_pixel_um + 4 * scene.lattice.pitch_um / scene.reduced_pixel_um
     if wanted is None:
+        # The finest grid that is still quick; the coarsest where none is.
         choices = [c for c in choices if reach * (c.samples_per_px or 8) <= LARGEST_GRID] or choices[-1:]
     engine = engine_for(scene, "reference", choices[0])
     start = time.process_time()
@@ -225,7 +248,6 @@ def _measure(
     scene: Scene,
     level: str,
     sampling: Sampling | None,
-    label: str,
     places: Sequence[tuple[int, int]],
     truth: NDArray[np.float32],
     shares: Whole,
@@ -236,7 +258,8 @@ def _measure(
     error = np.abs(_respond(engine, places).astype(np.float64) - truth).sum() / truth.sum(dtype=np.float64)
     positions = scene.period[0] * scene.period[1]
     plane = engine.predicted_seconds(positions) * own_rows(engine)
-    return Rung(level, sampling, label, float(error), setup, plane / positions, shares.seconds(setup, plane))
+    label, whole = _label(level, sampling), shares.seconds(setup, plane)
+    return Rung(level, sampling, label, float(error), setup, plane / positions, whole)
 
 
 def _marked(rungs: Sequence[Rung]) -> tuple[Rung, ...]:

@@ -9,23 +9,12 @@ from dataclasses import dataclass, replace
 from lfcal.camera import Camera, Microscope, ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError
-from lfcal.simulate.accuracy.cost import engine_seconds, frame_seconds, table_seconds
-from lfcal.simulate.effects import (
-    Effect,
-    Estimate,
-    FrameEffect,
-    LensletDiffraction,
-    LightEffect,
-    MotionEffect,
-    Outlook,
-    PsfEffect,
-    Quantisation,
-    catalogue,
-)
+from lfcal.simulate.accuracy.cost import engine_times
+from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, Outlook, catalogue
 from lfcal.simulate.staging import outlook_of
 from lfcal.units import format_seconds
 
-__all__ = ["EffectPlan", "PlannedEffect", "plan_effects"]
+__all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]
 
 SETTINGS = ("auto", "on", "off")
 
@@ -35,7 +24,7 @@ NOTHING = 1e-5
 
 @dataclass(frozen=True, slots=True)
 class PlannedEffect:
-    """One row of an `EffectPlan`.
+    """One row of an `EffectSelection`.
 
     Attributes
     ----------
@@ -70,8 +59,8 @@ class PlannedEffect:
 
 
 @dataclass(frozen=True, slots=True)
-class EffectPlan:
-    """Every effect with on or off, estimate, reason and cost.
+class EffectSelection:
+    """Every effect with on or off, estimate, reason and cost: what `plan_effects` finds.
 
     Attributes
     ----------
@@ -119,7 +108,7 @@ def plan_effects(
     effects: Sequence[Effect] = (),
     frames: bool = False,
     peak: float = 0.8,
-) -> EffectPlan:
+) -> EffectSelection:
     """Return which effects a scene calls for.
 
     Effects are left out, the costly ones first and then the smallest, as long as their estimates add up to less
@@ -150,6 +139,7 @@ def plan_effects(
     """
     check_number("tolerance", tolerance, above=0, at_most=2, remedy="0.03 is usual")
     planes = _outlooks(camera, region, peak)
+    # A given effect takes the place, and the order, of the catalogue's of its name.
     candidates = tuple({e.name: e for e in (*catalogue(), *effects)}.values())
     settings = _settings(overrides or {}, candidates)
     known = {effect.name for effect in effects}
@@ -157,6 +147,7 @@ def plan_effects(
     drafts = [_draft(effect, settings[effect.name], planes, costs) for effect in candidates]
     left = tolerance
     rows: dict[str, PlannedEffect] = {}
+    # False before True: what costs a fifth of the whole simulation or more comes first, then the smallest errors.
     for draft in sorted(drafts, key=lambda d: (d.seconds < 0.2 * costs.full, d.estimate.error)):
         row = _decide(draft, known=draft.name in known, frames=frames, tolerance=tolerance, left=left)
         if not row.on and row.setting == "auto" and _counts(row.effect, draft.name in known, frames):
@@ -165,7 +156,7 @@ def plan_effects(
     ordered = tuple(rows[e.name] for e in candidates)
     chosen = [row.effect for row in ordered if row.on]
     level = costs.level_of(chosen)
-    return EffectPlan(ordered, tolerance, level, costs.total(chosen), costs.rays)
+    return EffectSelection(ordered, tolerance, level, costs.total(chosen), costs.rays)
 
 
 def _outlooks(camera: Camera, region: ScanPlan | Iterable[Outlook], peak: float) -> tuple[Outlook, ...]:
@@ -193,34 +184,29 @@ class _Costs:
     """Foretold CPU-seconds of the whole plan."""
 
     def __init__(self, planes: Sequence[Outlook], waves: str, tolerance: float) -> None:
-        self.planes, self.waves = planes, waves
-        self.rays = sum(engine_seconds(o, "geometric") for o in planes)
-        self.full = sum(engine_seconds(o, waves, tolerance) for o in planes)
+        self.waves = waves
+        self.planes = [(outlook, engine_times(outlook, waves, tolerance)) for outlook in planes]
+        self.rays = sum(engine.rays for _, engine in self.planes)
+        self.full = sum(engine.waves for _, engine in self.planes)
 
     def level_of(self, effects: Iterable[Effect]) -> str:
         """Return the level that the effects call for."""
-        return self.waves if any(isinstance(e, LensletDiffraction) for e in effects) else "geometric"
+        return self.waves if any(effect.needs_waves for effect in effects) else "geometric"
 
     def of(self, effect: Effect) -> float:
         """Return what one effect adds to a wave simulation of one source point."""
-        if isinstance(effect, LensletDiffraction):
-            return max(0.0, self.full - self.rays)
-        if isinstance(effect, LightEffect):
-            return self.full * (max(effect.runs(o) for o in self.planes) - 1)
-        if isinstance(effect, PsfEffect):
-            return 0.02 * self.full
-        if effect.cost == "phase per response":
-            return 0.1 * self.full
-        if isinstance(effect, FrameEffect):
-            return sum(frame_seconds(o, effect.name) for o in self.planes)
-        return sum(table_seconds(o) for o in self.planes) if effect.cost == "FFT per plane" else 0.0
+        return sum(effect.seconds(outlook, engine) for outlook, engine in self.planes)
 
     def total(self, effects: Sequence[Effect]) -> float:
         """Return the seconds of all ``effects`` together: source points and wavelengths multiply."""
-        engine = self.rays if self.level_of(effects) == "geometric" else self.full
-        runs = math.prod(max(e.runs(o) for o in self.planes) for e in effects)
-        single = (LensletDiffraction, LightEffect)
-        return engine * runs + sum(self.of(e) for e in effects if not isinstance(e, single))
+        by_rays = self.level_of(effects) == "geometric"
+        engines = 0.0
+        for outlook, engine in self.planes:
+            runs = math.prod(effect.runs(outlook) for effect in effects)
+            engines += runs * (engine.rays if by_rays else engine.waves)
+        # Waves and further runs are in the engines' seconds already.
+        rest = [e for e in effects if not e.needs_waves and e.acts_on is not ActsOn.LIGHT]
+        return engines + sum(self.of(effect) for effect in rest)
 
 
 def _draft(effect: Effect, setting: str, planes: Sequence[Outlook], costs: _Costs) -> PlannedEffect:
@@ -231,8 +217,7 @@ def _draft(effect: Effect, setting: str, planes: Sequence[Outlook], costs: _Cost
 
 def _counts(effect: Effect, known: bool, frames: bool) -> bool:
     """Return whether leaving ``effect`` out is an error of the simulation."""
-    on_frames = isinstance(effect, FrameEffect | MotionEffect)
-    return (known or not effect.deviation) and (frames or not on_frames)
+    return (known or not effect.deviation) and (frames or effect.acts_on.enters_h)
 
 
 def _decide(draft: PlannedEffect, *, known: bool, frames: bool, tolerance: float, left: float) -> PlannedEffect:
@@ -245,12 +230,11 @@ def _decide(draft: PlannedEffect, *, known: bool, frames: bool, tolerance: float
         return replace(draft, on=True, reason=f"asked for: {size}, {share}{cost}")
     if draft.setting == "off":
         return replace(draft, reason=f"switched off: {size}, {share} is missing")
-    if not frames and isinstance(effect, FrameEffect | MotionEffect):
-        where = "sensor frame" if isinstance(effect, FrameEffect) else "stage"
-        return replace(draft, reason=f"acts on the {where}, not on H ({size})")
+    if not frames and not effect.acts_on.enters_h:
+        return replace(draft, reason=f"acts on the {effect.acts_on.value}, not on H ({size})")
     if effect.deviation and not known:
         return replace(draft, reason=f"not known of this camera; a typical {size} would be {share}")
-    if isinstance(effect, Quantisation):
+    if isinstance(effect, FrameEffect) and effect.whole_numbers:
         return replace(draft, on=True, reason=f"frames hold whole numbers: {size}, {share}")
     if e.error < NOTHING:
         return replace(draft, reason=f"changes nothing here: {size}")

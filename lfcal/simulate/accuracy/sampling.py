@@ -62,6 +62,7 @@ def checked_engine(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneE
     for attempt in range(RETRIES + 1):
         engine = engine_for(scene, level, sampling)
         try:
+            # Four positions spread over the period stand for all; every response is certified again later.
             engine.rows(sorted({0, ny // 2}), sorted({nx // 4, (3 * nx) // 4}), workers=1)
         except EnergyError:
             if attempt == RETRIES:

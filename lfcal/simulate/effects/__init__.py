@@ -1,5 +1,8 @@
 """Physical effects as objects: an ideal camera is the empty tuple.
 
+An effect is one class in one module, which names it in its ``EFFECTS``; other distributions bring theirs through the
+entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
+
 - ``base``: what every effect is
 - ``outlook``: the a-priori numbers all estimates are built from
 - ``optics``: lens types, diffraction, the iris's shape, non-paraxial terms
@@ -8,34 +11,42 @@
 - ``field``: cos^4 and mechanical vignetting
 - ``light``: finite source, bandwidth
 - ``pixels``: fill factor, crosstalk
-- ``motion``: stage error, backlash, drift, depth error
+- ``motion``: positioning error, backlash, drift, depth error
 - ``sensor``: stray light, colour filter, noise, quantisation, saturation
 """
 
 from __future__ import annotations
 
+import inspect
+import math
+from dataclasses import is_dataclass
+
+from lfcal.camera import preset
+from lfcal.registry import Registry
 from lfcal.simulate.effects.aberrations import Coma, Spherical, Zernike
 from lfcal.simulate.effects.array_errors import ArrayRotation, LensletGap, PitchError, Telecentricity
 from lfcal.simulate.effects.base import (
+    ActsOn,
     Effect,
+    EngineSeconds,
     Estimate,
     FrameEffect,
-    FrameView,
     LightEffect,
     LightSample,
     MotionEffect,
     PsfEffect,
     SceneEffect,
+    SensorStrip,
 )
-from lfcal.simulate.effects.field import CosFourth, Vignetting
+from lfcal.simulate.effects.field import CosFourth, MechanicalVignetting
 from lfcal.simulate.effects.light import Bandwidth, FiniteSource
-from lfcal.simulate.effects.motion import Backlash, DepthError, Drift, StageError
+from lfcal.simulate.effects.motion import Backlash, DepthError, Drift, PositioningError
 from lfcal.simulate.effects.optics import (
     ExactAngles,
     IrisDiffraction,
     IrisShape,
     LensletDiffraction,
-    LensTypes,
+    LensTypeDefocus,
 )
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.effects.pixels import Crosstalk, PixelFill
@@ -52,6 +63,7 @@ from lfcal.simulate.effects.sensor import (
 
 __all__ = [
     "CATALOGUE",
+    "ActsOn",
     "ArrayRotation",
     "Backlash",
     "Bandwidth",
@@ -63,71 +75,80 @@ __all__ = [
     "DepthError",
     "Drift",
     "Effect",
+    "EngineSeconds",
     "Estimate",
     "ExactAngles",
     "FiniteSource",
     "FixedPattern",
     "FrameEffect",
-    "FrameView",
     "IrisDiffraction",
     "IrisShape",
-    "LensTypes",
+    "LensTypeDefocus",
     "LensletDiffraction",
     "LensletGap",
     "LightEffect",
     "LightSample",
+    "MechanicalVignetting",
     "MotionEffect",
     "Outlook",
     "PitchError",
     "PixelFill",
+    "PositioningError",
     "PsfEffect",
     "Quantisation",
     "ReadNoise",
     "Saturation",
     "SceneEffect",
+    "SensorStrip",
     "ShotNoise",
     "Spherical",
-    "StageError",
     "StrayLight",
     "Telecentricity",
-    "Vignetting",
     "Zernike",
     "catalogue",
+    "find_effects",
 ]
 
-CATALOGUE: tuple[type[Effect], ...] = (
-    LensTypes,
-    LensletDiffraction,
-    IrisDiffraction,
-    IrisShape,
-    Telecentricity,
-    ExactAngles,
-    CosFourth,
-    Vignetting,
-    Spherical,
-    Coma,
-    Zernike,
-    LensletGap,
-    ArrayRotation,
-    PitchError,
-    FiniteSource,
-    Bandwidth,
-    PixelFill,
-    Crosstalk,
-    StageError,
-    Backlash,
-    Drift,
-    DepthError,
-    StrayLight,
-    ColourFilter,
-    FixedPattern,
-    DarkCurrent,
-    ShotNoise,
-    Saturation,
-    ReadNoise,
-    Quantisation,
-)
-"""Every kind of effect, in the order of the light's way."""
+
+GROUP = "lfcal.effects"
+"""Entry point group of effects of other distributions."""
+
+
+def check_effect(kind: type[Effect]) -> None:
+    """Raise `TypeError`, or what its own code raises, unless ``kind`` can be listed, planned and kept in a file."""
+    if not (isinstance(kind, type) and issubclass(kind, Effect)):
+        raise TypeError("it is not a class derived from Effect")
+    if inspect.isabstract(kind):
+        raise TypeError(f"it lacks {', '.join(sorted(kind.__abstractmethods__))}")
+    # The fields are the magnitudes that provenance keeps; two equal effects must compare equal.
+    if not is_dataclass(kind) or not kind.__dataclass_params__.frozen:
+        raise TypeError("it is not a frozen dataclass")
+    if not isinstance(getattr(kind, "title", None), str) or not isinstance(getattr(kind, "acts_on", None), ActsOn):
+        raise TypeError("it does not say its title or what it acts on")
+    # Tried here, because one estimate that fails later would stop every plan, whether it wants the effect or not.
+    camera = preset("bench")
+    outlook = Outlook(camera, camera.depth_of(4.0), (61, 61), (33, 19))
+    found = kind().estimate(outlook)
+    if not isinstance(found, Estimate) or not math.isfinite(found.error):
+        raise TypeError("it has no estimate")
+    kind().seconds(outlook, EngineSeconds(1.0, 1.0, 1.0))
+
+
+def find_effects() -> Registry[type[Effect]]:
+    """Return every kind of effect by name, in the order of the light's way; those of other distributions included."""
+    places = list(ActsOn)
+    return Registry(
+        "effect",
+        "lfcal.simulate.effects",
+        "EFFECTS",
+        GROUP,
+        order=lambda kind: (places.index(kind.acts_on), kind.rank, kind.name),
+        check=check_effect,
+    )
+
+
+CATALOGUE = find_effects()
+"""Every kind of effect."""
 
 
 def catalogue() -> tuple[Effect, ...]:

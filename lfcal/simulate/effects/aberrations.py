@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
-from lfcal.simulate.effects.base import Estimate, SceneEffect
+from lfcal.simulate.effects.base import EngineSeconds, Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene, Wavefront, seidel
 
@@ -25,12 +26,29 @@ def _mean_shift(outlook: Outlook, rim_slope: float) -> float:
     return shift / outlook.pixel_um
 
 
-def _add(scene: Scene, terms: Wavefront) -> Scene:
-    return replace(scene, wavefront=scene.wavefront + terms)
+class _Aberration(SceneEffect):
+    """What the aberrations share: Zernike terms on the pupil, and a table of the aberrated field per plane."""
+
+    __slots__ = ()
+    deviation: ClassVar[bool] = True
+
+    @abstractmethod
+    def terms_of(self) -> Wavefront:
+        """Return the Zernike terms."""
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the wavefront on its pupil."""
+        del outlook
+        return replace(scene, wavefront=scene.wavefront + self.terms_of())
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return the seconds of the table of the aberrated field."""
+        del outlook
+        return engine.fringes
 
 
 @dataclass(frozen=True, slots=True)
-class Spherical(SceneEffect):
+class Spherical(_Aberration):
     """Third-order spherical aberration W040 rho^4.
 
     Attributes
@@ -43,22 +61,20 @@ class Spherical(SceneEffect):
 
     name: ClassVar[str] = "spherical"
     title: ClassVar[str] = "spherical aberration"
-    cost: ClassVar[str] = "FFT per plane"
-    deviation: ClassVar[bool] = True
+    rank: ClassVar[int] = 70
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the area-mean spot shift, 0.4 of the rim's 8 Nw W lambda / v, and the light it moves."""
         shift = 0.4 * _mean_shift(outlook, 4 * abs(self.waves))
         return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 0.4 * 8 Nw W lambda/v")
 
-    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the aberration on its pupil."""
-        del outlook
-        return _add(scene, seidel(spherical=self.waves))
+    def terms_of(self) -> Wavefront:
+        """Return W040 rho^4 as Zernike terms."""
+        return seidel(spherical=self.waves)
 
 
 @dataclass(frozen=True, slots=True)
-class Coma(SceneEffect):
+class Coma(_Aberration):
     """Third-order coma W131 rho³ cos(theta - angle), linear in the field.
 
     Attributes
@@ -74,22 +90,20 @@ class Coma(SceneEffect):
 
     name: ClassVar[str] = "coma"
     title: ClassVar[str] = "coma"
-    cost: ClassVar[str] = "FFT per plane"
-    deviation: ClassVar[bool] = True
+    rank: ClassVar[int] = 71
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the mean spot shift: three quarters of the gradient's rms over the pupil, 1.29 W per radius."""
         shift = _mean_shift(outlook, 0.75 * 1.29 * abs(self.waves))
         return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 2 Nw * 0.97 W lambda/v")
 
-    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the aberration on its pupil."""
-        del outlook
-        return _add(scene, seidel(coma=self.waves, angle_rad=self.angle_rad))
+    def terms_of(self) -> Wavefront:
+        """Return W131 rho^3 cos(theta - angle) as Zernike terms."""
+        return seidel(coma=self.waves, angle_rad=self.angle_rad)
 
 
 @dataclass(frozen=True, slots=True)
-class Zernike(SceneEffect):
+class Zernike(_Aberration):
     """Any aberration as Zernike terms.
 
     Attributes
@@ -102,8 +116,7 @@ class Zernike(SceneEffect):
 
     name: ClassVar[str] = "zernike"
     title: ClassVar[str] = "measured wavefront"
-    cost: ClassVar[str] = "FFT per plane"
-    deviation: ClassVar[bool] = True
+    rank: ClassVar[int] = 72
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rms wavefront and the spot shift from three quarters of its gradient's rms over the pupil."""
@@ -112,10 +125,9 @@ class Zernike(SceneEffect):
             rms, "waves rms", outlook.moved(_mean_shift(outlook, 0.75 * slope)), "shift 2 Nw * 0.75 |grad W| lambda/v"
         )
 
-    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the wavefront on its pupil."""
-        del outlook
-        return _add(scene, self.terms)
+    def terms_of(self) -> Wavefront:
+        """Return the terms as they are given."""
+        return self.terms
 
 
 def wavefront_rms(terms: Wavefront) -> tuple[float, float]:
@@ -144,3 +156,7 @@ def _radial(n: int, m: int) -> np.polynomial.Polynomial:
         down = math.factorial(k) * math.factorial((n + m) // 2 - k) * math.factorial((n - m) // 2 - k)
         coefficients[n - 2 * k] = (-1) ** k * math.factorial(n - k) / down
     return np.polynomial.Polynomial(coefficients)
+
+
+EFFECTS = (Spherical, Coma, Zernike)
+"""What the catalogue takes from this module; the same in every module of effects."""

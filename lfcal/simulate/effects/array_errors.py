@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -23,6 +24,7 @@ class Telecentricity(SceneEffect):
 
     name: ClassVar[str] = "telecentricity"
     title: ClassVar[str] = "loss of telecentricity"
+    rank: ClassVar[int] = 50
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the growth of the period, and the spots' rms shift over the lit lenslets of the region."""
@@ -30,6 +32,7 @@ class Telecentricity(SceneEffect):
         if isinstance(optics, Microscope):
             return Estimate(0.0, "px", 0.0, "telecentric")
         excess = outlook.gap_um / optics.image_distance_um
+        # Micro-images are farther apart than lenslets by the ratio of the distances from the pupil.
         period = max(outlook.camera.period_px) * excess
         return Estimate(
             period, "px", outlook.array_moved(excess * outlook.field_rms_px), "period * B/b; shift B/b * r_rms"
@@ -55,6 +58,7 @@ class LensletGap(SceneEffect):
 
     name: ClassVar[str] = "lenslet_gap"
     title: ClassVar[str] = "lenslet gap error"
+    rank: ClassVar[int] = 80
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -82,6 +86,7 @@ class ArrayRotation(SceneEffect):
 
     name: ClassVar[str] = "array_rotation"
     title: ClassVar[str] = "array rotation error"
+    rank: ClassVar[int] = 81
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -109,7 +114,9 @@ class PitchError(SceneEffect):
     relative: float = 1e-4
 
     name: ClassVar[str] = "pitch_error"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"relative": (-0.5, 0.5)}
     title: ClassVar[str] = "lenslet pitch error"
+    rank: ClassVar[int] = 82
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -121,5 +128,9 @@ class PitchError(SceneEffect):
         """Return the scene with the true pitch."""
         del outlook
         lattice, grow = scene.lattice, 1.0 + self.relative
+        # None means rows as far apart as the kind of lattice has them: they grow with the pitch.
         rows = None if lattice.row_pitch_um is None else lattice.row_pitch_um * grow
         return replace(scene, lattice=replace(lattice, pitch_um=lattice.pitch_um * grow, row_pitch_um=rows))
+
+
+EFFECTS = (Telecentricity, LensletGap, ArrayRotation, PitchError)

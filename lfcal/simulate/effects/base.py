@@ -1,46 +1,78 @@
-"""What every effect is: a frozen object with a name, an a-priori estimate, a cost class and a place where it acts.
+"""What every effect is: a frozen object with a name, an a-priori estimate, its cost, and what it acts on.
 
-An ideal camera is simulated with the empty tuple of effects. Each effect changes one thing, at one of five stages:
-
-=========  ==========================================================================================
-``scene``  the optics handed to the engine (`Scene`): costs nothing, unless waves must be followed
-``light``  the light is a sum of point sources or wavelengths: the engine runs once per sample
-``psf``    a small filter over the pixels of each response
-``motion`` the source is not where the plan says
-``frame``  the sensor frame: gain, noise, quantisation
-=========  ==========================================================================================
+An ideal camera is simulated with the empty tuple of effects. Each effect changes one thing; see `ActsOn`.
 """
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from enum import Enum
+from numbers import Real
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, MainLens
+from lfcal.checks import check_number
 from lfcal.simulate.effects.outlook import Outlook
-
-if TYPE_CHECKING:
-    from lfcal.simulate.scene import Scene
+from lfcal.simulate.scene import Scene
 
 __all__ = [
+    "ActsOn",
     "Effect",
+    "EngineSeconds",
     "Estimate",
     "FrameEffect",
-    "FrameView",
     "LightEffect",
     "LightSample",
     "MotionEffect",
     "PsfEffect",
     "SceneEffect",
-    "Stage",
+    "SensorStrip",
 ]
 
-Stage = Literal["scene", "light", "psf", "motion", "frame"]
+
+class ActsOn(Enum):
+    """What an effect changes; the value is for people. In the order of the light's way."""
+
+    SCENE = "optics"
+    """The `Scene` handed to the engine: costs nothing, unless waves must be followed."""
+    LIGHT = "light"
+    """The light is a sum of point sources or wavelengths: the engine runs once per sample."""
+    RESPONSE = "response"
+    """A small filter over the pixels of each response."""
+    MOTION = "stage"
+    """The source is not where the scan plan says."""
+    FRAME = "sensor frame"
+    """Gain, noise and quantisation of the recorded frame."""
+
+    @property
+    def enters_h(self) -> bool:
+        """Whether H shows it; else only the frames of a session do."""
+        return self not in (ActsOn.MOTION, ActsOn.FRAME)
+
+
+@dataclass(frozen=True, slots=True)
+class EngineSeconds:
+    """CPU-seconds of one whole depth plane without the effect: what an effect's own cost is reckoned from.
+
+    Attributes
+    ----------
+    rays
+        Of the geometric engine.
+    waves
+        Of the wave engine, or the Debye path of a microscope.
+    fringes
+        Of one table of the main iris's fringes, a large Fourier transform.
+    """
+
+    rays: float
+    waves: float
+    fringes: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +121,7 @@ class LightSample:
 
 
 @dataclass(frozen=True, slots=True)
-class FrameView:
+class SensorStrip:
     """The strip of a sensor frame on which frame effects act.
 
     Attributes
@@ -125,16 +157,36 @@ def typical(value: float | None, camera: Camera, lens: float, microscope: float)
 
 
 class Effect(ABC):
-    """An effect; subclasses are frozen dataclasses whose fields are magnitudes (None: from the camera)."""
+    """An effect; subclasses are frozen dataclasses whose fields are magnitudes (None: from the camera).
+
+    Every field has a default: an effect made without arguments is what the catalogue shows.
+    """
 
     __slots__ = ()
 
     name: ClassVar[str]
+    """What plans, files and commands call it; never changed, because files keep it."""
     title: ClassVar[str]
-    stage: ClassVar[Stage]
-    cost: ClassVar[str] = "free"
+    """For people."""
+    acts_on: ClassVar[ActsOn]
+    rank: ClassVar[int] = 50
+    """Order among the effects that act on the same thing, that of the light's way."""
     deviation: ClassVar[bool] = False
     """Whether the effect is an error of build or use whose size the camera's description does not hold."""
+    needs_waves: ClassVar[bool] = False
+    """Whether rays cannot show the effect: it switches lenslet diffraction on."""
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    """Least and largest value of magnitudes that cannot be any number."""
+
+    def __post_init__(self) -> None:
+        """Check that every magnitude is a finite number within its limits; None is taken from the camera later."""
+        for field in fields(self):  # type: ignore[arg-type]  # subclasses are dataclasses
+            value = getattr(self, field.name)
+            if isinstance(value, bool) or not isinstance(value, Real):
+                continue  # letters of a colour filter, Zernike terms: checked by what reads them
+            bounds = self.limits.get(field.name, (-math.inf, math.inf))
+            low, high = (bound if math.isfinite(bound) else None for bound in bounds)
+            check_number(f"{self.title}: {field.name}", value, at_least=low, at_most=high)
 
     @abstractmethod
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -145,12 +197,17 @@ class Effect(ABC):
         del outlook
         return 1
 
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return the CPU-seconds that the effect adds to the plane of ``outlook``; 0 unless overridden."""
+        del outlook, engine
+        return 0.0
+
 
 class SceneEffect(Effect):
     """An effect that only describes the optics more fully."""
 
     __slots__ = ()
-    stage: ClassVar[Stage] = "scene"
+    acts_on: ClassVar[ActsOn] = ActsOn.SCENE
 
     @abstractmethod
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
@@ -161,8 +218,7 @@ class LightEffect(Effect):
     """An effect that spreads the light over source points or wavelengths."""
 
     __slots__ = ()
-    stage: ClassVar[Stage] = "light"
-    cost: ClassVar[str] = "engine run per sample"
+    acts_on: ClassVar[ActsOn] = ActsOn.LIGHT
 
     @abstractmethod
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
@@ -172,24 +228,32 @@ class LightEffect(Effect):
         """Return the number of samples one point becomes."""
         return len(self.spread((LightSample(0.0, 0.0, outlook.wavelength_um, 1.0),), outlook))
 
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return the seconds of the engine's further runs."""
+        return engine.waves * (self.runs(outlook) - 1)
+
 
 class PsfEffect(Effect):
     """An effect that filters the pixels of each response."""
 
     __slots__ = ()
-    stage: ClassVar[Stage] = "psf"
-    cost: ClassVar[str] = "3 x 3 filter"
+    acts_on: ClassVar[ActsOn] = ActsOn.RESPONSE
 
     @abstractmethod
     def kernel(self, camera: Camera) -> NDArray[np.float64]:
         """Return the filter ``(rows, columns)``, odd in both directions, that sums to the light kept."""
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return what nine multiply-adds per pixel take beside a wave engine (measured): 2 % of it."""
+        del outlook
+        return 0.02 * engine.waves
 
 
 class MotionEffect(Effect):
     """An effect that displaces the source from where the plan says it is."""
 
     __slots__ = ()
-    stage: ClassVar[Stage] = "motion"
+    acts_on: ClassVar[ActsOn] = ActsOn.MOTION
     deviation: ClassVar[bool] = True
 
     @abstractmethod
@@ -206,14 +270,23 @@ class FrameEffect(Effect):
     """An effect on the sensor frame."""
 
     __slots__ = ()
-    stage: ClassVar[Stage] = "frame"
-    cost: ClassVar[str] = "per pixel"
-    rank: ClassVar[int]
-    """Order in which frame effects act, that of the light's way: optics, filter, photons, electrons, samples."""
+    acts_on: ClassVar[ActsOn] = ActsOn.FRAME
+    stream: ClassVar[int | None] = None
+    """Key of the effect's random numbers; None derives it from the name, which no two effects share."""
+    pixel_ns: ClassVar[float] = 1.0
+    """Nanoseconds per pixel of a frame (measured)."""
+    whole_numbers: ClassVar[bool] = False
+    """Whether frames hold whole numbers after it: they are stored as such, and none is planned without it."""
 
     @abstractmethod
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip ``(rows, columns)`` after the effect; it may be changed in place.
 
-        Electrons up to rank 80, sample values (counts) from there.
+        It holds electrons below rank 80 and sample values (counts) from there.
         """
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return the seconds of all frames of the plane."""
+        del engine
+        rows, columns = outlook.camera.sensor.shape
+        return outlook.period[0] * outlook.period[1] * rows * columns * self.pixel_ns * 1e-9

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -10,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, MainLens
-from lfcal.simulate.effects.base import Estimate, FrameEffect, FrameView, SceneEffect
+from lfcal.simulate.effects.base import EngineSeconds, Estimate, FrameEffect, SceneEffect, SensorStrip
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
 
-__all__ = ["CosFourth", "Vignetting"]
+__all__ = ["CosFourth", "MechanicalVignetting"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +24,6 @@ class CosFourth(FrameEffect):
 
     name: ClassVar[str] = "cos4"
     title: ClassVar[str] = "cos^4 fall-off"
-    cost: ClassVar[str] = "gain map"
     rank: ClassVar[int] = 10
 
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -46,14 +46,14 @@ class CosFourth(FrameEffect):
         x = (np.arange(sensor.shape[1]) - sensor.centre_px[1]) * unit
         return ((1.0 + (y * y)[:, None] + x * x) ** -2.0).astype(np.float32)
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip times the gain."""
         strip *= self.gain(view.camera, view.row, len(strip))
         return strip
 
 
 @dataclass(frozen=True, slots=True)
-class Vignetting(SceneEffect):
+class MechanicalVignetting(SceneEffect):
     """A rim of the lens barrel that cuts the pupil seen from off the axis (cat's eye).
 
     Attributes
@@ -68,8 +68,9 @@ class Vignetting(SceneEffect):
     radius: float = 1.05
 
     name: ClassVar[str] = "vignetting"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"radius": (1e-3, math.inf)}
     title: ClassVar[str] = "mechanical vignetting"
-    cost: ClassVar[str] = "FFT per plane"
+    rank: ClassVar[int] = 65
     deviation: ClassVar[bool] = True
 
     def shift(self, outlook: Outlook) -> tuple[float, float]:
@@ -77,6 +78,7 @@ class Vignetting(SceneEffect):
         optics = outlook.camera.optics
         if not isinstance(optics, MainLens):
             return 0.0, 0.0
+        # The rim slides over the pupil in proportion to its distance from it (radius of the pupil: f/(2 N)).
         unit = self.distance_um / optics.image_distance_um * 2.0 * optics.f_number / optics.focal_length_um
         return outlook.field_um[0] * unit, outlook.field_um[1] * unit
 
@@ -90,9 +92,15 @@ class Vignetting(SceneEffect):
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the second stop; none where it cuts nothing."""
         y, x = self.shift(outlook)
+        # A stop that cuts nothing would still cost the symmetry and the tables of a circular pupil.
         if overlap(math.hypot(y, x), self.radius) >= 1.0:
             return scene
         return replace(scene, iris=replace(scene.iris, stop=(x, y, self.radius)))
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return the seconds of a table of the cut pupil's field."""
+        del outlook
+        return engine.fringes
 
 
 def overlap(distance: float, radius: float) -> float:
@@ -102,7 +110,11 @@ def overlap(distance: float, radius: float) -> float:
         return 0.0
     if d <= abs(r - 1.0):
         return min(1.0, r * r)
+    # At tangency rounding pushes the cosines beyond 1 and the kite below 0.
     a = math.acos(min(1.0, max(-1.0, (d * d + 1 - r * r) / (2 * d))))
     b = math.acos(min(1.0, max(-1.0, (d * d + r * r - 1) / (2 * d * r))))
     kite = 0.5 * math.sqrt(max(0.0, (1 + r - d) * (d + 1 - r) * (d + r - 1) * (d + r + 1)))
     return (a + r * r * b - kite) / math.pi
+
+
+EFFECTS = (CosFourth, MechanicalVignetting)

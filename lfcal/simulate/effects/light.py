@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -27,7 +28,9 @@ class FiniteSource(LightEffect):
     diameter_um: float | None = None
 
     name: ClassVar[str] = "finite_source"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"diameter_um": (0.0, math.inf)}
     title: ClassVar[str] = "finite source size"
+    rank: ClassVar[int] = 10
     deviation: ClassVar[bool] = True
 
     def image_px(self, outlook: Outlook) -> float:
@@ -45,12 +48,9 @@ class FiniteSource(LightEffect):
         return Estimate(spot, "px", min(2.0, outlook.blurred(spot / 4) + edge), "D |M|/v; 0.74 (s/w)² + edge, s = D/4")
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
-        """Return points and weights that integrate polynomials of degree 5 over the disc (7 points).
-
-        Degree 7 (12 points) where the image of the source moves a spot by more than its width.
-        """
+        """Return points and weights that integrate polynomials of degree 5 over the disc (7 points)."""
         radius = self.image_px(outlook) / 2
-        points = disc_rule(5)
+        points = disc_rule()
         return tuple(
             LightSample(s.rows + radius * y, s.columns + radius * x, s.wavelength_um, s.weight * w)
             for s in samples
@@ -58,27 +58,13 @@ class FiniteSource(LightEffect):
         )
 
 
-def disc_rule(degree: int) -> list[tuple[float, float, float]]:
-    """Return ``(y, x, weight)`` on the unit disc, exact for polynomials up to ``degree`` 3, 5 or 7.
+def disc_rule() -> list[tuple[float, float, float]]:
+    """Return ``(y, x, weight)`` of 7 points on the unit disc, exact for polynomials up to degree 5; weights sum to 1.
 
-    Abramowitz & Stegun 25.4.61: 4, 7 and 12 points; weights sum to 1.
+    Abramowitz & Stegun 25.4.61.
     """
-
-    def ring(n: int, radius: float, weight: float, start: float = 0.0) -> list[tuple[float, float, float]]:
-        turn = start + 2 * math.pi * np.arange(n) / n
-        return [(radius * math.sin(t), radius * math.cos(t), weight) for t in turn]
-
-    if degree <= 3:
-        return ring(4, math.sqrt(1 / 2), 1 / 4)
-    if degree <= 5:
-        return [(0.0, 0.0, 1 / 4), *ring(6, math.sqrt(2 / 3), 1 / 8)]
-    inner, outer = (math.sqrt((27 - s * 3 * math.sqrt(29)) / 104) for s in (1, -1))
-    w_inner, w_outer = ((551 + s * 41 * math.sqrt(29)) / 6264 for s in (1, -1))
-    return [*ring(4, math.sqrt(3) / 2, 2 / 27), *_diagonal(inner, w_inner), *_diagonal(outer, w_outer)]
-
-
-def _diagonal(side: float, weight: float) -> list[tuple[float, float, float]]:
-    return [(sy * side, sx * side, weight) for sy in (-1, 1) for sx in (-1, 1)]
+    radius, turns = math.sqrt(2 / 3), 2 * math.pi * np.arange(6) / 6
+    return [(0.0, 0.0, 1 / 4), *((radius * math.sin(t), radius * math.cos(t), 1 / 8) for t in turns)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +80,9 @@ class Bandwidth(LightEffect):
     width_um: float | None = None
 
     name: ClassVar[str] = "bandwidth"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"width_um": (0.0, math.inf)}
     title: ClassVar[str] = "bandwidth"
+    rank: ClassVar[int] = 20
 
     def width(self, outlook: Outlook) -> float:
         """Return the spectrum's full width (µm)."""
@@ -136,3 +124,6 @@ class Bandwidth(LightEffect):
             for s in samples
             for u, w in zip(nodes, weights, strict=True)
         )
+
+
+EFFECTS = (FiniteSource, Bandwidth)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -13,7 +14,7 @@ from lfcal.camera import Camera, Microscope
 from lfcal.simulate.effects.base import Estimate, MotionEffect, typical
 from lfcal.simulate.effects.outlook import Outlook
 
-__all__ = ["Backlash", "DepthError", "Drift", "StageError"]
+__all__ = ["Backlash", "DepthError", "Drift", "PositioningError"]
 
 MEAN = math.sqrt(2.0 / math.pi)
 """Mean absolute value of a standard normal deviate."""
@@ -24,7 +25,7 @@ def _pixels(outlook: Outlook, length_um: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class StageError(MotionEffect):
+class PositioningError(MotionEffect):
     """Random error of every stop, normally distributed.
 
     Attributes
@@ -36,7 +37,9 @@ class StageError(MotionEffect):
     rms_um: float | None = None
 
     name: ClassVar[str] = "stage_error"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_um": (0.0, math.inf)}
     title: ClassVar[str] = "stage error"
+    rank: ClassVar[int] = 10
 
     def rms(self, camera: Camera) -> float:
         """Return the rms error of each axis (µm)."""
@@ -71,7 +74,9 @@ class Backlash(MotionEffect):
     play_um: float | None = None
 
     name: ClassVar[str] = "backlash"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"play_um": (0.0, math.inf)}
     title: ClassVar[str] = "backlash"
+    rank: ClassVar[int] = 20
 
     def play(self, camera: Camera) -> float:
         """Return the lost motion (µm)."""
@@ -92,6 +97,7 @@ class Backlash(MotionEffect):
             drive = commanded_um[:, axis]
             carriage = drive[0]
             for k, target in enumerate(drive):
+                # The drive pushes the carriage one way and pulls it the other, with the play between.
                 carriage = min(max(carriage, target), target + play)
                 out[k, axis] = carriage - target
         return out
@@ -112,6 +118,7 @@ class Drift(MotionEffect):
 
     name: ClassVar[str] = "drift"
     title: ClassVar[str] = "drift over the session"
+    rank: ClassVar[int] = 30
 
     def end(self, camera: Camera) -> tuple[float, float]:
         """Return the displacement ``(y, x)`` at the end (µm)."""
@@ -146,7 +153,9 @@ class DepthError(MotionEffect):
     rms_um: float | None = None
 
     name: ClassVar[str] = "depth_error"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_um": (0.0, math.inf)}
     title: ClassVar[str] = "depth error"
+    rank: ClassVar[int] = 40
 
     def rms(self, camera: Camera) -> float:
         """Return the rms error of a plane's depth (µm)."""
@@ -155,6 +164,7 @@ class DepthError(MotionEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return dv = M² dz/B, and the mean spot shift dv B/(3 Nw v) that it makes."""
         camera = outlook.camera
+        # The depth is nonlinear in z: a finite step of the mean size, not a derivative.
         step = MEAN * self.rms(camera)
         dv = abs(camera.virtual_depth(outlook.z_um + step) - camera.virtual_depth(outlook.z_um))
         shift = dv * outlook.gap_um / (3 * outlook.f_number * abs(outlook.virtual_depth)) / outlook.pixel_um
@@ -170,3 +180,6 @@ class DepthError(MotionEffect):
         planes, which = np.unique(commanded_um[:, 0], return_inverse=True)
         out[:, 0] = (self.rms(camera) * rng.standard_normal(len(planes)))[which]
         return out
+
+
+EFFECTS = (PositioningError, Backlash, Drift, DepthError)

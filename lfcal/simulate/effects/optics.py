@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from lfcal.camera import Camera, MainLens
-from lfcal.simulate.effects.base import Estimate, SceneEffect
+from lfcal.simulate.effects.base import EngineSeconds, Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook, share_widened
 from lfcal.simulate.scene import Iris, Scene
 
-__all__ = ["ExactAngles", "IrisDiffraction", "IrisShape", "LensTypes", "LensletDiffraction"]
+__all__ = ["ExactAngles", "IrisDiffraction", "IrisShape", "LensTypeDefocus", "LensletDiffraction"]
 
 
 INSEPARABLE = 12.0
@@ -19,11 +20,12 @@ INSEPARABLE = 12.0
 
 
 @dataclass(frozen=True, slots=True)
-class LensTypes(SceneEffect):
+class LensTypeDefocus(SceneEffect):
     """Lens types and their defocus: without it every lenslet is of the type that is sharpest at the depth."""
 
     name: ClassVar[str] = "lens_types"
     title: ClassVar[str] = "lens types and defocus"
+    rank: ClassVar[int] = 10
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the largest spot diameter d |1/vf - 1/v|, and the mean change from the sharpest type's width.
@@ -49,7 +51,8 @@ class LensletDiffraction(SceneEffect):
 
     name: ClassVar[str] = "lenslet_diffraction"
     title: ClassVar[str] = "lenslet diffraction"
-    cost: ClassVar[str] = "transform per lenslet"
+    rank: ClassVar[int] = 20
+    needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the Airy radius 1.22 lambda B / d and the error from the spot's Fresnel number."""
@@ -60,6 +63,11 @@ class LensletDiffraction(SceneEffect):
         """Return the scene with lenslet diffraction on."""
         del outlook
         return replace(scene, lenslet_diffraction=True)
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return what waves take longer than rays."""
+        del outlook
+        return max(0.0, engine.waves - engine.rays)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +80,7 @@ class IrisDiffraction(SceneEffect):
 
     name: ClassVar[str] = "iris_diffraction"
     title: ClassVar[str] = "main-iris diffraction"
-    cost: ClassVar[str] = "FFT per plane"
+    rank: ClassVar[int] = 30
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the shadow's Fresnel number N_F = |a| / (4 Nw² lambda) and 0.6 / sqrt(N_F)."""
@@ -87,6 +95,11 @@ class IrisDiffraction(SceneEffect):
         """Return the scene with the iris's diffraction on."""
         del outlook
         return replace(scene, main_diffraction=True)
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return the seconds of the table of fringes."""
+        del outlook
+        return engine.fringes
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,10 +117,13 @@ class IrisShape(SceneEffect):
     rotation_rad: float | None = None
 
     name: ClassVar[str] = "iris_shape"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"blades": (0, 64), "curvature": (0.0, 1.0)}
     title: ClassVar[str] = "iris blades"
+    rank: ClassVar[int] = 40
 
     def iris(self, camera: Camera) -> Iris:
         """Return the iris of ``camera`` with this effect's values in it."""
+        # A microscope's pupil is round unless blades are given.
         lens = camera.optics if isinstance(camera.optics, MainLens) else MainLens(blades=0)
         given = (self.blades, self.curvature, self.rotation_rad)
         known = (lens.blades, lens.blade_curvature, lens.blade_rotation_rad)
@@ -128,6 +144,7 @@ class IrisShape(SceneEffect):
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the bladed iris; a second stop stays."""
+        # Mechanical vignetting may have been applied before.
         return replace(scene, iris=replace(self.iris(outlook.camera), stop=scene.iris.stop))
 
 
@@ -143,7 +160,7 @@ class ExactAngles(SceneEffect):
 
     name: ClassVar[str] = "exact_angles"
     title: ClassVar[str] = "angles beyond the paraxial"
-    cost: ClassVar[str] = "phase per response"
+    rank: ClassVar[int] = 60
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rim's displacement B/(2 (2 Nw)³); 0.4 of it is the mean shift of the light."""
@@ -156,3 +173,11 @@ class ExactAngles(SceneEffect):
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with exact defocus and exact rays."""
         return replace(scene, exact_defocus=True, exact_rays=True) if outlook.has_lens else scene
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return what a phase per response takes beside a wave engine (measured): a tenth of it."""
+        del outlook
+        return 0.1 * engine.waves
+
+
+EFFECTS = (LensTypeDefocus, LensletDiffraction, IrisDiffraction, IrisShape, ExactAngles)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -32,7 +33,9 @@ class PixelFill(SceneEffect):
     fill_factor: float | None = None
 
     name: ClassVar[str] = "pixel_fill"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"fill_factor": (1e-6, 1.0)}
     title: ClassVar[str] = "pixel integration and fill factor"
+    rank: ClassVar[int] = 90
 
     def share(self, camera: Camera) -> float:
         """Return the light-sensitive share of a pixel's area."""
@@ -63,6 +66,7 @@ class Crosstalk(PsfEffect):
     share: float = 0.01
 
     name: ClassVar[str] = "crosstalk"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (0.0, 0.25)}
     title: ClassVar[str] = "pixel crosstalk"
     deviation: ClassVar[bool] = True
 
@@ -77,5 +81,9 @@ class Crosstalk(PsfEffect):
     def kernel(self, camera: Camera) -> NDArray[np.float64]:
         """Return the 3 x 3 kernel, the product of two three-point kernels."""
         del camera
+        # A product of two lines, so that the diagonal neighbours get the square of the share.
         line = np.array([self.share, 1.0 - 2.0 * self.share, self.share])
         return np.outer(line, line)
+
+
+EFFECTS = (PixelFill, Crosstalk)

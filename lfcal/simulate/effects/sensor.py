@@ -7,6 +7,7 @@ dark current, shot noise, full well, read noise; then electrons become sample va
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera
 from lfcal.frames.cfa import pattern_side
-from lfcal.simulate.effects.base import Estimate, FrameEffect, FrameView
+from lfcal.simulate.effects.base import Estimate, FrameEffect, SensorStrip
 from lfcal.simulate.effects.outlook import Outlook
 
 __all__ = [
@@ -61,6 +62,7 @@ class StrayLight(FrameEffect):
     share: float = 0.01
 
     name: ClassVar[str] = "stray_light"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (0.0, 1.0)}
     title: ClassVar[str] = "stray light"
     deviation: ClassVar[bool] = True
     rank: ClassVar[int] = 20
@@ -68,10 +70,11 @@ class StrayLight(FrameEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the share, and what is lost by the spots and gained by the cutout."""
         rows, columns = outlook.camera.sensor.shape
+        # The light is lost in the cutout and comes back spread over the whole sensor.
         veil = min(1.0, outlook.pixels / (rows * columns))
         return Estimate(self.share, "relative", self.share * (1.0 + veil), "share (1 + cutout/sensor)")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip with the scattered share spread out."""
         rows, columns = view.camera.sensor.shape
         strip *= np.float32(1.0 - self.share)
@@ -95,6 +98,7 @@ class ColourFilter(FrameEffect):
     leak: float = 0.03
 
     name: ClassVar[str] = "colour_filter"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"leak": (0.0, 1.0)}
     title: ClassVar[str] = "colour filter array (Bayer)"
     rank: ClassVar[int] = 30
 
@@ -110,12 +114,13 @@ class ColourFilter(FrameEffect):
         kept = float(self.transmission(outlook.camera).mean())
         return Estimate(kept, "kept", (1.0 - kept) / kept, "(1 - kept)/kept")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip under the filter; the pattern starts at sensor pixel (0, 0)."""
         passed = self.transmission(view.camera)
         side = len(passed)
         for r in range(side):
             for c in range(side):
+                # A strip may begin in the middle of the pattern.
                 strip[(r - view.row) % side :: side, c::side] *= passed[r, c]
         return strip
 
@@ -136,8 +141,10 @@ class FixedPattern(FrameEffect):
     offset_e: float = 0.0
 
     name: ClassVar[str] = "fixed_pattern"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"prnu": (0.0, math.inf), "offset_e": (0.0, math.inf)}
     title: ClassVar[str] = "fixed pattern (PRNU)"
     rank: ClassVar[int] = 40
+    pixel_ns: ClassVar[float] = 9.0
 
     def gain_rms(self, camera: Camera) -> float:
         """Return the relative rms of the pixels' gains."""
@@ -146,10 +153,11 @@ class FixedPattern(FrameEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the gains' rms and the mean deviation 0.8 rms; offsets count on every pixel of the cutout."""
         rms = self.gain_rms(outlook.camera)
+        # Gains follow the light, offsets do not: they count on dark pixels too.
         offsets = self.offset_e * outlook.pixels / outlook.signal_e
         return Estimate(rms, "relative", MEAN * math.hypot(rms, offsets), "0.8 prnu")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip with each pixel's own gain and offset."""
         rms = self.gain_rms(view.camera)
         if rms:
@@ -172,6 +180,7 @@ class DarkCurrent(FrameEffect):
     e_per_s: float | None = None
 
     name: ClassVar[str] = "dark_current"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"e_per_s": (0.0, math.inf)}
     title: ClassVar[str] = "dark current"
     rank: ClassVar[int] = 50
 
@@ -185,7 +194,7 @@ class DarkCurrent(FrameEffect):
         mean = self.mean_e(outlook.camera, outlook.exposure_s)
         return Estimate(mean, "e-", mean * outlook.pixels / outlook.signal_e, "D t * pixels/signal")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip with the mean added; its noise comes with the shot noise."""
         strip += np.float32(self.mean_e(view.camera, view.exposure_s))
         return strip
@@ -204,13 +213,16 @@ def poisson_quantile(mean: NDArray[np.floating], share: NDArray[np.float64]) -> 
     out = np.zeros(mean.shape)
     large = mean > EXACT_MEAN
     if large.any():
+        # The normal deviate of a share of 0 is minus infinity.
         m, z = mean[large], ndtri(np.clip(share[large], 1e-16, None))
         third = (z * z - 1) / 6 - (z * z * z - z) / (72 * np.sqrt(m))
         out[large] = np.maximum(np.floor(m + z * np.sqrt(m) + third + 0.5), 0.0)
+    # A share below P(0) makes 0 electrons; the others count up until their share is reached.
     todo = np.flatnonzero(~large.ravel() & (share > np.exp(-mean)).ravel())
     m, u, flat = mean.ravel()[todo], share.ravel()[todo], out.ravel()
     term = np.exp(-m)
     total, count = term.copy(), 0
+    # The sum may end a rounding below 1 and never reach the last share: 400 is far beyond any count here.
     while todo.size and count < 400:
         count += 1
         term = term * m / count
@@ -228,6 +240,8 @@ class ShotNoise(FrameEffect):
     name: ClassVar[str] = "shot_noise"
     title: ClassVar[str] = "shot noise"
     rank: ClassVar[int] = 60
+    stream: ClassVar[int | None] = 60  # a number, so that a seed gives the same session for ever
+    pixel_ns: ClassVar[float] = 25.0
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return 1/sqrt(peak), and 0.8 sum(sqrt(N))/sum(N) over Gaussian spots of equal light."""
@@ -235,7 +249,7 @@ class ShotNoise(FrameEffect):
         error = outlook.over_types(lambda w: 2.0 * MEAN * (w / sharp) / root)
         return Estimate(1.0 / root, "relative", min(1.0, error), "1/sqrt(peak); 1.6 (w/w_min)/sqrt(peak) per type")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return Poisson deviates with the strip as their mean."""
         return poisson_quantile(strip, view.rng.random(strip.shape)).astype(np.float32)
 
@@ -260,7 +274,7 @@ class Saturation(FrameEffect):
         share = outlook.over_types(lost)
         return Estimate(outlook.peak_e / full, "of full well", min(2.0, share / (1 - share)), "1 - (1 + ln k)/k")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip clipped at the full well."""
         return np.minimum(strip, np.float32(view.camera.sensor.full_well_e), out=strip)
 
@@ -278,8 +292,11 @@ class ReadNoise(FrameEffect):
     rms_e: float | None = None
 
     name: ClassVar[str] = "read_noise"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_e": (0.0, math.inf)}
     title: ClassVar[str] = "read noise"
     rank: ClassVar[int] = 70
+    stream: ClassVar[int | None] = 70
+    pixel_ns: ClassVar[float] = 9.0
 
     def rms(self, camera: Camera) -> float:
         """Return the rms (electrons)."""
@@ -291,7 +308,7 @@ class ReadNoise(FrameEffect):
         error = min(2.0, MEAN * rms * outlook.pixels / outlook.signal_e)
         return Estimate(rms, "e-", error, "0.8 read * pixels/signal")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip with normal noise added."""
         strip += np.float32(self.rms(view.camera)) * view.rng.standard_normal(strip.shape, np.float32)
         return strip
@@ -304,6 +321,7 @@ class Quantisation(FrameEffect):
     name: ClassVar[str] = "quantisation"
     title: ClassVar[str] = "quantisation"
     rank: ClassVar[int] = 90
+    whole_numbers: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rms LSB/sqrt(12), and a quarter of an LSB over the pixels of the pattern.
@@ -316,7 +334,10 @@ class Quantisation(FrameEffect):
         error = min(2.0, 0.25 * lsb * lit / outlook.signal_e)
         return Estimate(lsb / math.sqrt(12), "e-", error, "LSB/sqrt(12); LSB/4 * pixels of the pattern/signal")
 
-    def on_frame(self, strip: NDArray[np.float32], view: FrameView) -> NDArray[np.float32]:
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip rounded and kept within the converter's range."""
         np.rint(strip, out=strip)
         return np.clip(strip, 0, view.camera.sensor.max_value, out=strip)
+
+
+EFFECTS = (StrayLight, ColourFilter, FixedPattern, DarkCurrent, ShotNoise, Saturation, ReadNoise, Quantisation)

@@ -1,12 +1,13 @@
 """From light on the sensor to a frame: the frame effects in their order, reproducibly.
 
 A frame is worked off in strips of rows. Every effect on every strip of every frame has its own random numbers,
-derived from the seed, the kind of frame, its index, the strip and the effect's rank: frames may be made in any order
+derived from the seed, the kind of frame, its index, the strip and the effect: frames may be made in any order
 and in any thread, and an effect that is added or left out does not change the numbers of the others.
 """
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 
@@ -15,8 +16,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera
 from lfcal.errors import InputError
-from lfcal.simulate.effects.base import FrameEffect, FrameView
-from lfcal.simulate.effects.sensor import Quantisation
+from lfcal.simulate.effects.base import Effect, FrameEffect, SensorStrip
 
 __all__ = ["FrameKind", "expose", "random_numbers", "sample_type"]
 
@@ -44,9 +44,14 @@ def random_numbers(seed: int, kind: FrameKind, *key: int) -> np.random.Generator
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(int(kind), *key))))
 
 
-def sample_type(effects: Sequence[object]) -> np.dtype[np.uint16] | np.dtype[np.float32]:
+def stream_of(effect: FrameEffect) -> int:
+    """Return the part of the key of its random numbers that is the effect's own."""
+    return zlib.crc32(effect.name.encode()) if effect.stream is None else effect.stream
+
+
+def sample_type(effects: Sequence[Effect]) -> np.dtype[np.uint16] | np.dtype[np.float32]:
     """Return uint16 where ``effects`` round sample values, else float32."""
-    rounded = any(isinstance(effect, Quantisation) for effect in effects)
+    rounded = any(isinstance(effect, FrameEffect) and effect.whole_numbers for effect in effects)
     return np.dtype(np.uint16) if rounded else np.dtype(np.float32)
 
 
@@ -67,7 +72,7 @@ def expose(
     light_e
         Photoelectrons ``(rows, columns)`` of the whole sensor if nothing disturbed them.
     effects
-        Frame effects; they act in the order of their rank. None: sample values without noise.
+        Frame effects; they act in the order of their rank. Empty: sample values without noise.
     exposure_s
         Exposure time (s).
     seed, kind, index
@@ -93,7 +98,9 @@ def expose(
         strip = light_e[row : row + STRIP].astype(np.float32)
         pattern = _patterns(seed, number, strip.shape)
         views = [
-            FrameView(camera, exposure_s, row, total, random_numbers(seed, kind, index, number, effect.rank), pattern)
+            SensorStrip(
+                camera, exposure_s, row, total, random_numbers(seed, kind, index, number, stream_of(effect)), pattern
+            )
             for effect in ordered
         ]
         out[row : row + STRIP] = _strip(strip, ordered, views, camera)
@@ -101,11 +108,12 @@ def expose(
 
 
 def _strip(
-    strip: NDArray[np.float32], ordered: Sequence[FrameEffect], views: Sequence[FrameView], camera: Camera
+    strip: NDArray[np.float32], ordered: Sequence[FrameEffect], views: Sequence[SensorStrip], camera: Camera
 ) -> NDArray[np.float32]:
     for effect, view in zip(ordered, views, strict=True):
         if effect.rank < COUNTS_FROM:
             strip = effect.on_frame(strip, view)
+    # Here the converter stands: electrons before, counts after it.
     strip /= np.float32(camera.sensor.electrons_per_count)
     strip += np.float32(camera.sensor.black_level)
     for effect, view in zip(ordered, views, strict=True):
@@ -116,7 +124,9 @@ def _strip(
 
 def _patterns(seed: int, strip: int, shape: tuple[int, ...]) -> Callable[[str], NDArray[np.float32]]:
     def pattern(name: str) -> NDArray[np.float32]:
-        rng = random_numbers(seed, FrameKind.PATTERN, PATTERNS.index(name), strip)
+        # Numbers where sessions made earlier had them; names of other distributions' patterns speak for themselves.
+        key = PATTERNS.index(name) if name in PATTERNS else zlib.crc32(name.encode())
+        rng = random_numbers(seed, FrameKind.PATTERN, key, strip)
         return rng.standard_normal(shape, np.float32)
 
     return pattern

@@ -22,6 +22,7 @@ from lfcal.errors import InputError
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.store import save
+from lfcal.reconstruct.solvers.choice import SolverChoice
 
 PERIOD, CUTOUT = (3, 4), (7, 9)
 
@@ -79,6 +80,7 @@ def test_refusals_are_one_line(key: str, value: object) -> None:
 
 def test_fields_that_matter() -> None:
     assert used_by("cg", "strength") and not used_by("rl", "strength")
+    assert ReconstructSettings("cg", read_noise=3.0, subsets=2).choice() == SolverChoice("cg"), "greyed out: left alone"
     assert used_by("osem", "subsets") and not used_by("cg", "read_noise") and used_by("rl", "iterations")
 
 

@@ -1,0 +1,90 @@
+"""The image-space reconstruction algorithm: least squares without negative values."""
+
+from __future__ import annotations
+
+from numpy.typing import ArrayLike
+
+from lfcal.progress import drain
+from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.solvers.em import EmOptions, iter_em, iter_run
+from lfcal.reconstruct.solvers.measurement import Measurement
+from lfcal.reconstruct.solvers.penalty import Penalty
+from lfcal.reconstruct.solvers.records import Reconstruction, SolverState, SolverWork
+from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
+from lfcal.reconstruct.solvers.solver import COMMON, Solver, SolverRun
+from lfcal.reconstruct.solvers.subsets import Masks
+
+__all__ = ["SOLVER", "isra", "iter_isra"]
+
+
+def iter_isra(
+    P: Projector,
+    image: ArrayLike,
+    iterations: int = 20,
+    *,
+    background: ArrayLike = 0.0,
+    weights: ArrayLike | None = None,
+    saturation: float | None = None,
+    penalty: Penalty | None = None,
+    acceleration: str = "none",
+    subsets: Masks | None = None,
+    relaxation: float = 1.0,
+    smoothing: DepthSmoothing | None = None,
+    tolerance: float = 0.0,
+    initial: ArrayLike | None = None,
+    resume: SolverState | None = None,
+) -> SolverWork:
+    """Deconvolve ``image`` as `isra`, one `SolverProgress` per iteration."""
+    data = Measurement.of(image, dtype=P.dtype, weights=weights, saturation=saturation, background=background)
+    options = EmOptions("isra", penalty, acceleration, subsets, relaxation, smoothing, tolerance)
+    return iter_em(P, data, iterations, options, initial=initial, resume=resume)
+
+
+def isra(
+    P: Projector,
+    image: ArrayLike,
+    iterations: int = 20,
+    *,
+    background: ArrayLike = 0.0,
+    weights: ArrayLike | None = None,
+    saturation: float | None = None,
+    penalty: Penalty | None = None,
+    acceleration: str = "none",
+    subsets: Masks | None = None,
+    relaxation: float = 1.0,
+    smoothing: DepthSmoothing | None = None,
+    tolerance: float = 0.0,
+    initial: ArrayLike | None = None,
+    resume: SolverState | None = None,
+) -> Reconstruction:
+    """Deconvolve ``image`` ``(Y, X)`` by the image-space reconstruction algorithm.
+
+    ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Parameters and errors as for
+    `richardson_lucy`; there is no read noise, because least squares do not ask for the kind of noise.
+    """
+    return drain(
+        iter_isra(
+            P,
+            image,
+            iterations,
+            background=background,
+            weights=weights,
+            saturation=saturation,
+            penalty=penalty,
+            acceleration=acceleration,
+            subsets=subsets,
+            relaxation=relaxation,
+            smoothing=smoothing,
+            tolerance=tolerance,
+            initial=initial,
+            resume=resume,
+        )
+    )
+
+
+def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
+    """Run plain ISRA."""
+    return iter_run(P, image, run, EmOptions("isra"))
+
+
+SOLVER = Solver("isra", "least squares without negative values (ISRA)", iterate, COMMON | {"initial"}, rank=90)

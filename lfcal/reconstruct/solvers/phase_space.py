@@ -1,0 +1,46 @@
+"""Richardson-Lucy view by view, brightest first (the ordering of Lu et al. 2019)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.solvers.em import EmOptions, iter_run
+from lfcal.reconstruct.solvers.records import SolverWork
+from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
+from lfcal.reconstruct.solvers.subsets import Masks, angular_subsets, by_energy
+
+__all__ = ["SOLVER", "lenslet_phase"]
+
+
+def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
+    """Run Richardson-Lucy over blocks of views, 3 x 3 by default."""
+    blocks = 3 if run.subsets is None else run.subsets
+    return iter_run(P, image, run, EmOptions(subsets=_views(P, image, blocks)))
+
+
+def _views(P: Projector, image: ArrayLike, blocks: int) -> Masks:
+    views = min(blocks, P.period[0]), min(blocks, P.period[1])
+    masks = angular_subsets(P.period, views, lenslet_phase(P))
+    # Pixels without a value have weight 0 later on; here they must not decide which view is brightest.
+    return by_energy(masks, np.nan_to_num(np.asarray(image, float), posinf=0.0, neginf=0.0), P.grid)
+
+
+def lenslet_phase(P: Projector) -> tuple[float, float]:
+    """Return the phase (row, column) of a lenslet's centre: from the camera of H, else the middle of the period."""
+    (ny, nx), camera = P.period, P.camera
+    if camera is None:
+        return (ny - 1) / 2, (nx - 1) / 2
+    row, column = P.grid.anchor
+    x, y = camera.sensor_um((float(row), float(column)))
+    a, b = camera.lattice.basis_um()
+    index = np.linalg.solve(np.stack([a, b], axis=1), np.array([x, y]) - np.array(camera.lattice.offset_um))
+    near = np.stack([a, b], axis=1) @ np.round(index) + np.array(camera.lattice.offset_um)
+    pixel = camera.sensor.pixel_um
+    return float((near[1] - y) / pixel % ny), float((near[0] - x) / pixel % nx)
+
+
+SOLVER = Solver(
+    "phase-space", "view by view, brightest first (ordering of Lu et al. 2019)", iterate, EM | {"subsets"}, rank=70
+)

@@ -1,0 +1,118 @@
+"""Richardson-Lucy: the multiplicative solver of Poisson data, alone or with what it may be combined with."""
+
+from __future__ import annotations
+
+from numpy.typing import ArrayLike
+
+from lfcal.progress import drain
+from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.solvers.em import EmOptions, iter_em, iter_run
+from lfcal.reconstruct.solvers.measurement import Measurement
+from lfcal.reconstruct.solvers.penalty import Penalty
+from lfcal.reconstruct.solvers.records import Reconstruction, SolverState, SolverWork
+from lfcal.reconstruct.solvers.smoothing import DepthSmoothing
+from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun
+from lfcal.reconstruct.solvers.subsets import Masks
+
+__all__ = ["SOLVER", "iter_richardson_lucy", "richardson_lucy"]
+
+
+def iter_richardson_lucy(
+    P: Projector,
+    image: ArrayLike,
+    iterations: int = 20,
+    *,
+    background: ArrayLike = 0.0,
+    weights: ArrayLike | None = None,
+    saturation: float | None = None,
+    read_noise: float = 0.0,
+    penalty: Penalty | None = None,
+    acceleration: str = "none",
+    subsets: Masks | None = None,
+    relaxation: float = 1.0,
+    smoothing: DepthSmoothing | None = None,
+    tolerance: float = 0.0,
+    initial: ArrayLike | None = None,
+    resume: SolverState | None = None,
+) -> SolverWork:
+    """Deconvolve ``image`` as `richardson_lucy`, one `SolverProgress` per iteration."""
+    data = Measurement.of(
+        image, dtype=P.dtype, weights=weights, saturation=saturation, background=background, read_noise=read_noise
+    )
+    options = EmOptions("richardson-lucy", penalty, acceleration, subsets, relaxation, smoothing, tolerance)
+    return iter_em(P, data, iterations, options, initial=initial, resume=resume)
+
+
+def richardson_lucy(
+    P: Projector,
+    image: ArrayLike,
+    iterations: int = 20,
+    *,
+    background: ArrayLike = 0.0,
+    weights: ArrayLike | None = None,
+    saturation: float | None = None,
+    read_noise: float = 0.0,
+    penalty: Penalty | None = None,
+    acceleration: str = "none",
+    subsets: Masks | None = None,
+    relaxation: float = 1.0,
+    smoothing: DepthSmoothing | None = None,
+    tolerance: float = 0.0,
+    initial: ArrayLike | None = None,
+    resume: SolverState | None = None,
+) -> Reconstruction:
+    """Deconvolve ``image`` ``(Y, X)`` by Richardson-Lucy.
+
+    ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2); with weights, ``HT(w f / (Hg + b)) /
+    HTw``. Where Hg + b is nothing but rounding the ratio is 0; voxels no pixel sees stay as they are.
+
+    Parameters
+    ----------
+    P
+        Projector pair.
+    image
+        ``(Y, X)`` in counts.
+    iterations
+        How many to do, beyond those of ``resume``.
+    background, weights, saturation, read_noise
+        As for `Measurement.of`.
+    penalty, acceleration, subsets, relaxation, smoothing, tolerance
+        As in `EmOptions`.
+    initial
+        Start ``(nz, Y, X)``, not negative; by default even, with the light of the image.
+    resume
+        State to go on from instead.
+
+    Raises
+    ------
+    InputError
+        If the image does not fit the projector or an argument is out of range.
+    """
+    return drain(
+        iter_richardson_lucy(
+            P,
+            image,
+            iterations,
+            background=background,
+            weights=weights,
+            saturation=saturation,
+            read_noise=read_noise,
+            penalty=penalty,
+            acceleration=acceleration,
+            subsets=subsets,
+            relaxation=relaxation,
+            smoothing=smoothing,
+            tolerance=tolerance,
+            initial=initial,
+            resume=resume,
+        )
+    )
+
+
+def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
+    """Run plain Richardson-Lucy."""
+    return iter_run(P, image, run, EmOptions())
+
+
+SOLVER = Solver("rl", "Richardson-Lucy, as published (Eberhart et al. 2020, equation 2)", iterate, EM, rank=10)
+"""What the registry takes from this module; the same in every module of a solver."""

@@ -1,0 +1,106 @@
+"""What a solver is: a name, the options it honours, and the function that makes its iterations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from lfcal.errors import InputError
+from lfcal.reconstruct.projectors.projector import Projector
+from lfcal.reconstruct.solvers.records import SolverState, SolverWork
+
+__all__ = ["COMMON", "EM", "OPTIONS", "Solver", "SolverRun"]
+
+OPTIONS: dict[str, Any] = {
+    "background": 0.0,
+    "read_noise": 0.0,
+    "saturation": None,
+    "strength": None,
+    "subsets": None,
+    "tolerance": 0.0,
+    "weights": None,
+    "initial": None,
+    "resume": None,
+}
+"""Options a solver may honour, with the value each has where it is not given."""
+
+COMMON = frozenset({"background", "saturation", "tolerance", "weights", "resume"})
+"""Options that every solver of lfcal honours."""
+
+EM = COMMON | {"read_noise", "initial"}
+"""Options of every variant of Richardson-Lucy."""
+
+
+@dataclass(frozen=True, eq=False)
+class SolverRun:
+    """What one run of a solver is asked for; options it does not honour have the values of `OPTIONS`.
+
+    Attributes
+    ----------
+    iterations
+        How many to do, beyond those of ``resume``.
+    background, read_noise, saturation, strength, subsets, tolerance
+        As in `SolverChoice`.
+    weights
+        Trust in each pixel ``(Y, X)``, not negative.
+    initial
+        Start ``(nz, Y, X)``.
+    resume
+        State to go on from.
+    """
+
+    iterations: int = 20
+    background: float = 0.0
+    read_noise: float = 0.0
+    saturation: float | None = None
+    strength: float | None = None
+    subsets: int | None = None
+    tolerance: float = 0.0
+    weights: ArrayLike | None = None
+    initial: ArrayLike | None = None
+    resume: SolverState | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Solver:
+    """A way to reconstruct.
+
+    Attributes
+    ----------
+    name
+        What commands, files and people call it; never changed, because files keep it.
+    title
+        What it does, with its source, in a line.
+    iterate
+        Given projector, image ``(Y, X)`` and `SolverRun`, yields a `SolverProgress` per iteration and returns a
+        `Reconstruction`.
+    honours
+        Which of `OPTIONS` it honours; the others are refused.
+    rank
+        Order in lists.
+    """
+
+    name: str
+    title: str
+    iterate: Callable[[Projector, ArrayLike, SolverRun], SolverWork]
+    honours: frozenset[str] = COMMON
+    rank: int = 100
+
+    def __post_init__(self) -> None:
+        """Check the options' names."""
+        unknown = sorted(set(self.honours) - set(OPTIONS))
+        if unknown:
+            raise InputError.expected(f"options of solver {self.name}", ", ".join(OPTIONS), unknown[0], "correct it")
+
+    def check(self, option: str, given: Any, others: tuple[str, ...] = ()) -> None:
+        """Raise `InputError` where ``option`` is given to a solver that would ignore it; ``others`` honour it."""
+        idle = OPTIONS[option]
+        if option in self.honours or given is idle or (idle is not None and given == idle):
+            return
+        got = f"{given}" if isinstance(given, int | float) else "one"
+        wanted = f"none for solver {self.name}, which does not use it"
+        remedy = f"leave it out, or choose {' or '.join(others)}" if others else "leave it out"
+        raise InputError.expected(option.replace("_", " "), wanted, got, remedy)

@@ -1,0 +1,40 @@
+"""Distributions of others, made for a test: a module and its entry points, found as installed ones are."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def code_of(page: str) -> list[str]:
+    """Return the Python blocks of a page of the documentation."""
+    return re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
+
+
+def install(monkeypatch: pytest.MonkeyPatch, folder: Path, module: str, source: str, points: dict[str, str]) -> None:
+    """Put a distribution on the path: ``points`` are ``{"group": "name = module:object"}``."""
+    (folder / f"{module}.py").write_text(source, encoding="utf-8")
+    about = folder / f"{module}-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("".join(f"[{group}]\n{line}\n" for group, line in points.items()))
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.delitem(sys.modules, module, raising=False)
+    importlib.invalidate_caches()
+
+
+def in_a_new_process(folder: Path, code: str) -> str:
+    """Return what ``code`` prints in a process that finds the distributions in ``folder`` installed."""
+    root = str(Path(__file__).parents[1])
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), root))}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
+    assert done.returncode == 0, done.stderr
+    return done.stdout

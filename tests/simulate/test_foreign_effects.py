@@ -1,0 +1,172 @@
+"""Effects of other distributions: the documented one is complete, and broken ones are left out with a reason."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfcal.camera import ScanPlan
+from lfcal.cli import main
+from lfcal.simulate import effects as rooms
+from lfcal.simulate import plan_effects, simulate_psf
+from lfcal.simulate.effects import LensTypeDefocus, ShotNoise, find_effects
+from lfcal.simulate.sensor.noise import expose
+from lfcal.simulate.staging import outlook_of
+from tests.distribution import code_of, in_a_new_process, install
+from tests.simulate.common import BASE, FAST, difference, responses, small_camera, small_plan
+
+PAGE = code_of("adding_an_effect.md")
+Install = Callable[[str, str], None]
+
+
+@pytest.fixture
+def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
+    """Install an effect of another distribution for one test."""
+
+    def put(source: str, name: str) -> None:
+        install(monkeypatch, tmp_path, "their_effects", source, {"lfcal.effects": f"theirs = their_effects:{name}"})
+        monkeypatch.setattr(rooms, "CATALOGUE", find_effects())
+
+    return put
+
+
+def test_the_documented_effect_is_planned_and_enters_h(foreign: Install) -> None:
+    foreign(PAGE[0], "ArrayDecentre")
+    plan = replace(small_plan(cutout=41), period=(2, 3))
+    row = plan_effects(plan.camera, plan, 0.03).row("array_decentre")
+    assert not row.on and "not known of this camera" in row.reason
+    switched = plan_effects(plan.camera, plan, 0.03, {"array_decentre": "on"})
+    plain = simulate_psf(plan.camera, plan, plan_effects(plan.camera, plan, 0.03), sampling=FAST)
+    decentred = simulate_psf(plan.camera, plan, switched, sampling=FAST)
+    assert difference(plain.plane(0), decentred.plane(0)) > 0.02
+    names = {"plan": plan, "plan_effects": plan_effects, "simulate_psf": simulate_psf}
+    exec(f"from their_effects import *\n{PAGE[1]}", names)  # the page's second block, as it stands
+    known: Any = names["H"]
+    recorded = known.provenance["simulated"]["effects"]
+    assert {"name": "array_decentre", "rows_um": 2.0, "columns_um": 0.0} in recorded
+
+
+def test_the_documented_effect_does_what_it_says(foreign: Install) -> None:
+    """It equals a camera described with its lenslets there, and its estimate holds."""
+    foreign(PAGE[0], "ArrayDecentre")
+    effect = find_effects().get("array_decentre")(rows_um=3.0, columns_um=-1.0)  # type: ignore[call-arg]
+    plan = small_plan()
+    camera, s = plan.camera, plan.camera.lattice_scale
+    x, y = camera.lattice.offset_um
+    moved = replace(camera, lattice=replace(camera.lattice, offset_um=(x - 1.0 * s, y + 3.0 * s)))
+    found = responses(plan, (*BASE, effect))
+    assert difference(responses(replace(plan, camera=moved), BASE), found) < 1e-4
+    measured = difference(responses(plan, BASE), found)
+    assert 0.5 * measured <= effect.estimate(outlook_of(plan, 0)).error <= 2 * measured
+
+
+def test_the_command_line_lists_it(
+    foreign: Install, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    foreign(PAGE[0], "ArrayDecentre")
+    words = ["simulate", "bench", "--virtual-depths", "4", "--plan-only", "--json", "--effects", "array_decentre=on"]
+    monkeypatch.setattr(sys, "argv", ["lfcal", *words])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert not end.value.code
+    assert '"array_decentre"' in capfd.readouterr().out
+
+
+def test_the_window_lists_it(foreign: Install, tmp_path: Path) -> None:
+    foreign(PAGE[0], "ArrayDecentre")
+    code = """
+from gui.models.session import SimulateSettings
+from gui.models.simulate_view import verdict_of
+from tests.simulate.common import small_plan
+settings = SimulateSettings(overrides=(("array_decentre", "on"),))
+print(*(row.name for row in verdict_of(small_plan(), settings).rows if row.on))
+"""
+    assert "array_decentre" in in_a_new_process(tmp_path, code).split()
+
+
+SHOWN = PAGE[0].replace("ArrayDecentre", "effect")
+ABSTRACT = "from lfcal.simulate.effects import SceneEffect\nclass effect(SceneEffect):\n    name = title = 'theirs'"
+BROKEN = {
+    "nameless": ("def effect(): ...", "it has no name"),
+    "no effect": ("class effect:\n    name = 'theirs'", "not a class derived from Effect"),
+    "abstract": (ABSTRACT, "it lacks estimate"),
+    "not frozen": (SHOWN.replace("frozen=True, ", ""), "not a frozen dataclass"),
+    "no title": (SHOWN.replace("    title:", "    subtitle:"), "does not say its title"),
+    "no defaults": (SHOWN.replace("float = 1.0", "float"), "rows_um"),
+    "estimate fails": (SHOWN.replace("outlook.pixel_um", "outlook.pixels_um"), "pixels_um"),
+    "no estimate": (SHOWN.replace('return Estimate(shift, "px", ', 'return (shift, "px", '), "it has no estimate"),
+    "does not load": ("raise RuntimeError('their library is missing')", "their library is missing"),
+}
+
+
+@pytest.mark.parametrize(("source", "reason"), BROKEN.values(), ids=BROKEN)
+def test_broken_effects_are_left_out_with_a_reason(
+    foreign: Install,
+    source: str,
+    reason: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    own = find_effects().names()
+    foreign(source, "effect")
+    assert rooms.CATALOGUE.names() == own
+    assert reason in rooms.CATALOGUE.failures()["theirs"]
+    monkeypatch.setattr(sys, "argv", ["lfcal", "simulate", "bench", "--virtual-depths", "4", "--plan-only"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert not end.value.code and "effect theirs" in capfd.readouterr().err
+
+
+def test_own_effects_cannot_be_replaced(foreign: Install) -> None:
+    foreign(PAGE[0].replace('"array_decentre"', '"lens_types"'), "ArrayDecentre")
+    assert rooms.CATALOGUE.get("lens_types") is LensTypeDefocus
+
+
+HOT = """
+from dataclasses import dataclass
+from typing import ClassVar
+from lfcal.simulate.effects import Estimate, FrameEffect
+
+@dataclass(frozen=True)
+class Flicker(FrameEffect):
+    name: ClassVar[str] = "flicker"
+    title: ClassVar[str] = "flicker"
+    rank: ClassVar[int] = 60
+    pattern: str = "blemish"
+
+    def estimate(self, outlook):
+        return Estimate(1.0, "e-", 0.1, "measured")
+
+    def on_frame(self, strip, view):
+        strip += 20 * view.rng.random(strip.shape) + view.pattern(self.pattern)
+        return strip
+"""
+
+
+def test_a_foreign_frame_effect_has_its_own_random_numbers(foreign: Install) -> None:
+    """Its rank is that of shot noise: were streams told apart by rank, both would draw the same numbers."""
+    foreign(HOT, "Flicker")
+    flicker, camera = rooms.CATALOGUE.get("flicker")(), small_camera()
+    light = np.full(camera.sensor.shape, 1000.0, np.float32)
+
+    def frame(*effects: Any, index: int = 0) -> np.ndarray:
+        return expose(light, camera, effects, exposure_s=0.01, seed=3, index=index).astype(float)
+
+    plain, noise, own = frame(), frame(ShotNoise()), frame(flicker)  # type: ignore[arg-type]
+    assert abs(np.corrcoef((noise - plain).ravel(), (own - plain).ravel())[0, 1]) < 0.05
+    repeated = np.corrcoef((own - plain).ravel(), (frame(flicker, index=1) - plain).ravel())[0, 1]
+    assert 0.015 < repeated < 0.06, "the pattern stays from frame to frame, the noise does not"
+
+
+def test_a_plan_may_leave_a_foreign_effect_out(foreign: Install) -> None:
+    foreign(HOT, "Flicker")
+    plan: ScanPlan = small_plan(cutout=31)
+    assert not plan_effects(plan.camera, plan).row("flicker").on
+    assert plan_effects(plan.camera, plan, frames=True).row("flicker").on
+    assert plan_effects(plan.camera, plan, frames=True).row("flicker").seconds > 0
