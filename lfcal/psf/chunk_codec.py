@@ -8,8 +8,9 @@ What is written is an ordinary HDF5 file.
 from __future__ import annotations
 
 import itertools
+import zlib
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -63,7 +64,15 @@ def _batches(items: Iterable[Any], count: int) -> Iterator[list[Any]]:
         yield batch
 
 
-def parallel_write(dataset: Any, z: int, plane: NDArray[Any], *, workers: int | None = None) -> int:
+def parallel_write(
+    dataset: Any,
+    z: int,
+    plane: NDArray[Any],
+    *,
+    convert: Callable[[NDArray[Any]], NDArray[Any]] | None = None,
+    checksums: NDArray[np.uint32] | None = None,
+    workers: int | None = None,
+) -> int:
     """Write depth plane ``z`` of an H dataset, compressing in threads; return the bytes stored.
 
     Datasets that `chunk_pipeline` does not know are written through HDF5. At most a few batches of half a
@@ -77,6 +86,10 @@ def parallel_write(dataset: Any, z: int, plane: NDArray[Any], *, workers: int | 
         Depth plane.
     plane
         Its values ``(ny, nx, nt, ns)``, of a dtype that the dataset's holds without loss.
+    convert
+        Turns a pattern into what is stored, in the threads that compress; None stores it as it is.
+    checksums
+        ``(ny, nx)``, filled with the CRC-32 of every stored pattern, little-endian.
     workers
         Threads that compress; None takes every processor.
 
@@ -87,17 +100,27 @@ def parallel_write(dataset: Any, z: int, plane: NDArray[Any], *, workers: int | 
     """
     _check_plane_number(dataset, z)
     dtype, shape = dataset.dtype, tuple(dataset.shape[1:])
-    if plane.shape != shape or not np.can_cast(plane.dtype, dtype, "safe"):
+    if plane.shape != shape or (convert is None and not np.can_cast(plane.dtype, dtype, "safe")):
         raise InputError.expected(f"plane {z}", f"{shape} {dtype}", f"{plane.shape} {plane.dtype}", "convert it first")
+    little = dtype.newbyteorder("<")
+
+    def stored_pattern(y: int, x: int) -> NDArray[Any]:
+        pattern = plane[y, x] if convert is None else convert(plane[y, x])
+        pattern = np.ascontiguousarray(pattern, dtype)
+        if checksums is not None:
+            checksums[y, x] = zlib.crc32(pattern.astype(little, copy=False).data)
+        return pattern
+
     filters = chunk_pipeline(dataset)
     if filters is None:
         before = dataset.id.get_storage_size()
-        dataset[z] = plane
+        for y, x in np.ndindex(*shape[:2]):
+            dataset[z, y, x] = stored_pattern(y, x)
         return int(dataset.id.get_storage_size() - before)
     level = dataset.compression_opts if isinstance(dataset.compression_opts, int) else 1
 
     def encode(batch: list[tuple[int, int]]) -> list[tuple[int, int, bytes]]:
-        return [(y, x, encode_chunk(plane[y, x].astype(dtype, copy=False), level, filters)) for y, x in batch]
+        return [(y, x, encode_chunk(stored_pattern(y, x), level, filters)) for y, x in batch]
 
     stored = 0
     batches = _batches(np.ndindex(*shape[:2]), _batch_size(dataset))

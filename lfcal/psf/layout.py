@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -104,9 +104,10 @@ class MatrixGroup:
             )
         self._sums[z] = sums
         self._used[z] = _used_window(sums)
-        stored, error = self._stored(z, plane)
-        self._checksum[z] = plane_checksum(stored, self._header.workers)
-        parallel_write(self._data, z, stored, workers=self._header.workers)
+        convert, error = self._rounding(z, plane)
+        each = np.zeros(shape[1:3], "<u4")
+        parallel_write(self._data, z, plane, convert=convert, checksums=each, workers=self._header.workers)
+        self._checksum[z] = zlib.crc32(each.data)
         self._note(z, facts, error)
         self._written[z] = True
 
@@ -119,27 +120,28 @@ class MatrixGroup:
         known.setdefault("recorded", np.ones(self._header.shape[1:3], np.uint16))
         self._facts[z] = Facts(**known)
 
-    def _stored(self, z: int, plane: NDArray[Any]) -> tuple[NDArray[Any], float]:
-        """Return the plane in the stored type, and the relative error of rounding to it.
+    def _rounding(self, z: int, plane: NDArray[Any]) -> tuple[Callable[[NDArray[Any]], NDArray[Any]] | None, float]:
+        """Return what turns a pattern of plane ``z`` into its stored type, and the relative error of that.
 
         An integer type takes a scale and an offset per plane unless the values fit as they are. Rounding to
         steps of ``scale`` errs by ``scale / 4`` in the mean.
         """
         dtype = self._header.dtype
-        if dtype.kind == "f" or plane.dtype == dtype:
-            return plane.astype(dtype, copy=False), 0.0
+        if plane.dtype == dtype:
+            return None, 0.0
+        if dtype.kind == "f":
+            return (lambda pattern: pattern.astype(dtype)), 0.0
         low, high, total = _range(plane, self._header.workers)
-        top = float(np.iinfo(dtype).max)
-        scale = (high - low) / top if high > low else 1.0
+        scale = (high - low) / float(np.iinfo(dtype).max) if high > low else 1.0
         self._offset[z], self._scale[z] = low, scale
-        out = np.empty(plane.shape, dtype)
+        first, steps = np.float32(low), np.float32(1 / scale)
 
-        def rows(start: int, stop: int) -> None:
-            for y in range(start, stop):
-                np.rint((plane[y] - np.float32(low)) * np.float32(1 / scale), out=out[y], casting="unsafe")
+        def rounded(pattern: NDArray[Any]) -> NDArray[Any]:
+            moved = pattern - first
+            moved *= steps
+            return np.rint(moved, out=moved).astype(dtype)
 
-        for_each_chunk(rows, plane.shape[0], self._header.workers)
-        return out, (scale / 4 * plane.size / total if total > 0 and high > low else 0.0)
+        return rounded, (scale / 4 * plane.size / total if total > 0 and high > low else 0.0)
 
     def complete(self) -> None:
         """Write everything but the values; every plane must be there."""
@@ -201,10 +203,11 @@ def _range(plane: NDArray[Any], workers: int | None) -> tuple[float, float, floa
     """Return lowest and highest value and the sum of absolute values of a plane."""
 
     def rows(start: int, stop: int) -> tuple[float, float, float]:
-        part = plane[start:stop]
-        low, high = float(part.min()), float(part.max())
-        positive = float(part.sum(dtype=np.float64))
-        total = positive if low >= 0 else float(np.abs(part).sum(dtype=np.float64))
+        # pattern by pattern, so that each is read once into the cache
+        low, high, total = np.inf, -np.inf, 0.0
+        for pattern in plane[start:stop].reshape(-1, plane[0, 0].size):
+            low, high = min(low, float(pattern.min())), max(high, float(pattern.max()))
+            total += float(np.abs(pattern).sum(dtype=np.float64))
         return low, high, total
 
     found = for_each_chunk(rows, plane.shape[0], workers)

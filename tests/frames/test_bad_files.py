@@ -91,7 +91,7 @@ BAD: dict[str, tuple[str, Callable[[], bytes], type[LfcalError], str]] = {
         "a.png",
         lambda: png_bytes(40, 50, 16, 0, bytes(101 * 20)),
         FileFormatError,
-        "be decoded",
+        "not all there",
     ),
     "PNG of 8-bit colour": ("a.png", lambda: png_bytes(4, 5, 8, 2, bytes(64)), FileFormatError, "3 samples of 8 bits"),
     "PNG with transparency": (

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
+from lfcal.frames.formats._png_kernels import samples_of, unfilter
 from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, decoding
 
 __all__ = ["PngImage"]
@@ -33,6 +34,7 @@ class PngImage(ImageFile):
         if len(head) < 33 or head[:8] != _SIGNATURE or head[12:16] != b"IHDR":
             raise self._damaged("no header")
         columns, rows, bits, kind = struct.unpack(">IIBB", head[16:26])
+        self._plain = kind == 0 and head[28] == 0  # grey, rows in order
         if kind not in _COMPONENTS or bits not in (8, 16):
             what = "a palette" if kind == 3 else f"{bits}-bit samples"
             raise FileFormatError.expected(
@@ -46,25 +48,46 @@ class PngImage(ImageFile):
 
     def read(self, page: int = 0) -> NDArray[Any]:
         """Return the frame."""
-        import cv2
-
         self.check_page(page)
         with storage_errors(self.path):
             data = self.path.read_bytes()
-        self._check_chunks(data)
+        stream = self._check_chunks(data)
+        image = self._inflate(stream) if self._plain else self._decode(data)
+        if image.shape != self.shape or image.dtype != self.dtype:
+            raise self._damaged(f"{image.dtype} {image.shape} where the header says {self.dtype} {self.shape}")
+        return image
+
+    def _inflate(self, stream: bytes) -> NDArray[Any]:
+        """Return a grey image: libdeflate takes half the time of the zlib behind other decoders."""
+        import imagecodecs
+
+        (rows, columns), size = self.shape, self.dtype.itemsize
+        need = rows * (1 + columns * size)
+        with decoding(self.path, "PNG"):
+            raw = imagecodecs.deflate_decode(stream, out=need)
+        if len(raw) != need:
+            raise self._damaged("pixels that are not all there")
+        image = np.empty((rows, columns * size), np.uint8)
+        bad = unfilter(np.frombuffer(raw, np.uint8), size, image)
+        if bad >= 0:
+            raise self._damaged(f"an unknown filter in row {bad}")
+        return samples_of(image, self.dtype)
+
+    def _decode(self, data: bytes) -> NDArray[Any]:
+        """Return one component of a colour image, or an interlaced one."""
+        import cv2
+
         with decoding(self.path, "PNG"):
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         if image is None:
             raise self._damaged("pixels that cannot be decoded")
         if self._component is not None and image.ndim == 3:
             image = np.ascontiguousarray(image[..., self._component])
-        if image.shape != self.shape or image.dtype != self.dtype:
-            raise self._damaged(f"{image.dtype} {image.shape} where the header says {self.dtype} {self.shape}")
         return np.asarray(image)
 
-    def _check_chunks(self, data: bytes) -> None:
-        """Walk the chunks to IEND: libpng may hand over a part of a cut-off image without a word."""
-        view, at = memoryview(data), 8
+    def _check_chunks(self, data: bytes) -> bytes:
+        """Walk the chunks to IEND and return their deflated stream; a cut-off image must not pass for a whole one."""
+        view, at, parts = memoryview(data), 8, []
         while True:
             if at + 12 > len(data):
                 raise self._damaged("the end is missing")
@@ -74,8 +97,11 @@ class PngImage(ImageFile):
                 raise self._damaged("the end is missing")
             if zlib.crc32(view[at + 4 : stop]) != struct.unpack_from(">I", data, stop)[0]:
                 raise self._damaged(f"a wrong checksum at byte {at}")
-            if data[at + 4 : at + 8] == b"IEND":
-                return
+            name = data[at + 4 : at + 8]
+            if name == b"IDAT":
+                parts.append(view[at + 8 : stop])
+            if name == b"IEND":
+                return b"".join(parts)
             at = stop + 4
 
     def _damaged(self, reason: str) -> FileFormatError:
