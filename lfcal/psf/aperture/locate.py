@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-__all__ = ["Patch", "despike", "find_patch", "flatten", "mad", "offsets"]
+__all__ = ["LitPatch", "despike", "find_patch", "flatten", "mad", "offsets"]
 
 Image = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Patch:
+class LitPatch:
     """A lit patch.
 
     Attributes
@@ -61,7 +61,7 @@ def despike(image: Image) -> Image:
     return np.where(np.abs(difference) > 6 * scale, smooth, image)
 
 
-def find_patch(image: Image) -> Patch | None:
+def find_patch(image: Image) -> LitPatch | None:
     """Return the lit patch of a depth-plane sum, or None where nothing stands out of the noise.
 
     The image is smoothed just as far as it takes to lift the patch eight deviations above its noise, which is
@@ -91,7 +91,7 @@ def find_patch(image: Image) -> Patch | None:
     radius = math.sqrt(float(mask.sum()) / math.pi)
     if radius < 3:
         return None
-    return Patch(background, noise, level, float(row), float(column), radius, mask)
+    return LitPatch(background, noise, level, float(row), float(column), radius, mask)
 
 
 def flatten(image: Image, background: float, row: float, column: float, radius: float) -> tuple[Image, float]:

@@ -12,14 +12,14 @@ from lfcal.psf.quality.across import MatrixMeasures
 from lfcal.psf.quality.catalogue import METRICS
 from lfcal.psf.quality.inspect import inspect, iter_inspect
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import UNKNOWN, Cost, Limits, Metric, MetricSpec, Reading
+from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, Metric, MetricSpec, Reading
 from lfcal.psf.quality.periodicity import Periodicity, periodicity
 from lfcal.psf.quality.report import QualityReport
 
 __all__ = [
     "METRICS",
     "UNKNOWN",
-    "Cost",
+    "CostModel",
     "Limits",
     "MatrixMeasures",
     "Metric",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.psf.quality.across import MatrixMeasures
 from lfcal.psf.quality.measure import PlaneMeasures
 
-__all__ = ["RANK", "UNKNOWN", "Cost", "Limits", "Merit", "Metric", "MetricSpec", "Reading", "judge"]
+__all__ = ["RANK", "UNKNOWN", "CostModel", "Limits", "Merit", "Metric", "MetricSpec", "Reading", "judge"]
 
 Merit = Literal["good", "fair", "bad", "unknown"]
 Plot = Literal["map", "planes", "sum", "table"]
@@ -73,7 +73,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Cost:
+class CostModel:
     """Error a metric's value makes in a reconstruction: NRMSE against the ideal H.
 
     Attributes
@@ -143,7 +143,7 @@ class MetricSpec:
     meaning: str
     advice: str
     limits: Limits
-    cost: Cost
+    cost: CostModel
     of_plane: Callable[[PlaneMeasures], Reading] | None = None
     of_matrix: Callable[[MatrixMeasures], Sequence[Reading]] | None = None
     needs_light: bool = True

@@ -37,7 +37,7 @@ def spread(shown: NDArray[np.float64]) -> float:
 
     Pixels far outside the lit patch, where only noise is left, do not count.
     """
-    patch = _LitPatch.of(shown)
+    patch = _LitArea.of(shown)
     if patch is None:
         return 0.0
     light = np.where(patch.distance <= REACH * patch.radius + MARGIN, shown, 0.0)
@@ -53,7 +53,7 @@ def spread(shown: NDArray[np.float64]) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class _LitPatch:
+class _LitArea:
     """The lit patch: its plateau, its outer radius, and every pixel's distance from its middle (pixels)."""
 
     plateau: float
@@ -61,7 +61,7 @@ class _LitPatch:
     distance: NDArray[np.float64]
 
     @staticmethod
-    def of(shown: NDArray[np.float64]) -> _LitPatch | None:
+    def of(shown: NDArray[np.float64]) -> _LitArea | None:
         top = _plateau(shown)
         if not top > 0:
             return None
@@ -73,7 +73,7 @@ class _LitPatch:
         row, column = ndimage.center_of_mass(patch)
         t, s = np.meshgrid(np.arange(shown.shape[0]) - row, np.arange(shown.shape[1]) - column, indexing="ij")
         distance = np.hypot(t, s)
-        return _LitPatch(top, float(distance[patch].max()), distance)
+        return _LitArea(top, float(distance[patch].max()), distance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ class EdgeLight:
 
 def edge_light(shown: NDArray[np.float64], noise: float = 0.0) -> EdgeLight:
     """Return truncation and stray light of a background-free depth-plane sum whose pixels have ``noise``."""
-    patch = _LitPatch.of(shown)
+    patch = _LitArea.of(shown)
     if patch is None:
         return EdgeLight()
     sides = (shown[:2], shown[-2:], shown[:, :2], shown[:, -2:])

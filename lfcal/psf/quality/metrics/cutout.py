@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import Cost, Limits, MetricSpec, Reading
+from lfcal.psf.quality.metric import CostModel, Limits, MetricSpec, Reading
 from lfcal.psf.quality.sums import off_centre
 
 __all__ = ["METRICS"]
@@ -24,7 +24,7 @@ METRICS = (
         title="Cut off",
         unit="% of plateau",
         limits=Limits(good=1.0, bad=5.0),
-        cost=Cost(at_bad=0.16, worst=1.0),
+        cost=CostModel(at_bad=0.16, worst=1.0),
         plot="sum",
         meaning="Light on the cutout's edge over the light in the middle of the depth-plane sum.",
         advice="Assemble again with a larger cutout.",
@@ -35,7 +35,7 @@ METRICS = (
         title="Centring",
         unit="px",
         limits=Limits(good=3.0, bad=8.0),
-        cost=Cost(at_bad=0.02, worst=0.3),
+        cost=CostModel(at_bad=0.02, worst=0.3),
         plot="sum",
         meaning="Distance of the aperture's centre from the cutout's.",
         advice="Assemble again with the anchor moved by this much.",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import UNKNOWN, Cost, Limits, MetricSpec, Reading
+from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
 
 __all__ = ["METRICS"]
 
@@ -47,7 +47,7 @@ METRICS = (
         title="Identities",
         unit="of peak",
         limits=Limits(good=1e-6, bad=1e-4),
-        cost=Cost(at_bad=0.5, worst=2.0),
+        cost=CostModel(at_bad=0.5, worst=2.0),
         meaning="Largest difference of sampled entries of HT from H, and of stored depth-plane sums from the "
         "patterns'.",
         advice="The file does not hold what it says: write it again.",

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import UNKNOWN, Cost, Limits, MetricSpec, Reading
+from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
 
 __all__ = ["METRICS"]
 
@@ -50,7 +50,7 @@ METRICS = (
         title="Missing frames",
         unit="frames",
         limits=Limits(good=0, bad=0),
-        cost=Cost(at_bad=1.3, worst=2.0, per_frame=True),
+        cost=CostModel(at_bad=1.3, worst=2.0, per_frame=True),
         plot="map",
         map_unit="yes / no",
         meaning="Positions without a frame, or with a dark one.",
@@ -65,7 +65,7 @@ METRICS = (
         title="Duplicate frames",
         unit="frames",
         limits=Limits(good=0, bad=0),
-        cost=Cost(at_bad=1.2, worst=2.0, per_frame=True),
+        cost=CostModel(at_bad=1.2, worst=2.0, per_frame=True),
         plot="map",
         map_unit="yes / no",
         meaning="Positions that hold the very same frame as another position.",
@@ -79,7 +79,7 @@ METRICS = (
         title="Not-a-number",
         unit="pixels",
         limits=Limits(good=0, bad=0),
-        cost=Cost(at_bad=0.3, worst=3.0),
+        cost=CostModel(at_bad=0.3, worst=3.0),
         plot="map",
         meaning="Pixels that are not a number: one of them spoils a whole reconstruction.",
         advice="Record these positions again, or assemble again with the corrections checked.",
@@ -93,7 +93,7 @@ METRICS = (
         title="Odd frames",
         unit="x",
         limits=ODD,
-        cost=Cost(at_bad=0.01, worst=0.1),
+        cost=CostModel(at_bad=0.01, worst=0.1),
         plot="map",
         map_unit="times the usual",
         meaning="Largest change to all four neighbours, over what is usual around it.",
@@ -106,7 +106,7 @@ METRICS = (
         title="Seam at the wrap",
         unit="x",
         limits=Limits(good=1.5, bad=3.0),
-        cost=Cost(at_bad=0.1, worst=0.8),
+        cost=CostModel(at_bad=0.1, worst=0.8),
         plot="map",
         map_unit="times the usual",
         always_shown=True,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import UNKNOWN, Cost, Limits, MetricSpec, Reading
+from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
 
 __all__ = ["METRICS"]
 
@@ -47,7 +47,7 @@ METRICS = (
         key="snr",
         title="Peak over noise",
         limits=Limits(good=100.0, bad=20.0, higher_is_better=True),
-        cost=Cost(at_bad=0.5, worst=1.0),
+        cost=CostModel(at_bad=0.5, worst=1.0),
         plot="planes",
         meaning="Median peak of the patterns over the noise of a dark pixel.",
         advice="Expose longer, average more frames, or cool the sensor.",
@@ -58,7 +58,7 @@ METRICS = (
         title="Background",
         unit="% of energy",
         limits=Limits(good=0.5, bad=2.0),
-        cost=Cost(at_bad=0.046, worst=1.0),
+        cost=CostModel(at_bad=0.046, worst=1.0),
         plot="planes",
         meaning="Energy that a constant background adds to a pattern, or takes from it.",
         advice="Take a dark frame of the same exposure and temperature, and assemble again.",
@@ -69,7 +69,7 @@ METRICS = (
         title="Clipped at zero",
         unit="% of dark pixels",
         limits=Limits(good=2.0, bad=15.0),
-        cost=Cost(at_bad=0.04, worst=0.2),
+        cost=CostModel(at_bad=0.04, worst=0.2),
         meaning="Dark pixels that are exactly zero while none is negative: noise was cut off and its mean is now "
         "light.",
         advice="Keep values signed when the dark frame is subtracted, and assemble again.",
@@ -80,7 +80,7 @@ METRICS = (
         title="Stray light",
         unit="% of energy",
         limits=Limits(good=1.5, bad=4.0),
-        cost=Cost(at_bad=0.05, worst=0.8),
+        cost=CostModel(at_bad=0.05, worst=0.8),
         plot="sum",
         meaning="Light outside the pattern, above the background.",
         advice="Find the leak or ghost in the depth-plane sum, mask it, record again.",
@@ -91,7 +91,7 @@ METRICS = (
         title="Flicker",
         unit="% rms",
         limits=Limits(good=2.0, bad=5.0),
-        cost=Cost(at_bad=0.002, worst=0.2),
+        cost=CostModel(at_bad=0.002, worst=0.2),
         plot="map",
         map_unit="%",
         always_shown=True,
@@ -104,7 +104,7 @@ METRICS = (
         title="Lamp drift",
         unit="% over the cell",
         limits=Limits(good=3.0, bad=8.0),
-        cost=Cost(at_bad=0.01, worst=0.3),
+        cost=CostModel(at_bad=0.01, worst=0.3),
         plot="map",
         map_unit="%",
         meaning="Change of the patterns' energy from the first position to the last.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lfcal.psf.quality.lattice import ORDERS
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import UNKNOWN, Cost, Limits, MetricSpec, Reading
+from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
 
 __all__ = ["METRICS"]
 
@@ -30,7 +30,7 @@ METRICS = (
         title="Order of the scan",
         unit="planes off",
         limits=Limits(good=0, bad=0),
-        cost=Cost(at_bad=2.5, worst=3.6),
+        cost=CostModel(at_bad=2.5, worst=3.6),
         plot="map",
         meaning="Planes in which the spots run over the lattice in another order than the positions say.",
         advice="Swap or reverse the axes of the scan, or mirror the frames, and assemble again; no new recording is "
@@ -43,7 +43,7 @@ METRICS = (
         title="Misplaced frames",
         unit="frames",
         limits=Limits(good=0, bad=0),
-        cost=Cost(at_bad=0.6, worst=2.0, per_frame=True),
+        cost=CostModel(at_bad=0.6, worst=2.0, per_frame=True),
         plot="map",
         map_unit="px",
         meaning="Positions whose pattern belongs half a pixel or more from where it is.",

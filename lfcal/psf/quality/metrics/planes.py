@@ -11,7 +11,7 @@ from lfcal.camera import Camera, MainLens
 from lfcal.errors import InputError
 from lfcal.psf.quality.across import MatrixMeasures
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import Cost, Limits, MetricSpec, Reading
+from lfcal.psf.quality.metric import CostModel, Limits, MetricSpec, Reading
 
 __all__ = ["METRICS"]
 
@@ -136,7 +136,7 @@ METRICS = (
         title="Dark planes",
         unit="planes",
         limits=Limits(good=0, bad=0),
-        cost=Cost(at_bad=0.55, worst=1.0),
+        cost=CostModel(at_bad=0.55, worst=1.0),
         plot="planes",
         meaning="Planes with hardly any light in them.",
         advice="Record these planes again; check lamp, shutter and pinhole.",
@@ -149,7 +149,7 @@ METRICS = (
         title="Copied planes",
         unit="planes",
         limits=Limits(good=0, bad=0),
-        cost=Cost(at_bad=0.5, worst=1.0),
+        cost=CostModel(at_bad=0.5, worst=1.0),
         plot="planes",
         meaning="Planes that hold the same patterns as another one.",
         advice="Record these planes again: the stage did not move in depth, or files were copied.",
@@ -162,7 +162,7 @@ METRICS = (
         title="Energy of planes",
         unit="%",
         limits=Limits(good=5.0, bad=15.0),
-        cost=Cost(at_bad=0.02, worst=0.5),
+        cost=CostModel(at_bad=0.02, worst=0.5),
         plot="planes",
         meaning="Largest deviation of a plane's energy from the trend of the planes.",
         advice="Record all planes with the same exposure and lamp, or normalise the planes.",
@@ -173,7 +173,7 @@ METRICS = (
         title="Depth of planes",
         unit="%",
         limits=Limits(good=3.0, bad=8.0),
-        cost=Cost(at_bad=0.1, worst=1.0),
+        cost=CostModel(at_bad=0.1, worst=1.0),
         plot="planes",
         meaning="Difference of the aperture's size from the one that the plane's depth states, apart from a common "
         "scale.",
@@ -185,7 +185,7 @@ METRICS = (
         title="Order of planes",
         unit="planes off",
         limits=Limits(good=0, bad=0),
-        cost=Cost(at_bad=0.6, worst=2.0),
+        cost=CostModel(at_bad=0.6, worst=2.0),
         plot="planes",
         meaning="Planes whose spots are spaced as in another plane: the depths do not belong to them.",
         advice="Sort the planes by depth, or correct the list of depths.",

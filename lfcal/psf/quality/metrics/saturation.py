@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import UNKNOWN, Cost, Limits, MetricSpec, Reading
+from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
 
 __all__ = ["METRICS"]
 
@@ -56,7 +56,7 @@ METRICS = (
         title="Saturated pixels",
         unit="pixels",
         limits=LIMITS,
-        cost=Cost(at_bad=0.03, worst=0.6),
+        cost=CostModel(at_bad=0.03, worst=0.6),
         plot="map",
         meaning="Pixels at the top of the sensor's range.",
         advice="Shorten the exposure or dim the lamp, and record again.",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import UNKNOWN, Cost, Limits, MetricSpec, Reading
+from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
 from lfcal.psf.quality.sums import coverage, stuck_pixels
 
 __all__ = ["METRICS"]
@@ -27,7 +27,7 @@ METRICS = (
         title="Hot or dead pixels",
         unit="pixels",
         limits=Limits(good=0, bad=0),
-        cost=Cost(at_bad=0.010, worst=0.3),
+        cost=CostModel(at_bad=0.010, worst=0.3),
         plot="sum",
         meaning="Pixels that stay lit or dark whatever the position.",
         advice="Map the sensor's defects with dark and white frames, and assemble again.",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import UNKNOWN, Cost, Limits, MetricSpec, Reading
+from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
 
 __all__ = ["METRICS"]
 
@@ -44,7 +44,7 @@ METRICS = (
         title="Stage step",
         unit="px over the cell",
         limits=Limits(good=0.35, bad=1.0),
-        cost=Cost(at_bad=0.4, worst=3.5),
+        cost=CostModel(at_bad=0.4, worst=3.5),
         plot="map",
         map_unit="px",
         meaning="How far the source runs ahead of the cutout, or behind it, from the first position to the last.",
@@ -57,7 +57,7 @@ METRICS = (
         title="Position error",
         unit="px rms",
         limits=Limits(good=0.1, bad=0.3),
-        cost=Cost(at_bad=0.25, worst=1.5),
+        cost=CostModel(at_bad=0.25, worst=1.5),
         plot="map",
         map_unit="px",
         always_shown=True,
@@ -70,7 +70,7 @@ METRICS = (
         title="Stage jitter",
         unit="px rms",
         limits=Limits(good=0.15, bad=0.35),
-        cost=Cost(at_bad=0.17, worst=1.0),
+        cost=CostModel(at_bad=0.17, worst=1.0),
         plot="map",
         map_unit="px",
         always_shown=True,
@@ -83,7 +83,7 @@ METRICS = (
         title="Backlash",
         unit="px",
         limits=Limits(good=0.1, bad=0.3),
-        cost=Cost(at_bad=0.17, worst=1.0),
+        cost=CostModel(at_bad=0.17, worst=1.0),
         plot="map",
         meaning="Half the offset between even and odd rows: play of a stage that scans to and fro.",
         advice="Scan all rows in the same direction, or give the stage's backlash to the plan, and record again.",
@@ -94,7 +94,7 @@ METRICS = (
         title="Drift",
         unit="px over the cell",
         limits=Limits(good=0.5, bad=1.5),
-        cost=Cost(at_bad=0.2, worst=1.5),
+        cost=CostModel(at_bad=0.2, worst=1.5),
         plot="map",
         map_unit="px",
         meaning="How far the source wandered across its scan direction from the first row to the last.",
@@ -106,7 +106,7 @@ METRICS = (
         title="Lattice pitch",
         unit="px over the cell",
         limits=Limits(good=0.5, bad=1.5),
-        cost=Cost(at_bad=0.1, worst=1.0),
+        cost=CostModel(at_bad=0.1, worst=1.0),
         plot="map",
         map_unit="px",
         meaning="How far the pattern's lattice runs away from the camera's over one cell.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lfcal.psf.quality.across import MatrixMeasures
 from lfcal.psf.quality.measure import PlaneMeasures
-from lfcal.psf.quality.metric import UNKNOWN, Cost, Limits, MetricSpec, Reading
+from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
 
 __all__ = ["METRICS"]
 
@@ -34,7 +34,7 @@ METRICS = (
         title="Period",
         unit="px",
         limits=Limits(good=0.25, bad=0.5),
-        cost=Cost(at_bad=0.5, worst=2.0),
+        cost=CostModel(at_bad=0.5, worst=2.0),
         meaning="Difference of the recorded period from the camera's lattice.",
         advice="Record a whole number of lattice periods: the plan of this camera states how many positions that is.",
         of_matrix=_period,
@@ -44,7 +44,7 @@ METRICS = (
         title="Tiling over the field",
         unit="%",
         limits=Limits(good=5.0, bad=15.0),
-        cost=Cost(at_bad=0.1, worst=1.0),
+        cost=CostModel(at_bad=0.1, worst=1.0),
         plot="map",
         meaning="Largest difference of control frames, whole periods away, from the same position of the cell.",
         advice="Use the period that fits best over the field, resample the frames to it, or calibrate regions of their "
