@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 __all__ = ["LitPatch", "despike", "find_patch", "flatten", "mad", "offsets"]
 
@@ -53,6 +51,8 @@ def mad(values: NDArray[np.float64]) -> float:
 
 def despike(image: Image) -> Image:
     """Return ``image`` with pixels replaced that stand out of their 5 x 5 median by six deviations."""
+    import cv2
+
     smooth = cv2.medianBlur(image.astype(np.float32), 5).astype(np.float64)
     difference = image - smooth
     scale = mad(difference)
@@ -67,6 +67,8 @@ def find_patch(image: Image) -> LitPatch | None:
     The image is smoothed just as far as it takes to lift the patch eight deviations above its noise, which is
     that of the border, white, behind a Gaussian.
     """
+    from scipy import ndimage
+
     side = min(image.shape)
     edge = max(2, int(0.03 * side))
     border = np.ones(image.shape, bool)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from lfcal.compiled import njit
 from lfcal.psf.aperture.locate import LitPatch, offsets
@@ -212,6 +211,8 @@ def matched_profile(pixels: EdgePixels, patch: LitPatch, circle: IrisFit) -> NDA
     Along each ray the residuals are weighted with the slope of the blurred edge, which is the least-squares
     shift of that piece of edge: less noise than summing all light of a ray, where blades are all but round.
     """
+    from scipy import special
+
     p = circle.parameters
     dx, dy = pixels.x - (p[X] - patch.column), pixels.y - (p[Y] - patch.row)
     x = dx * (1 + p[STRETCH]) + dy * p[SHEAR]

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 __all__ = ["odd_frames", "seam_ratio"]
 
@@ -44,6 +43,8 @@ def seam_ratio(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> float:
 
 def odd_frames(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return each pattern's median change to its four neighbours over what is usual around it, ``(ny, nx)``."""
+    from scipy import ndimage
+
     pairs = _pairs(steps, use)
     for axis in (0, 1):  # the seam has a metric of its own
         np.moveaxis(pairs[axis], axis, 0)[-1] = np.nan

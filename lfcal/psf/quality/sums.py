@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from lfcal.psf.aperture import Aperture
 
@@ -24,6 +23,8 @@ CUT_OFF = 10.0
 
 
 def _plateau(shown: NDArray[np.float64]) -> float:
+    from scipy import ndimage
+
     return float(ndimage.gaussian_filter(shown, 2.0).max())
 
 
@@ -62,6 +63,8 @@ class _LitArea:
 
     @staticmethod
     def of(shown: NDArray[np.float64]) -> _LitArea | None:
+        from scipy import ndimage
+
         top = _plateau(shown)
         if not top > 0:
             return None
@@ -113,6 +116,8 @@ def edge_light(shown: NDArray[np.float64], noise: float = 0.0) -> EdgeLight:
 
 def off_centre(shown: NDArray[np.float64], aperture: Aperture) -> float:
     """Return the distance of the aperture's centre, or of the light's centroid, from the cutout's (pixels)."""
+    from scipy import ndimage
+
     middle = [(n - 1) // 2 for n in shown.shape]
     place = aperture.centre
     if not all(math.isfinite(c) for c in place):
@@ -140,6 +145,8 @@ def stuck_pixels(lit: NDArray[np.int32], frames: NDArray[np.intp]) -> int:
     frames
         How many frames show it, of the same shape; pixels that few show are left out.
     """
+    from scipy import ndimage
+
     share = np.where(frames > 0, lit / np.maximum(frames, 1), 0.0)
     around = np.ones((3, 3), bool)
     around[1, 1] = False
