@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.psf.quality.dark import DarkCorners
-from lfcal.psf.quality.kernels import FRAME_COLUMNS, frame_pass
+from lfcal.psf.quality.kernels import FRAME_COLUMNS, PatternSums, frame_pass
 from lfcal.threads import for_each_chunk
 
 __all__ = ["PatternTable"]
@@ -61,8 +61,8 @@ class PatternTable:
             lit = np.zeros((nt, ns), np.int32)
             sensor = np.zeros((nt + ny - 1, ns + nx - 1), np.int32)
             for y in range(start, stop):
-                bits = plane[y].view(np.uint32)
-                frame_pass(plane[y], bits, floor, tolerance, table[y], digest[y], lit, sensor[y : y + nt])
+                out = PatternSums(table[y], digest[y], lit, sensor[y : y + nt])
+                frame_pass(plane[y], plane[y].view(np.uint32), floor, tolerance, out)
             return lit, sensor
 
         parts = for_each_chunk(rows, ny, workers, parts_per_worker=2)
