@@ -121,6 +121,7 @@ def extract_views(
         )
     images, weights = _sample_views(light, fit, grid, offsets), _sample_views(weight, fit, grid, offsets)
     inside = np.hypot(offsets[:, None], offsets[None, :]) <= radius
+    # beyond the radius the pixels belong to the gaps between micro-images
     weights *= inside[:, :, None, None]
     weights /= max(float(weights.max()), 1e-30)
     step = (fit.row_pitch_px, fit.row_pitch_px if fit.kind == "hexagonal" else fit.pitch_px)
@@ -232,5 +233,6 @@ def _refocus_one(views: Views, slope: float, samples: int) -> Image:
                     flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
                     borderValue=0,
                 )
+    # where hardly any view sees the plane, a ratio of two small numbers would show noise
     least = max(MIN_WEIGHT * float(weight.max()), 1e-30)
     return np.where(weight > least, total / np.maximum(weight, least), 0).astype(np.float32)

@@ -133,6 +133,7 @@ def lattice_channels(
             "give a larger frame or fewer views",
         )
     result = _output(out, (*count, *grid.shape), image.dtype)
+    # kernels read the first channel's place and step from there
     near, share, centres = _lenslets(lattice, grid)
     corner_y = np.ascontiguousarray(centres[..., 1] - half[0])
     corner_x = np.ascontiguousarray(centres[..., 0] - half[1])

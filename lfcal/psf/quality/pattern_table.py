@@ -51,7 +51,9 @@ class PatternTable:
         ny, nx, nt, ns = plane.shape
         some = plane.reshape(ny * nx, -1)[:: max(1, ny * nx // 64)]
         tops = np.where(np.isfinite(some), some, -np.inf).max(1)
+        # the median over some patterns: a hot pixel or a reflex in one of them is no peak
         peak = float(np.median(tops)) - dark.background
+        # noise stays out of the weights, and where there is none, the far tails of a model do
         floor = dark.background + max(4 * dark.noise, 0.003 * peak)
         tolerance = 0.25 * dark.noise
         table = np.zeros((ny, nx, len(FRAME_COLUMNS)))

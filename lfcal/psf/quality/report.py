@@ -96,6 +96,7 @@ class QualityReport:
         """Return positions (z, y, x) to record again with the reasons, in scan order."""
         reasons: dict[tuple[int, int, int], list[str]] = {}
         for metric in self.metrics:
+            # a suspicion costs a frame to check, a missed fault a reconstruction
             if metric.spec.redo and metric.merit in ("bad", "fair"):
                 for z, y, x in metric.positions.tolist():
                     reasons.setdefault((z, y, x), []).append(metric.spec.title.lower())

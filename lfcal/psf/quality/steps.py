@@ -54,5 +54,6 @@ def odd_frames(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np
     change[counted >= 2] = np.nanmedian(four[:, counted >= 2], axis=0)
     usual = float(np.nanmedian(change)) if (counted >= 2).any() else math.nan
     size = tuple(min(NEIGHBOURHOOD, n) for n in use.shape)
+    # the lattice's own ripple makes some steps larger than others: compare with the surroundings
     around = ndimage.median_filter(np.where(np.isfinite(change), change, usual), size=size, mode="wrap")
     return change / np.maximum(around, 1e-12)

@@ -145,6 +145,7 @@ def _transposed_sum(H: PSFMatrix) -> Picture:
         left, right = sheet.grid(2, 2)
         draw_image(left, turned, title=f"HT turned, {_depth(H.depths[z])}", unit="sum of HT")
         draw_image(right, apart, title="difference from H", unit="of peak", signed=True)
+        # rounding alone must not fill the range of colours
         top = max(float(np.abs(apart).max()), 1e-6)
         right.images[0].set_clim(-top, top)
     caption = "The sum of the transposed matrix must be that of H turned by 180°: largest difference here "
