@@ -170,10 +170,9 @@ def register(app: typer.Typer) -> None:
         found = _types(frame, level, fit, described) if types else None
         measured = None if described is None else _measured(described, fit, found)
         made = extract_views(read_image(views), fit, white=frame, dark=level) if views is not None else None
-        written: list[Path] = []
-        if out is not None:
-            written += [] if measured is None else [_save_camera(measured, out)]
-            written += [] if made is None else _save_views(made, planes, samples, out)
+        written = [] if out is None or measured is None else [_save_camera(measured, out)]
+        if out is not None and made is not None:
+            written += _save_views(made, planes, samples, out)
         if json:
             print_json({**_as_json(fit, fall, found, measured), "written": written})
             return
