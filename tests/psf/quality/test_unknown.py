@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,20 +21,10 @@ from .faults import base, matrix
 from .scenes import hexagonal, single
 
 
-class Counted(PSFMatrix):
-    """H with counts of saturated pixels of which some may be -1: nobody counted."""
-
-    counts: NDArray[np.int32] | None = None
-
-    @property
-    def saturated(self) -> Any:
-        return self.counts
-
-
 def saturation(counts: NDArray[np.int32] | None) -> Metric:
+    """Return the metric of a good H with these counts; -1 where nobody counted."""
     scene = single()
-    H = Counted(base(scene), depths=scene.depths, camera=scene.camera)
-    H.counts = counts
+    H = PSFMatrix(base(scene), depths=scene.depths, camera=scene.camera, saturated=counts)
     return inspect(H, workers=1)["saturation"]
 
 
