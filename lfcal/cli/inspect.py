@@ -42,8 +42,10 @@ def command(
     from lfcal.errors import StorageError
     from lfcal.psf.compare import iter_compare
     from lfcal.psf.opening import open_psf
-    from lfcal.psf.quality import iter_inspect
+    from lfcal.psf.quality import METRICS, iter_inspect
 
+    for why in METRICS.failures().values():
+        typer.echo(f"left out: {why}", err=True)
     if report is not None and report.exists() and not report.is_dir():
         raise StorageError.expected(str(report), "a folder for the report", "a file", "name a folder")
     with ExitStack() as files:
@@ -126,10 +128,7 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -
     typer.secho(quality.verdict, fg=colour, bold=True)
     print_table(
         ["merit", "metric", "value", "good", "bad", "cost (NRMSE)"],
-        [
-            [m.merit, m.spec.title, value_text(m), *limits(m), f"{m.cost:.3f}" if m.cost else "—"]
-            for m in quality.metrics
-        ],
+        [[m.merit, m.spec.title, value_text(m), *limits(m), m.cost_text] for m in quality.metrics],
     )
     print_table(
         ["depth z", "aperture"],

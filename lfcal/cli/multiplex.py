@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -15,6 +15,7 @@ from lfcal.multiplex.naming import modulator_of
 
 if TYPE_CHECKING:
     from lfcal.multiplex import Modulator
+    from lfcal.multiplex.summary import ModulatorNumbers
 
 __all__ = ["register"]
 
@@ -67,28 +68,38 @@ def compare(
 
     Example: `lfcal multiplex compare Bayer CYMG RGBW X-Trans --camera r29 -o gain.png`
     """
-    import numpy as np
-
-    from lfcal.multiplex import gain_curves, monte_carlo_gain
+    from lfcal.multiplex import gain_curves
     from lfcal.multiplex.summary import describe
 
     chosen = [modulator_of(name) for name in modulators]
     base = modulator_of(reference) if reference else chosen[0]
     ratio, marks = _chi2(chi2, camera, gain)
     found = [describe(m, base, ratio) for m in chosen]
-    measured = (
-        [
-            [_measured(m, base, c, monte_carlo, monte_carlo_gain, np.random.default_rng(1)) for c in (0.0, math.inf)]
-            for m in chosen
-        ]
-        if monte_carlo
-        else []
-    )
+    measured = [_measured(m, base, monte_carlo) for m in chosen] if monte_carlo else []
     if out is not None:
         pictures.gains(chosen, base, marks, out, gain_curves)
     if json:
         print_json({"reference": base.name, "chi2": ratio, "modulators": found, "monte_carlo_gain_db": measured})
         return
+    _print_numbers(found, measured, base.name, ratio)
+
+
+def _measured(modulator: Modulator, base: Modulator, trials: int) -> list[float | None]:
+    """Return the gain measured at additive and at photon noise; None where not all is recovered."""
+    import numpy as np
+
+    from lfcal.multiplex import monte_carlo_gain
+
+    if not modulator.rank() == modulator.count == base.count:
+        return [None, None]
+    return [
+        monte_carlo_gain(modulator, base, chi2, rng=np.random.default_rng(1), trials=trials) for chi2 in (0.0, math.inf)
+    ]
+
+
+def _print_numbers(
+    found: list[ModulatorNumbers], measured: list[list[float | None]], base: str, chi2: float | None
+) -> None:
     headers = [
         "modulator",
         "super-pixel (px)",
@@ -100,33 +111,29 @@ def compare(
         "α",
         "gain, additive (dB)",
         "gain, photon (dB)",
-        f"gain at χ² = {_text(ratio)} (dB)",
+        f"gain at χ² = {_text(chi2)} (dB)",
         "not recovered whole",
     ]
-    rows = [
-        [
-            f.name,
-            f"{f.side[0]} x {f.side[1]}",
-            str(f.pixels),
-            str(f.samples),
-            str(f.rank),
-            _text(f.condition),
-            _text(f.transmission),
-            _text(f.amplification),
-            *(_text(g, "+.3f") for g in (f.gain_additive_db, f.gain_photon_db, f.gain_db)),
-            _lost(f.lost),
-        ]
-        for f in found
-    ]
+    rows = [_row(numbers) for numbers in found]
     if measured:
         headers += ["measured, additive (dB)", "measured, photon (dB)"]
         rows = [row + [_text(g, "+.3f") for g in pair] for row, pair in zip(rows, measured, strict=True)]
-    print_table(headers, rows, title=f"Gain of SNR over {base.name}; additive χ² = 0, photon χ² = ∞")
+    print_table(headers, rows, title=f"Gain of SNR over {base}; additive χ² = 0, photon χ² = ∞")
 
 
-def _measured(modulator: Modulator, base: Modulator, chi2: float, trials: int, measure: Any, rng: Any) -> float | None:
-    full = modulator.rank() == modulator.count == base.count
-    return measure(modulator, base, chi2, rng=rng, trials=trials) if full else None
+def _row(numbers: ModulatorNumbers) -> list[str]:
+    return [
+        numbers.name,
+        f"{numbers.side[0]} x {numbers.side[1]}",
+        str(numbers.pixels),
+        str(numbers.samples),
+        str(numbers.rank),
+        _text(numbers.condition),
+        _text(numbers.transmission),
+        _text(numbers.amplification),
+        *(_text(g, "+.3f") for g in (numbers.gain_additive_db, numbers.gain_photon_db, numbers.gain_db)),
+        _lost(numbers.lost),
+    ]
 
 
 def _lost(lost: dict[str, float]) -> str:
@@ -192,6 +199,8 @@ def views(
     from lfcal.lattice import fit_lattice
     from lfcal.multiplex import SuperPixelLattice, demultiplex_lattice, lattice_channels
 
+    if modulator is not None and size:  # a mask has as many views as its super-pixel
+        raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
     light, bright = (pictures.less(read_image(p), dark) for p in (frame, white))
     lattice = SuperPixelLattice.of_fit(fit_lattice(bright))
     if modulator is not None:

@@ -119,6 +119,18 @@ def _types(white: NDArray[Any], dark: Any, fit: LatticeFit, camera: Camera | Non
     return classify_lens_types(white, fit, expected_blur(camera), dark=dark)
 
 
+def _measured(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> Camera:
+    lattice = fit.to_lattice(camera) if types is None else types.to_lattice(fit, camera)
+    return replace(camera, lattice=lattice)
+
+
+def _save_camera(camera: Camera, out: Path) -> Path:
+    path = out / "camera.json"
+    with replace_whole(path) as part:
+        part.write_text(camera.to_json(), encoding="utf-8")
+    return path
+
+
 def register(app: typer.Typer) -> None:
     """Add ``white``."""
 
@@ -156,16 +168,9 @@ def register(app: typer.Typer) -> None:
         fit = fit_lattice(frame, dark=level, kind=wanted, pitch_px=pitch or None)
         fall = vignetting_map(fit)
         found = _types(frame, level, fit, described) if types else None
-        measured = None
-        if described is not None:
-            lattice = fit.to_lattice(described) if found is None else found.to_lattice(fit, described)
-            measured = replace(described, lattice=lattice)
+        measured = None if described is None else _measured(described, fit, found)
         made = extract_views(read_image(views), fit, white=frame, dark=level) if views is not None else None
-        written: list[Path] = []
-        if out is not None and measured is not None:
-            written.append(out / "camera.json")
-            with replace_whole(written[0]) as part:
-                part.write_text(measured.to_json(), encoding="utf-8")
+        written = [] if out is None or measured is None else [_save_camera(measured, out)]
         if out is not None and made is not None:
             written += _save_views(made, planes, samples, out)
         if json:

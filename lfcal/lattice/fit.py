@@ -12,7 +12,7 @@ from lfcal.camera import Camera, LensletLattice
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 from lfcal.lattice.model import LatticeModel, fit_model, free_shear
-from lfcal.lattice.rounds import PlacedLenslets, centred, evened, mean_light, place_all, prepare
+from lfcal.lattice.rounds import centred, evened, mean_light, place_all, prepare
 from lfcal.lattice.spectrum import MIN_LENSLETS, MIN_PITCH, guess_lattice
 
 __all__ = ["LatticeFit", "fit_lattice"]
@@ -189,6 +189,7 @@ def fit_lattice(
     model = model.centred_on((np.array(image.shape[::-1]) - 1) / 2)
     model = centred(image, model, workers)
     flat = evened(image, model, workers)
+    # a better lattice makes a sharper mean micro-image, which places the lenslets better
     for _ in range(ROUNDS):
         lenslets = place_all(flat, model, workers)
         alive = ~lenslets.dead
@@ -197,33 +198,13 @@ def fit_lattice(
         if np.abs(model.places(lenslets.index) - before).max() < SETTLED_PX:
             break
     shear = free_shear(model, lenslets.index[alive], lenslets.places[alive])
+    # the light is that of the image as taken: evened out, it would show no vignetting
     light = mean_light(image, model, lenslets.index, workers)
-    return _result(model, lenslets, light, residual, error, shear, (image.shape[0], image.shape[1]))
-
-
-def _result(
-    model: LatticeModel,
-    lenslets: PlacedLenslets,
-    light: Array,
-    residual: Array,
-    error: float,
-    shear: float,
-    shape: tuple[int, int],
-) -> LatticeFit:
-    rms = math.sqrt(float((residual**2).mean()))
-    if rms > MAX_RESIDUAL * model.pitch:
-        raise InputError.expected(
-            "white image",
-            f"micro-images within {100 * MAX_RESIDUAL:.0f} % of a pitch from a lattice",
-            f"{100 * rms / model.pitch:.0f} % rms",
-            "take an evenly lit image of the lenslets",
-        )
+    rms = _believable(residual, model.pitch)
     x, y = model.origin
-    alive = ~lenslets.dead
-    measured = np.where(alive[:, None], lenslets.places, np.nan)
     return LatticeFit(
         kind=model.kind,
-        shape=shape,
+        shape=(image.shape[0], image.shape[1]),
         pitch_px=model.pitch,
         row_pitch_px=model.row_pitch,
         rotation_rad=model.rotation,
@@ -232,7 +213,20 @@ def _result(
         shear_rad=shear,
         residual_rms_px=rms,
         index=lenslets.index,
-        measured_px=measured[:, ::-1].copy(),
+        measured_px=np.where(alive[:, None], lenslets.places, np.nan)[:, ::-1].copy(),
         light=light,
         dead=lenslets.dead,
     )
+
+
+def _believable(residual: Array, pitch: float) -> float:
+    """Return the rms of residuals along one axis (pixels), or refuse: any texture has some lattice nearby."""
+    rms = math.sqrt(float((residual**2).mean()))
+    if rms > MAX_RESIDUAL * pitch:
+        raise InputError.expected(
+            "white image",
+            f"micro-images within {100 * MAX_RESIDUAL:.0f} % of a pitch from a lattice",
+            f"{100 * rms / pitch:.0f} % rms",
+            "take an evenly lit image of the lenslets",
+        )
+    return rms

@@ -78,6 +78,7 @@ class LensTypes:
         """Return ``camera``'s lattice with fit and colouring: a lenslet of type 0 near the stated offset."""
         row, column = camera.pixels(camera.lattice.offset_um)
         near = np.rint(fit.lenslet_at(row, column)).astype(int)
+        # a lenslet of type 0 is never farther than two steps away
         steps = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3)]) + near
         zero = steps[self.type_of(steps[:, 0], steps[:, 1]) == 0]
         distance = np.hypot(*(fit.centres_px(zero[:, 0], zero[:, 1]) - (row, column)).T)
@@ -183,6 +184,7 @@ def _sharpness(frame: NDArray[np.float32], fit: LatticeFit, content: str, worker
     smooth = cv2.GaussianBlur(frame, (0, 0), SMOOTHING * fit.pitch_px)
     radius = (INNER if content == "white" else 0.5) * fit.pitch_px
     count, light, energy = light_of(smooth, centres, radius, workers).T
+    # logarithms turn the lenslets' common light into an offset that triangles cancel
     good = ~fit.dead & (light > LIT * np.percentile(light, 99)) & (light > 0) & (energy > 0)
     value = np.full(len(centres), np.nan)
     measure = light / np.maximum(count, 1) if content == "white" else energy * count / np.maximum(light, 1e-30) ** 2
@@ -203,6 +205,7 @@ def _triangles(index: NDArray[np.intp], value: Array) -> Array:
     first = place[np.mod(index[:, 0] - index[:, 1], 3) == 0]
     q, r = first.T
     rows = np.stack([grid[q, r], grid[q + 1, r], grid[q, r + 1]], axis=-1)
+    # less their mean: vignetting and the scene's slow changes are alike for three neighbours
     rows = rows[np.isfinite(rows).all(1)]
     centred: Array = rows - rows.mean(1, keepdims=True)
     return centred
@@ -212,6 +215,7 @@ def _decide(triangles: Array, expected: Array) -> LensTypes:
     """Choose the assignment of types to cosets with the largest score; scores are linear in the sharpness."""
     wanted = -(expected - expected.mean()) / expected.std()
     choices = list(permutations(range(3)))
+    # far values are clipped: one dirty lenslet must not outvote the field
     spread = 1.4826 * np.median(np.abs(triangles - np.median(triangles, axis=0))) or 1.0
     scores = np.clip(triangles / spread, -20, 20) @ np.array([wanted[list(types)] for types in choices]).T
     mean = scores.mean(0)

@@ -109,6 +109,7 @@ def fit_model(
     for _ in range(rounds):
         residual = places - model.places(index)
         distance = np.hypot(*residual.T)
+        # the median distance of a two-dimensional Gaussian is sigma sqrt(2 ln 2) = 1.1774 sigma
         sigma = max(float(np.median(distance)) / 1.1774, 1e-6)
         weight = np.minimum(1.0, HUBER / np.maximum(distance / sigma, 1e-9))
         across = model.lean * r + q
@@ -117,6 +118,7 @@ def fit_model(
         jacobian = np.stack(
             [np.stack([one, zero, across, -up, -r * ay], axis=-1), np.stack([zero, one, up, across, r * ax], axis=-1)]
         ).reshape(-1, 5)
+        # one weight for both axes: an outlier is a lenslet, not a coordinate
         heavy = np.concatenate([weight, weight])
         target = residual.T.ravel()
         normal = jacobian.T @ (heavy[:, None] * jacobian)

@@ -101,6 +101,7 @@ def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None
     for _ in range(CENTRING_ROUNDS):
         index = _lenslets_of(image, model)
         light = mean_light(image, model, index, workers)
+        # dead lenslets would blur the mean towards a flat patch
         micro = mean_micro_image(
             image, model.places(index), np.where(_dim(index, light), 0, light), radius + 1.5, workers
         )
@@ -117,6 +118,7 @@ def evened(image: NDArray[np.float32], model: LatticeModel, workers: int | None)
     light = mean_light(image, model, index, workers)
     alive = ~_dim(index, light)
     points = model.places(index)[alive][:, ::-1]
+    # a quartic through few lenslets would follow each of them
     degree = 4 if alive.sum() > 150 else 1
     surface = fit_field(points, light[alive], (image.shape[0], image.shape[1]), degree).frame()
     return (image / np.maximum(surface, DARK_FIELD * float(surface.max()))).astype(np.float32)
@@ -133,6 +135,7 @@ def place_all(image: NDArray[np.float32], model: LatticeModel, workers: int | No
     placed = place_lenslets(image, centres, micro, radius, workers)
     distance = np.nan_to_num(np.hypot(*placed.shifts.T), nan=np.inf)
     dead |= ~np.isfinite(placed.gains) | (distance > MAX_SHIFT * model.pitch)
+    # dirt may leave light but no contrast
     dead |= _dim(index, np.where(np.isfinite(placed.gains), placed.gains, 0.0))
     explained = float(np.median(placed.explained[~dead])) if not dead.all() else 0.0
     if dead.mean() > MAX_DEAD or explained < MIN_EXPLAINED:

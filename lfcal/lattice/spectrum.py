@@ -126,6 +126,7 @@ def _central(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], Array]:
 def _flatten(crop: NDArray[np.float32]) -> NDArray[np.float32]:
     """Remove what is slower than the coarsest lattice, in brightness and in contrast."""
     sigma = min(crop.shape) / MIN_LENSLETS / 2
+    # uneven light would put a star of power about zero frequency, and bright corners would outweigh the rest
     flat = crop - blurred(crop, sigma)
     spread = np.sqrt(blurred(flat * flat, sigma))
     top = float(spread.max())
@@ -158,6 +159,7 @@ def _peaks(flat: NDArray[np.float32]) -> tuple[Array, Array]:
     ratio = _whiten(power, radius, min(rows, columns))
     lowest = MIN_LENSLETS / min(rows, columns) / 1.2
     inside = (radius > lowest) & (radius < 1.3 / MIN_PITCH)
+    # the spectrum of a real image is symmetric: half of it has every peak once
     inside &= (fy[:, None] > 0) | ((fy[:, None] == 0) & (fx[None, :] > 0))
     j, i = np.nonzero((ratio == ndimage.maximum_filter(ratio, 5)) & inside & (ratio > PEAK_RATIO))
     order = np.argsort(-power[j, i])[:MAX_PEAKS]

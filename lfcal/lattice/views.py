@@ -13,6 +13,7 @@ from lfcal.camera import Camera, MainLens
 from lfcal.checks import as_sensor_frame, check_number
 from lfcal.errors import InputError
 from lfcal.lattice.fit import LatticeFit
+from lfcal.lattice.view_grid import ViewGrid, view_grid
 
 __all__ = ["Views", "extract_views", "refocus", "sensor_slope"]
 
@@ -39,6 +40,8 @@ class Views:
         has one per lenslet; a hexagonal one is resampled to square samples of its row pitch.
     radius_px
         Radius of the micro-images used (pixels).
+    rotation_rad
+        Angle from the pixels' +x axis, along which `offsets` count, to the rows of a view, positive downwards (rad).
     """
 
     images: Image = field(repr=False)
@@ -46,6 +49,7 @@ class Views:
     offsets: NDArray[np.float64] = field(repr=False)
     step_px: tuple[float, float]
     radius_px: float
+    rotation_rad: float = 0.0
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -107,13 +111,21 @@ def extract_views(
     check_number("radius of the micro-images (px)", radius, at_least=1, at_most=fit.pitch_px)
     half = math.floor(radius)
     offsets = np.arange(-half, half + 1, dtype=float)
-    grid = _sites(fit, half)
+    grid = view_grid(fit.kind, fit.basis_px(), fit.origin_px, fit.shape, half)
+    if not min(grid.shape):
+        raise InputError.expected(
+            "light-field frame",
+            f"a micro-image of {2 * half + 1} x {2 * half + 1} px wholly inside",
+            f"{fit.shape} px",
+            "give a larger frame or a smaller radius",
+        )
     images, weights = _sample_views(light, fit, grid, offsets), _sample_views(weight, fit, grid, offsets)
     inside = np.hypot(offsets[:, None], offsets[None, :]) <= radius
+    # beyond the radius the pixels belong to the gaps between micro-images
     weights *= inside[:, :, None, None]
     weights /= max(float(weights.max()), 1e-30)
     step = (fit.row_pitch_px, fit.row_pitch_px if fit.kind == "hexagonal" else fit.pitch_px)
-    return Views(images, weights, offsets, step, radius)
+    return Views(images, weights, offsets, step, radius, fit.rotation_rad)
 
 
 def _less_dark(frame: ArrayLike, dark: ArrayLike | float, fit: LatticeFit, what: str) -> Image:
@@ -126,45 +138,19 @@ def _less_dark(frame: ArrayLike, dark: ArrayLike | float, fit: LatticeFit, what:
     return (image - level).astype(np.float32)
 
 
-def _sites(fit: LatticeFit, margin: int) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return lattice rows r, and for each row the columns in pitches from the origin that views are sampled at.
-
-    Rows and columns are those of the largest upright box of lenslets all of whose pixels lie in the frame.
-    """
-    far = np.array(fit.shape) - 1 - margin
-    lean = 0.5 if fit.kind == "hexagonal" else 0.0
-    index = fit.index
-    along = index[:, 0] + lean * index[:, 1]
-    centres = fit.centres_px(index[:, 0], index[:, 1])
-    good = ((centres >= margin) & (centres <= far)).all(1)
-    rows = np.unique(index[good, 1])
-    # the box shrinks where a tilted lattice leaves the frame at a corner
-    left = max(float(along[good & (index[:, 1] == r)].min()) for r in rows)
-    right = min(float(along[good & (index[:, 1] == r)].max()) for r in rows)
-    step = fit.row_pitch_px / fit.pitch_px if fit.kind == "hexagonal" else 1.0
-    columns = np.asarray(left + step * np.arange(int((right - left) / step + 1e-9) + 1), float)
-    return rows, columns
-
-
-def _sample_views(
-    image: Image, fit: LatticeFit, grid: tuple[NDArray[np.intp], NDArray[np.float64]], offsets: NDArray[np.float64]
-) -> Image:
+def _sample_views(image: Image, fit: LatticeFit, grid: ViewGrid, offsets: NDArray[np.float64]) -> Image:
     import cv2
 
-    rows, columns = grid
-    lean = 0.5 if fit.kind == "hexagonal" else 0.0
-    # lenslets of row r lie at q + lean r: the two next to each wanted column, and the share of the right one
-    place = columns[None, :] - lean * rows[:, None]
-    left = np.floor(place + 1e-9)
-    share = (place - left).astype(np.float32)
-    result = np.empty((len(offsets), len(offsets), *place.shape), np.float32)
-    for side, factor in ((0, 1 - share), (1, share)):
-        if not np.any(factor > 1e-6):
+    left, share = grid.neighbours()
+    result = np.empty((len(offsets), len(offsets), *grid.shape), np.float32)
+    for side, factor in ((0, (1 - share).astype(np.float32)), (1, share.astype(np.float32))):
+        if not np.any(factor):
             continue
-        centres = fit.centres_px(left + side, rows[:, None]).astype(np.float32)
+        centres = fit.centres_px(left + side, grid.rows[:, None]).astype(np.float32)
         map_y, map_x = np.ascontiguousarray(centres[..., 0]), np.ascontiguousarray(centres[..., 1])
         for j, v in enumerate(offsets):
             for i, u in enumerate(offsets):
+                # where a share is zero the lenslet may lie outside the frame: its repeated border counts for nothing
                 view = factor * cv2.remap(
                     image,
                     map_x + np.float32(u),
@@ -228,12 +214,15 @@ def _refocus_one(views: Views, slope: float, samples: int) -> Image:
     fine = [((np.arange(n * samples) + 0.5) / samples - 0.5).astype(np.float32) for n in (rows, columns)]
     total = np.zeros((rows * samples, columns * samples), np.float32)
     weight = np.zeros_like(total)
+    turn = (math.cos(views.rotation_rad), math.sin(views.rotation_rad))
     for j, v in enumerate(views.offsets):
         for i, u in enumerate(views.offsets):
             mask = views.weights[j, i]
             if not mask.any():
                 continue
-            shift = (slope * v / views.step_px[0], slope * u / views.step_px[1])
+            # offsets count along the pixels, the samples of a view along the lattice
+            down, right = turn[0] * v - turn[1] * u, turn[0] * u + turn[1] * v
+            shift = (slope * down / views.step_px[0], slope * right / views.step_px[1])
             # an affine map: destination to source, both in view samples
             move = np.array([[1 / samples, 0, fine[1][0] - shift[1]], [0, 1 / samples, fine[0][0] - shift[0]]])
             for target, source in ((total, views.images[j, i]), (weight, mask)):
@@ -244,5 +233,6 @@ def _refocus_one(views: Views, slope: float, samples: int) -> Image:
                     flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
                     borderValue=0,
                 )
+    # where hardly any view sees the plane, a ratio of two small numbers would show noise
     least = max(MIN_WEIGHT * float(weight.max()), 1e-30)
     return np.where(weight > least, total / np.maximum(weight, least), 0).astype(np.float32)

@@ -2,7 +2,7 @@
 
 - ``modulator``: separable bases Sigma and Pi, rank, pseudo-inverse; ``colour_filters`` and ``masks`` make them
 - ``demultiplexing``: frames to samples and back; ``spatial`` (theorem 1), ``fourier`` (theorem 2), ``filters``
-- ``lattice``: super-pixels of any pitch and angle; ``colours``: mosaics as full frames of one colour
+- ``lattice``: super-pixels of any pitch and angle
 - ``noise``: transmission, amplification, gain over chi^2 (equations 12 to 14)
 - ``scenes``, ``acquisition``: a light field recorded with each modulator (figure 7)
 - ``quality``: ringing, error and time of each route and filter
@@ -12,7 +12,6 @@
 
 from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
-from lfcal.multiplex.colours import ColourSource, colour_source
 from lfcal.multiplex.demultiplexing import arrange, demultiplex, multiplex
 from lfcal.multiplex.lattice import SuperPixelLattice, demultiplex_lattice, lattice_channels
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern, shadow_shift_px
@@ -33,7 +32,6 @@ __all__ = [
     "CFA_PATTERNS",
     "MASKS",
     "Acquisition",
-    "ColourSource",
     "FilterTrial",
     "Frontier",
     "GainCurves",
@@ -46,7 +44,6 @@ __all__ = [
     "best_mask",
     "camera_chi2",
     "cfa",
-    "colour_source",
     "demultiplex",
     "demultiplex_lattice",
     "filter_set_frontier",

@@ -6,13 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lfcal.checks import check_tuple
 from lfcal.errors import InputError
 from lfcal.multiplex.modulator import Modulator
 
-__all__ = ["CFA_PATTERNS", "FILTERS", "cfa", "parse_pattern", "pattern_letters"]
+__all__ = ["CFA_PATTERNS", "FILTERS", "cfa", "parse_pattern"]
 
 FILTERS: Mapping[str, tuple[float, float, float]] = {
     "R": (1, 0, 0),
@@ -111,8 +110,3 @@ def cfa(pattern: str, *, filters: Mapping[str, Sequence[float]] | None = None) -
 def _name(pattern: str, rows: list[str]) -> str:
     text = "/".join(rows)
     return next((name for name, known in CFA_PATTERNS.items() if known == text), pattern)
-
-
-def pattern_letters(pattern: str) -> NDArray[np.str_]:
-    """Return the letters of a pattern as an array ``(rows, columns)``."""
-    return np.array([list(row) for row in parse_pattern(pattern)])

@@ -78,6 +78,7 @@ def demultiplex(
     image = check_frame(frame, modulator.side)
     counts = _samples(samples, modulator)
     at = check_tuple("origin of the super-pixels (px)", origin, 2, integer=True)
+    # a frame that begins within a super-pixel is one of a shifted modulator
     placed = modulator.shifted(*at) if at != (0, 0) else modulator
     whole = _whole(image, placed.side)
     shape = tuple(n // side * m for n, side, m in zip(whole.shape, placed.side, counts, strict=True))
@@ -88,7 +89,7 @@ def demultiplex(
     if route == "fourier":
         reconstruct_fourier(whole, placed, counts, target, rcond)
     else:
-        reconstruct_spatial(whole, placed, placed.inverse(rcond), counts, filter, target, workers)
+        reconstruct_spatial(whole, placed, placed.inverse(rcond), counts, filter, target, workers=workers)
     if target is not result:
         result[:] = target[:, : cut[0], : cut[1]]
     return result

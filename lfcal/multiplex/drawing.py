@@ -17,6 +17,7 @@ from lfcal.multiplex.search import Frontier
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from numpy.typing import NDArray
 
 __all__ = ["draw_curves", "save_filter_choice", "save_frontier", "save_gain_curves", "save_modulator"]
 
@@ -142,23 +143,24 @@ def save_frontier(frontier: Frontier, path: Path, *, named: int = 8) -> None:
             color=LINES[1],
             label=f"best at χ² = {frontier.chi2:.3g}: {frontier.chosen[best]:+.2f} dB",
         )
-        seen: set[tuple[float, float]] = set()
-        for k in sorted(order, key=lambda k: frontier.modulators[k].name not in CFA_PATTERNS):
-            place = (round(float(frontier.photon[k]), 1), round(float(frontier.additive[k]), 1))
-            if place not in seen and len(seen) < named:
-                seen.add(place)
-                axes.annotate(
-                    frontier.modulators[k].name,
-                    (frontier.photon[k], frontier.additive[k]),
-                    fontsize=7,
-                    xytext=(5, -9),
-                    textcoords="offset points",
-                )
+        _name_points(axes, frontier, order, named)
         axes.set_xlabel(f"gain over {frontier.reference} at χ² = ∞, photon noise (dB)")
         axes.set_ylabel(f"gain over {frontier.reference} at χ² = 0, additive noise (dB)")
         axes.margins(x=0.12)
         axes.legend(loc="best")
         save_figure(fig, path)
+
+
+def _name_points(axes: Axes, frontier: Frontier, order: NDArray[np.intp], named: int) -> None:
+    """Write the names of up to ``named`` candidates; names that would lie on each other are left out."""
+    seen: set[tuple[float, float]] = set()
+    # known patterns first: a reader looks for these
+    for k in sorted(order, key=lambda k: frontier.modulators[k].name not in CFA_PATTERNS):
+        place = (round(float(frontier.photon[k]), 1), round(float(frontier.additive[k]), 1))
+        if place not in seen and len(seen) < named:
+            seen.add(place)
+            at = (frontier.photon[k], frontier.additive[k])
+            axes.annotate(frontier.modulators[k].name, at, fontsize=7, xytext=(5, -9), textcoords="offset points")
 
 
 def save_filter_choice(parts: Sequence[tuple[str, Sequence[FilterTrial]]], path: Path) -> None:

@@ -65,12 +65,14 @@ def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDA
     taps = _TAPS[name]
     wanted = (np.arange(samples) + 0.5) * side / samples - 0.5
     place = (wanted[:, None] - positions[None, :]) / side
+    # a place on a sample takes that sample alone, whatever rounding left
     place = np.where(np.abs(place - np.rint(place)) < 1e-12, np.rint(place), place)
     first = np.floor(place + 0.5 if taps == 1 else place).astype(np.intp) - (taps - 1) // 2
     weights = (
         kernel(name, place[..., None] - first[..., None] - np.arange(taps)) if taps > 1 else np.ones((*place.shape, 1))
     )
     weights[np.abs(weights) < 1e-14] = 0.0
+    # truncated kernels do not add up to one: even light would ripple
     return first, weights / weights.sum(-1, keepdims=True)
 
 
@@ -85,7 +87,7 @@ def dirichlet_table(count: int, side: int, positions: Array, samples: int) -> Ar
     frequencies = np.arange(-(count // 2), count // 2 + 1)
     weight = np.ones(len(frequencies))
     if count % 2 == 0 and count > 1:
-        weight[[0, -1]] = 0.5
+        weight[[0, -1]] = 0.5  # both ends are the same frequency
     table = np.zeros(t.shape)
     for k, w in zip(frequencies[count // 2 :], weight[count // 2 :], strict=True):
         table += (1.0 if k == 0 else 2.0) * w * np.cos(2 * math.pi * k * t / count)

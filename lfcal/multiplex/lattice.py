@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.camera import Camera
 from lfcal.checks import check_choice, check_number, check_tuple
 from lfcal.errors import InputError
+from lfcal.lattice import LatticeFit, ViewGrid, view_grid
 from lfcal.multiplex._lattice_kernels import lattice_rows
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
@@ -55,8 +56,8 @@ class SuperPixelLattice:
         )
 
     @classmethod
-    def of_fit(cls, fit: Any) -> SuperPixelLattice:
-        """Return the lattice of a `lfcal.frames.LatticeFit`, measured on a white image."""
+    def of_fit(cls, fit: LatticeFit) -> SuperPixelLattice:
+        """Return the lattice of a `lfcal.lattice.LatticeFit`, measured on a white image."""
         return cls(fit.kind, _pair(fit.origin_px), *map(_pair, fit.basis_px()))
 
     @classmethod
@@ -72,35 +73,9 @@ class SuperPixelLattice:
         length = float(np.hypot(ax, ay))
         return abs(ax * by - ay * bx) / length, length
 
-    def sites(self, shape: tuple[int, ...], margin: float) -> tuple[NDArray[np.intp], Array]:
-        """Return rows r, and columns in pitches from the origin, of the largest upright box inside a frame.
-
-        All super-pixels of the box have ``margin`` pixels of frame about their centre. Columns of a hexagonal lattice
-        are a row pitch apart, so that views have square samples.
-        """
-        basis = np.array([self.along_px, self.across_px])
-        far = np.array(shape, float) - 1
-        corners = np.array([(x, y) for x in (0.0, far[1]) for y in (0.0, far[0])]) - np.array(self.origin_px)[::-1]
-        index = corners @ np.linalg.inv(basis)
-        low, high = np.floor(index.min(0)).astype(int), np.ceil(index.max(0)).astype(int)
-        q, r = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
-        centres = np.stack([q, r], -1) @ basis + np.array(self.origin_px)[::-1]
-        good = ((centres >= margin) & (centres <= far[::-1] - margin)).all(-1)
-        along = q + self.lean * r
-        rows = np.flatnonzero(good.any(1))
-        empty = np.zeros(0)
-        if not len(rows):
-            return empty.astype(np.intp), empty
-        left = max(float(along[k][good[k]].min()) for k in rows)
-        right = min(float(along[k][good[k]].max()) for k in rows)
-        step = self.pitch_px[0] / self.pitch_px[1] if self.kind == "hexagonal" else 1.0
-        columns = left + step * np.arange(max(0, int((right - left) / step + 1e-9) + 1))
-        return np.asarray(r[rows, 0], np.intp), np.asarray(columns, float)
-
-    @property
-    def lean(self) -> float:
-        """By how much each row is shifted along against the one before, in pitches."""
-        return 0.5 if self.kind == "hexagonal" else 0.0
+    def view_grid(self, shape: tuple[int, ...], margin: float) -> ViewGrid:
+        """Return the largest box of super-pixels with ``margin`` pixels of frame about their centres."""
+        return view_grid(self.kind, (self.along_px, self.across_px), self.origin_px, shape, margin)
 
 
 def _pair(values: Any) -> tuple[float, float]:
@@ -148,44 +123,55 @@ def lattice_channels(
     pair = (size, size) if isinstance(size, int | np.integer) else size
     count = check_tuple("channels of a super-pixel", pair, 2, at_least=1, at_most=512, integer=True)
     step = _spacing(spacing_px, lattice, count)
-    half = [(n - 1) / 2 * s for n, s in zip(count, step, strict=True)]
-    rows, columns = lattice.sites(image.shape, max(half))
-    if not len(rows) or not len(columns):
+    half = ((count[0] - 1) / 2 * step[0], (count[1] - 1) / 2 * step[1])
+    grid = lattice.view_grid(image.shape, max(half))
+    if not min(grid.shape):
         raise InputError.expected(
             "frame",
             f"a super-pixel of {2 * half[0] + 1:.0f} x {2 * half[1] + 1:.0f} px wholly inside",
             f"{image.shape} px",
             "give a larger frame or fewer views",
         )
-    place = columns[None, :] - lattice.lean * rows[:, None]
-    # for each row of the lattice its own lenslets, from the first that is needed
-    base = np.floor(place[:, 0] + 1e-9).astype(np.intp)
-    left = np.floor(place + 1e-9).astype(np.intp)
-    share = place - left
-    share[np.abs(share) < 1e-6] = 0.0
-    lenses = int((left - base[:, None]).max()) + 2
-    q = base[:, None] + np.arange(lenses)
-    points = np.stack([q, np.broadcast_to(rows[:, None], q.shape)], -1) @ np.array(
-        [lattice.along_px, lattice.across_px]
-    )
-    shape = (*count, *place.shape)
-    result = np.empty(shape, np.float64 if image.dtype == np.float64 else np.float32) if out is None else out
-    if result.shape != shape or result.dtype not in (np.float32, np.float64):
-        raise InputError.expected(
-            "output array", f"float32 or float64 {shape}", f"{result.dtype} {result.shape}", "allocate it like this"
-        )
-    corner_y = np.ascontiguousarray(points[..., 1] + lattice.origin_px[0] - half[0])
-    corner_x = np.ascontiguousarray(points[..., 0] + lattice.origin_px[1] - half[1])
-    shares = share.astype(result.dtype)
-    near = np.ascontiguousarray(left - base[:, None])
+    result = _output(out, (*count, *grid.shape), image.dtype)
+    # kernels read the first channel's place and step from there
+    near, share, centres = _lenslets(lattice, grid)
+    corner_y = np.ascontiguousarray(centres[..., 1] - half[0])
+    corner_x = np.ascontiguousarray(centres[..., 0] - half[1])
+    taps, shares = LATTICE_FILTERS[filter], share.astype(result.dtype)
     for_each_chunk(
-        lambda a, b: lattice_rows(
-            image, corner_y, corner_x, near, shares, count, step, LATTICE_FILTERS[filter], result, a, b
-        ),
-        len(rows),
+        lambda a, b: lattice_rows(image, corner_y, corner_x, near, shares, count, step, taps, result, a, b),
+        len(grid.rows),
         workers,
     )
     return result
+
+
+def _output(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return ``out``, or an array where it is None: float64 for frames of float64, else float32."""
+    if out is None:
+        return np.empty(shape, np.float64 if dtype == np.float64 else np.float32)
+    if out.shape != shape or out.dtype not in (np.float32, np.float64):
+        raise InputError.expected(
+            "output array", f"float32 or float64 {shape}", f"{out.dtype} {out.shape}", "allocate it like this"
+        )
+    return out
+
+
+def _lenslets(lattice: SuperPixelLattice, grid: ViewGrid) -> tuple[NDArray[np.intp], Array, Array]:
+    """Return the lenslets of each row of the grid, as the kernel counts them.
+
+    Returns
+    -------
+    tuple
+        Number of the lenslet left of each view pixel, counted from the first one its row needs; share of the one to
+        its right; and the centres of those lenslets ``(rows, lenslets, 2)`` as (x, y) (pixels).
+    """
+    left, share = grid.neighbours()
+    base = left[:, :1]
+    q = base + np.arange(int((left - base).max()) + 2)
+    index = np.stack([q, np.broadcast_to(grid.rows[:, None], q.shape)], -1)
+    centres: Array = index @ np.array([lattice.along_px, lattice.across_px]) + np.array(lattice.origin_px)[::-1]
+    return np.ascontiguousarray(left - base), share, centres
 
 
 def _spacing(

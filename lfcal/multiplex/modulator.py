@@ -259,9 +259,21 @@ def _product(one: Modulator, two: Modulator) -> Modulator:
     )
 
 
-def modulator_from_matrix(name: str, side: tuple[int, int], matrix: Array, **options: object) -> Modulator:
-    """Return a modulator of which only the transmissions ``matrix`` ``(K, N)`` are known: Sigma = A, Pi = identity."""
+def modulator_from_matrix(
+    name: str,
+    side: tuple[int, int],
+    matrix: Array,
+    *,
+    views: tuple[int, int] = (1, 1),
+    colours: tuple[str, ...] = (),
+    cell: tuple[int, int] = (1, 1),
+    lenslets: bool = False,
+) -> Modulator:
+    """Return a modulator of which only the transmissions ``matrix`` ``(K, N)`` are known: Sigma = A, Pi = identity.
+
+    The other arguments are those of `Modulator`.
+    """
     array = np.asarray(matrix, float)
     if array.ndim != 2:
         raise InputError.expected(f"transmissions of {name}", "a matrix (K, N)", array.shape, "correct it")
-    return Modulator(name, side, array, np.eye(array.shape[1]), **options)  # type: ignore[arg-type]
+    return Modulator(name, side, array, np.eye(array.shape[1]), views, colours, cell, lenslets)

@@ -90,6 +90,7 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
             reference.rank(),
             "choose one that recovers every sample",
         )
+    # 10 log10 of a ratio of deviations is 5 log10 of one of variances
     result = 5 * (np.log10(_variance(reference, ratios)) - np.log10(_variance(modulator, ratios)))
     return result if result.ndim else float(result)
 
@@ -209,7 +210,7 @@ def _error(modulator: Modulator, chi2: float, rng: np.random.Generator, trials: 
     deviation = np.sqrt(additive + (1.0 - additive) * level)
     inverse = modulator.inverse()
     total = 0.0
-    for start in range(0, trials, 512):
+    for start in range(0, trials, 512):  # bounded memory: a large mask has thousands of pixels
         n = min(512, trials - start)
         seen = light + deviation * rng.standard_normal((n, len(light)))
         total += float(((seen @ inverse.T - even) ** 2).sum())

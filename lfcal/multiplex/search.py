@@ -61,6 +61,7 @@ class Frontier:
 def _frontier(modulators: Sequence[Modulator], reference: Modulator, chi2: float) -> Frontier:
     gains = np.array([snr_gain(m, reference, [0.0, math.inf, chi2]) for m in modulators])
     additive, photon, chosen = gains.T.copy()
+    # a candidate is efficient where no other is as good in both limits and better in one
     more = (additive[None] >= additive[:, None]) & (photon[None] >= photon[:, None])
     better = more & ((additive[None] > additive[:, None] + 1e-9) | (photon[None] > photon[:, None] + 1e-9))
     return Frontier(tuple(modulators), reference.name, additive, photon, chosen, chi2, ~better.any(1))
@@ -124,6 +125,7 @@ def best_filter_set(
     """
     random = rng or np.random.default_rng(0)
     first = filter_set_frontier(chi2, filters=filters).best.matrix
+    # the cost has many minima: the best ideal set is one of the starts, so that the result is never worse
     begin = [first] + [random.random(first.shape) for _ in range(starts)]
     found = min((_descend(_filters_cost, a, chi2) for a in begin), key=lambda pair: pair[0])[1]
     return modulator_from_matrix("best filters", _layout(filters), found, colours=("R", "G", "B"))
@@ -150,6 +152,7 @@ def _filters_cost(a: Array, chi2: float) -> tuple[float, Array]:
     variance = additive + photon * a.mean(1)
     weighted = inverse * variance
     total = float((weighted * inverse).sum())
+    # derivative of a pseudo-inverse: the part along its range, and the part outside of it
     rest = np.eye(len(a)) - a @ inverse
     gradient = 2 * (rest * variance) @ inverse.T @ gram - 2 * inverse.T @ (inverse @ weighted.T)
     gradient += (photon / size) * (inverse**2).sum(0)[:, None]
@@ -213,7 +216,7 @@ def _known(size: int) -> list[str]:
             mask_pattern(kind, size)
         except InputError:
             continue
-        if kind != "lenslet":
+        if kind != "lenslet":  # no mask: it gathers light, a mask only takes some away
             fits.append(kind)
     return fits
 

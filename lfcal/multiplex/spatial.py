@@ -27,6 +27,7 @@ def reconstruct_spatial(
     samples: tuple[int, int],
     filter: str,
     out: Image,
+    *,
     workers: int | None = None,
 ) -> Image:
     """Write the plenoptic samples of a frame of whole super-pixels to ``out`` ``(N, rows, columns)`` and return it.
@@ -53,6 +54,7 @@ def reconstruct_spatial(
     wy, wx = (np.ascontiguousarray(w, out.dtype) for w in weight)
     table = np.ascontiguousarray(inverse, out.dtype)
     if filter == EDGE_PRESERVING:
+        # weights by likeness need one image in which all channels are alike
         guide = guide_image(frame, modulator.side, out.dtype)
         low, high = np.percentile(guide, (2, 98))
         sharpness = 0.5 / max(EDGE_SHARE * float(high - low), 1e-30) ** 2
@@ -64,6 +66,7 @@ def reconstruct_spatial(
             workers,
         )
         return out
+    # a mask's samples often need few of its channels: the others are not read
     used = (table.reshape(len(table), *modulator.side) != 0).any(1)
     for_each_chunk(
         lambda a, b: linear_rows(frame, modulator.side, first[0], wy, first[1], wx, table, used, out, a, b),
@@ -88,6 +91,7 @@ def _by_sinc(
         for length, side, positions, m in zip((rows, columns), (py, px), modulator.positions, samples, strict=True)
     )
     out[:] = 0
+    # many small products: more threads wait for each other
     with one_blas_thread():
         for k in range(py * px):
             a, b = divmod(k, px)

@@ -125,6 +125,7 @@ def _iter_planes(a: PSFMatrix, b: PSFMatrix, workers: int | None) -> Work[Compar
     shift = np.full((*a.shape[:3], 2), np.nan, np.float32)
     yield clock.at(0)
     for z in range(len(a)):
+        # a position that either lacks says nothing of the difference
         wanted = (a.recorded[z] > 0) & (b.recorded[z] > 0)
         products[z] = _compare_plane(a.plane(z), b.plane(z), wanted, error[z], shift[z], workers)
         yield clock.at(z + 1)
@@ -155,6 +156,7 @@ def _compare_plane(
                 continue
             p, q, ep, eq = p[used], q[used], energies[0][used], energies[1][used]
             sums += [np.vdot(p, q), np.vdot(p, p), np.vdot(q, q), ep.sum(), eq.sum()]
+            # at equal energy: a brighter lamp is no other pattern
             error[y, used] = np.linalg.norm(p * (eq / ep)[:, None] - q, axis=1) / np.linalg.norm(q, axis=1)
             shift[y, used] = _centroids(p, a.shape[2:]) - _centroids(q, a.shape[2:])
         return sums

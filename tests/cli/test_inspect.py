@@ -1,13 +1,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lfcal.acquire.redo import RedoList
+from lfcal.acquire.session import record
 from lfcal.psf import PSFMatrix, save
+from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 from tests.cli.conftest import Run
 
 Lfcal = Callable[..., Run]
@@ -51,6 +54,29 @@ def test_json(lfcal: Lfcal, H: Path) -> None:
     found = run.json
     assert isinstance(found, dict)
     assert found["merit"] == "bad" and list(MISSING) in found["redo"] and "report" not in found
+
+
+def test_workers_do_not_change_the_numbers(lfcal: Lfcal, H: Path) -> None:
+    one, many = (lfcal("inspect", H, "--json", "--workers", n).json for n in (1, 3))
+    assert isinstance(one, dict) and isinstance(many, dict)
+    assert [m["value"] for m in one["metrics"]] == pytest.approx([m["value"] for m in many["metrics"]])
+
+
+def test_control_frames_of_a_session_tell_the_tiling(lfcal: Lfcal, tmp_path: Path) -> None:
+    """Recorded by simulated devices whose lattice repeats with the plan's period, but for its few positions."""
+    plan = small_plan()
+    record(tmp_path / "session", plan, rig_for(plan), replace(CAREFUL, controls=1))
+    assert lfcal("assemble", tmp_path / "session", "-o", tmp_path / "H.h5").code == 0
+    without, found = (
+        lfcal("inspect", tmp_path / "H.h5", *more, "--json").json for more in ((), ("--session", tmp_path / "session"))
+    )
+    assert isinstance(without, dict) and isinstance(found, dict)
+    tiling = [next(m for m in report["metrics"] if m["key"] == "tiling") for report in (without, found)]
+    assert tiling[0]["merit"] == "unknown" and tiling[0]["value"] is None
+    assert tiling[1]["merit"] != "unknown" and len(tiling[1]["per_plane"]) == 3
+    assert "fits best" in tiling[1]["detail"]
+    run = lfcal("inspect", tmp_path / "H.h5", "--session", tmp_path)
+    assert run.code == 2 and len(run.err.strip().splitlines()) == 1
 
 
 def test_strict_ends_with_one(lfcal: Lfcal, H: Path) -> None:

@@ -12,6 +12,7 @@ import tifffile
 
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor
 from lfcal.cli import main
+from lfcal.lattice import sensor_slope
 from tests.lattice.white_frames import WhiteFrame, draw_white
 
 Run = Callable[..., tuple[int, str, str]]
@@ -92,6 +93,38 @@ def test_json_and_pictures(run: Run, files: tuple[Path, WhiteFrame], tmp_path: P
     stack = tifffile.imread(tmp_path / "focal_stack.tif")
     assert stack.dtype == np.float32 and stack.shape[0] == 3
     assert truth.frame.max() > stack.max() > 0
+
+
+def test_types_are_left_alone_where_nobody_asks(run: Run, files: tuple[Path, WhiteFrame]) -> None:
+    folder, _ = files
+    white, camera = folder / "white.tif", folder / "camera.json"
+    asked, not_asked = (
+        json.loads(run("white", white, "--camera", camera, option, "--json")[1]) for option in ("--types", "--no-types")
+    )
+    assert asked["lens_types"]["type_step"] == 2 and asked["camera"]["lattice"]["type_step"] == 2
+    assert not_asked["lens_types"] is None and not_asked["camera"]["lattice"]["type_step"] == 1
+    assert asked["pitch_px"] == not_asked["pitch_px"]
+
+
+def test_depths_are_the_slopes_of_the_camera(run: Run, files: tuple[Path, WhiteFrame], tmp_path: Path) -> None:
+    folder, _ = files
+    white, camera = folder / "white.tif", folder / "camera.json"
+    given = Camera.from_json(camera.read_text())
+    arguments = (white, "--views", white, "--camera", camera, "--no-types", "-o", tmp_path, "--depths=-20mm,30mm")
+    code, _, err = run("white", *arguments)
+    assert (code, err) == (0, "")
+    wanted = {f"focus_{sensor_slope(given, z):+07.2f}.png" for z in (-20e3, 30e3)}
+    assert {path.name for path in tmp_path.glob("focus_*.png")} == wanted
+
+
+def test_a_nominal_pitch_and_kind_lead_to_the_same_lattice(run: Run, files: tuple[Path, WhiteFrame]) -> None:
+    folder, _ = files
+    found, led = (
+        json.loads(run("white", folder / "white.tif", *more, "--json")[1])
+        for more in ((), ("--pitch", "15", "--kind", "hexagonal"))
+    )
+    assert led["kind"] == found["kind"] == "hexagonal"
+    assert led["pitch_px"] == pytest.approx(found["pitch_px"], abs=1e-3)
 
 
 def test_bad_input_is_one_line_and_leaves_nothing(run: Run, files: tuple[Path, WhiteFrame], tmp_path: Path) -> None:

@@ -128,7 +128,8 @@ def test_non_integer_periods(pitch: float) -> None:
     scene = 2 + np.sin(y / 17) + np.cos(x / 23)
     lattice = SuperPixelLattice("square", (30.0, 45.0), (pitch, 0.02), (-0.02, pitch))
     views = demultiplex_lattice(scene, lattice, mask("pinhole", 3), filter="cubic")
-    rows, columns = lattice.sites(shape, pitch / 3)
+    grid = lattice.view_grid(shape, pitch / 3)
+    rows, columns = grid.rows, grid.columns
     place = columns[None, :, None] * np.array(lattice.along_px) + rows[:, None, None] * np.array(lattice.across_px)
     cy, cx = place[..., 1] + 30.0, place[..., 0] + 45.0
     np.testing.assert_allclose(views[4], 2 + np.sin(cy / 17) + np.cos(cx / 23), atol=5e-3)

@@ -10,9 +10,22 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.multiplex import cfa, mask, multiplex
+from lfcal.camera import preset
+from lfcal.lattice import fit_lattice
+from lfcal.multiplex import (
+    SuperPixelLattice,
+    camera_chi2,
+    cfa,
+    demultiplex,
+    demultiplex_lattice,
+    lattice_channels,
+    mask,
+    multiplex,
+    snr_gain,
+)
 from tests.cli.conftest import lfcal  # noqa: F401  the fixture
 from tests.frames.scenes import shared
+from tests.lattice.white_frames import draw_white
 
 
 def test_compare_tells_the_numbers(lfcal, tmp_path: Path) -> None:  # noqa: F811
@@ -72,6 +85,65 @@ def test_views_of_a_measured_lattice(lfcal, tmp_path: Path) -> None:  # noqa: F8
     assert views.shape[0] == 15 * 15 and min(views.shape[1:]) >= 25
 
 
+@pytest.fixture(scope="module")
+def field(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a white frame of a turned square lattice, and a light-field frame."""
+    folder = tmp_path_factory.mktemp("field")
+    white = draw_white((150, 170), pitch=13.3, kind="square", rotation=0.02, dead=0.0).frame
+    tifffile.imwrite(folder / "white.tif", white)
+    tifffile.imwrite(folder / "field.tif", np.random.default_rng(0).integers(0, 4000, white.shape).astype(np.uint16))
+    return folder
+
+
+def test_views_of_any_number_and_filter(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
+    frame, white = (tifffile.imread(field / name).astype(np.float32) for name in ("field.tif", "white.tif"))
+    lattice = SuperPixelLattice.of_fit(fit_lattice(white))
+    for size, name in ((3, "nearest"), (5, "linear")):
+        out = tmp_path / f"{size}.tif"
+        files = (field / "field.tif", "--white", field / "white.tif", "-o", out)
+        assert lfcal("multiplex", "views", *files, "--size", size, "--filter", name).code == 0
+        wanted = lattice_channels(frame, lattice, size, filter=name)
+        np.testing.assert_allclose(tifffile.imread(out), wanted.reshape(-1, *wanted.shape[2:]), rtol=1e-6)
+
+
+def test_views_through_a_mask(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
+    frame, white = (tifffile.imread(field / name).astype(np.float32) for name in ("field.tif", "white.tif"))
+    out = tmp_path / "mask.tif"
+    files = ("multiplex", "views", field / "field.tif", "--white", field / "white.tif", "-o", out)
+    assert lfcal(*files, "--modulator", "MURA:5", "--filter", "linear").code == 0
+    lattice = SuperPixelLattice.of_fit(fit_lattice(white))
+    wanted = demultiplex_lattice(frame, lattice, mask("MURA", 5), filter="linear")
+    np.testing.assert_allclose(tifffile.imread(out), wanted, rtol=1e-5, atol=1e-2)
+    both = lfcal(*files[:-1], tmp_path / "no.tif", "--modulator", "MURA:5", "--size", 3)
+    assert both.code == 2 and "--size and --modulator" in both.err and not (tmp_path / "no.tif").exists()
+
+
+def test_demosaic_by_every_route_and_of_any_page(lfcal, tmp_path: Path) -> None:  # noqa: F811
+    pages = np.random.default_rng(1).integers(0, 4000, (2, 16, 18)).astype(np.uint16)
+    tifffile.imwrite(tmp_path / "two.tif", pages, photometric="minisblack")
+    for page, options in ((0, {"route": "fourier"}), (1, {"filter": "lanczos"}), (1, {"filter": "nearest"})):
+        words = [word for key, value in options.items() for word in (f"--{key}", value)]
+        files = (tmp_path / "two.tif", "-o", tmp_path / "rgb.tif", "--pattern", "GRBG", "--page", page)
+        done = lfcal("multiplex", "demosaic", *files, *words)
+        assert done.code == 0, done.err
+        wanted = demultiplex(pages[page].astype(np.float32), cfa("GRBG"), **options)
+        np.testing.assert_allclose(tifffile.imread(tmp_path / "rgb.tif"), wanted, rtol=1e-4, atol=1e-2)
+
+
+def test_compare_over_any_reference_at_any_noise(lfcal) -> None:  # noqa: F811
+    command = ("multiplex", "compare", "Bayer", "RGBW", "--json", "--reference", "CYMG")
+    found = lfcal(*command, "--chi2", 2.5).json
+    assert (found["reference"], found["chi2"]) == ("CYMG", 2.5)
+    for line, name in zip(found["modulators"], ("Bayer", "RGBW"), strict=True):
+        assert line["gain_db"] == pytest.approx(snr_gain(cfa(name), cfa("CYMG"), 2.5))
+    sensor = preset("r29").sensor
+    found = lfcal(*command, "--camera", "r29", "--gain", 4).json
+    assert found["chi2"] == pytest.approx(camera_chi2(sensor, gain=4))
+    found = lfcal("multiplex", "search", "filters", "--camera", "r29", "--gain", 4, "--json").json
+    assert found["chi2"] == pytest.approx(camera_chi2(sensor, gain=4))
+    assert lfcal(*command, "--camera", "r29", "--chi2", 1).code == 2
+
+
 def test_search_filters_and_pictures(lfcal, tmp_path: Path) -> None:  # noqa: F811
     found = lfcal("multiplex", "search", "--chi2", 0, "--json", "-o", tmp_path / "front.png").json
     assert found["frontier"][0]["gain_db"] == pytest.approx(0.645, abs=1e-3)
@@ -98,6 +170,33 @@ def test_the_papers_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert {f"figure{n}.png" for n in (3, 5, 6, 7)} <= names and "modulator_X-Trans.png" in names
     for path in (tmp_path / "out").iterdir():
         assert cv2.imread(str(path)).std() > 5
+
+
+def test_the_seed_of_the_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    from lfcal.cli import multiplex_figures as pictures
+
+    monkeypatch.setattr(pictures, "RIGHT", ("pinhole",))
+    monkeypatch.setattr(pictures, "SIDE", 3)
+    monkeypatch.setattr(pictures, "PICTURED", ())
+    for name in ("_figure3", "_figure5", "_figure6"):
+        monkeypatch.setattr(pictures, name, lambda path, *_: None)
+    for folder, seed in (("a", 1), ("b", 1), ("c", 2)):
+        assert lfcal("multiplex", "figures", tmp_path / folder, "--seed", seed).code == 0
+    a, b, c = (cv2.imread(str(tmp_path / folder / "figure7.png")) for folder in "abc")
+    assert np.array_equal(a, b) and not np.array_equal(a, c)
+
+
+def test_figure_3_of_a_raw_frame(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    from lfcal.cli import multiplex_figures as pictures
+
+    raw = shared("bayer_raw/RAW_KODAK_DC50.KDC")
+    for name in ("_figure5", "_figure6", "_figure7"):
+        monkeypatch.setattr(pictures, name, lambda path, *_: None)
+    monkeypatch.setattr(pictures, "PICTURED", ())
+    assert lfcal("multiplex", "figures", tmp_path / "drawn").code == 0
+    assert lfcal("multiplex", "figures", tmp_path / "raw", "--raw", raw).code == 0
+    shown = [cv2.imread(str(tmp_path / folder / "figure3.png")) for folder in ("drawn", "raw")]
+    assert shown[1].std() > 5 and (shown[0].shape != shown[1].shape or not np.array_equal(*shown))
 
 
 def test_benchmark(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -65,7 +65,8 @@ def test_filters_keep_polynomials(name: str, power: int, spacing: float) -> None
     given = lattice("square")
     y, x = np.mgrid[:150, :170] / 100.0
     channels = lattice_channels(y**power + x**power, given, 9, spacing_px=spacing, filter=name)
-    rows, columns = given.sites((150, 170), 4 * spacing)
+    grid = given.view_grid((150, 170), 4 * spacing)
+    rows, columns = grid.rows, grid.columns
     place = columns[None, :, None] * given.along_px + rows[:, None, None] * np.array(given.across_px)
     offsets = (np.arange(9) - 4) * spacing
     cy = (place[..., 1] + given.origin_px[0] + offsets[:, None, None, None]) / 100

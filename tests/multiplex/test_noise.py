@@ -16,6 +16,7 @@ from lfcal.multiplex import (
     cfa,
     gain_curves,
     mask,
+    modulator_from_matrix,
     monte_carlo_gain,
     snr_gain,
     transmission,
@@ -54,6 +55,24 @@ def test_amplification_is_the_printed_trace(name: str) -> None:
     m = cfa(name)
     printed = np.linalg.inv(m.plenoptic @ m.spatial.T @ m.spatial @ m.plenoptic.T)
     assert amplification(m) == pytest.approx(math.sqrt(np.trace(printed) / m.count), rel=1e-12)
+
+
+def test_amplification_of_what_is_recoverable_counts_that_alone() -> None:
+    """Red and green from two pixels each, blue from none: a variance of 1/2 each, over two samples and not three."""
+    poor = cfa("RRGG")
+    assert amplification(poor) == math.inf
+    assert amplification(poor, recoverable=True) == pytest.approx(math.sqrt(1 / 2))
+    assert amplification(BAYER, recoverable=True) == amplification(BAYER)
+
+
+@pytest.mark.parametrize("rank", [1, 2, 4])
+def test_amplification_of_what_is_recoverable_is_the_noise_that_comes_out(rank: int) -> None:
+    rng = np.random.default_rng(rank)
+    matrix = np.abs(rng.standard_normal((9, rank))) @ np.abs(rng.standard_normal((rank, 4)))
+    m = modulator_from_matrix("few", (3, 3), matrix / matrix.max(), views=(2, 2))
+    noise = rng.standard_normal((40_000, 9)) @ np.linalg.pinv(m.matrix, rcond=1e-9).T
+    out = math.sqrt(float((noise**2).sum(1).mean()) / rank)
+    assert amplification(m, rcond=1e-9, recoverable=True) == pytest.approx(out, rel=0.02)
 
 
 def test_the_papers_statements() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.frames import ArraySource, channel_source, open_frames, open_image, read_image
 from lfcal.lattice import extract_views, fit_lattice
-from lfcal.multiplex import SuperPixelLattice, cfa, colour_source, demultiplex, lattice_channels, multiplex
+from lfcal.multiplex import SuperPixelLattice, cfa, demultiplex, lattice_channels, multiplex
 from lfcal.psf import Cutout, assemble
 from tests.frames.scenes import shared
 
@@ -133,23 +133,14 @@ def test_bayer_plenoptic_frames_feed_the_core_demosaiced(blur_px: float, most: f
     def errors(blur: float) -> list[float]:
         mono, mosaic, shape = bayer_session(1, blur)
         truth = np.asarray(assemble(mono, shape, cutout).matrix)
-        found = (np.asarray(assemble(colour_source(mosaic, c), shape, cutout).matrix) for c in "RGB")
+        light = [demultiplex(mosaic.read(k).astype(np.float32), cfa("GRBG")) for k in range(len(mosaic))]
+        found = [
+            np.asarray(assemble(ArraySource(np.stack(c).reshape(*shape, *mosaic.shape)), shape, cutout).matrix)
+            for c in zip(*light, strict=True)
+        ]
         return [
             float(np.linalg.norm(H / w - truth) / np.linalg.norm(truth)) for H, w in zip(found, COLOURS, strict=True)
         ]
 
     assert max(errors(blur_px)) < most
     assert min(errors(0.0)) > 0.5, "spots of one pixel fall between the samples of a colour"
-
-
-def test_regions_of_a_colour_are_parts_of_its_frame() -> None:
-    rng = np.random.default_rng(0)
-    source = ArraySource(
-        rng.integers(0, 4096, (1, 1, 2, 33, 41)).astype(np.uint16), metadata={"cfa": "GRBG", "bit_depth": 12}
-    )
-    for name in ("linear", "cubic", "lanczos"):
-        green = colour_source(source, "G", filter=name)
-        assert green.dtype == np.float32 and "cfa" not in green.metadata and green.metadata["colour"] == "G"
-        part = green.read(1, (slice(9, 23), slice(5, 41)))
-        np.testing.assert_allclose(part, green.read(1)[9:23, 5:41], rtol=1e-6)
-    assert green.info(0).label.endswith(" G")

@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from lfcal.bench.aperture import Trial, run
 from lfcal.errors import InputError
-from lfcal.psf.aperture import fit_aperture, quick_aperture
+from lfcal.psf.aperture import fit_aperture
 from lfcal.psf.aperture import refine as model
 from lfcal.psf.aperture.profile import edge_profile
 from lfcal.psf.aperture.synthetic import Disturbance, depth_sum_of
@@ -117,7 +117,6 @@ def test_an_iris_cut_off_by_the_cutout_is_refused():
     image, _ = synthetic(7, 0.0, 1, side=151)
     assert fit_aperture(image[:, 25:]).refusal == "cut off"
     assert fit_aperture(image[30:-30, 30:-30]).refusal == "cut off"
-    assert quick_aperture(image[:, 25:]).refusal == "cut off"
 
 
 def test_a_cat_eye_is_refused():
@@ -132,9 +131,8 @@ def test_a_cat_eye_is_refused():
 def test_darkness_is_refused(kind):
     rng = np.random.default_rng(0)
     image = {"noise": rng.normal(0, 1, (99, 99)), "zero": np.zeros((99, 99)), "constant": np.full((99, 99), 7.0)}[kind]
-    for fit in (fit_aperture, quick_aperture):
-        found = fit(image)
-        assert found.refusal == "too dim" and not found.confident
+    found = fit_aperture(image)
+    assert found.refusal == "too dim" and not found.confident
     assert "too dim" not in found.describe() and "noise" in found.describe()
 
 
@@ -146,14 +144,6 @@ def test_not_a_number_and_hot_pixels_do_not_move_the_answer():
     found = fit_aperture(image)
     assert found.confident and found.blades == 9
     assert math.dist(found.centre, truth.centre) < 0.15
-
-
-def test_the_quick_answer_is_close_and_never_confident():
-    image, truth = synthetic(7, 0.0, 9, disturbance=Disturbance(0.02))
-    found = quick_aperture(image)
-    assert found.blades == 7 and not found.confident
-    assert math.dist(found.centre, truth.centre) < 1.5
-    assert found.apothem_px == pytest.approx(truth.apothem_px, rel=0.05)
 
 
 def test_the_unit_of_the_image_does_not_matter():

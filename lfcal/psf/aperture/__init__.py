@@ -5,13 +5,13 @@
 - ``profile``: edge radius over angle, summed along rays so that it survives noise
 - ``select``: how many blades, by comparing harmonic combs
 - ``refine``: least squares on pixels
-- ``fit``: `quick_aperture`, `fit_aperture`, and when they refuse
+- ``fit``: `fit_aperture`, and when it refuses
 - ``f_number``: working f-number from diameters over depth
 - ``synthetic``: depth-plane sums of a known iris
 """
 
 from lfcal.psf.aperture.f_number import FNumber, working_f_number
-from lfcal.psf.aperture.fit import fit_aperture, quick_aperture
+from lfcal.psf.aperture.fit import fit_aperture
 from lfcal.psf.aperture.shape import Aperture
 
-__all__ = ["Aperture", "FNumber", "fit_aperture", "quick_aperture", "working_f_number"]
+__all__ = ["Aperture", "FNumber", "fit_aperture", "working_f_number"]

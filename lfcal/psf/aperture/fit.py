@@ -1,4 +1,4 @@
-"""The fit: an instant answer from the outline, and the refined one, which refuses where it cannot know."""
+"""The fit of an iris to a depth-plane sum, which refuses where it cannot know."""
 
 from __future__ import annotations
 
@@ -6,19 +6,18 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
 from lfcal.psf.aperture import refine as model
-from lfcal.psf.aperture.locate import Patch, despike, find_patch, flatten
+from lfcal.psf.aperture.locate import LitPatch, despike, find_patch, flatten
 from lfcal.psf.aperture.profile import ANGLES, RAYS, edge_profile, shrink
-from lfcal.psf.aperture.refine import EdgePixels, Fit, matched_profile, refine
+from lfcal.psf.aperture.refine import EdgePixels, IrisFit, matched_profile, refine
 from lfcal.psf.aperture.select import Candidate, candidates, strongest_harmonic
 from lfcal.psf.aperture.shape import Aperture, blade_radius, polygon_area
 
-__all__ = ["fit_aperture", "quick_aperture"]
+__all__ = ["fit_aperture"]
 
 SMALLEST = 9
 """Smallest cutout side that can show an aperture (pixels)."""
@@ -26,14 +25,11 @@ SMALLEST = 9
 CIRCLE_MARGIN = 10.0
 """An iris must beat the circle's information criterion by this: the test that ripple and dirt cannot fool."""
 
-COUNT_MARGIN = 6.0
-"""The best blade count must beat the second by this in the same criterion."""
-
 CLEAR_MARGIN = 20.0
 """Beyond this in both, one fit to the pixels is enough."""
 
 COUNT_CHI2 = 14.0
-"""Else the pixels' chi-square must tell the two best counts apart by this, in units of the reduced one."""
+"""The pixels' chi-square must tell the two best counts apart by this, in units of the reduced one."""
 
 CIRCLE_CHI2 = 40.0
 """And the best count from the circle by this, where noise and not ripple limits the fit."""
@@ -52,43 +48,6 @@ NOISE_LIMITED = 1.3
 
 MISFIT = (0.009, 0.010)
 """Largest misfit of the outline: so much of the radius, plus so much over the pixel SNR."""
-
-
-def quick_aperture(depth_sum: ArrayLike) -> Aperture:
-    """Return an instant, rough aperture from the half-level outline and its strongest harmonic.
-
-    Good for a live view; never marked as confident.
-
-    Parameters
-    ----------
-    depth_sum
-        Sum of all patterns of a depth plane ``(nt, ns)``.
-
-    Raises
-    ------
-    InputError
-        If it is not a 2-D image of at least 9 x 9 pixels.
-    """
-    image = _clean(depth_sum)
-    patch = find_patch(image)
-    if patch is None:
-        return _none()
-    contours, _ = cv2.findContours(patch.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    outline = max(contours, key=len)[:, 0].astype(float) - (patch.column, patch.row)
-    theta = np.arctan2(outline[:, 1], outline[:, 0])
-    order = np.argsort(theta)
-    edge = np.interp(ANGLES, theta[order] % (2 * math.pi), np.hypot(*outline.T)[order], period=2 * math.pi)
-    answer = _circle(patch, "cut off" if _touching(patch) else "")
-    best = candidates(edge)[0]
-    if answer.refusal or not best.blades:
-        return answer
-    return replace(
-        answer,
-        blades=best.blades,
-        rotation_rad=best.rotation_rad,
-        apothem_px=best.apothem_px,
-        curvature=best.curvature,
-    )
 
 
 def fit_aperture(depth_sum: ArrayLike) -> Aperture:
@@ -119,7 +78,7 @@ def fit_aperture(depth_sum: ArrayLike) -> Aperture:
     return replace(answer, confident=False, refusal="cut off") if touching else answer
 
 
-def _fit_inside(image: NDArray[np.float64], patch: Patch) -> Aperture:
+def _fit_inside(image: NDArray[np.float64], patch: LitPatch) -> Aperture:
     """Return the aperture of a patch that lies within the cutout."""
     patch, edge = _profile(image, patch)
     if not patch.level > 0:
@@ -162,9 +121,9 @@ def _likely(first: list[Candidate], second: list[Candidate]) -> list[Candidate]:
     return likely
 
 
-def _best_of_each(fits: Iterable[Fit]) -> list[Fit]:
+def _best_of_each(fits: Iterable[IrisFit]) -> list[IrisFit]:
     """Return the best fit of each blade count, best first."""
-    best: dict[int, Fit] = {}
+    best: dict[int, IrisFit] = {}
     for fit in sorted(fits, key=lambda fit: fit.chi2):
         best.setdefault(fit.blades, fit)
     return list(best.values())
@@ -187,7 +146,7 @@ def _clean(depth_sum: ArrayLike) -> NDArray[np.float64]:
     return despike(image / size if size > 0 else image)
 
 
-def _touching(patch: Patch) -> float:
+def _touching(patch: LitPatch) -> float:
     """Return the share of the cutout's border that is lit."""
     mask = patch.mask
     return float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
@@ -197,7 +156,7 @@ def _none() -> Aperture:
     return Aperture(0, (math.nan, math.nan), 0.0, math.nan, math.nan, refusal="too dim")
 
 
-def _circle(patch: Patch, refusal: str) -> Aperture:
+def _circle(patch: LitPatch, refusal: str) -> Aperture:
     area = math.pi * patch.radius**2
     return Aperture(
         0, (patch.row, patch.column), 0.0, patch.radius, area, 1.0, snr=_snr(patch.level, patch.noise), refusal=refusal
@@ -208,7 +167,7 @@ def _snr(level: float, noise: float) -> float:
     return level / noise if noise > 0 else math.inf
 
 
-def _profile(image: NDArray[np.float64], patch: Patch) -> tuple[Patch, NDArray[np.float64]]:
+def _profile(image: NDArray[np.float64], patch: LitPatch) -> tuple[LitPatch, NDArray[np.float64]]:
     """Return the patch recentred by the profile's first harmonic, and the edge radius over angle."""
     row, column, radius = patch.row, patch.column, patch.radius
     for _ in range(3):
@@ -224,7 +183,7 @@ def _profile(image: NDArray[np.float64], patch: Patch) -> tuple[Patch, NDArray[n
     return replace(patch, row=row, column=column, radius=radius, level=level), edge
 
 
-def _judge(fit: Fit, patch: Patch, edge: NDArray[np.float64], evidence: _Evidence) -> Aperture:
+def _judge(fit: IrisFit, patch: LitPatch, edge: NDArray[np.float64], evidence: _Evidence) -> Aperture:
     """Return the aperture of the best fit with its confidence, or with the reason to refuse."""
     answer = _aperture(fit, patch)
     misfit = float(np.std(shrink(edge) - _edge_about(answer, patch))) / patch.radius
@@ -256,7 +215,7 @@ def _faintest(answer: Aperture) -> float:
     return length * (ripple * answer.snr) ** 2 / (2 * math.sqrt(math.pi) * max(answer.blur_px, 0.3))
 
 
-def _aperture(fit: Fit, patch: Patch) -> Aperture:
+def _aperture(fit: IrisFit, patch: LitPatch) -> Aperture:
     p = fit.parameters
     stretch, shear = float(p[model.STRETCH]), float(p[model.SHEAR])
     e = math.hypot(stretch, shear)
@@ -277,7 +236,7 @@ def _aperture(fit: Fit, patch: Patch) -> Aperture:
     )
 
 
-def _edge_about(aperture: Aperture, patch: Patch) -> NDArray[np.float64]:
+def _edge_about(aperture: Aperture, patch: LitPatch) -> NDArray[np.float64]:
     """Return the outline as radius over `ANGLES` about the patch's centre."""
     away = aperture.outline(RAYS) - (patch.row, patch.column)
     theta = np.arctan2(away[:, 0], away[:, 1]) % (2 * math.pi)

@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
-__all__ = ["Patch", "despike", "find_patch", "flatten", "mad", "offsets"]
+__all__ = ["LitPatch", "despike", "find_patch", "flatten", "mad", "offsets"]
 
 Image = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Patch:
+class LitPatch:
     """A lit patch.
 
     Attributes
@@ -53,6 +51,8 @@ def mad(values: NDArray[np.float64]) -> float:
 
 def despike(image: Image) -> Image:
     """Return ``image`` with pixels replaced that stand out of their 5 x 5 median by six deviations."""
+    import cv2
+
     smooth = cv2.medianBlur(image.astype(np.float32), 5).astype(np.float64)
     difference = image - smooth
     scale = mad(difference)
@@ -61,12 +61,14 @@ def despike(image: Image) -> Image:
     return np.where(np.abs(difference) > 6 * scale, smooth, image)
 
 
-def find_patch(image: Image) -> Patch | None:
+def find_patch(image: Image) -> LitPatch | None:
     """Return the lit patch of a depth-plane sum, or None where nothing stands out of the noise.
 
     The image is smoothed just as far as it takes to lift the patch eight deviations above its noise, which is
     that of the border, white, behind a Gaussian.
     """
+    from scipy import ndimage
+
     side = min(image.shape)
     edge = max(2, int(0.03 * side))
     border = np.ones(image.shape, bool)
@@ -91,7 +93,7 @@ def find_patch(image: Image) -> Patch | None:
     radius = math.sqrt(float(mask.sum()) / math.pi)
     if radius < 3:
         return None
-    return Patch(background, noise, level, float(row), float(column), radius, mask)
+    return LitPatch(background, noise, level, float(row), float(column), radius, mask)
 
 
 def flatten(image: Image, background: float, row: float, column: float, radius: float) -> tuple[Image, float]:

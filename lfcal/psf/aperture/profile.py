@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
 __all__ = ["ANGLES", "RAYS", "edge_profile", "shrink"]
 
@@ -35,6 +34,8 @@ def edge_profile(
     low, high
         Ends of the window, one for all rays or one each (in units of ``radius``).
     """
+    from scipy import ndimage
+
     start = np.broadcast_to(np.asarray(low, float) * radius, RAYS)
     width = np.broadcast_to(np.asarray(high, float) * radius, RAYS) - start
     steps = max(16, int(np.ceil(width.max() / 0.5)))

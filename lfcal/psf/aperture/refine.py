@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from lfcal.compiled import njit
-from lfcal.psf.aperture.locate import Patch, offsets
+from lfcal.psf.aperture.locate import LitPatch, offsets
 from lfcal.psf.aperture.profile import RAYS
 from lfcal.psf.aperture.select import Candidate
 
-__all__ = ["EdgePixels", "Fit", "matched_profile", "refine"]
+__all__ = ["EdgePixels", "IrisFit", "matched_profile", "refine"]
 
 X, Y, APOTHEM, ROTATION, CURVATURE, BLUR, LEVEL, TILT_X, TILT_Y, DOME, STRETCH, SHEAR = range(12)
 """Parameters: centre column and row; iris; lit level with its tilt and dome; stretch along axes and diagonals."""
@@ -35,7 +34,7 @@ ENOUGH = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class IrisFit:
     """A fitted iris: ``parameters`` in the order of the module's names, robust ``chi2`` and its ``pixels``."""
 
     blades: int
@@ -149,7 +148,7 @@ class EdgePixels:
     sigma: float
 
     @staticmethod
-    def around(image: NDArray[np.float64], patch: Patch, edge: NDArray[np.float64]) -> EdgePixels:
+    def around(image: NDArray[np.float64], patch: LitPatch, edge: NDArray[np.float64]) -> EdgePixels:
         """Return the pixels within `ZONE` of the smooth ``edge``, given over `ANGLES` (pixels)."""
         x, y = offsets(image.shape, patch.row, patch.column)
         ray = np.rint(np.arctan2(y, x) * (RAYS / (2 * math.pi))).astype(int) % RAYS
@@ -160,7 +159,7 @@ class EdgePixels:
         return EdgePixels(x[zone][::every], y[zone][::every], image[zone][::every] - patch.background, sigma)
 
 
-def refine(pixels: EdgePixels, patch: Patch, candidate: Candidate, *, steps: int = 30) -> Fit:
+def refine(pixels: EdgePixels, patch: LitPatch, candidate: Candidate, *, steps: int = 30) -> IrisFit:
     """Fit a blurred iris, or with ``candidate.blades`` 0 a blurred circle, to the pixels around the edge.
 
     Levenberg-Marquardt with soft-L1 weights; parameters are kept within bounds.
@@ -203,15 +202,17 @@ def refine(pixels: EdgePixels, patch: Patch, candidate: Candidate, *, steps: int
     p = p.copy()
     p[X] += patch.column
     p[Y] += patch.row
-    return Fit(candidate.blades, p, cost, pixels.x.size)
+    return IrisFit(candidate.blades, p, cost, pixels.x.size)
 
 
-def matched_profile(pixels: EdgePixels, patch: Patch, circle: Fit) -> NDArray[np.float64]:
+def matched_profile(pixels: EdgePixels, patch: LitPatch, circle: IrisFit) -> NDArray[np.float64]:
     """Return the edge radius over `ANGLES` from what a fitted circle leaves over (pixels).
 
     Along each ray the residuals are weighted with the slope of the blurred edge, which is the least-squares
     shift of that piece of edge: less noise than summing all light of a ray, where blades are all but round.
     """
+    from scipy import special
+
     p = circle.parameters
     dx, dy = pixels.x - (p[X] - patch.column), pixels.y - (p[Y] - patch.row)
     x = dx * (1 + p[STRETCH]) + dy * p[SHEAR]
@@ -227,7 +228,9 @@ def matched_profile(pixels: EdgePixels, patch: Patch, circle: Fit) -> NDArray[np
     return edge
 
 
-def _start(patch: Patch, candidate: Candidate) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _start(
+    patch: LitPatch, candidate: Candidate
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the start and the lowest and highest parameters."""
     radius, level = patch.radius, patch.level
     if candidate.blades:

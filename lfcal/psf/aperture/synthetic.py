@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from lfcal.psf.aperture.shape import Aperture, blade_radius, polygon_area
 
@@ -67,6 +66,8 @@ def depth_sum_of(
     fill
         Radius of the circle of the iris's area over ``side``.
     """
+    from scipy import ndimage
+
     column, row = (side - 1) / 2 + rng.uniform(-4, 4, 2)
     step = 2 * math.pi / blades
     rotation = rng.uniform(0, step)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Dark", "dark_corners"]
+__all__ = ["DarkCorners", "dark_corners"]
 
 MOST_SAMPLES = 2_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Dark:
+class DarkCorners:
     """Dark pixels of a plane.
 
     Attributes
@@ -35,7 +35,7 @@ class Dark:
     chance: float
 
 
-def dark_corners(plane: NDArray[np.float32]) -> Dark:
+def dark_corners(plane: NDArray[np.float32]) -> DarkCorners:
     """Measure the corners of all patterns ``(ny, nx, nt, ns)``, where no light should be."""
     nt, ns = plane.shape[2:]
     b = max(2, round(0.06 * min(nt, ns)))
@@ -44,11 +44,11 @@ def dark_corners(plane: NDArray[np.float32]) -> Dark:
     blocks = [frames[:, t, s] for t in (slice(b), slice(-b, None)) for s in (slice(b), slice(-b, None))]
     corners = [c[np.isfinite(c)].astype(np.float64) for c in blocks]
     if not all(c.size for c in corners):
-        return Dark(0.0, 0.0, 0.0, 0.0)
-    means = np.array([c.mean() for c in corners])
+        return DarkCorners(0.0, 0.0, 0.0, 0.0)
+    means = np.array([c.mean() for c in corners])  # a pattern that reaches one corner spoils that one only
     noise = float(np.median([_spread(c) for c in corners]))
     chance = 1.25 * noise / math.sqrt(sum(c.size for c in corners))
-    return Dark(float(np.median(means)), noise, _cut_off(np.stack(blocks)) if noise > 0 else 0.0, chance)
+    return DarkCorners(float(np.median(means)), noise, _cut_off(np.stack(blocks)) if noise > 0 else 0.0, chance)
 
 
 def _spread(values: NDArray[np.float64]) -> float:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["FRAME_COLUMNS", "frame_pass", "spot_pass", "step_pass"]
+__all__ = ["FRAME_COLUMNS", "PatternSums", "frame_pass", "spot_pass", "step_pass"]
 
 FRAME_COLUMNS = ("energy", "squares", "top", "clipped", "nonfinite", "lit", "weight", "row", "column", "spread")
 """Columns of the table that `frame_pass` fills, one line per pattern:
@@ -19,16 +20,30 @@ weight, its centroid from the cutout's centre, and the sum of their squared dist
 """
 
 
+class PatternSums(NamedTuple):
+    """What `frame_pass` fills.
+
+    Attributes
+    ----------
+    table
+        One line per pattern ``(nx, 10)`` by `FRAME_COLUMNS`.
+    digest
+        A checksum of each pattern ``(nx,)``.
+    lit
+        How often each pixel of the cutout is lit ``(nt, ns)``; added to.
+    sensor
+        The same per sensor pixel, ``(nt, ns + nx - 1)`` from the row's first cutout on; added to.
+    """
+
+    table: NDArray[np.float64]
+    digest: NDArray[np.uint64]
+    lit: NDArray[np.int32]
+    sensor: NDArray[np.int32]
+
+
 @njit()
 def frame_pass(
-    frames: NDArray[np.float32],
-    bits: NDArray[np.uint32],
-    floor: float,
-    tolerance: float,
-    table: NDArray[np.float64],
-    digest: NDArray[np.uint64],
-    lit: NDArray[np.int32],
-    sensor: NDArray[np.int32],
+    frames: NDArray[np.float32], bits: NDArray[np.uint32], floor: float, tolerance: float, out: PatternSums
 ) -> None:
     """Measure the patterns of one row of source positions.
 
@@ -42,70 +57,88 @@ def frame_pass(
         A pixel above it is lit; its weight is what exceeds it.
     tolerance
         Values this close to the highest share it.
-    table, digest
-        Out: ``(nx, 10)`` by `FRAME_COLUMNS`, and a checksum of each pattern ``(nx,)``.
-    lit
-        In and out: how often each pixel of the cutout is lit ``(nt, ns)``.
-    sensor
-        In and out: the same per sensor pixel, ``(nt, ns + nx - 1)`` from the row's first cutout on.
+    out
+        Where the results go.
     """
-    nx, nt, ns = frames.shape
+    ns = frames.shape[2]
+    for x in range(frames.shape[0]):
+        line = out.table[x]
+        out.digest[x] = _totals(frames[x], bits[x], line)
+        # the cutout of the next position starts one sensor pixel further right
+        _lit_pixels(frames[x], floor, line[2] - tolerance, out.lit, out.sensor[:, x : x + ns], line)
+
+
+@njit()
+def _totals(frame: NDArray[np.float32], bits: NDArray[np.uint32], line: NDArray[np.float64]) -> np.uint64:
+    """Write energy, sum of squares, highest value and pixels that are no number; return the checksum (FNV-1a)."""
+    energy = 0.0
+    squares = 0.0
+    top = np.float32(-np.inf)
+    bad = 0
+    h = np.uint64(14695981039346656037)
+    for t in range(frame.shape[0]):
+        total = 0.0  # by rows: sums of many small values lose less
+        square = 0.0
+        for s in range(frame.shape[1]):
+            v = frame[t, s]
+            h = (h ^ np.uint64(bits[t, s])) * np.uint64(1099511628211)
+            if math.isfinite(v):
+                total += v
+                square += v * v
+                top = max(top, v)
+            else:
+                bad += 1
+        energy += total
+        squares += square
+    line[0] = energy
+    line[1] = squares
+    line[2] = top
+    line[4] = bad
+    return h
+
+
+@njit()
+def _lit_pixels(
+    frame: NDArray[np.float32],
+    floor: float,
+    near: float,
+    lit: NDArray[np.int32],
+    sensor: NDArray[np.int32],
+    line: NDArray[np.float64],
+) -> None:
+    """Count lit pixels, and those ``near`` the top; write their number, weight, centroid and spread."""
+    nt, ns = frame.shape
     ct, cs = (nt - 1) // 2, (ns - 1) // 2
-    for x in range(nx):
-        energy = 0.0
-        squares = 0.0
-        top = np.float32(-np.inf)
-        bad = 0
-        h = np.uint64(14695981039346656037)
-        for t in range(nt):
-            total = 0.0
-            square = 0.0
-            for s in range(ns):
-                v = frames[x, t, s]
-                h = (h ^ np.uint64(bits[x, t, s])) * np.uint64(1099511628211)
-                if math.isfinite(v):
-                    total += v
-                    square += v * v
-                    top = max(top, v)
-                else:
-                    bad += 1
-            energy += total
-            squares += square
-        digest[x] = h
-        weight = 0.0
-        row = 0.0
-        column = 0.0
-        second = 0.0
-        count = 0
-        clipped = 0
-        for t in range(nt):
-            for s in range(ns):
-                v = frames[x, t, s]
-                if v > floor and math.isfinite(v):
-                    w = v - floor
-                    i, j = t - ct, s - cs
-                    weight += w
-                    row += w * i
-                    column += w * j
-                    second += i * i + j * j
-                    count += 1
-                    lit[t, s] += 1
-                    sensor[t, s + x] += 1
-                    if v >= top - tolerance:
-                        clipped += 1
-        if weight > 0:
-            row /= weight
-            column /= weight
-        table[x, 0] = energy
-        table[x, 1] = squares
-        table[x, 2] = top
-        table[x, 3] = clipped
-        table[x, 4] = bad
-        table[x, 5] = count
-        table[x, 6] = weight
-        table[x, 7] = row
-        table[x, 8] = column
-        table[x, 9] = second
+    weight = 0.0
+    row = 0.0
+    column = 0.0
+    second = 0.0
+    count = 0
+    clipped = 0
+    for t in range(nt):
+        for s in range(ns):
+            v = frame[t, s]
+            if v > floor and math.isfinite(v):
+                w = v - floor
+                i, j = t - ct, s - cs
+                weight += w
+                row += w * i
+                column += w * j
+                second += i * i + j * j
+                count += 1
+                lit[t, s] += 1
+                sensor[t, s] += 1
+                if v >= near:
+                    clipped += 1
+    if weight > 0:
+        row /= weight
+        column /= weight
+    line[3] = clipped
+    line[5] = count
+    line[6] = weight
+    line[7] = row
+    line[8] = column
+    line[9] = second
 
 
 @njit()

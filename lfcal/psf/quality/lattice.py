@@ -247,6 +247,7 @@ def _search(
         agree = np.abs((sums * turn[:, None, :]).mean(0)) / energy
         score = agree.min(1)
         k = int(np.argmax(score))
+        # "as planned" comes first and must be beaten clearly: other orders fit a symmetric lattice nearly as well
         if best is None or score[k] > 1.15 * top:
             best, top = (float(scales[k]), name, float(size[k].min())), float(score[k])
     return best
@@ -266,7 +267,7 @@ def displacements(
     y, x = np.divmod(np.arange(ny * nx), nx)
     place = _ordered(y, x, (ny, nx))[spots.order]
     turned = sums * np.exp(-1j * (place @ spots.waves.T))
-    turned /= np.abs(turned) + 1e-300
+    turned /= np.abs(turned) + 1e-300  # phases alone: bright patterns are not better placed
     phase = np.angle(turned * np.conj(turned.mean(0)))
     shift = phase @ np.linalg.pinv(spots.waves).T
     return np.ascontiguousarray(shift[:, ::-1].T.reshape(2, ny, nx))

@@ -1,127 +1,240 @@
-"""Everything that one depth plane tells of its quality, in one pass over its patterns."""
+"""What all metrics share of one depth plane, measured in one pass over its patterns."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.progress import Clock, Work
 from lfcal.psf.aperture import Aperture
+from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import sums
-from lfcal.psf.quality.dark import Dark, dark_corners
-from lfcal.psf.quality.field import split
-from lfcal.psf.quality.frames import Frames, PlaneMeasures
+from lfcal.psf.quality.dark import DarkCorners, dark_corners
+from lfcal.psf.quality.field import Parts, split
 from lfcal.psf.quality.kernels import step_pass
-from lfcal.psf.quality.positions import measure_positions
+from lfcal.psf.quality.pattern_table import PatternTable
+from lfcal.psf.quality.periodicity import Periodicity
+from lfcal.psf.quality.positions import Positions, measure_positions
 from lfcal.psf.quality.steps import odd_frames, seam_ratio
 from lfcal.threads import for_each_chunk
 
-__all__ = ["STAGES", "PlaneContext", "iter_measure"]
+__all__ = ["PASSES", "Continuity", "Faulty", "PlaneContext", "PlaneMeasures", "iter_measure"]
 
 DARK_FRAME = 0.2
 """A pattern with less than this share of the median energy is missing."""
 
-CUT_OFF = 10.0
-"""Truncation beyond which the corners are no measure of darkness (per cent)."""
-
-STAGES = 6
+PASSES = 6
+"""Progress records of a plane: one for each pass over its patterns or their table."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class PlaneContext:
     """What is known of a plane before its patterns are read.
 
     Attributes
     ----------
+    matrix, z
+        H, straight, and which of its planes this is.
     depth_sum
-        Sum of its patterns ``(nt, ns)``.
+        Sum of its patterns as H states it ``(nt, ns)``.
     aperture
         The iris fitted to it.
     waves
         Wave vectors of the lenslet lattice, see `lfcal.psf.quality.lattice.wave_vectors`.
-    recorded
-        How often each position was recorded ``(ny, nx)``.
-    saturated
-        Saturated pixels of each frame ``(ny, nx)``, where counted.
+    tiling
+        What control frames said, where there were some.
     """
 
+    matrix: PSFMatrix
+    z: int
     depth_sum: NDArray[np.float64]
     aperture: Aperture
     waves: NDArray[np.float64]
-    recorded: NDArray[np.uint16]
-    saturated: NDArray[np.uint32] | None = None
+    tiling: Periodicity | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Faulty:
+    """Positions whose frames cannot be used, flags ``(ny, nx)`` each."""
+
+    missing: NDArray[np.bool_]
+    nonfinite: NDArray[np.bool_]
+    duplicates: NDArray[np.bool_]
+
+    @property
+    def any(self) -> NDArray[np.bool_]:
+        """Positions with any of the faults."""
+        either: NDArray[np.bool_] = self.missing | self.nonfinite | self.duplicates
+        return either
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Continuity:
+    """How each pattern follows from its neighbours.
+
+    Attributes
+    ----------
+    seam
+        Change across the wrap over the change between neighbours; NaN where not known.
+    odd
+        Each pattern's change to its neighbours over what is usual around it ``(ny, nx)``.
+    """
+
+    seam: float
+    odd: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneMeasures:
+    """What was measured of a plane, for all metrics.
+
+    In a plane without light everything from ``shares`` on is left at "not known".
+
+    Attributes
+    ----------
+    about
+        What was known before: H, its number, depth-plane sum, aperture.
+    patterns
+        The patterns ``(ny, nx, nt, ns)``; empty once all metrics of the plane have been asked.
+    table
+        Their table: energy, highest value, centroid … of each; noise and background.
+    lit, energy
+        Whether there is light in the plane, and the median energy of a good pattern.
+    faulty
+        Missing, not-a-number and duplicate frames.
+    shares, shares_split
+        Energy of each pattern over the usual one, background taken off ``(ny, nx)`` (per cent), and its parts.
+    edges
+        Light at the cutout's edges and outside the pattern.
+    spread
+        Second moment of the depth-plane sum (pixels squared); NaN where it cannot be relied on.
+    positions
+        What spots and centroids say of the source's positions.
+    continuity
+        Seam and odd frames; None where the scan ran in another order, and its neighbours are none.
+    sample
+        Some of the patterns, dark pixels removed, to hold against other planes.
+    """
+
+    about: PlaneContext
+    patterns: NDArray[np.float32]
+    table: PatternTable
+    lit: bool
+    energy: float
+    faulty: Faulty
+    shares: NDArray[np.float64]
+    shares_split: Parts
+    edges: sums.EdgeLight
+    spread: float
+    positions: Positions
+    continuity: Continuity | None
+    sample: NDArray[np.float32]
+
+    @property
+    def dark(self) -> DarkCorners:
+        """What the dark corners of the cutouts say."""
+        return self.table.dark
+
+    @property
+    def use(self) -> NDArray[np.bool_]:
+        """Positions whose frames can be used, ``(ny, nx)``."""
+        return ~self.faulty.any
+
+    def released(self) -> PlaneMeasures:
+        """Return the same without the patterns, so that their memory can be used again."""
+        return replace(self, patterns=np.empty((0, 0, 0, 0), np.float32))
 
 
 def iter_measure(
-    plane: NDArray[np.float32], context: PlaneContext, clock: Clock, done: int, workers: int | None = None
+    patterns: NDArray[np.float32], context: PlaneContext, clock: Clock, done: int, workers: int | None = None
 ) -> Work[PlaneMeasures]:
-    """Measure plane ``(ny, nx, nt, ns)``; yields `STAGES` records from ``done`` on."""
-    dark = dark_corners(plane)
+    """Measure a plane's patterns ``(ny, nx, nt, ns)``; yields `PASSES` records from ``done`` on."""
+    dark = dark_corners(patterns)
     yield clock.at(done + 1)
-    frames = Frames.of(plane, dark, workers)
+    table = PatternTable.of(patterns, dark, workers)
     yield clock.at(done + 2)
-    energies = frames.column("energy")
-    bad = (frames.column("nonfinite") > 0) | (frames.column("lit") == 0)
-    energies = energies - dark.background * frames.lit.size
-    usual = float(np.median(energies[~bad])) if (~bad).any() else 0.0
-    lit = bool(frames.peak > 6 * dark.noise) or usual > 3 * dark.noise * math.sqrt(frames.lit.size)
-    measures = PlaneMeasures(lit, usual, frames.peak, dark, context.aperture)
-    _count_bad(measures, frames, context, bad | (energies < DARK_FRAME * usual) if lit else np.zeros_like(bad))
-    if lit:
-        steps = _steps(plane, dark, workers)
-        _duplicates(measures, frames, steps)
-        use = ~np.logical_or.reduce([measures.named[k] for k in ("missing", "nonfinite", "duplicates")])
-        yield clock.at(done + 3)
-        _light(measures, frames, context, use)
-        _sums(measures, frames, context)
+    unread = (table.column("nonfinite") > 0) | (table.column("lit") == 0)
+    usual = float(np.median(table.light[~unread])) if (~unread).any() else 0.0
+    lit = bool(table.peak > 6 * dark.noise) or usual > 3 * dark.noise * math.sqrt(table.lit.size)
+    steps = _steps(patterns, dark, workers) if lit else None
+    plane = _unmeasured(patterns, context, table, lit, usual, _faulty(context, table, steps, unread, usual))
+    yield clock.at(done + 3)
+    if steps is not None:
+        plane = _with_light(plane)
         yield clock.at(done + 4)
-        measure_positions(measures, plane, frames, context.depth_sum, context.waves, use, workers)
+        found = measure_positions(patterns, table, plane.use, context.waves, _diameter(plane), workers)
+        plane = replace(plane, positions=found)
         yield clock.at(done + 5)
-        if measures.values.get("scan_order", 0) == 0:
-            _tiling(measures, steps, use & ~measures.named.get("misplaced", np.zeros_like(use)))
-        measures.sample = _sample(plane, frames.floor)
-        if measures.locked:  # the lattice alone makes these vary
-            for key in ("flicker", "step", "seam"):
-                measures.values.pop(key, None)
-                measures.named.pop(key, None)
-    yield clock.at(done + STAGES)
-    return measures
+        plane = replace(plane, continuity=_continuity(plane, steps), sample=_sample(patterns, table.floor))
+    yield clock.at(done + PASSES)
+    return plane
 
 
-def _count_bad(measures: PlaneMeasures, frames: Frames, context: PlaneContext, dim: NDArray[np.bool_]) -> None:
-    """Missing frames and pixels that are no number."""
-    nonfinite = frames.column("nonfinite")
-    measures.values["nonfinite"] = float(nonfinite.sum())
-    measures.named["nonfinite"] = nonfinite > 0
-    measures.maps["nonfinite"] = nonfinite
-    missing = ((context.recorded == 0) | dim) & (nonfinite == 0)
-    measures.values["missing"] = float(missing.sum())
-    measures.named["missing"] = missing
-    measures.maps["missing"] = missing.astype(float)
+def _unmeasured(
+    patterns: NDArray[np.float32],
+    context: PlaneContext,
+    table: PatternTable,
+    lit: bool,
+    energy: float,
+    faulty: Faulty,
+) -> PlaneMeasures:
+    """Return the measures of which only those that need no light are known."""
+    blank = np.full(faulty.missing.shape, np.nan)
+    return PlaneMeasures(
+        about=context,
+        patterns=patterns,
+        table=table,
+        lit=lit,
+        energy=energy,
+        faulty=faulty,
+        shares=blank,
+        shares_split=Parts(math.nan, (0.0, 0.0), (0.0, 0.0), blank, blank),
+        edges=sums.EdgeLight(),
+        spread=math.nan,
+        positions=Positions(),
+        continuity=None,
+        sample=np.empty(0, np.float32),
+    )
 
 
-def _steps(plane: NDArray[np.float32], dark: Dark, workers: int | None) -> NDArray[np.float64]:
+def _faulty(
+    context: PlaneContext,
+    table: PatternTable,
+    steps: NDArray[np.float64] | None,
+    unread: NDArray[np.bool_],
+    usual: float,
+) -> Faulty:
+    """Find missing, not-a-number and duplicate frames; ``steps`` is None in a plane without light."""
+    nonfinite = table.column("nonfinite") > 0
+    # in a dark plane every frame is dim: that says nothing of single ones
+    dim = unread | (table.light < DARK_FRAME * usual) if steps is not None else np.zeros_like(nonfinite)
+    missing = ((context.matrix.recorded[context.z] == 0) | dim) & ~nonfinite
+    duplicates = np.zeros_like(missing) if steps is None else _duplicates(table, steps, ~(missing | nonfinite))
+    return Faulty(missing, nonfinite, duplicates)
+
+
+def _steps(plane: NDArray[np.float32], dark: DarkCorners, workers: int | None) -> NDArray[np.float64]:
     """Return how unlike each pattern and the next along y and x are, wrapping, ``(2, ny, nx)``.
 
-    One less the correlation after the cutout's move, the noise taken out of the norms; 0 for the very same frame
+    1 minus the correlation after the cutout's move, the noise taken out of the norms; 0 for the very same frame
     alone, else at least what noise makes of it.
     """
     ny, nx, nt, ns = plane.shape
-    sums = np.empty((2, ny, nx, 3))
+    products = np.empty((2, ny, nx, 3))
 
     def rows(start: int, stop: int) -> None:
         for y in range(start, stop):
             for x in range(nx):
-                step_pass(plane[y, x], plane[(y + 1) % ny, x], 1, 0, sums[0, y, x])
-                step_pass(plane[y, x], plane[y, (x + 1) % nx], 0, 1, sums[1, y, x])
+                step_pass(plane[y, x], plane[(y + 1) % ny, x], 1, 0, products[0, y, x])
+                step_pass(plane[y, x], plane[y, (x + 1) % nx], 0, 1, products[1, y, x])
 
     for_each_chunk(rows, ny, workers)
     variance = dark.noise**2
     noise = variance * np.array([(nt - 1) * ns, nt * (ns - 1)])[:, None, None]
-    aa, bb, ab = np.moveaxis(sums, -1, 0)
+    aa, bb, ab = np.moveaxis(products, -1, 0)
     norms = np.sqrt(np.maximum(aa - noise, 1e-150)) * np.sqrt(np.maximum(bb - noise, 1e-150))
     chance = np.sqrt(variance * (aa + bb) + variance * noise) / norms
     unlike = np.maximum(1 - ab / norms, np.maximum(chance, 1e-9))
@@ -129,73 +242,41 @@ def _steps(plane: NDArray[np.float32], dark: Dark, workers: int | None) -> NDArr
     return np.where(same, 0.0, unlike)
 
 
-def _duplicates(measures: PlaneMeasures, frames: Frames, steps: NDArray[np.float64]) -> None:
-    """Frames that are the same, or the same but for the cutout's move."""
-    ok = ~(measures.named["missing"] | measures.named["nonfinite"])
-    _, inverse, counts = np.unique(frames.digest.ravel(), return_inverse=True, return_counts=True)
-    same = (counts[inverse] > 1).reshape(ok.shape) & ok
+def _duplicates(table: PatternTable, steps: NDArray[np.float64], ok: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the frames that are the same as another, or the same but for the cutout's move."""
+    _, inverse, counts = np.unique(table.digest.ravel(), return_inverse=True, return_counts=True)
+    same: NDArray[np.bool_] = (counts[inverse] > 1).reshape(ok.shape) & ok
     for axis in (0, 1):
         if steps.shape[1 + axis] > 1:
             still = (steps[axis] == 0) & ok & np.roll(ok, -1, axis)
             same |= still | np.roll(still, 1, axis)
-    measures.values["duplicates"] = float(same.sum())
-    measures.named["duplicates"] = same
-    measures.maps["duplicates"] = same.astype(float)
+    return same
 
 
-def _light(measures: PlaneMeasures, frames: Frames, context: PlaneContext, use: NDArray[np.bool_]) -> None:
-    """Noise, background, saturation, and the energy over positions."""
-    dark, values = measures.dark, measures.values
-    values["snr"] = frames.peak / dark.noise if dark.noise > 0 else math.inf
-    pixels = frames.lit.size
-    sure = math.sqrt(max(0.0, dark.background**2 - (2 * dark.chance) ** 2))
-    values["background"] = 100 * sure * pixels / max(measures.energy, 1e-300)
-    values["clipped"] = 100 * dark.clipped
-    energy = (frames.column("energy") - dark.background * pixels) / max(measures.energy, 1e-300)
-    parts = split(100 * energy, use)
-    values["lamp"] = max(parts.sure_ramp(0), parts.sure_ramp(1))
-    values["flicker"] = parts.rms
-    measures.maps["flicker"] = parts.residual
-    measures.maps["lamp"] = 100 * energy
-    if context.saturated is not None:
-        piled = context.saturated.astype(float)
-    elif not frames.computed:
-        top = frames.column("top")
-        highest = float(top[use].max()) if use.any() else math.inf
-        piled = np.where(top >= highest - frames.tolerance, frames.column("clipped") - 1, 0.0)
-    else:
-        return
-    values["saturation"] = float(piled.sum())
-    measures.maps["saturation"] = piled
-    measures.named["saturation"] = piled > 0
+def _with_light(plane: PlaneMeasures) -> PlaneMeasures:
+    """Add the energies over positions, and what the depth-plane sum shows."""
+    shares = 100 * plane.table.light / max(plane.energy, 1e-300)
+    shown = _background_free(plane)
+    edges = sums.edge_light(shown, plane.dark.noise * math.sqrt(shares.size))
+    spread = sums.spread(shown) if edges.truncation < 2 else math.nan
+    return replace(plane, shares=shares, shares_split=split(shares, plane.use), edges=edges, spread=spread)
 
 
-def _sums(measures: PlaneMeasures, frames: Frames, context: PlaneContext) -> None:
-    """Read the depth-plane sum and the maps of lit pixels."""
-    n = measures.named["missing"].size
-    shown = context.depth_sum - n * measures.dark.background
-    measures.values |= sums.edges_and_leaks(shown, measures.dark.noise * math.sqrt(n))
-    if measures.values.get("truncation", math.inf) < 2:
-        measures.spread = sums.spread(shown)
-    measures.values["centring"] = sums.off_centre(shown, measures.aperture)
-    if not frames.computed:
-        hot = sums.stuck_pixels(frames.lit, np.full(frames.lit.shape, n))
-        hot += sums.stuck_pixels(frames.sensor, sums.coverage(frames.table.shape[:2], frames.lit.shape))
-        measures.values["hot_pixels"] = float(hot)
-    if measures.values.get("truncation", 0) > CUT_OFF:  # the corners are not dark: nothing follows from them
-        for key in ("background", "clipped"):
-            measures.values.pop(key, None)
-    total = float(frames.column("energy").sum())
-    measures.values["identities"] = abs(float(context.depth_sum.sum()) - total) / max(abs(total), 1e-300)
+def _background_free(plane: PlaneMeasures) -> NDArray[np.float64]:
+    shown: NDArray[np.float64] = plane.about.depth_sum - plane.faulty.missing.size * plane.dark.background
+    return shown
 
 
-def _tiling(measures: PlaneMeasures, steps: NDArray[np.float64], use: NDArray[np.bool_]) -> None:
-    """Measure whether the cell tiles and each frame fits between its neighbours."""
-    measures.values["seam"] = seam_ratio(steps, use)
-    odd = odd_frames(steps, use)
-    measures.values["step"] = float(np.nanmax(odd)) if np.isfinite(odd).any() else math.nan
-    measures.maps["step"] = measures.maps["seam"] = odd
-    measures.named["step"] = odd > 4.0
+def _diameter(plane: PlaneMeasures) -> float:
+    return sums.diameter(_background_free(plane))
+
+
+def _continuity(plane: PlaneMeasures, steps: NDArray[np.float64]) -> Continuity | None:
+    if not plane.positions.as_planned:
+        return None
+    wrong = plane.positions.misplaced
+    use = plane.use if wrong is None else plane.use & ~wrong
+    return Continuity(seam_ratio(steps, use), odd_frames(steps, use))
 
 
 def _sample(plane: NDArray[np.float32], floor: float) -> NDArray[np.float32]:

@@ -3,61 +3,64 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Merit", "Metric", "Spec", "judge"]
+from lfcal.psf.quality.across import MatrixMeasures
+from lfcal.psf.quality.measure import PlaneMeasures
+
+__all__ = ["RANK", "UNKNOWN", "CostModel", "Limits", "Merit", "Metric", "MetricSpec", "Reading", "judge"]
 
 Merit = Literal["good", "fair", "bad", "unknown"]
 Plot = Literal["map", "planes", "sum", "table"]
 
+RANK: dict[Merit, int] = {"bad": 0, "fair": 1, "good": 2, "unknown": 3}
+"""Order of merits in a report."""
 
-@dataclass(frozen=True, slots=True)
-class Spec:
-    """One line of the catalogue.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """What a metric says of one plane.
 
     Attributes
     ----------
-    key, title, unit
-        Name in JSON, name for people, unit of the value (empty: a number).
-    good, bad
-        Up to ``good`` a value is good, beyond ``bad`` it is bad, fair between; the other way round where
-        ``higher_is_better``.
-    cost
-        Error that a value at ``bad`` makes in a reconstruction: NRMSE against the ideal H.
-    worst
-        Cost it cannot exceed.
-    plot
-        What shows it: a map over positions, a curve over planes, the depth-plane sum, or the table alone.
-    meaning, advice
-        What it says, and what to do when it is bad.
-    overall
-        How planes make the overall value: the ``worst`` of them, or their ``sum``.
-    higher_is_better
-        Whether larger values are better.
-    redo
-        Whether the positions it names should be recorded again.
-    per_frame
-        The value counts frames; the cost grows with the root of their share and is ``cost`` where all are.
+    value
+        In the metric's unit; NaN where it is not known.
+    map
+        Value per position ``(ny, nx)``, or None.
+    positions
+        Positions it names, flags ``(ny, nx)``, or None.
+    detail
+        What was found, in words; may be empty.
     """
 
-    key: str
-    title: str
-    unit: str
+    value: float = math.nan
+    map: NDArray[np.float64] | None = None
+    positions: NDArray[np.bool_] | None = None
+    detail: str = ""
+
+
+UNKNOWN = Reading()
+"""What a metric says that could not be measured: never zero, which would be good."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Up to ``good`` a value is good, beyond ``bad`` it is bad, fair between; reversed where higher is better."""
+
     good: float
     bad: float
-    cost: float
-    worst: float
-    plot: Plot
-    meaning: str
-    advice: str
-    overall: Literal["worst", "sum"] = "worst"
     higher_is_better: bool = False
-    redo: bool = False
-    per_frame: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the order of the limits."""
+        sign = -1.0 if self.higher_is_better else 1.0
+        if not sign * self.good <= sign * self.bad:
+            raise ValueError(f"limits: good {self.good} must not be worse than bad {self.bad}")
 
     def merit(self, value: float) -> Merit:
         """Return what ``value`` is worth; NaN is unknown."""
@@ -68,33 +71,117 @@ class Spec:
             return "good"
         return "bad" if sign * value > sign * self.bad else "fair"
 
-    def expense(self, value: float, frames: int = 1) -> float:
-        """Return the reconstruction error estimated for ``value`` of H with so many frames, up to ``worst``."""
-        if math.isnan(value) or self.merit(value) == "good":
-            return 0.0
+
+@dataclass(frozen=True, slots=True)
+class CostModel:
+    """Error a metric's value makes in a reconstruction: NRMSE against the ideal H.
+
+    Attributes
+    ----------
+    at_bad
+        Cost of a value at the limit "bad"; others cost in proportion.
+    worst
+        Cost it cannot exceed.
+    per_frame
+        The value counts frames: the cost grows with the root of their share and is ``at_bad`` where all are.
+    """
+
+    at_bad: float
+    worst: float
+    per_frame: bool = False
+
+    def of(self, value: float, limits: Limits, frames: int = 1) -> float:
+        """Return the cost of ``value`` in an H with so many frames: 0 where it is good, NaN where it is unknown."""
+        merit = limits.merit(value)
+        if merit in ("good", "unknown"):
+            return 0.0 if merit == "good" else math.nan
         if self.per_frame:
-            return min(self.worst, self.cost * math.sqrt(value / max(1, frames)))
-        if self.higher_is_better:
-            share = self.bad / value if value > 0 else math.inf
+            return min(self.worst, self.at_bad * math.sqrt(value / max(1, frames)))
+        if limits.higher_is_better:
+            share = limits.bad / value if value > 0 else math.inf
         else:
-            share = abs(value) / self.bad if self.bad > 0 else abs(value)
-        return min(self.worst, self.cost * share)
+            share = abs(value) / limits.bad if limits.bad > 0 else abs(value)
+        return min(self.worst, self.at_bad * share)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MetricSpec:
+    """A metric as one object: found by its key, measured by its own function.
+
+    Attributes
+    ----------
+    key, title, unit
+        Name in JSON, name for people, unit of the value (empty: a number).
+    meaning, advice
+        What it says, and what to do when it is bad; one sentence or more each.
+    limits, cost
+        When it is good or bad, and what it costs.
+    of_plane
+        Function of one plane's shared measurements, called while the plane's patterns are in memory.
+    of_matrix
+        Function of all planes' shared measurements, called once at the end: one `Reading` per plane, or a single one
+        for the whole matrix. A metric has one of the two functions.
+    needs_light
+        Whether ``of_plane`` is unknown, and not asked, where a plane is dark.
+    needs_all
+        Whether one unknown plane makes a good overall value unknown: for counts that must be complete.
+    plot
+        What shows it: a map over positions, a curve over planes, the depth-plane sum, or the table alone.
+    map_unit
+        Unit of one position's value, where it is not that of the overall value.
+    always_shown
+        Whether a report draws its map where all is well, too.
+    overall
+        How planes make the overall value: the ``worst`` of them, or their ``sum``.
+    redo
+        Whether the positions it names should be recorded again.
+    """
+
+    key: str
+    title: str
+    unit: str = ""
+    meaning: str
+    advice: str
+    limits: Limits
+    cost: CostModel
+    of_plane: Callable[[PlaneMeasures], Reading] | None = None
+    of_matrix: Callable[[MatrixMeasures], Sequence[Reading]] | None = None
+    needs_light: bool = True
+    needs_all: bool = False
+    plot: Plot = "table"
+    map_unit: str = ""
+    always_shown: bool = False
+    overall: Literal["worst", "sum"] = "worst"
+    redo: bool = False
+
+    def __post_init__(self) -> None:
+        """Check that there is exactly one function, and that all words are there."""
+        if (self.of_plane is None) == (self.of_matrix is None):
+            raise ValueError(f"metric {self.key!r}: give one function, of_plane or of_matrix")
+        for name in ("key", "title", "meaning", "advice"):
+            if not getattr(self, name):
+                raise ValueError(f"metric {self.key!r}: {name} is empty")
+
+    @property
+    def name(self) -> str:
+        """The key, as the registry asks for it."""
+        return self.key
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Metric:
-    """A measured `Spec`.
+    """A measured `MetricSpec`.
 
     Attributes
     ----------
     spec
         What was measured.
     value, merit
-        Overall value (NaN: could not be measured) and what it is worth.
+        Overall value (NaN: unknown) and what it is worth.
     cost
-        Estimated reconstruction error (NRMSE).
+        Estimated reconstruction error (NRMSE); NaN where the value is unknown.
     per_plane
-        Value of each plane ``(nz,)``; NaN where not measured, empty where planes have none.
+        Value of each plane ``(nz,)``; NaN where unknown; a single one where planes have none of their own.
     map
         Value per position ``(nz, ny, nx)``, or None.
     positions
@@ -103,7 +190,7 @@ class Metric:
         What was found, in words; may be empty.
     """
 
-    spec: Spec
+    spec: MetricSpec
     value: float
     merit: Merit
     cost: float
@@ -121,56 +208,93 @@ class Metric:
     def text(self) -> str:
         """Value with its unit, for people."""
         if math.isnan(self.value):
-            return "not measured"
+            return "unknown"
         digits = (
             f"{self.value:.0f}" if self.value == round(self.value) and abs(self.value) < 1e6 else f"{self.value:.3g}"
         )
         return f"{digits} {self.spec.unit}".strip()
 
     @property
+    def cost_text(self) -> str:
+        """Cost for people: a dash where there is none or it is unknown."""
+        return f"{self.cost:.3f}" if self.cost > 0 else "—"
+
+    @property
     def limits(self) -> str:
         """Thresholds, for people."""
-        better, worse = ("≥", "<") if self.spec.higher_is_better else ("≤", ">")
+        better, worse = ("≥", "<") if self.spec.limits.higher_is_better else ("≤", ">")
         unit = f" {self.spec.unit}" if self.spec.unit else ""
-        return f"{better} {self.spec.good:g}{unit} good, {worse} {self.spec.bad:g}{unit} bad"
+        return f"{better} {self.spec.limits.good:g}{unit} good, {worse} {self.spec.limits.bad:g}{unit} bad"
 
     def to_dict(self) -> dict[str, object]:
-        """Return the metric as plain values, positions included and maps left out."""
+        """Return the metric as plain values, positions included and maps left out; NaN is what is unknown."""
         return {
             "key": self.key,
             "title": self.spec.title,
             "value": self.value,
             "unit": self.spec.unit,
             "merit": self.merit,
-            "good": self.spec.good,
-            "bad": self.spec.bad,
-            "higher_is_better": self.spec.higher_is_better,
+            "good": self.spec.limits.good,
+            "bad": self.spec.limits.bad,
+            "higher_is_better": self.spec.limits.higher_is_better,
             "cost": self.cost,
             "plot": self.spec.plot,
             "per_plane": self.per_plane.tolist(),
             "positions": self.positions.tolist(),
             "detail": self.detail,
             "meaning": self.spec.meaning,
-            "advice": self.spec.advice if self.merit != "good" else "",
+            "advice": self.spec.advice if self.merit in ("bad", "fair") else "",
         }
 
 
-def judge(
-    spec: Spec,
-    per_plane: NDArray[np.float64],
-    frames: int,
-    *,
-    map: NDArray[np.float32] | None = None,
-    positions: NDArray[np.intp] | None = None,
-    detail: str = "",
-) -> Metric:
-    """Return the metric of values per plane ``(nz,)``, of which NaN were not measured, of an H with so many frames."""
+def judge(spec: MetricSpec, readings: Sequence[Reading], shape: tuple[int, int, int]) -> Metric:
+    """Return the metric of an H of ``(nz, ny, nx)`` positions from its readings, one per plane or a single one.
+
+    Raises
+    ------
+    ValueError
+        If the number of readings, a map or flags do not fit the shape: the metric's function is wrong.
+    """
+    nz, ny, nx = shape
+    if len(readings) not in (1, nz):
+        raise ValueError(f"metric {spec.key!r}: expected 1 or {nz} readings, got {len(readings)}")
+    for reading in readings:
+        for array in (reading.map, reading.positions):
+            if array is not None and array.shape != (ny, nx):
+                raise ValueError(f"metric {spec.key!r}: expected maps of {(ny, nx)} positions, got {array.shape}")
+    per_plane = np.array([r.value for r in readings], float)
+    value = _overall(spec, per_plane)
+    named = np.zeros((len(readings), ny, nx), bool)
+    for z, reading in enumerate(readings):
+        if reading.positions is not None:
+            named[z] = reading.positions
+    return Metric(
+        spec,
+        value,
+        spec.limits.merit(value),
+        spec.cost.of(value, spec.limits, nz * ny * nx),
+        per_plane,
+        _maps(readings, (ny, nx)),
+        np.argwhere(named),
+        "; ".join(sorted({r.detail for r in readings} - {""})),
+    )
+
+
+def _overall(spec: MetricSpec, per_plane: NDArray[np.float64]) -> float:
     known = per_plane[~np.isnan(per_plane)]
     if not known.size:
-        value = math.nan
-    elif spec.overall == "sum":
+        return math.nan
+    if spec.overall == "sum":
         value = float(known.sum())
     else:
-        value = float(known.min() if spec.higher_is_better else known.max())
-    at = np.empty((0, 3), np.intp) if positions is None else positions
-    return Metric(spec, value, spec.merit(value), spec.expense(value, frames), per_plane, map, at, detail)
+        value = float(known.min() if spec.limits.higher_is_better else known.max())
+    # what was measured may be bad enough whatever the rest is, but never good
+    incomplete = spec.needs_all and known.size < per_plane.size
+    return math.nan if incomplete and spec.limits.merit(value) == "good" else value
+
+
+def _maps(readings: Sequence[Reading], shape: tuple[int, int]) -> NDArray[np.float32] | None:
+    if all(r.map is None for r in readings):
+        return None
+    blank = np.full(shape, np.nan)
+    return np.stack([blank if r.map is None else r.map for r in readings]).astype(np.float32)

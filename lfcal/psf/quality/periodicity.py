@@ -90,6 +90,7 @@ def periodicity(
         )
     size = np.array(plane.shape[:2])
     steps = np.round(places - np.array(anchor)).astype(np.intp)
+    # floor division: a frame before the cell is -1 periods away, not 0
     index, away = steps % size, steps // size
     difference, best = np.empty(len(frames)), np.empty(len(frames))
     shift = np.zeros((len(frames), 2))
@@ -138,7 +139,7 @@ def _lowest(squares: NDArray[np.float64], search: int) -> tuple[NDArray[np.float
     gain = 0.0
     for axis, k in ((0, min(max(i, 1), top - 1)), (1, min(max(j, 1), top - 1))):
         line = squares[k - 1 : k + 2, j] if axis == 0 else squares[i, k - 1 : k + 2]
-        bend = float(line[0] - 2 * line[1] + line[2])
+        bend = float(line[0] - 2 * line[1] + line[2])  # squares, not their roots: these are a parabola near zero
         if bend > 0:
             offset = float(np.clip((line[0] - line[2]) / (2 * bend), -1, 1))
             place[axis] = k - search + offset

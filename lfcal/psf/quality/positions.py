@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.psf.quality import sums
 from lfcal.psf.quality.field import Parts, split
-from lfcal.psf.quality.frames import Frames, PlaneMeasures
-from lfcal.psf.quality.lattice import ORDERS, SpotLattice, displacements, find_spots
+from lfcal.psf.quality.lattice import SpotLattice, displacements, find_spots
+from lfcal.psf.quality.pattern_table import PatternTable
 
-__all__ = ["measure_positions"]
+__all__ = ["CentroidPath", "LatticePhases", "Positions", "measure_positions"]
 
 WILD = 0.1
 """Share of jumping phases beyond which they tell no positions."""
@@ -21,52 +21,121 @@ MISPLACED = 0.5
 """Displacement of a frame's pattern that is too much (pixels)."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LatticePhases:
+    """How far the patterns' lattice is from where each position says.
+
+    Attributes
+    ----------
+    rms
+        Scatter over the frames that are in place (pixels); NaN where there are none.
+    pitch
+        How far the lattice runs away over the cell (pixels).
+    shift, away
+        Displacement, and what of it changes from position to position, ``(ny, nx)`` (pixels).
+    wrong
+        Frames that are misplaced, ``(ny, nx)``.
+    """
+
+    rms: float
+    pitch: float
+    shift: NDArray[np.float64]
+    away: NDArray[np.float64]
+    wrong: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CentroidPath:
+    """How the patterns' centroids move over the cell.
+
+    Attributes
+    ----------
+    jitter
+        Scatter about the path, without noise and backlash (pixels rms); NaN where no frame is in place.
+    backlash
+        Half the offset between even and odd rows (pixels).
+    gain, drift
+        Change over the cell along the axis of the scan, and across it (pixels).
+    distance, away
+        Distance from the median place, and from the smooth path, ``(ny, nx)`` (pixels).
+    wrong
+        Frames that are misplaced, ``(ny, nx)``.
+    """
+
+    jitter: float
+    backlash: float
+    gain: float
+    drift: float
+    distance: NDArray[np.float64]
+    away: NDArray[np.float64]
+    wrong: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Positions:
+    """What the patterns say of the source's positions; None is what they do not tell.
+
+    Attributes
+    ----------
+    spots
+        The spots' lattice, where it tells positions.
+    locked
+        Whether each pattern is the image of a single lenslet, which does not follow the source.
+    phases, path
+        By the lattice's phases and by the centroids.
+    misplaced
+        Frames in use that are misplaced by either, ``(ny, nx)``.
+    """
+
+    spots: SpotLattice | None = None
+    locked: bool = False
+    phases: LatticePhases | None = None
+    path: CentroidPath | None = None
+    misplaced: NDArray[np.bool_] | None = None
+
+    @property
+    def as_planned(self) -> bool:
+        """Whether nothing says that the scan ran in another order."""
+        return self.spots is None or self.spots.order == "as planned"
+
+
 def measure_positions(
-    measures: PlaneMeasures,
-    plane: NDArray[np.float32],
-    frames: Frames,
-    depth_sum: NDArray[np.float64],
-    waves: NDArray[np.float64],
+    patterns: NDArray[np.float32],
+    table: PatternTable,
     use: NDArray[np.bool_],
+    waves: NDArray[np.float64],
+    diameter_px: float,
     workers: int | None = None,
-) -> None:
-    """Add scan order, position errors and stage errors to the measures of a plane.
+) -> Positions:
+    """Return what a plane's patterns say of their positions.
 
     Parameters
     ----------
-    measures
-        Of the plane; missing frames and the like are in it already.
-    plane, frames
+    patterns, table
         Patterns ``(ny, nx, nt, ns)`` and their table.
-    depth_sum
-        Their sum ``(nt, ns)``.
-    waves
-        Wave vectors of the lenslet lattice.
     use
         Positions to use ``(ny, nx)``.
+    waves
+        Wave vectors of the lenslet lattice.
+    diameter_px
+        Diameter of the depth-plane sum (pixels).
     workers
         Threads.
     """
-    diameter = sums.diameter(depth_sum - use.size * measures.dark.background)
-    spots = find_spots(plane, use, frames.floor, waves, diameter, workers)
+    spots = find_spots(patterns, use, table.floor, waves, diameter_px, workers)
     if spots is None:
-        return
-    wrong = np.zeros_like(use)
-    if spots.usable:
-        measures.spots = spots
-        measures.values["scan_order"] = float(spots.order != "as planned")
-        measures.details["scan_order"] = ORDERS[spots.order]
-        if spots.order == "as planned":
-            shift = displacements(plane, spots, frames.floor, workers)
-            if _wild(shift, spots, use) < WILD:
-                wrong |= _phases(measures, shift, use)
-    if spots.steady:
-        wrong |= _centroids(measures, frames, use)
-    else:
-        measures.locked = True
+        return Positions()
+    phases = None
+    if spots.usable and spots.order == "as planned":
+        shift = displacements(patterns, spots, table.floor, workers)
+        if _wild(shift, spots, use) < WILD:
+            phases = _phases(shift, use)
+    path = _path(table, use) if spots.steady else None
+    misplaced = None
     if spots.usable or spots.steady:
-        measures.named["misplaced"] = wrong & use
-        measures.values["misplaced"] = float(measures.named["misplaced"].sum())
+        wrong = [part.wrong for part in (phases, path) if part is not None]
+        misplaced = use & np.logical_or.reduce([np.zeros_like(use), *wrong])
+    return Positions(spots if spots.usable else None, not spots.steady, phases, path, misplaced)
 
 
 def _wild(shift: NDArray[np.float64], spots: SpotLattice, use: NDArray[np.bool_]) -> float:
@@ -80,37 +149,40 @@ def _wild(shift: NDArray[np.float64], spots: SpotLattice, use: NDArray[np.bool_]
     return float(jump[both].mean()) if both.any() else 1.0
 
 
-def _centroids(measures: PlaneMeasures, frames: Frames, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Measure how the patterns' centroids move; return which positions are misplaced by them."""
-    values, maps = measures.values, measures.maps
-    move = [split(frames.column(name), use) for name in ("row", "column")]
-    noise = measures.dark.noise * np.sqrt(frames.column("spread")[use]) / frames.column("weight")[use]
-    known = float(np.mean(noise**2))
+def _path(table: PatternTable, use: NDArray[np.bool_]) -> CentroidPath:
+    row, column = table.column("row"), table.column("column")
+    move = [split(row, use), split(column, use)]
+    # what the noise of the lit pixels alone makes of a centroid
+    noise = table.dark.noise * np.sqrt(table.column("spread")[use]) / table.column("weight")[use]
     away = np.hypot(move[0].residual, move[1].residual)
     swing = max(part.alternation for part in move)
-    values["backlash"] = swing
-    values["stage_gain"] = max(move[0].sure_ramp(0), move[1].sure_ramp(1))
-    values["drift"] = max(move[0].sure_ramp(1), move[1].sure_ramp(0))
-    maps["jitter"] = maps["backlash"] = away
-    path = np.hypot(*(frames.column(name) - np.median(frames.column(name)[use]) for name in ("row", "column")))
-    maps["stage_gain"] = maps["drift"] = path
-    wrong: NDArray[np.bool_] = away > max(MISPLACED, 8 * math.hypot(*(p.spread for p in move)))
-    placed = use & ~wrong
+    wrong = _misplaced(away, move)
+    placed, jitter = use & ~wrong, math.nan
     if placed.any():
         rms = math.hypot(*(float(np.sqrt(np.mean(p.residual[placed] ** 2))) for p in move))
-        values["jitter"] = math.sqrt(max(0.0, rms**2 - known - swing**2))
-    return wrong
+        jitter = math.sqrt(max(0.0, rms**2 - float(np.mean(noise**2)) - swing**2))
+    return CentroidPath(
+        jitter,
+        swing,
+        gain=max(move[0].sure_ramp(0), move[1].sure_ramp(1)),
+        drift=max(move[0].sure_ramp(1), move[1].sure_ramp(0)),
+        distance=np.hypot(row - np.median(row[use]), column - np.median(column[use])),
+        away=away,
+        wrong=wrong,
+    )
 
 
-def _phases(measures: PlaneMeasures, shift: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Measure the lattice's phases; return which positions are misplaced by them."""
-    parts: list[Parts] = [split(s, use) for s in shift]
+def _phases(shift: NDArray[np.float64], use: NDArray[np.bool_]) -> LatticePhases:
+    parts = [split(s, use) for s in shift]
     away = np.hypot(parts[0].residual, parts[1].residual)
-    wrong: NDArray[np.bool_] = away > max(MISPLACED, 8 * math.hypot(*(p.spread for p in parts)))
+    wrong = _misplaced(away, parts)
     placed = use & ~wrong
-    if placed.any():
-        measures.values["position"] = float(np.sqrt(np.mean(away[placed] ** 2)))
-    measures.values["pitch"] = max(p.sure_ramp(axis) for p in parts for axis in (0, 1))
-    measures.maps["position"] = measures.maps["misplaced"] = away
-    measures.maps["pitch"] = np.hypot(*shift)
+    rms = float(np.sqrt(np.mean(away[placed] ** 2))) if placed.any() else math.nan
+    pitch = max(p.sure_ramp(axis) for p in parts for axis in (0, 1))
+    return LatticePhases(rms, pitch, np.hypot(*shift), away, wrong)
+
+
+def _misplaced(away: NDArray[np.float64], parts: list[Parts]) -> NDArray[np.bool_]:
+    """Return what is away by more than `MISPLACED`, and by more than the usual scatter explains."""
+    wrong: NDArray[np.bool_] = away > max(MISPLACED, 8 * math.hypot(*(p.spread for p in parts)))
     return wrong

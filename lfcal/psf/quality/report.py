@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.psf.aperture import Aperture, FNumber
-from lfcal.psf.quality.metric import Merit, Metric
+from lfcal.psf.quality.metric import RANK, Merit, Metric
 from lfcal.psf.quality.periodicity import Periodicity
 
 __all__ = ["QualityReport"]
-
-_ORDER = {"bad": 0, "fair": 1, "good": 2, "unknown": 3}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,13 +67,13 @@ class QualityReport:
 
     @property
     def merit(self) -> Merit:
-        """The worst merit of any metric."""
-        return min((m.merit for m in self.metrics if m.merit != "unknown"), key=_ORDER.__getitem__, default="unknown")
+        """The worst merit of any metric that is known."""
+        return min((m.merit for m in self.metrics), key=RANK.__getitem__, default="unknown")
 
     @property
     def cost(self) -> float:
-        """Estimated reconstruction error of all faults together (NRMSE)."""
-        return math.sqrt(sum(m.cost**2 for m in self.metrics))
+        """Estimated reconstruction error of all known faults together (NRMSE)."""
+        return math.sqrt(sum(m.cost**2 for m in self.metrics if m.merit != "unknown"))
 
     @property
     def verdict(self) -> str:
@@ -88,12 +86,17 @@ class QualityReport:
         fair = [m.spec.title.lower() for m in self.metrics if m.merit == "fair"]
         if fair:
             return f"This PSF can be used; worth a look: {', '.join(fair[:4])}."
-        return "This PSF is good."
+        known = sum(m.merit != "unknown" for m in self.metrics)
+        if not known:
+            return "Nothing could be measured: it is not known whether this PSF is good."
+        rest = len(self.metrics) - known
+        return f"This PSF is good by {known} metrics; {rest} are unknown." if rest else "This PSF is good."
 
     def redo(self) -> list[tuple[tuple[int, int, int], str]]:
         """Return positions (z, y, x) to record again with the reasons, in scan order."""
         reasons: dict[tuple[int, int, int], list[str]] = {}
         for metric in self.metrics:
+            # a suspicion costs a frame to check, a missed fault a reconstruction
             if metric.spec.redo and metric.merit in ("bad", "fair"):
                 for z, y, x in metric.positions.tolist():
                     reasons.setdefault((z, y, x), []).append(metric.spec.title.lower())

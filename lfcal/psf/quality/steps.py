@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 __all__ = ["odd_frames", "seam_ratio"]
 
@@ -44,6 +43,8 @@ def seam_ratio(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> float:
 
 def odd_frames(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return each pattern's median change to its four neighbours over what is usual around it, ``(ny, nx)``."""
+    from scipy import ndimage
+
     pairs = _pairs(steps, use)
     for axis in (0, 1):  # the seam has a metric of its own
         np.moveaxis(pairs[axis], axis, 0)[-1] = np.nan
@@ -53,5 +54,6 @@ def odd_frames(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np
     change[counted >= 2] = np.nanmedian(four[:, counted >= 2], axis=0)
     usual = float(np.nanmedian(change)) if (counted >= 2).any() else math.nan
     size = tuple(min(NEIGHBOURHOOD, n) for n in use.shape)
+    # the lattice's own ripple makes some steps larger than others: compare with the surroundings
     around = ndimage.median_filter(np.where(np.isfinite(change), change, usual), size=size, mode="wrap")
     return change / np.maximum(around, 1e-12)

@@ -7,21 +7,24 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from lfcal.psf.aperture import Aperture
 
-__all__ = ["coverage", "diameter", "edges_and_leaks", "off_centre", "spread", "stuck_pixels"]
+__all__ = ["EdgeLight", "coverage", "diameter", "edge_light", "off_centre", "spread", "stuck_pixels"]
 
 STUCK = (0.9, 0.3)
 """A hot pixel is lit in so many of the frames, and in so many more than its neighbours."""
 
-
 REACH, MARGIN = 1.25, 3.0
 """Beyond so many radii of the lit patch, and so many pixels, there should be no light."""
 
+CUT_OFF = 10.0
+"""Truncation beyond which the corners are no measure of darkness (per cent)."""
+
 
 def _plateau(shown: NDArray[np.float64]) -> float:
+    from scipy import ndimage
+
     return float(ndimage.gaussian_filter(shown, 2.0).max())
 
 
@@ -35,7 +38,7 @@ def spread(shown: NDArray[np.float64]) -> float:
 
     Pixels far outside the lit patch, where only noise is left, do not count.
     """
-    patch = _Patch.of(shown)
+    patch = _LitArea.of(shown)
     if patch is None:
         return 0.0
     light = np.where(patch.distance <= REACH * patch.radius + MARGIN, shown, 0.0)
@@ -51,7 +54,7 @@ def spread(shown: NDArray[np.float64]) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class _Patch:
+class _LitArea:
     """The lit patch: its plateau, its outer radius, and every pixel's distance from its middle (pixels)."""
 
     plateau: float
@@ -59,7 +62,9 @@ class _Patch:
     distance: NDArray[np.float64]
 
     @staticmethod
-    def of(shown: NDArray[np.float64]) -> _Patch | None:
+    def of(shown: NDArray[np.float64]) -> _LitArea | None:
+        from scipy import ndimage
+
         top = _plateau(shown)
         if not top > 0:
             return None
@@ -71,29 +76,48 @@ class _Patch:
         row, column = ndimage.center_of_mass(patch)
         t, s = np.meshgrid(np.arange(shown.shape[0]) - row, np.arange(shown.shape[1]) - column, indexing="ij")
         distance = np.hypot(t, s)
-        return _Patch(top, float(distance[patch].max()), distance)
+        return _LitArea(top, float(distance[patch].max()), distance)
 
 
-def edges_and_leaks(shown: NDArray[np.float64], noise: float = 0.0) -> dict[str, float]:
-    """Return truncation and stray light of a background-free depth-plane sum (per cent).
+@dataclass(frozen=True, slots=True)
+class EdgeLight:
+    """Light where a depth-plane sum should be dark (per cent); NaN where it cannot be told.
 
-    Truncation is the brightest side's mean over two pixels, over the plateau. Stray light is what lies outside
-    1.25 radii of the lit patch, over all, less what the ``noise`` of its pixels may make.
+    Attributes
+    ----------
+    truncation
+        Brightest side's mean over two pixels, over the plateau.
+    leak
+        What lies outside 1.25 radii of the lit patch, over all, less what the noise of its pixels may make.
     """
-    patch = _Patch.of(shown)
+
+    truncation: float = math.nan
+    leak: float = math.nan
+
+    @property
+    def cut_off(self) -> bool:
+        """Whether so much light reaches the edge that the corners are no measure of darkness."""
+        return self.truncation > CUT_OFF
+
+
+def edge_light(shown: NDArray[np.float64], noise: float = 0.0) -> EdgeLight:
+    """Return truncation and stray light of a background-free depth-plane sum whose pixels have ``noise``."""
+    patch = _LitArea.of(shown)
     if patch is None:
-        return {}
+        return EdgeLight()
     sides = (shown[:2], shown[-2:], shown[:, :2], shown[:, -2:])
-    values = {"truncation": 100 * max(0.0, max(float(side.mean()) for side in sides)) / patch.plateau}
+    truncation = 100 * max(0.0, max(float(side.mean()) for side in sides)) / patch.plateau
     outside = patch.distance > REACH * patch.radius + MARGIN
-    if outside.mean() > 0.02:
-        chance = 2 * noise * math.sqrt(outside.sum())
-        values["leak"] = 100 * max(0.0, float(shown[outside].sum()) - chance) / float(shown.sum())
-    return values
+    if not outside.mean() > 0.02:  # the patch fills the cutout
+        return EdgeLight(truncation)
+    chance = 2 * noise * math.sqrt(outside.sum())
+    return EdgeLight(truncation, 100 * max(0.0, float(shown[outside].sum()) - chance) / float(shown.sum()))
 
 
 def off_centre(shown: NDArray[np.float64], aperture: Aperture) -> float:
     """Return the distance of the aperture's centre, or of the light's centroid, from the cutout's (pixels)."""
+    from scipy import ndimage
+
     middle = [(n - 1) // 2 for n in shown.shape]
     place = aperture.centre
     if not all(math.isfinite(c) for c in place):
@@ -121,6 +145,8 @@ def stuck_pixels(lit: NDArray[np.int32], frames: NDArray[np.intp]) -> int:
     frames
         How many frames show it, of the same shape; pixels that few show are left out.
     """
+    from scipy import ndimage
+
     share = np.where(frames > 0, lit / np.maximum(frames, 1), 0.0)
     around = np.ones((3, 3), bool)
     around[1, 1] = False

@@ -112,7 +112,8 @@ def _number(value: float, digits: int = 3) -> str:
 
 def _verdict(quality: QualityReport) -> str:
     cost = f"Estimated error of a reconstruction from these faults: {quality.cost:.2f} NRMSE." if quality.cost else ""
-    more = cost or "No fault found that would cost a reconstruction anything."
+    none = "No fault found that would cost a reconstruction anything."
+    more = cost or ("" if quality.merit == "unknown" else none)
     return f'<section class="verdict {quality.merit}">{_text(quality.verdict)}<p>{more}</p></section>'
 
 
@@ -125,7 +126,7 @@ def _facts(H: PSFMatrix, quality: QualityReport) -> str:
         (f"depth planes, {depths}", str(nz)),
         ("cutout t × s", f"{nt} × {ns} px"),
         (f"of values, {H.dtype}", format_bytes(H.nbytes)),
-        (f"metrics good / fair / bad, {counts['unknown']} not measured", "{good} / {fair} / {bad}".format(**counts)),
+        ("metrics good / fair / bad / unknown", "{good} / {fair} / {bad} / {unknown}".format(**counts)),
         ("positions to record again", str(len(quality.redo()))),
     ]
     return (
@@ -160,10 +161,9 @@ def _metrics(quality: QualityReport) -> str:
         words = _text(m.spec.meaning) + (f" <b>{_text(m.detail)}.</b>" if m.detail else "")
         if m.merit in ("bad", "fair"):
             words += f' <span class="advice {m.merit}">{_text(m.spec.advice)}</span>'
-        cost = f"{m.cost:.3f}" if m.cost else "—"
         best, worst = limits(m)
         name = f'<b class="nb">{_text(m.spec.title)}</b>'
-        return [_merit(m.merit), name, _text(value_text(m)), _text(best), _text(worst), cost, words]
+        return [_merit(m.merit), name, _text(value_text(m)), _text(best), _text(worst), m.cost_text, words]
 
     note = '<p class="note">Cost: estimate of the reconstruction error (NRMSE) that a fault of this size makes.</p>'
     headers = ("merit", "metric", "value", "good", "bad", "cost", "meaning and advice")
@@ -179,8 +179,9 @@ def value_text(metric: Metric) -> str:
 
 def limits(metric: Metric) -> tuple[str, str]:
     """Return where a metric is good and where it is bad, in the unit of its value."""
-    better, worse = ("≥", "<") if metric.spec.higher_is_better else ("≤", ">")
-    return f"{better} {metric.spec.good:g}", f"{worse} {metric.spec.bad:g}"
+    limits = metric.spec.limits
+    better, worse = ("≥", "<") if limits.higher_is_better else ("≤", ">")
+    return f"{better} {limits.good:g}", f"{worse} {limits.bad:g}"
 
 
 def _apertures(H: PSFMatrix, quality: QualityReport) -> str:

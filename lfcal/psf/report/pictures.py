@@ -27,9 +27,6 @@ __all__ = ["Picture", "pictures"]
 PANELS = 12
 """Planes shown of a deep H, evenly chosen."""
 
-MAIN = ("position", "jitter", "flicker", "seam")
-"""Maps that are shown even where all is well."""
-
 PANEL = 3.05
 """Width of a panel with its colour bar (inches)."""
 
@@ -55,7 +52,7 @@ def pictures(
         lambda: _slices(H),
     ]
     shown = [m for m in quality.metrics if m.map is not None and m.merit in ("bad", "fair")]
-    shown += [m for m in quality.metrics if m.map is not None and m.key in MAIN and m not in shown]
+    shown += [m for m in quality.metrics if m.map is not None and m.spec.always_shown and m not in shown]
     draw += [lambda m=m: _metric_map(m, quality) for m in shown]  # type: ignore[misc]
     if any(t is not None for t in quality.tilings):
         draw.append(lambda: _tiling(quality))
@@ -148,6 +145,7 @@ def _transposed_sum(H: PSFMatrix) -> Picture:
         left, right = sheet.grid(2, 2)
         draw_image(left, turned, title=f"HT turned, {_depth(H.depths[z])}", unit="sum of HT")
         draw_image(right, apart, title="difference from H", unit="of peak", signed=True)
+        # rounding alone must not fill the range of colours
         top = max(float(np.abs(apart).max()), 1e-6)
         right.images[0].set_clim(-top, top)
     caption = "The sum of the transposed matrix must be that of H turned by 180°: largest difference here "
@@ -204,7 +202,7 @@ def _metric_map(metric: Metric, quality: QualityReport) -> Picture:
     low, high = _range(metric)
     with _sheet(columns, rows * _row_height(quality.shape[1:3])) as sheet:
         for z, axes in zip(planes, sheet.grid(len(planes), columns), strict=True):
-            where, unit = _depth(quality.depths[z]), _map_unit(metric)
+            where, unit = _depth(quality.depths[z]), metric.spec.map_unit or metric.spec.unit
             _positions_map(axes, metric.map[z], where, unit, signed=low < 0)
             axes.images[0].set_clim(low, high)
             here = metric.positions[metric.positions[:, 0] == z]
@@ -222,16 +220,6 @@ def _range(metric: Metric) -> tuple[float, float]:
         high = max(-low, high)
         return -high, high
     return (low, high) if high > low else (0.0, high or 1.0)
-
-
-def _map_unit(metric: Metric) -> str:
-    """Return the unit of one position's value, from that of the overall value."""
-    if metric.key == "misplaced":
-        return "px"
-    unit = metric.spec.unit
-    for end in (" over the cell", " rms"):
-        unit = unit.removesuffix(end)
-    return {"planes off": "off", "frames": "yes / no", "x": "times the usual"}.get(unit, unit)
 
 
 def _positions_map(axes: Axes, values: NDArray[np.floating], title: str, unit: str, *, signed: bool = False) -> None:

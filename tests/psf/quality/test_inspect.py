@@ -8,8 +8,8 @@ import pytest
 from lfcal.cli.console import plain
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix
-from lfcal.psf.quality import SPECS, inspect, iter_inspect
-from lfcal.psf.quality.metric import judge
+from lfcal.psf.quality import METRICS, inspect, iter_inspect
+from lfcal.psf.quality.metric import Reading, judge
 
 from .faults import NOISE, base, matrix
 from .scenes import hexagonal, single, square
@@ -21,9 +21,9 @@ def report():
 
 
 def test_every_metric_of_the_catalogue_is_there_once(report):
-    assert sorted(m.key for m in report.metrics) == sorted(s.key for s in SPECS)
-    assert len({s.key for s in SPECS}) == len(SPECS)
-    assert all(s.meaning.endswith(".") and s.advice.endswith(".") for s in SPECS)
+    assert sorted(m.key for m in report.metrics) == sorted(METRICS.names())
+    assert len(METRICS) >= 31 and not METRICS.failures()
+    assert all(s.meaning.endswith(".") and s.advice.endswith(".") for s in METRICS)
 
 
 def test_noise_peak_and_virtual_depths_are_those_of_the_scene(report):
@@ -126,10 +126,11 @@ def test_complex_numbers_are_refused():
 
 
 def test_merit_and_cost_follow_the_thresholds():
-    snr = next(s for s in SPECS if s.key == "snr")
-    assert [snr.merit(v) for v in (100, 99, 20, 19, math.nan)] == ["good", "fair", "fair", "bad", "unknown"]
-    assert snr.expense(10) == 2 * snr.expense(20) or snr.expense(10) == snr.worst
-    missing = next(s for s in SPECS if s.key == "missing")
-    assert missing.expense(30, 1000) == pytest.approx(0.225, abs=0.01)
-    assert judge(missing, np.array([0.0, 2.0]), 1000).value == 2
-    assert judge(snr, np.array([300.0, 50.0]), 1000).value == 50
+    snr = METRICS.get("snr")
+    assert [snr.limits.merit(v) for v in (100, 99, 20, 19, math.nan)] == ["good", "fair", "fair", "bad", "unknown"]
+    assert snr.cost.of(40, snr.limits) == pytest.approx(0.25) and snr.cost.of(1, snr.limits) == snr.cost.worst
+    missing = METRICS.get("missing")
+    assert missing.cost.of(30, missing.limits, 1000) == pytest.approx(0.225, abs=0.01)
+    shape = (2, 5, 100)
+    assert judge(missing, [Reading(0.0), Reading(2.0)], shape).value == 2
+    assert judge(snr, [Reading(300.0), Reading(50.0)], shape).value == 50

@@ -10,8 +10,8 @@ from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import inspect, lattice, sums
 from lfcal.psf.quality.dark import dark_corners
 from lfcal.psf.quality.field import split
-from lfcal.psf.quality.frames import Frames
 from lfcal.psf.quality.kernels import FRAME_COLUMNS, spot_pass, step_pass
+from lfcal.psf.quality.pattern_table import PatternTable
 from lfcal.psf.quality.steps import odd_frames, seam_ratio
 
 from .faults import base
@@ -25,7 +25,7 @@ def test_the_table_of_patterns_equals_numpy():
     plane[1, 2, 4:8, 5:9] += 60
     plane[0, 0, 3, 3] = np.nan
     dark = dark_corners(plane)
-    frames = Frames.of(plane, dark, 1)
+    frames = PatternTable.of(plane, dark, 1)
     lit = np.where(np.isfinite(plane) & (plane > frames.floor), plane - frames.floor, 0).astype(float)
     t, s = np.meshgrid(np.arange(15) - 7, np.arange(17) - 8, indexing="ij")
     known = {
@@ -52,7 +52,7 @@ def test_the_table_of_patterns_equals_numpy():
 def test_equal_patterns_have_equal_checksums_and_others_not():
     plane = RNG.normal(0, 1, (2, 3, 9, 9)).astype(np.float32)
     plane[1, 2] = plane[0, 1]
-    digest = Frames.of(plane, dark_corners(plane)).digest
+    digest = PatternTable.of(plane, dark_corners(plane)).digest
     assert digest[1, 2] == digest[0, 1]
     assert len(np.unique(digest)) == 5
 

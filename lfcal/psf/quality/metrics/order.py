@@ -1,0 +1,55 @@
+"""Whether the frames came in the order their positions say."""
+
+from __future__ import annotations
+
+from lfcal.psf.quality.lattice import ORDERS
+from lfcal.psf.quality.measure import PlaneMeasures
+from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
+
+__all__ = ["METRICS"]
+
+
+def _scan_order(plane: PlaneMeasures) -> Reading:
+    spots = plane.positions.spots
+    if spots is None:
+        return UNKNOWN
+    return Reading(float(spots.order != "as planned"), detail=ORDERS[spots.order])
+
+
+def _misplaced(plane: PlaneMeasures) -> Reading:
+    found = plane.positions
+    if found.misplaced is None:
+        return UNKNOWN
+    away = None if found.phases is None else found.phases.away
+    return Reading(float(found.misplaced.sum()), map=away, positions=found.misplaced)
+
+
+METRICS = (
+    MetricSpec(
+        key="scan_order",
+        title="Order of the scan",
+        unit="planes off",
+        limits=Limits(good=0, bad=0),
+        cost=CostModel(at_bad=2.5, worst=3.6),
+        plot="map",
+        meaning="Planes in which the spots run over the lattice in another order than the positions say.",
+        advice="Swap or reverse the axes of the scan, or mirror the frames, and assemble again; no new recording is "
+        "needed.",
+        overall="sum",
+        of_plane=_scan_order,
+    ),
+    MetricSpec(
+        key="misplaced",
+        title="Misplaced frames",
+        unit="frames",
+        limits=Limits(good=0, bad=0),
+        cost=CostModel(at_bad=0.6, worst=2.0, per_frame=True),
+        plot="map",
+        map_unit="px",
+        meaning="Positions whose pattern belongs half a pixel or more from where it is.",
+        advice="Record these positions again; whole rows or columns point at swapped files or a lost stage step.",
+        overall="sum",
+        redo=True,
+        of_plane=_misplaced,
+    ),
+)
