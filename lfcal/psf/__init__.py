@@ -11,31 +11,42 @@
 
 from lfcal.psf.assemble import AssemblyReport, assemble, iter_assemble
 from lfcal.psf.assemble_plan import AssemblySettings, assemble_plan, iter_assemble_plan
+from lfcal.psf.compare import Comparison, compare, iter_compare
 from lfcal.psf.cutout import Cutout, find_cutout
 from lfcal.psf.export import export, iter_export
 from lfcal.psf.facts import Facts
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import open_psf, regions_of
+from lfcal.psf.quality import QualityReport, inspect, iter_inspect
+from lfcal.psf.report import iter_report, report
 from lfcal.psf.store import PSFWriter, iter_save, save, save_regions
 from lfcal.psf.transpose import transpose
 
 __all__ = [
     "AssemblyReport",
     "AssemblySettings",
+    "Comparison",
     "Cutout",
     "Facts",
     "PSFMatrix",
     "PSFWriter",
+    "QualityReport",
     "assemble",
     "assemble_plan",
+    "compare",
     "export",
     "find_cutout",
+    "inspect",
     "iter_assemble",
     "iter_assemble_plan",
+    "iter_compare",
     "iter_export",
+    "iter_inspect",
+    "iter_report",
     "iter_save",
     "open_psf",
     "regions_of",
+    "report",
     "save",
     "save_regions",
     "transpose",
