@@ -1,7 +1,11 @@
-"""Make the sample session: ``python sample_data/make.py [OUT]``. Seeded; the same files every time.
+"""Make the sample data: ``python sample_data/make.py [OUT]``. Seeded; the same files every time.
 
-A recorded session of the small ``bench`` camera as its simulator sees it, noise and all: two depth planes of
-33 x 19 positions, 16-bit PNG frames, dark and white frames, camera, plan, manifest, and the known truth.
+The small ``bench`` camera as its simulator sees it, noise and all, in the two ways that frames come:
+
+- ``session``: a folder of files, as another program leaves them: two depth planes of 33 x 19 positions, 16-bit PNG
+  frames, dark and white frames, camera, plan, manifest, and the known truth;
+- ``recorded``: a session that lfcal recorded itself with simulated camera and stage: the first plane, packed, with
+  its dark and reference frames.
 """
 
 from __future__ import annotations
@@ -11,7 +15,10 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+from lfcal.acquire import Options, iter_finish, record
 from lfcal.camera import Camera, ScanPlan, preset
+from lfcal.devices import simulated_rig
+from lfcal.progress import drain
 from lfcal.simulate import SimulatedCamera
 from lfcal.simulate.effects import (
     DarkCurrent,
@@ -29,7 +36,7 @@ from lfcal.simulate.effects import (
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.sensor.session import frame_name, write_session
 
-__all__ = ["frame_name", "make", "sample_camera", "sample_plan", "sample_source"]
+__all__ = ["frame_name", "make", "make_recorded", "recorded_plan", "sample_camera", "sample_plan", "sample_source"]
 
 SEED = 20
 SENSOR = (80, 96)
@@ -60,17 +67,34 @@ def sample_source() -> SimulatedCamera:
     return SimulatedCamera(sample_plan(), (*OPTICS, *SENSOR_EFFECTS), sampling=SAMPLING, peak=0.8, seed=SEED)
 
 
+def recorded_plan() -> ScanPlan:
+    """Return the plan of the recorded session: the first plane."""
+    return ScanPlan.for_camera(sample_camera(), virtual_depths=VIRTUAL_DEPTHS[:1], cutout=CUTOUT, exposure_s=0.02)
+
+
 def make(out: Path) -> None:
-    """Write the whole session into ``out``, replacing what was there."""
+    """Write the folder of files into ``out``, replacing what was there."""
     shutil.rmtree(out, ignore_errors=True)
     write_session(sample_source(), out, darks=DARKS, whites=WHITES)
 
 
+def make_recorded(out: Path) -> None:
+    """Record the session ``out`` with simulated devices and pack it, replacing what was there."""
+    shutil.rmtree(out, ignore_errors=True)
+    plan = recorded_plan()
+    optics = SimulatedCamera(plan, OPTICS, sampling=SAMPLING, peak=0.8, seed=SEED)
+    record(out, plan, simulated_rig(plan, optics=optics, seed=SEED), Options(darks=DARKS, reference_every=100))
+    drain(iter_finish(out))
+    (out / "session.lock").unlink(missing_ok=True)
+
+
 def main() -> None:
-    """Make the session."""
+    """Make both."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("out", nargs="?", type=Path, default=Path(__file__).parent / "session")
-    make(parser.parse_args().out)
+    parser.add_argument("out", nargs="?", type=Path, default=Path(__file__).parent)
+    out = parser.parse_args().out
+    make(out / "session")
+    make_recorded(out / "recorded")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Where the sample session lies: in a checkout, or inside an installed package."""
+"""Where the sample data lie: in a checkout, or inside an installed package."""
 
 from __future__ import annotations
 
@@ -7,13 +7,22 @@ from pathlib import Path
 import lfcal
 from lfcal.errors import StorageError
 
-__all__ = ["sample_session"]
+__all__ = ["sample_recording", "sample_session"]
 
 
 def sample_session() -> Path:
-    """Return the folder of the recorded sample session."""
+    """Return the folder of sample frames in files, with plan, dark and white frames."""
+    return _place("session", "plan.json")
+
+
+def sample_recording() -> Path:
+    """Return the folder of the session that lfcal recorded itself."""
+    return _place("recorded", "session.json")
+
+
+def _place(name: str, holds: str) -> Path:
     package = Path(lfcal.__file__).resolve().parent
-    for place in (package.parent / "sample_data" / "session", package / "_sample_session"):
-        if (place / "plan.json").is_file():
+    for place in (package.parent / "sample_data" / name, package / f"_sample_{name}"):
+        if (place / holds).is_file():
             return place
-    raise StorageError("sample session: not part of this installation; make it with sample_data/make.py")
+    raise StorageError(f"sample data ({name}): not part of this installation; make it with sample_data/make.py")

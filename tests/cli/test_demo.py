@@ -19,7 +19,8 @@ def test_the_main_job_on_the_sample_session(lfcal: Callable[..., Run], tmp_path:
     found: Any = run.json
     assert found["correlation"] > 0.999, "H from frames equals H simulated directly"
     assert found["max_shift_px"] < 0.3
-    assert len(found["steps"]) == 6 and all(step["made"] and step["seconds"] > 0 for step in found["steps"])
+    assert found["recorded_correlation"] > 0.999, "and so is H of the session that lfcal recorded"
+    assert len(found["steps"]) == 7 and all(step["made"] and step["seconds"] > 0 for step in found["steps"])
     with open_psf(out / "H.h5") as H, open_psf(out / "H.mat") as exported:
         assert list(H.shape) == found["shape"]
         np.testing.assert_array_equal(H[1, 9, 16], exported[1, 9, 16])

@@ -11,11 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
+from lfcal.acquire import read_checks
 from lfcal.camera import Camera, ScanPlan
 from lfcal.frames import open_frames
+from lfcal.simulate import SimulatedCamera
 
 FOLDER = Path(__file__).resolve().parents[2] / "sample_data"
-SESSION = FOLDER / "session"
+SESSION, RECORDED = FOLDER / "session", FOLDER / "recorded"
 
 
 @pytest.fixture(scope="module")
@@ -55,3 +57,24 @@ def test_it_is_small_and_16_bit() -> None:
     assert len(list((SESSION / "dark").glob("*.png"))) >= 4 and len(list((SESSION / "white").glob("*.png"))) >= 2
     frame = cv2.imread(str(SESSION / "frames" / "z1_y09_x16.png"), cv2.IMREAD_UNCHANGED)
     assert frame.dtype == np.uint16 and frame.max() < 4095, "nothing saturated"
+
+
+def test_the_recorded_session_is_what_its_script_records(script: ModuleType, tmp_path: Path) -> None:
+    """Recorded anew for a few positions: the camera's noise belongs to the order of exposures, not to the clock."""
+    plan = script.recorded_plan()
+    with open_frames(RECORDED) as source:
+        assert source.metadata["plan"] == plan and len(source) == plan.n_positions
+        assert {source.info(k).exposure_s for k in range(len(source))} == {0.02}
+        assert list(source.metadata["darks"]) == [0.02]
+        assert all(source.samples(k).saturated == 0 for k in range(0, len(source), 60))
+        optics = SimulatedCamera(plan, script.OPTICS, sampling=script.SAMPLING, peak=0.8, seed=script.SEED)
+        gain, black = plan.camera.sensor.electrons_per_count, plan.camera.sensor.black_level
+        places = {tuple(optics.info(k).position): k for k in range(len(optics))}
+        for k in (0, 300, 626):
+            info = source.info(k)
+            rows, columns = (slice(a, a + n) for a, n in zip(info.origin, source.shape, strict=True))
+            light = optics.light(places[tuple(info.position)])[rows, columns] / gain
+            error = (source.read(k) - black - light) / np.sqrt(light / gain + 5.0)
+            assert abs(float(error.mean())) < 0.2 and float(error.std()) < 1.6
+    assert sum(p.stat().st_size for p in RECORDED.iterdir()) < 4e6
+    assert len(read_checks(RECORDED)) == 8
