@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.reconstruct.projectors._kernels import Tiling, gather_windows, overlap_add
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.planes import trim
 from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
@@ -124,27 +125,23 @@ class Direct:
         self, sources: NDArray[Any], operand: NDArray[Any], y: int, image: NDArray[Any], scratch: _Scratch
     ) -> None:
         """Add the patterns of row phase ``y``, weighted by ``sources`` (cells, nx), to the padded ``image``."""
-        from lfcal.reconstruct.projectors._kernels import overlap_add
-
         (ny, nx), cells_x = self.grid.period, self.grid.cells[1]
         for rows, band in self._bands(operand, y, scratch):
             for first, stop in self._blocks(len(sources), band.shape[1:]):
                 windows = scratch.array("windows", (stop - first, *band.shape[1:]))
                 np.matmul(sources[first:stop], band.reshape(nx, -1), out=windows.reshape(stop - first, -1))
-                overlap_add(windows, image, y + rows.start, first, cells_x, ny, nx)
+                overlap_add(windows, image, Tiling(y + rows.start, cells_x, ny, nx), first)
 
     def _collect(
         self, packed: NDArray[Any], operand: NDArray[Any], y: int, cells: NDArray[Any], scratch: _Scratch
     ) -> None:
         """Write the patterns' products with the padded image into ``cells`` (cells, nx): transpose of `_spread`."""
-        from lfcal.reconstruct.projectors._kernels import gather_windows
-
         (ny, nx), cells_x = self.grid.period, self.grid.cells[1]
         cells[:] = 0
         for rows, band in self._bands(operand, y, scratch):
             for first, stop in self._blocks(len(cells), band.shape[1:]):
                 windows = scratch.array("windows", (stop - first, *band.shape[1:]))
-                gather_windows(windows, packed, y + rows.start, first, cells_x, ny, nx)
+                gather_windows(windows, packed, Tiling(y + rows.start, cells_x, ny, nx), first)
                 cells[first:stop] += windows.reshape(stop - first, -1) @ band.reshape(nx, -1).T
 
     def _bands(self, operand: NDArray[Any], y: int, scratch: _Scratch) -> Iterator[tuple[slice, NDArray[Any]]]:

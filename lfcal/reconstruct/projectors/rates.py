@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lfcal.reconstruct.projectors._kernels import LANES, Entries, Tiling, gather_sums, gather_windows, overlap_add
 from lfcal.threads import for_each_chunk, one_blas_thread
 
 __all__ = ["copy_rate", "fft_seconds", "gather_rate", "gemm_seconds", "product_seconds", "window_seconds"]
@@ -101,14 +102,13 @@ def copy_rate(dtype: str, workers: int) -> float:
 @lru_cache(maxsize=16)
 def window_seconds(rows: int, columns: int, dtype: str, workers: int) -> tuple[float, float]:
     """Return the seconds per value of adding and of gathering windows of that size, all workers together."""
-    from lfcal.reconstruct.projectors._kernels import gather_windows, overlap_add
-
     cells = max(4, (1 << 18) // (rows * columns))
     windows = [np.zeros((cells, rows, columns), dtype) for _ in range(workers)]
     images = [np.zeros((rows, columns + cells * 8), dtype) for _ in range(workers)]
     values = cells * rows * columns
-    add = _threaded(lambda w: overlap_add(windows[w], images[w], 0, 0, cells, 1, 8), workers)
-    gather = _threaded(lambda w: gather_windows(windows[w], images[w], 0, 0, cells, 1, 8), workers)
+    tiling = Tiling(0, cells, 1, 8)  # windows eight columns apart, so that they overlap as patterns do
+    add = _threaded(lambda w: overlap_add(windows[w], images[w], tiling, 0), workers)
+    gather = _threaded(lambda w: gather_windows(windows[w], images[w], tiling, 0), workers)
     return add / values, gather / values
 
 
@@ -125,8 +125,6 @@ def fft_seconds(rows: int, columns: int, dtype: str, workers: int) -> float:
 @lru_cache(maxsize=16)
 def gather_rate(phases: int, positions: int, dtype: str, workers: int) -> float:
     """Return the sparse kernel's multiply-adds per second, all workers together."""
-    from lfcal.reconstruct.projectors._kernels import LANES, gather_sums
-
     width = min(positions, 4 * LANES)
     lanes = min(phases, 4096)
     entries = max(64, (1 << 21) // (lanes * width))
@@ -136,5 +134,5 @@ def gather_rate(phases: int, positions: int, dtype: str, workers: int) -> float:
     value = np.ones(lanes * entries, dtype)
     values = np.ones(lanes * width, dtype)
     out = [np.zeros((lanes, width), dtype) for _ in range(workers)]
-    took = _threaded(lambda w: gather_sums(start, offset, value, values, out[w], 0, 0, lanes), workers)
+    took = _threaded(lambda w: gather_sums(Entries(start, offset, value), values, out[w], 0, 0, lanes), workers)
     return entries * lanes * width / took
