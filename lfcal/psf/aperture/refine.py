@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from lfcal.psf.aperture.locate import Patch, offsets
 from lfcal.psf.aperture.profile import RAYS
 from lfcal.psf.aperture.select import Candidate
 
-__all__ = ["EdgePixels", "Fit", "matched_profile", "refine"]
+__all__ = ["EdgePixels", "Fit", "Model", "accumulate", "matched_profile", "refine"]
 
 X, Y, APOTHEM, ROTATION, CURVATURE, BLUR, LEVEL, TILT_X, TILT_Y, DOME, STRETCH, SHEAR = range(12)
 """Parameters: centre column and row; iris; lit level with its tilt and dome; stretch along axes and diagonals."""
@@ -49,37 +50,43 @@ class Fit:
         return self.chi2 / max(1, self.pixels - 12)
 
 
+class Model(NamedTuple):
+    """What is fitted to which pixels, about the patch's centre."""
+
+    x: NDArray[np.float64]  # (pixels,) column from the centre
+    y: NDArray[np.float64]  # (pixels,) row from the centre
+    value: NDArray[np.float64]  # (pixels,) above the background
+    sigma: float  # noise of a value
+    blades: int
+    span: float  # pixels per unit of the shading's coordinates
+
+
 @njit()
 def accumulate(
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    value: NDArray[np.float64],
-    p: NDArray[np.float64],
-    blades: int,
-    sigma: float,
-    span: float,
-    normal: NDArray[np.float64],
-    gradient: NDArray[np.float64],
+    model: Model, p: NDArray[np.float64], normal: NDArray[np.float64], gradient: NDArray[np.float64]
 ) -> float:
-    """Add up the normal equations of all pixels at parameters ``p``; return the robust chi-square.
+    """Add up the normal equations of all pixels at parameters ``p`` (12,); return the robust chi-square.
 
     The model is ``level * 0.5 * (1 + erf(d / (blur * sqrt 2)))`` with d the exact distance from the nearest
     blade's arc: ``d = a (2 - k - 2 m q cos - k q²) / (1 + S)``, S² = m² + 2 k m q cos + k² q², m = 1 - k,
-    q = r / a, which holds for straight blades (k = 0) too. All derivatives are closed forms.
+    q = r / a, which holds for straight blades (k = 0) too. All derivatives are closed forms. ``normal`` (12, 12) and
+    ``gradient`` (12,) are overwritten with sum w J J^T and sum w J residual, w the weight of the soft L1 loss.
     """
+    x, y, value, sigma, span = model.x, model.y, model.value, model.sigma, model.span
     normal[:] = 0.0
     gradient[:] = 0.0
     cost = 0.0
     a, k, blur = p[APOTHEM], p[CURVATURE], p[BLUR]
     m = 1.0 - k
-    step = 2 * math.pi / blades
+    step = 2 * math.pi / model.blades
     row = np.empty(12)
     for i in range(x.size):
         dx, dy = x[i] - p[X], y[i] - p[Y]
+        # a symmetric stretch of determinant about 1: without it an ellipse would pass for curved blades
         px = dx * (1 + p[STRETCH]) + dy * p[SHEAR]
         py = dx * p[SHEAR] + dy * (1 - p[STRETCH])
-        r = max(math.hypot(px, py), 1e-9)
-        turn = (math.atan2(py, px) - p[ROTATION]) % step - step / 2
+        r = max(math.hypot(px, py), 1e-9)  # the direction is divided by it
+        turn = (math.atan2(py, px) - p[ROTATION]) % step - step / 2  # from the middle of the nearest blade
         c, s = math.cos(turn), math.sin(turn)
         q = r / a
         inner = math.sqrt(m * m + 2 * k * m * q * c + k * k * q * q)
@@ -105,9 +112,9 @@ def accumulate(
             row[BLUR] = -g * u
             row[STRETCH] = -g * (nx * dx - ny * dy)
             row[SHEAR] = -g * (nx * dy + ny * dx)
-        elif edge == 0.0:
+        elif edge == 0.0:  # far outside: dark whatever the parameters
             row[:] = 0.0
-        else:
+        else:  # far inside: only the level and its shading can tell
             row[:LEVEL] = 0.0
             row[STRETCH:] = 0.0
         row[LEVEL] = edge * shade
@@ -115,6 +122,7 @@ def accumulate(
         row[TILT_Y] = p[LEVEL] * edge * gy
         row[DOME] = p[LEVEL] * edge * (gx * gx + gy * gy)
         residual = (value[i] - lit * edge) / sigma
+        # loss 2 R² (sqrt(1 + (residual/R)²) - 1), the normal equations of iteratively re-weighted least squares
         root = math.sqrt(1 + (residual / ROBUST) ** 2)
         cost += 2 * residual * residual / (root + 1)  # 2 R² (root - 1) without its cancellation
         weight = 1 / (root * sigma * sigma)
@@ -180,14 +188,14 @@ def refine(pixels: EdgePixels, patch: Patch, candidate: Candidate, *, steps: int
     blades = candidate.blades or 4  # a circle has no blades; the arcs of any number make it
     normal, gradient = np.empty((12, 12)), np.empty(12)
     trial_normal, trial_gradient = np.empty((12, 12)), np.empty(12)
-    fixed = (pixels.x, pixels.y, pixels.value)
-    cost = accumulate(*fixed, p, blades, pixels.sigma, patch.radius, normal, gradient)
+    model = Model(pixels.x, pixels.y, pixels.value, pixels.sigma, blades, patch.radius)
+    cost = accumulate(model, p, normal, gradient)
     damping = 1e-3
     for _ in range(steps):
         diagonal = np.diag(normal) + 1e-12 * np.trace(normal)
         step = np.linalg.solve(normal + damping * np.diag(diagonal), gradient)
         trial = np.clip(p + step, low, high)
-        new = accumulate(*fixed, trial, blades, pixels.sigma, patch.radius, trial_normal, trial_gradient)
+        new = accumulate(model, trial, trial_normal, trial_gradient)
         if new < cost:
             done = cost - new < ENOUGH
             p, cost = trial, new

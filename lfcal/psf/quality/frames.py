@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.psf.aperture import Aperture
 from lfcal.psf.quality.dark import Dark
-from lfcal.psf.quality.kernels import FRAME_COLUMNS, frame_pass
+from lfcal.psf.quality.kernels import FRAME_COLUMNS, FrameTable, Lit, frame_pass
 from lfcal.psf.quality.lattice import SpotLattice
 from lfcal.psf.quality.periodicity import Periodicity
 from lfcal.threads import for_each_chunk
@@ -113,7 +113,8 @@ class Frames:
             sensor = np.zeros((nt + ny - 1, ns + nx - 1), np.int32)
             for y in range(start, stop):
                 bits = plane[y].view(np.uint32)
-                frame_pass(plane[y], bits, floor, tolerance, table[y], digest[y], lit, sensor[y : y + nt])
+                counted = Lit(floor, tolerance, lit, sensor[y : y + nt])
+                frame_pass(plane[y], bits, counted, FrameTable(table[y], digest[y]))
             return lit, sensor
 
         parts = for_each_chunk(rows, ny, workers, parts_per_worker=2)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["FRAME_COLUMNS", "frame_pass", "spot_pass", "step_pass"]
+__all__ = ["FRAME_COLUMNS", "FrameTable", "Lit", "frame_pass", "spot_pass", "step_pass"]
 
 FRAME_COLUMNS = ("energy", "squares", "top", "clipped", "nonfinite", "lit", "weight", "row", "column", "spread")
 """Columns of the table that `frame_pass` fills, one line per pattern:
@@ -19,18 +20,31 @@ weight, its centroid from the cutout's centre, and the sum of their squared dist
 """
 
 
+class Lit(NamedTuple):
+    """What makes a pixel lit, and where pixels were lit so far."""
+
+    floor: float  # a pixel above it is lit; its weight is what exceeds it
+    tolerance: float  # values this close to the highest share it
+    cutout: NDArray[np.int32]  # how often each pixel of the cutout was lit, (nt, ns)
+    sensor: NDArray[np.int32]  # the same per sensor pixel, (nt, ns + nx - 1) from the row's first cutout on
+
+
+class FrameTable(NamedTuple):
+    """What `frame_pass` finds, one line per pattern."""
+
+    values: NDArray[np.float64]  # (nx, 10) by `FRAME_COLUMNS`
+    digest: NDArray[np.uint64]  # (nx,): checksum of each pattern
+
+
+_OFFSET, _PRIME = 14695981039346656037, 1099511628211  # of the 64-bit hash by Fowler, Noll and Vo
+
+
 @njit()
-def frame_pass(
-    frames: NDArray[np.float32],
-    bits: NDArray[np.uint32],
-    floor: float,
-    tolerance: float,
-    table: NDArray[np.float64],
-    digest: NDArray[np.uint64],
-    lit: NDArray[np.int32],
-    sensor: NDArray[np.int32],
-) -> None:
+def frame_pass(frames: NDArray[np.float32], bits: NDArray[np.uint32], lit: Lit, table: FrameTable) -> None:
     """Measure the patterns of one row of source positions.
+
+    Sums run in float64, row by row, so that their rounding grows with nt + ns, not with nt ns. The second loop needs
+    the highest value of the first. Checksums are FNV-1a over the words of a pattern: equal patterns have equal ones.
 
     Parameters
     ----------
@@ -38,16 +52,10 @@ def frame_pass(
         Patterns ``(nx, nt, ns)``.
     bits
         The same bytes as ``uint32``.
-    floor
-        A pixel above it is lit; its weight is what exceeds it.
-    tolerance
-        Values this close to the highest share it.
-    table, digest
-        Out: ``(nx, 10)`` by `FRAME_COLUMNS`, and a checksum of each pattern ``(nx,)``.
     lit
-        In and out: how often each pixel of the cutout is lit ``(nt, ns)``.
-    sensor
-        In and out: the same per sensor pixel, ``(nt, ns + nx - 1)`` from the row's first cutout on.
+        In and out: its two maps are counted on.
+    table
+        Out.
     """
     nx, nt, ns = frames.shape
     ct, cs = (nt - 1) // 2, (ns - 1) // 2
@@ -56,13 +64,13 @@ def frame_pass(
         squares = 0.0
         top = np.float32(-np.inf)
         bad = 0
-        h = np.uint64(14695981039346656037)
+        h = np.uint64(_OFFSET)
         for t in range(nt):
             total = 0.0
             square = 0.0
             for s in range(ns):
                 v = frames[x, t, s]
-                h = (h ^ np.uint64(bits[x, t, s])) * np.uint64(1099511628211)
+                h = (h ^ np.uint64(bits[x, t, s])) * np.uint64(_PRIME)
                 if math.isfinite(v):
                     total += v
                     square += v * v
@@ -71,7 +79,7 @@ def frame_pass(
                     bad += 1
             energy += total
             squares += square
-        digest[x] = h
+        table.digest[x] = h
         weight = 0.0
         row = 0.0
         column = 0.0
@@ -81,31 +89,24 @@ def frame_pass(
         for t in range(nt):
             for s in range(ns):
                 v = frames[x, t, s]
-                if v > floor and math.isfinite(v):
-                    w = v - floor
+                if v > lit.floor and math.isfinite(v):
+                    w = v - lit.floor
                     i, j = t - ct, s - cs
                     weight += w
                     row += w * i
                     column += w * j
                     second += i * i + j * j
                     count += 1
-                    lit[t, s] += 1
-                    sensor[t, s + x] += 1
-                    if v >= top - tolerance:
+                    lit.cutout[t, s] += 1
+                    lit.sensor[t, s + x] += 1  # the cutout moves a pixel per position
+                    if v >= top - lit.tolerance:
                         clipped += 1
         if weight > 0:
             row /= weight
             column /= weight
-        table[x, 0] = energy
-        table[x, 1] = squares
-        table[x, 2] = top
-        table[x, 3] = clipped
-        table[x, 4] = bad
-        table[x, 5] = count
-        table[x, 6] = weight
-        table[x, 7] = row
-        table[x, 8] = column
-        table[x, 9] = second
+        line = table.values[x]  # in the order of FRAME_COLUMNS
+        line[0], line[1], line[2], line[3], line[4] = energy, squares, top, clipped, bad
+        line[5], line[6], line[7], line[8], line[9] = count, weight, row, column, second
 
 
 @njit()
@@ -117,6 +118,8 @@ def spot_pass(
     out: NDArray[np.complex128],
 ) -> None:
     """Sum lit pixels against plane waves: ``out[x, q] = sum_ts (H - floor)+ down[t, q] across[s, q]``.
+
+    The wave is a product of two: summed along a row first, it costs one multiply-add per lit pixel and wave.
 
     Parameters
     ----------
@@ -156,7 +159,8 @@ def step_pass(
     """Sum the squares of two patterns and their product, where ``b`` is one step on from ``a``, to ``out (3,)``.
 
     The lenslets stand still on the sensor while the cutout moves by ``(rows, columns)``, so ``b[t, s]`` belongs to
-    ``a[t + rows, s + columns]``.
+    ``a[t + rows, s + columns]``. A row is summed in float32, in vectors; the rows in float64, so that the sums keep
+    the digits that a correlation near 1 needs.
     """
     nt, ns = a.shape
     aa = 0.0
