@@ -278,10 +278,10 @@ class CorrectionChain:
         result = np.empty(part.shape, np.float32) if out is None else _check_out(out, part.shape)
         factor, offset = self._affine(plane, exposure_s)
 
+        terms = _kernels.Terms(dark_frame, gain, np.float32(level), np.float32(factor), *offset.tolist())
+
         def rows(start: int, stop: int) -> None:
-            _kernels.correct_rows(
-                raw, dark_frame, gain, r0, c0, np.float32(level), np.float32(factor), offset, start, stop, result
-            )
+            _kernels.correct_rows(raw, terms, (r0, c0), start, stop, result)
 
         for_each_chunk(rows, part.shape[0], workers)
         if defects is not None:
