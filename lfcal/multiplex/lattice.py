@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.camera import Camera
 from lfcal.checks import check_choice, check_number, check_tuple
 from lfcal.errors import InputError
-from lfcal.multiplex._lattice_kernels import lattice_rows
+from lfcal.multiplex._lattice_kernels import Reading, Sites, lattice_rows
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
 from lfcal.threads import for_each_chunk
@@ -177,14 +177,9 @@ def lattice_channels(
     corner_y = np.ascontiguousarray(points[..., 1] + lattice.origin_px[0] - half[0])
     corner_x = np.ascontiguousarray(points[..., 0] + lattice.origin_px[1] - half[1])
     shares = share.astype(result.dtype)
-    near = np.ascontiguousarray(left - base[:, None])
-    for_each_chunk(
-        lambda a, b: lattice_rows(
-            image, corner_y, corner_x, near, shares, count, step, LATTICE_FILTERS[filter], result, a, b
-        ),
-        len(rows),
-        workers,
-    )
+    sites = Sites(corner_y, corner_x, np.ascontiguousarray(left - base[:, None]), shares)
+    reading = Reading(*step, LATTICE_FILTERS[filter])
+    for_each_chunk(lambda a, b: lattice_rows(image, sites, reading, result, a, b), len(rows), workers)
     return result
 
 

@@ -29,10 +29,10 @@ def gather_slice(plane: NDArray[Any], shape: tuple[int, int, int, int], y: int, 
         for s in range(ns):
             out[t * ns + s] = plane[place]
             column += 1
-            place += pattern - 1
+            place += pattern - 1  # the next column's pattern, one value earlier in it
             if column == nx:
                 column = 0
-                place -= nx * pattern
+                place -= nx * pattern  # the period closes along x
 
 
 @njit()
@@ -43,7 +43,7 @@ def add_patterns(patterns: NDArray[Any], out: NDArray[np.float64], start: int, s
     rounding of a tree, at most n 2^-53 of a sum of n non-negative values.
     """
     n = patterns.shape[0]
-    eights = n // 8 * 8
+    eights = n // 8 * 8  # what is left over is added one by one
     total = out[start:stop]
     for k in range(0, eights, 8):
         a, b = patterns[k, start:stop], patterns[k + 1, start:stop]

@@ -30,9 +30,10 @@ def _add(image: NDArray[np.float64], lit: NDArray[np.float32], row: Row, top: in
     ``image`` begins c = (nt - 1)/2, (ns - 1)/2 pixels before the volume, so that a response starts at its voxel;
     ``lit`` are voxels g ``(k, columns)``.
     """
-    nx, (_, nt, ns) = row.slot.size, row.responses.shape
+    responses, slot, first, step = row.responses, row.slot, row.first, row.step
+    nx, (_, nt, ns) = slot.size, responses.shape
     for k in range(lit.shape[0]):
-        start = row.first + k * row.step
+        start = first + k * step
         t0, t1 = max(0, top - start), min(nt, bottom - start)
         if t0 >= t1:
             continue
@@ -40,7 +41,7 @@ def _add(image: NDArray[np.float64], lit: NDArray[np.float32], row: Row, top: in
             value = np.float64(lit[k, x])
             if value == 0.0:  # most voxels of a volume are dark
                 continue
-            response = row.responses[row.slot[x % nx]]
+            response = responses[slot[x % nx]]
             for t in range(t0, t1):
                 for s in range(ns):
                     image[start + t, x + s] += value * response[t, s]

@@ -16,9 +16,11 @@ __all__ = ["Levels", "levels"]
 
 @njit()
 def _count(data: NDArray[Any], histogram: NDArray[np.int64]) -> None:
+    """Count the samples of ``data`` (rows, columns) by value; the histogram's last entry takes all at or above."""
     last = histogram.size - 1
     for i in range(data.shape[0]):
         for j in range(data.shape[1]):
+            # one pass without a copy: np.bincount would first widen a frame of 16 bits to 64
             histogram[min(int(data[i, j]), last)] += 1
 
 

@@ -40,11 +40,37 @@ _OFFSET, _PRIME = 14695981039346656037, 1099511628211  # of the 64-bit hash by F
 
 
 @njit()
+def _light(frame: NDArray[np.float32], bits: NDArray[np.uint32]) -> tuple[float, float, float, int, int]:
+    """Return energy, sum of squares, highest value, pixels that are no number, and checksum of a pattern (nt, ns).
+
+    Sums run in float64, row by row, so that their rounding grows with nt + ns, not with nt ns. The checksum is FNV-1a
+    over the words of the pattern: equal patterns have equal ones.
+    """
+    energy, squares, bad = 0.0, 0.0, 0
+    top = np.float32(-np.inf)
+    h = np.uint64(_OFFSET)
+    for t in range(frame.shape[0]):
+        total, square = 0.0, 0.0
+        for s in range(frame.shape[1]):
+            v = frame[t, s]
+            h = (h ^ np.uint64(bits[t, s])) * np.uint64(_PRIME)
+            if math.isfinite(v):
+                total += v
+                square += v * v
+                top = max(top, v)
+            else:
+                bad += 1
+        energy += total
+        squares += square
+    return energy, squares, float(top), bad, int(h)
+
+
+@njit()
 def frame_pass(frames: NDArray[np.float32], bits: NDArray[np.uint32], lit: Lit, table: FrameTable) -> None:
     """Measure the patterns of one row of source positions.
 
-    Sums run in float64, row by row, so that their rounding grows with nt + ns, not with nt ns. The second loop needs
-    the highest value of the first. Checksums are FNV-1a over the words of a pattern: equal patterns have equal ones.
+    The centroid is sum w (t, s) / sum w with w what exceeds the floor: without the floor the noise of all dark pixels
+    would pull it to the middle.
 
     Parameters
     ----------
@@ -57,49 +83,27 @@ def frame_pass(frames: NDArray[np.float32], bits: NDArray[np.uint32], lit: Lit, 
     table
         Out.
     """
+    floor, cutout, sensor = lit.floor, lit.cutout, lit.sensor
     nx, nt, ns = frames.shape
     ct, cs = (nt - 1) // 2, (ns - 1) // 2
     for x in range(nx):
-        energy = 0.0
-        squares = 0.0
-        top = np.float32(-np.inf)
-        bad = 0
-        h = np.uint64(_OFFSET)
-        for t in range(nt):
-            total = 0.0
-            square = 0.0
-            for s in range(ns):
-                v = frames[x, t, s]
-                h = (h ^ np.uint64(bits[x, t, s])) * np.uint64(_PRIME)
-                if math.isfinite(v):
-                    total += v
-                    square += v * v
-                    top = max(top, v)
-                else:
-                    bad += 1
-            energy += total
-            squares += square
-        table.digest[x] = h
-        weight = 0.0
-        row = 0.0
-        column = 0.0
-        second = 0.0
-        count = 0
-        clipped = 0
+        energy, squares, top, bad, table.digest[x] = _light(frames[x], bits[x])
+        weight, row, column, second = 0.0, 0.0, 0.0, 0.0
+        count, clipped = 0, 0
         for t in range(nt):
             for s in range(ns):
                 v = frames[x, t, s]
-                if v > lit.floor and math.isfinite(v):
-                    w = v - lit.floor
+                if v > floor and math.isfinite(v):
+                    w = v - floor
                     i, j = t - ct, s - cs
                     weight += w
                     row += w * i
                     column += w * j
                     second += i * i + j * j
                     count += 1
-                    lit.cutout[t, s] += 1
-                    lit.sensor[t, s + x] += 1  # the cutout moves a pixel per position
-                    if v >= top - lit.tolerance:
+                    cutout[t, s] += 1
+                    sensor[t, s + x] += 1  # the cutout moves a pixel per position
+                    if v >= top - lit.tolerance:  # known only after a first pass over the pattern
                         clipped += 1
         if weight > 0:
             row /= weight

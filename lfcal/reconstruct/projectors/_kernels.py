@@ -122,6 +122,9 @@ def fill_entries(plane: Array, keep: Array, layout: Layout, sources: Entries, pi
     """
     ny, nx, nt, ns = plane.shape
     ct, cs = (nt - 1) // 2, (ns - 1) // 2
+    stride, block, reach_y, reach_x = layout.stride, layout.block, layout.reach_y, layout.reach_x
+    source_offset, source_value = sources.offset, sources.value
+    pixel_offset, pixel_value = pixels.offset, pixels.value
     source_at, pixel_at = sources.start.copy(), pixels.start.copy()  # where each phase's next entry goes
     for y in range(ny):
         for x in range(nx):
@@ -136,17 +139,17 @@ def fill_entries(plane: Array, keep: Array, layout: Layout, sources: Entries, pi
                     if not keep[iy, ix]:
                         continue
                     pixel = iy * nx + ix
-                    shift = dy * layout.stride + dx
-                    if abs(dy) > layout.reach_y or abs(dx) > layout.reach_x:
+                    shift = dy * stride + dx
+                    if abs(dy) > reach_y or abs(dx) > reach_x:
                         value *= 0
                         shift = 0
                     a = source_at[source]
-                    sources.offset[a] = pixel * layout.block + shift
-                    sources.value[a] = value
+                    source_offset[a] = pixel * block + shift
+                    source_value[a] = value
                     source_at[source] = a + 1
                     b = pixel_at[pixel]
-                    pixels.offset[b] = source * layout.block - shift
-                    pixels.value[b] = value
+                    pixel_offset[b] = source * block - shift
+                    pixel_value[b] = value
                     pixel_at[pixel] = b + 1
 
 

@@ -204,6 +204,25 @@ def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -
 
 
 @njit(fastmath=True)
+def _split_row(line: F4, i: int, ee: F4, eo: F4, oe: F4, oo: F4) -> None:
+    """Write row i of the four parities from ``line``, the field at rows +i and -i (see `fold`)."""
+    h, m = ee.shape[0] - 1, ee.shape[0]
+    for j in range(1, m):
+        pr, pi = line[0, h + j] + line[0, h - j], line[1, h + j] + line[1, h - j]
+        qr, qi = line[2, h + j] + line[2, h - j], line[3, h + j] + line[3, h - j]
+        ee[i, j], ee[i, m + j] = pr + qr, pi + qi
+        oe[i, j], oe[i, m + j] = pr - qr, pi - qi
+        pr, pi = line[0, h + j] - line[0, h - j], line[1, h + j] - line[1, h - j]
+        qr, qi = line[2, h + j] - line[2, h - j], line[3, h + j] - line[3, h - j]
+        eo[i, j], eo[i, m + j] = pr + qr, pi + qi
+        oo[i, j], oo[i, m + j] = pr - qr, pi - qi
+    ee[i, 0], ee[i, m] = line[0, h] + line[2, h], line[1, h] + line[3, h]
+    oe[i, 0], oe[i, m] = line[0, h] - line[2, h], line[1, h] - line[3, h]
+    eo[i, 0], eo[i, m] = 0, 0  # nothing is odd about the axis itself
+    oo[i, 0], oo[i, m] = 0, 0
+
+
+@njit(fastmath=True)
 def fold(
     field: Field, place: tuple[int, int], mask: Split, turn: tuple[float, float], line: F4, parts: _Parities
 ) -> float:
@@ -244,22 +263,8 @@ def fold(
             if side == 0 or i > 0:
                 total += part
         if i == 0:  # the axis is its own mirror image
-            for j in range(n):
-                line[2, j] = 0
-                line[3, j] = 0
-        for j in range(1, m):
-            pr, pi = line[0, h + j] + line[0, h - j], line[1, h + j] + line[1, h - j]
-            qr, qi = line[2, h + j] + line[2, h - j], line[3, h + j] + line[3, h - j]
-            ee[i, j], ee[i, m + j] = pr + qr, pi + qi
-            oe[i, j], oe[i, m + j] = pr - qr, pi - qi
-            pr, pi = line[0, h + j] - line[0, h - j], line[1, h + j] - line[1, h - j]
-            qr, qi = line[2, h + j] - line[2, h - j], line[3, h + j] - line[3, h - j]
-            eo[i, j], eo[i, m + j] = pr + qr, pi + qi
-            oo[i, j], oo[i, m + j] = pr - qr, pi - qi
-        ee[i, 0], ee[i, m] = line[0, h] + line[2, h], line[1, h] + line[3, h]
-        oe[i, 0], oe[i, m] = line[0, h] - line[2, h], line[1, h] - line[3, h]
-        eo[i, 0], eo[i, m] = 0, 0
-        oo[i, 0], oo[i, m] = 0, 0
+            line[2:4] = 0
+        _split_row(line, i, ee, eo, oe, oo)
     return total
 
 

@@ -139,18 +139,16 @@ def _overlap(shapes: Shapes, dx: float, dy: float, a: Array, b: Array) -> int:
     a[:n] = shapes.subject
     if math.sqrt(dx * dx + dy * dy) <= shapes.inner - shapes.reach:
         return n  # wholly inside: nothing to clip
-    factor, sign = shapes.factor, shapes.sign
-    source, target = a, b
-    for k in range(shapes.normals.shape[0]):
+    for k in range(shapes.limits.size):
         nx, ny = shapes.normals[k, 0], shapes.normals[k, 1]
         # normal . (factor u + sign (c - X0)) <= limit: the window stays, the subject is moved
-        limit = shapes.limits[k] - sign * (nx * dx + ny * dy)
-        n = _cut(source, n, target, factor * nx, factor * ny, limit)
-        source, target = target, source
-        if n < 3:
+        limit = shapes.limits[k] - shapes.sign * (nx * dx + ny * dy)
+        kept = _cut(a, n, b, shapes.factor * nx, shapes.factor * ny, limit)
+        if kept < 3:
             return 0
-    if shapes.normals.shape[0] % 2:
-        a[:n] = source[:n]
+        for i in range(kept):
+            a[i, 0], a[i, 1] = b[i, 0], b[i, 1]
+        n = kept
     return n
 
 
@@ -224,20 +222,22 @@ def draw_spots(
         Responses, energy in, energy out, worst ratio.
     """
     nt, ns, px = out.shape[1], out.shape[2], drawing.px_um
+    centres, kinds, pulls, sizes = lenslets.centres, lenslets.kinds, lenslets.pull, lenslets.size
+    far = shapes.outer + shapes.reach
     room = shapes.subject.shape[0] + shapes.normals.shape[0] + 8  # each half plane adds one vertex at most
     a, b = np.empty((room, 2)), np.empty((room, 2))
     acc = np.zeros((nt + 2, ns + 3))
     count, energy_in, energy_out, worst = 0, 0.0, 0.0, 0.0
     for p in range(source.shape[0]):
-        for q in range(lenslets.centres.shape[0]):
-            cx, cy, kind = lenslets.centres[q, 0], lenslets.centres[q, 1], lenslets.kinds[q]
+        for q in range(centres.shape[0]):
+            cx, cy, kind = centres[q, 0], centres[q, 1], kinds[q]
             dx, dy = cx - source[p, 0], cy - source[p, 1]
-            if math.sqrt(dx * dx + dy * dy) >= shapes.outer + shapes.reach:
+            if math.sqrt(dx * dx + dy * dy) >= far:
                 continue
             n = _overlap(shapes, dx, dy, a, b)
             if n < 3:
                 continue
-            scale, pull = lenslets.size[kind], lenslets.pull[kind]
+            scale, pull = sizes[kind], pulls[kind]
             if abs(scale) < drawing.least:
                 scale = drawing.least if scale >= 0 else -drawing.least
             bx = (cx - pull * dx) / px - pixel[p, 1] + ns // 2 + 0.5
