@@ -52,7 +52,7 @@ def available_bytes() -> int:
 
 def random_matrix(shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return H of this shape filled with random numbers, as in the paper."""
-    H = np.empty(shape, np.float32)
+    H = np.empty(shape, np.float32)  # filled by threads, each with a generator of its own
     flat = H.reshape(-1)
     for_each_chunk(lambda a, b: np.random.default_rng(a).random(out=flat[a:b], dtype=np.float32), flat.size)
     return H
@@ -79,7 +79,7 @@ def copy_parallel(source: NDArray[Any], out: NDArray[Any], workers: int | None) 
 
 @njit()
 def _read_words(words: NDArray[np.uint64], start: int, stop: int) -> int:
-    """Return the exclusive or of words ``start`` to ``stop``: a result that needs every one of them, at no cost."""
+    """Return the exclusive or of words ``start`` to ``stop``: it needs every one of them, and costs next to nothing."""
     total = np.uint64(0)
     for k in range(start, stop):
         total ^= words[k]
@@ -118,7 +118,7 @@ def paper_loop(H: NDArray[Any], out: NDArray[Any], budget: float) -> Scaled:
                 for n_, N in rows:
                     out[:, n_, m_, nt - 1 - j, ns - 1 - i] = H[:, N, M, j, i]
             done += len(columns) * len(rows)
-            # in numpy the whole loop takes minutes at the paper's size; every pass costs the same
+            # the whole loop would take minutes; the cost of an assignment hardly varies
             if time.perf_counter() - start > budget:
                 return Scaled((time.perf_counter() - start) * total / max(1, done), done / total)
     return Scaled(time.perf_counter() - start)

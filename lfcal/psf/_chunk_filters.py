@@ -38,7 +38,7 @@ def _fletcher32(data: NDArray[np.uint8]) -> int:
         sum1 = (sum1 & np.uint32(0xFFFF)) + (sum1 >> np.uint32(16))
         sum2 = (sum2 & np.uint32(0xFFFF)) + (sum2 >> np.uint32(16))
         start = stop
-    if data.size % 2:  # HDF5 fills the last word up with zeros from below
+    if data.size % 2:  # an odd last byte is the high one of a word
         sum1 += np.uint32(data[data.size - 1]) << np.uint32(8)
         sum2 += sum1
         sum1 = (sum1 & np.uint32(0xFFFF)) + (sum1 >> np.uint32(16))

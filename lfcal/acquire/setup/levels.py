@@ -53,7 +53,7 @@ class Levels:
 
     def quantile(self, share: float) -> int:
         """Return the sample value below or at which ``share`` of the pixels lie."""
-        total = np.cumsum(self.histogram)
+        total = np.cumsum(self.histogram)  # exact for whole numbers, where sorting the frame would cost its copy
         return int(np.searchsorted(total, share * total[-1]))
 
 

@@ -46,6 +46,7 @@ def rows_at_once(nt: int, width: int, itemsize: int) -> int:
 
 def cells_at_once(rows: int, width: int, itemsize: int) -> int:
     """Return how many lattice cells a product takes."""
+    # a product of fewer rows is bound by reading its right factor
     return max(16, WINDOW_BYTES // (rows * width * itemsize))
 
 
@@ -88,6 +89,7 @@ class Direct:
                     self._spread(cells[y], operand, y, image, scratch)
                 return image
 
+            # threads over row phases, each with an image of its own: BLAS's threads on top would only queue
             with one_blas_thread():
                 for image in for_each_chunk(work, self.grid.period[0], self.workers, parts_per_worker=1):
                     total += self.grid.unpack(image, before=_centre(operand))
@@ -130,6 +132,7 @@ class Direct:
             for first, stop in self._blocks(len(sources), band.shape[1:]):
                 windows = scratch.array("windows", (stop - first, *band.shape[1:]))
                 np.matmul(sources[first:stop], band.reshape(nx, -1), out=windows.reshape(stop - first, -1))
+                # windows of neighbouring cells overlap: a pattern is wider than the period
                 overlap_add(windows, image, Tiling(y + rows.start, cells_x, ny, nx), first)
 
     def _collect(
@@ -170,6 +173,7 @@ class Direct:
         ny = self.grid.period[0]
         used = np.asarray(self.phases.any(axis=1))
         wanted = used[(y + np.arange(nt) - (nt - 1) // 2) % ny]
+        # ends of the runs of wanted rows, with a row that is not wanted on either side
         edges = np.flatnonzero(np.diff(np.concatenate(([0], wanted.astype(np.int8), [0]))))
         for start, stop in edges.reshape(-1, 2):
             yield from (slice(t, min(t + step, int(stop))) for t in range(int(start), int(stop), step))

@@ -20,7 +20,7 @@ LIMIT = 1 << 24
 
 def _best(run: Callable[[], Any], *, budget: float = 0.03) -> float:
     """Return the least seconds of a run, repeated for ``budget`` seconds and at least three times."""
-    run()
+    run()  # compiles, and brings the arrays into the caches
     best, spent, runs = float("inf"), 0.0, 0
     while runs < 3 or spent < budget:
         start = time.perf_counter()
@@ -35,6 +35,7 @@ def _best(run: Callable[[], Any], *, budget: float = 0.03) -> float:
 def _threaded(run: Callable[[int], Any], workers: int) -> float:
     """Return the seconds per run when all workers are busy at the same time, divided among them."""
     with one_blas_thread():
+        # a thread's start must not weigh: runs are repeated until each worker has 4 ms of work
         repeats = max(1, round(0.004 / _best(lambda: run(0), budget=0.0)))
 
         def task() -> None:
@@ -76,6 +77,7 @@ def product_seconds(phases: int, pixels: int, dtype: str, workers: int, *, turne
         out = [np.empty(result, dtype) for _ in range(workers)]
         took = _threaded(partial(_multiply, source, stacks, out, turned), workers)
         seconds.append(took / count)
+    # noise may turn the slope over: it is held above an eighth of the time per column
     slope = max((seconds[1] - seconds[0]) / (many - few), seconds[1] / many / 8)
     return max(0.0, seconds[0] - few * slope), slope
 
@@ -130,6 +132,7 @@ def gather_rate(phases: int, positions: int, dtype: str, workers: int) -> float:
     entries = max(64, (1 << 21) // (lanes * width))
     rng = np.random.default_rng(0)
     start = np.arange(lanes + 1) * entries
+    # random offsets, as the entries of a real H jump from phase to phase
     offset = (rng.integers(0, lanes, lanes * entries) * width).astype(np.int32)
     value = np.ones(lanes * entries, dtype)
     values = np.ones(lanes * width, dtype)

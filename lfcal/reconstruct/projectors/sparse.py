@@ -46,6 +46,7 @@ class Sparse:
         self.stride = cells_x + rx  # the margin right of a row is the margin left of the next
         self.base = ry * self.stride + rx
         self.block = (cells_y + 2 * ry) * self.stride + 2 * rx
+        # offsets are 32-bit: the kernel is bound by reading them
         if grid.phases * self.block >= 1 << 31:
             raise InputError.expected(
                 "image for the sparse method", "below 2^31 pixels", grid.pixels, "split the image"
@@ -93,6 +94,7 @@ class Sparse:
         (ny, nx), (cells_y, cells_x) = self.grid.period, self.grid.cells
         packed = self.grid.pack(plane, self.dtype).reshape(cells_y, ny, cells_x, nx).transpose(1, 3, 0, 2)
         out = np.zeros((ny, nx, self.block), self.dtype)
+        # in rows of `stride` from the first inner position on, the margins are the tails of the rows
         inner = out[:, :, self.base : self.base + cells_y * self.stride]
         inner.reshape(ny, nx, cells_y, self.stride)[..., :cells_x] = packed
         return out.reshape(-1)

@@ -37,21 +37,23 @@ class GeometricPlane:
         self.scene = scene
         self._ledger = Ledger()
         self._pilot = Pilot(self)
+        # both outlines in a common frame: the lenslet about its centre in µm, the pupil in radii of f/(2 Nw)
         lens: Points = aperture_outline(scene)
         if scene.aperture == "circle":
             lens = regular(CIRCLE, math.pi / CIRCLE) * scene.clear_radius_um
         pupil = iris_outline(scene.iris)
         gap, a, cone = scene.reduced_gap_um, scene.reduced_image_um, 1 / (2 * scene.f_number)
+        # 1 - B'/f of each type: the part of sigma that does not depend on the plane
         own = np.array([1.0 - scene.lens_curvature(k) for k in range(len(scene.lattice.types))])
         lens_is_smaller = float(np.abs(lens).max()) < abs(a) * cone
         self._empty = len(pupil) < 3
         if self._empty:
             return
-        if lens_is_smaller:
+        if lens_is_smaller:  # then |a'| is large, and may be divided by
             subject, window = lens, pupil * (a * cone)
             factor, sign, density = 1.0, 1.0, 1 / (math.pi * (a * cone) ** 2)
             pull, size = np.full(own.size, gap / a), own - gap / a
-        else:
+        else:  # the shadow is the smaller one, and a point at a' = 0: the pupil is drawn, where it has a shape
             subject, window = pupil, lens
             factor, sign, density = a * cone, -1.0, 1 / math.pi
             pull, size = own, (own * a - gap) * cone
@@ -59,6 +61,7 @@ class GeometricPlane:
         about, reach = (float(np.hypot(*p.T).max()) for p in (window, subject))
         far, inner = reach * abs(factor), float(limits.min())
         self._shapes = Shapes(np.ascontiguousarray(subject), normals, limits, factor, sign, far, inner, about)
+        # the same radius on the sensor whatever the subject's unit
         least = LEAST_SPOT_PX * scene.reduced_pixel_um / reach
         self._drawing = Drawing(scene.reduced_pixel_um, density * scene.pixel_fill**2, least)
         self._reach = about + far

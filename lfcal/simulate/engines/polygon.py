@@ -18,7 +18,7 @@ __all__ = ["area", "clip", "disc_transform", "half_planes", "iris_outline", "reg
 
 Points = NDArray[np.float64]
 _STABLE_BELOW = 1.0  # |f| D under which the edge form loses digits
-_NODES = 16  # along each side of a triangle: exact to rounding for phases up to 2 pi |f| D
+_NODES = 16  # along each side of a triangle: exact to rounding while |f| D < 1
 
 
 def area(outline: Points) -> float:
@@ -183,7 +183,7 @@ def _edge_rows(
 ) -> None:
     """Fill the transform's real and imaginary part ``(len(fy), len(fx))`` by the edges of ``closed`` (n + 1, 2).
 
-    With edge vectors e and middles m the divergence theorem gives
+    With edge vectors e, their middles m and sinc x = sin(pi x)/(pi x) the divergence theorem gives
 
         F(f) = i / (2 pi |f|^2) sum_edges (f_x e_y - f_y e_x) sinc(f.e) exp(-2 pi i f.m).
 

@@ -33,7 +33,7 @@ def _newton(n: int, x: F8, w: F8) -> None:
             t -= step
             if abs(step) < 1e-15:
                 break
-        # once more at the root itself: near the ends the slope of the step before would cost the weight digits
+        # once more at the root itself, as the weight needs the slope there
         before, value = 1.0, t
         for k in range(2, n + 1):
             before, value = value, ((2 * k - 1) * t * value - (k - 1) * before) / k

@@ -97,6 +97,7 @@ def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
     ratio = scene.reduced_gap_um / scene.reduced_image_um if mode == "E" else 0.0
     band = 2 * aperture_radius(scene) * scene.reduced_pixel_um / spread
     rule = fitted_rule(sampling.nodes_per_px, band, scene.pixel_fill)
+    # lens types with the same sample distance share a field, whose FFTs are the dearest part
     fields: dict[float, tuple[FieldTable, Lit]] = {}
     kinds = tuple(_lens_table(scene, sampling, mode, k, rule, fields) for k in range(len(scene.lattice.types)))
     floor = sampling.energy_floor * min(BEST, max(float(kind.energy.max()) for kind in kinds))
@@ -195,6 +196,7 @@ def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, ha
     if scene.aperture == "cell":
         radius = math.sqrt(abs(area(aperture_outline(scene))) / math.pi)
     shape = disc_transform(radius, np.hypot(f[None, : n // 2 + 1], f[:, None]))
+    # |E|^2 convolved with the aperture's shape: the energy of a lenslet at every sample by one pair of FFTs
     return table, sf.irfft2(sf.rfft2(np.abs(table.values) ** 2) * shape, s=(n, n)).astype(np.float32)
 
 
@@ -209,6 +211,7 @@ def _table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px
     best = min(BEST, (radius / max(shadow, radius)) ** 2)
     floor = max(sampling.energy_floor, 1e-7) * best
     tail = radius * math.sqrt(lam * nw / (math.pi**2 * max(shadow, radius) * floor))
+    # the sampled spectrum ends at 1/(2 dx): nothing gets farther than its last frequency travels over a'
     tail = min(tail, abs(scene.reduced_image_um) * lam / (2 * dx) + 80 * lam * nw)
     lit = 1.15 * shadow + radius + tail + ray_aberration(scene)
     spot_rate = abs(1 - scene.reduced_gap_um / scene.reduced_image_um) if mode == "E" else 1.0

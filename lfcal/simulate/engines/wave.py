@@ -81,6 +81,7 @@ class WavePlane:
         rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
         result = np.empty((rows.size, columns.size, *scene.cutout), np.float32) if out is None else out
 
+        # of rows that mirror each other about a row of lenslets one is computed, and turned
         mirrored = mirrored_rows(scene, rows)
         own = [r for r in range(rows.size) if r not in mirrored]
 
@@ -110,6 +111,7 @@ class WavePlane:
     # -- one row of positions ------------------------------------------------------------------------------
     def _respond(self, source_yx: NDArray[np.float64], pixel: NDArray[np.int64], out: NDArray[np.float32]) -> None:
         """Fill ``out`` (n, nt, ns) for sources (n, 2) as (y, x) on the sensor; pixels are the cutouts' centres."""
+        # to the reduced frame, where micro-images lie as far apart as lenslets, and to the lattice's (x, y)
         source = np.ascontiguousarray(source_yx[:, ::-1]) / self.scene.scale
         image: Array = np.zeros(out.shape, np.float64) if self.sampling.double else out
         image[...] = 0
@@ -173,6 +175,7 @@ class WavePlane:
 
     def _certify(self, energy_in: NDArray[np.float64], energy_out: NDArray[np.float64], lens: LensTable) -> None:
         """Raise `EnergyError` where a window received more than its lenslet passed."""
+        # behind a faint lenslet errors of the sum's accuracy look large, and mean nothing beside a bright one's light
         slack = TOLERANCE * np.maximum(energy_in, FAINT * float(lens.energy.max()))
         ratio = energy_out / np.maximum(energy_in, 1e-300)
         if (energy_out > energy_in + slack).any():
