@@ -276,16 +276,16 @@ def transform(zoom: Zoom, parts: _Parities, half: F4, out: F4) -> None:
     sines. ``half`` is scratch (k, 2 (h+1)): what a matrix along y leaves has re and im side by side, so that read
     as (2 k, h+1) one product along x does both.
     """
-    k = zoom.cosine.shape[0]
-    lines = half.reshape(2 * k, zoom.cosine.shape[1])
-    _product(zoom.cosine, parts.ee, half)
-    _product(lines, zoom.cosine_t, out[0])
-    _product(zoom.cosine, parts.eo, half)
-    _product(lines, zoom.sine_t, out[1])
-    _product(zoom.sine, parts.oe, half)
-    _product(lines, zoom.cosine_t, out[2])
-    _product(zoom.sine, parts.oo, half)
-    _product(lines, zoom.sine_t, out[3])
+    cosine, sine, cosine_t, sine_t = zoom.cosine, zoom.sine, zoom.cosine_t, zoom.sine_t
+    lines = half.reshape(2 * cosine.shape[0], cosine.shape[1])
+    _product(cosine, parts.ee, half)
+    _product(lines, cosine_t, out[0])
+    _product(cosine, parts.eo, half)
+    _product(lines, sine_t, out[1])
+    _product(sine, parts.oe, half)
+    _product(lines, cosine_t, out[2])
+    _product(sine, parts.oo, half)
+    _product(lines, sine_t, out[3])
 
 
 @njit(fastmath=True)
@@ -379,10 +379,10 @@ def _node_turns(zoom: Zoom, optics: Optics, spot: Any, turns: F8) -> None:
     With l = c - X0 and s - X0 = m + node: pi l^2 (1 - B'/a')/L - 2 pi l.(s - X0)/L from the two spheres, the square
     of s - X0 being the same for all lenslets, and -2 pi x0.(o + node)/L as the samples start at x0, not at the centre.
     """
-    rate = 2 * math.pi * optics.per_spread
+    rate, nodes = 2 * math.pi * optics.per_spread, zoom.nodes_um
     common = 0.5 * rate * (spot.lx * spot.lx + spot.ly * spot.ly) * optics.sphere
-    for j in range(zoom.nodes_um.size):
-        node = zoom.nodes_um[j]
+    for j in range(nodes.size):
+        node = nodes[j]
         a = common - rate * ((spot.mx + node) * spot.lx + spot.x0 * (node + spot.ox))
         b = -rate * ((spot.my + node) * spot.ly + spot.y0 * (node + spot.oy))
         turns[1, 0, j], turns[1, 1, j] = math.cos(a), math.sin(a)
@@ -416,34 +416,35 @@ def respond(field: Field, aperture: Aperture, zoom: Zoom, optics: Optics, spots:
     ``spots`` are those of `lfcal.simulate.engines._lenslets.select`, sorted so that neighbours share their place
     between two samples, and so the mask; their ``energy_in`` and ``energy_out`` are filled.
     """
-    scratch, dx, per = _memory(zoom, field.re), field.dx_um, zoom.per_px
-    w = zoom.bins.shape[1]
+    # arrays out of their records before the loop: inside, each access would count references
+    scratch, dx, per, w = _memory(zoom, field.re), field.dx_um, zoom.per_px, zoom.bins.shape[1]
+    straight, bent, line, parities = scratch.mask, scratch.bent, scratch.line, scratch.parities
+    half, quarters, turns = scratch.half, scratch.quarters, scratch.turns
+    image, grid_re, grid_im, boxes = target.image, target.grid_re, target.grid_im, target.boxes
+    cell = aperture.cell.shape[0] > 0
     step = -2 * math.pi * optics.per_spread * dx  # turn per sample for a window 1 µm off the phase's centre
     last_x = last_y = 1e300
     for f in range(spots.shape[0]):
         spot = spots[f]
         if abs(spot.x0 - last_x) + abs(spot.y0 - last_y) > 1e-6 * dx:
-            if aperture.cell.shape[0]:
-                mask_from_table(aperture, dx, spot.x0, spot.y0, scratch.mask)
+            if cell:
+                mask_from_table(aperture, dx, spot.x0, spot.y0, straight)
             else:
-                mask_from_disc(aperture, dx, spot.x0, spot.y0, scratch.mask)
+                mask_from_disc(aperture, dx, spot.x0, spot.y0, straight)
             last_x, last_y = spot.x0, spot.y0
-        mask = scratch.mask
-        if optics.rays != 0:
-            mask = scratch.bent
-            straighten(scratch.mask, dx, spot, optics, mask)
         place, turn = (spot.row, spot.col), (step * spot.oy, step * spot.ox)
-        spot.energy_in = optics.share * fold(field, place, mask, turn, scratch.line, scratch.parities)
-        transform(zoom, scratch.parities, scratch.half, scratch.quarters)
+        if optics.rays != 0:
+            straighten(straight, dx, spot, optics, bent)
+            light = fold(field, place, bent, turn, line, parities)
+        else:
+            light = fold(field, place, straight, turn, line, parities)
+        spot.energy_in = optics.share * light
+        transform(zoom, parities, half, quarters)
         p, top, left = spot.position, spot.top, spot.left
-        if target.grid_re.shape[0] == 0:
-            spot.energy_out = add_incoherent(scratch, zoom, target.image[p], top, left)
+        if grid_re.shape[0] == 0:
+            spot.energy_out = add_incoherent(scratch, zoom, image[p], top, left)
             continue
-        _node_turns(zoom, optics, spot, scratch.turns)
-        light = add_coherent(
-            scratch.quarters, scratch.turns, target.grid_re[p], target.grid_im[p], top * per, left * per
-        )
-        spot.energy_out = light / (per * per)
-        box = target.boxes[p]
-        box[0], box[1] = min(box[0], top), max(box[1], top + w)
-        box[2], box[3] = min(box[2], left), max(box[3], left + w)
+        _node_turns(zoom, optics, spot, turns)
+        spot.energy_out = add_coherent(quarters, turns, grid_re[p], grid_im[p], top * per, left * per) / (per * per)
+        boxes[p, 0], boxes[p, 1] = min(boxes[p, 0], top), max(boxes[p, 1], top + w)
+        boxes[p, 2], boxes[p, 3] = min(boxes[p, 2], left), max(boxes[p, 3], left + w)
