@@ -90,13 +90,8 @@ class Target(NamedTuple):
     boxes: I8  # (positions, 4): first and past-last row and column of pixels touched so far
 
 
-class _Parities(NamedTuple):
-    """Even and odd parts in y (first letter) and x: ``(half + 1, 2 (half + 1))``, real parts, then imaginary."""
-
-    ee: F4
-    eo: F4
-    oe: F4
-    oo: F4
+EE, EO, OE, OO = range(4)
+"""Parts of a field that are even or odd in y (first letter) and x, the first axis of an array of parities."""
 
 
 class _Scratch(NamedTuple):
@@ -105,7 +100,7 @@ class _Scratch(NamedTuple):
     mask: Split  # (n, n)
     bent: Split  # (n, n)
     line: F4  # (6, n)
-    parities: _Parities
+    parities: F4  # (4, half + 1, 2 (half + 1)) by `EE` and so on: real parts, then imaginary
     half: F4  # (k, 2 (half + 1))
     quarters: F4  # (4, 2 k, k)
     nodes: F4  # (c, c)
@@ -204,28 +199,26 @@ def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -
 
 
 @njit(fastmath=True)
-def _split_row(line: F4, i: int, ee: F4, eo: F4, oe: F4, oo: F4) -> None:
+def _split_row(line: F4, i: int, parts: F4) -> None:
     """Write row i of the four parities from ``line``, the field at rows +i and -i (see `fold`)."""
-    h, m = ee.shape[0] - 1, ee.shape[0]
+    h, m = parts.shape[1] - 1, parts.shape[1]
     for j in range(1, m):
         pr, pi = line[0, h + j] + line[0, h - j], line[1, h + j] + line[1, h - j]
         qr, qi = line[2, h + j] + line[2, h - j], line[3, h + j] + line[3, h - j]
-        ee[i, j], ee[i, m + j] = pr + qr, pi + qi
-        oe[i, j], oe[i, m + j] = pr - qr, pi - qi
+        parts[EE, i, j], parts[EE, i, m + j] = pr + qr, pi + qi
+        parts[OE, i, j], parts[OE, i, m + j] = pr - qr, pi - qi
         pr, pi = line[0, h + j] - line[0, h - j], line[1, h + j] - line[1, h - j]
         qr, qi = line[2, h + j] - line[2, h - j], line[3, h + j] - line[3, h - j]
-        eo[i, j], eo[i, m + j] = pr + qr, pi + qi
-        oo[i, j], oo[i, m + j] = pr - qr, pi - qi
-    ee[i, 0], ee[i, m] = line[0, h] + line[2, h], line[1, h] + line[3, h]
-    oe[i, 0], oe[i, m] = line[0, h] - line[2, h], line[1, h] - line[3, h]
-    eo[i, 0], eo[i, m] = 0, 0  # nothing is odd about the axis itself
-    oo[i, 0], oo[i, m] = 0, 0
+        parts[EO, i, j], parts[EO, i, m + j] = pr + qr, pi + qi
+        parts[OO, i, j], parts[OO, i, m + j] = pr - qr, pi - qi
+    parts[EE, i, 0], parts[EE, i, m] = line[0, h] + line[2, h], line[1, h] + line[3, h]
+    parts[OE, i, 0], parts[OE, i, m] = line[0, h] - line[2, h], line[1, h] - line[3, h]
+    parts[EO, i, 0], parts[EO, i, m] = 0, 0  # nothing is odd about the axis itself
+    parts[OO, i, 0], parts[OO, i, m] = 0, 0
 
 
 @njit(fastmath=True)
-def fold(
-    field: Field, place: tuple[int, int], mask: Split, turn: tuple[float, float], line: F4, parts: _Parities
-) -> float:
+def fold(field: Field, place: tuple[int, int], mask: Split, turn: tuple[float, float], line: F4, parts: F4) -> float:
     """Multiply field, aperture and tilt, f_k = E_k m_k exp(i (turn_y k_y + turn_x k_x)), and split f by parity.
 
     ``place`` is the table's row and column of the sample k = 0, ``turn`` the phase per sample (y, x). With
@@ -234,7 +227,6 @@ def fold(
     at -i (re, im), and the tilt along x.
     """
     field_re, field_im, mask_re, mask_im = field.re, field.im, mask.re, mask.im
-    ee, eo, oe, oo = parts.ee, parts.eo, parts.oe, parts.oo
     row, col = place
     turn_y, turn_x = turn
     n = mask_re.shape[0]
@@ -264,12 +256,12 @@ def fold(
                 total += part
         if i == 0:  # the axis is its own mirror image
             line[2:4] = 0
-        _split_row(line, i, ee, eo, oe, oo)
+        _split_row(line, i, parts)
     return total
 
 
 @njit()
-def transform(zoom: Zoom, parts: _Parities, half: F4, out: F4) -> None:
+def transform(zoom: Zoom, parts: F4, half: F4, out: F4) -> None:
     """Write the transforms of the four parities at the nodes >= 0: ``out`` (4, 2 k, k), rows re and im in turn.
 
     out[0] = C ee C^T, out[1] = C eo S^T, out[2] = S oe C^T, out[3] = S oo S^T with C, S (k, h+1) of cosines and
@@ -278,13 +270,13 @@ def transform(zoom: Zoom, parts: _Parities, half: F4, out: F4) -> None:
     """
     cosine, sine, cosine_t, sine_t = zoom.cosine, zoom.sine, zoom.cosine_t, zoom.sine_t
     lines = half.reshape(2 * cosine.shape[0], cosine.shape[1])
-    _product(cosine, parts.ee, half)
+    _product(cosine, parts[EE], half)
     _product(lines, cosine_t, out[0])
-    _product(cosine, parts.eo, half)
+    _product(cosine, parts[EO], half)
     _product(lines, sine_t, out[1])
-    _product(sine, parts.oe, half)
+    _product(sine, parts[OE], half)
     _product(lines, cosine_t, out[2])
-    _product(sine, parts.oo, half)
+    _product(sine, parts[OO], half)
     _product(lines, sine_t, out[3])
 
 
@@ -394,12 +386,12 @@ def _memory(zoom: Zoom, like: F4) -> _Scratch:
     """Return scratch memory for one lens type, in the precision of ``like``."""
     k, m = zoom.cosine.shape
     n, (count, w) = 2 * m - 1, zoom.bins.shape
-    masks, parts = np.empty((4, n, n), like.dtype), np.empty((4, m, 2 * m), like.dtype)
+    masks = np.empty((4, n, n), like.dtype)
     return _Scratch(
         Split(masks[0], masks[1]),
         Split(masks[2], masks[3]),
         np.empty((6, n), like.dtype),
-        _Parities(parts[0], parts[1], parts[2], parts[3]),
+        np.empty((4, m, 2 * m), like.dtype),
         np.empty((k, 2 * m), like.dtype),
         np.empty((4, 2 * k, k), like.dtype),
         np.empty((count, count), like.dtype),
