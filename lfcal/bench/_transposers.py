@@ -52,7 +52,7 @@ def available_bytes() -> int:
 
 def random_matrix(shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return H of this shape filled with random numbers, as in the paper."""
-    H = np.empty(shape, np.float32)
+    H = np.empty(shape, np.float32)  # filled by threads, each with a generator of its own
     flat = H.reshape(-1)
     for_each_chunk(lambda a, b: np.random.default_rng(a).random(out=flat[a:b], dtype=np.float32), flat.size)
     return H
@@ -61,7 +61,7 @@ def random_matrix(shape: tuple[int, ...]) -> NDArray[np.float32]:
 def interleaved(works: Mapping[str, Callable[[], Any]], rounds: int) -> dict[str, float]:
     """Return the median seconds of each work, run in turns after one round to warm up."""
     for work in works.values():
-        work()
+        work()  # compiles, and touches the memory once
     times: dict[str, list[float]] = {name: [] for name in works}
     for _ in range(rounds):
         for name, work in works.items():
@@ -79,6 +79,7 @@ def copy_parallel(source: NDArray[Any], out: NDArray[Any], workers: int | None) 
 
 @njit()
 def _read_words(words: NDArray[np.uint64], start: int, stop: int) -> int:
+    """Return the exclusive or of words ``start`` to ``stop``: it needs every one of them, and costs next to nothing."""
     total = np.uint64(0)
     for k in range(start, stop):
         total ^= words[k]
@@ -117,6 +118,7 @@ def paper_loop(H: NDArray[Any], out: NDArray[Any], budget: float) -> Scaled:
                 for n_, N in rows:
                     out[:, n_, m_, nt - 1 - j, ns - 1 - i] = H[:, N, M, j, i]
             done += len(columns) * len(rows)
+            # the whole loop would take minutes; the cost of an assignment hardly varies
             if time.perf_counter() - start > budget:
                 return Scaled((time.perf_counter() - start) * total / max(1, done), done / total)
     return Scaled(time.perf_counter() - start)

@@ -3,33 +3,48 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["fold", "lenslet_statistics", "register"]
+__all__ = ["Lenslets", "Template", "fold", "lenslet_statistics", "register"]
+
+
+class Lenslets(NamedTuple):
+    """The lenslets of a white image and the pixels taken about each."""
+
+    centres: NDArray[np.float64]  # (n, 2) as (x, y) (pixels)
+    radius: float  # pixels
+    per_px: int  # samples per pixel of the tables about a centre
+
+
+class Template(NamedTuple):
+    """The mean micro-image as a table, its middle at the lenslet's centre."""
+
+    values: NDArray[np.float64]  # (side, side), rows along y
+    slopes: NDArray[np.float64]  # (2, side, side): derivatives along x and y per pixel
 
 
 @njit()
 def fold(
     image: NDArray[np.float32],
-    centres: NDArray[np.float64],
+    lenslets: Lenslets,
     scales: NDArray[np.float64],
-    radius: float,
-    over: int,
-    total: NDArray[np.float64],
-    count: NDArray[np.float64],
+    sums: NDArray[np.float64],
     start: int,
     stop: int,
 ) -> None:
-    """Add the pixels of lenslets ``start … stop`` to the mean micro-image, ``over`` samples per pixel.
+    """Add the pixels of lenslets ``start … stop`` to the mean micro-image, each to its nearest sample.
 
-    ``centres`` are (x, y); ``scales`` divide each lenslet (0: left out); ``total`` and ``count`` are square
-    tables of side ``2 ceil(radius) over + 1`` whose middle is the lenslet's centre.
+    ``scales`` ``(n,)`` divide each lenslet (0: left out); ``sums`` ``(2, side, side)`` takes values and how many they
+    are, side = 2 ceil(radius) per_px + 1. Centres lie anywhere between pixels, so that many lenslets together sample
+    a micro-image more finely than one does.
     """
+    total, count = sums[0], sums[1]
+    centres, radius, over = lenslets.centres, lenslets.radius, lenslets.per_px
     rows, columns = image.shape
     middle = total.shape[0] // 2
     for k in range(start, stop):
@@ -45,31 +60,35 @@ def fold(
                 count[j, i] += 1.0
 
 
+SHIFT_X, SHIFT_Y, GAIN, LEVEL, EXPLAINED = range(5)
+"""Columns that `register` fills: shift d (pixels), gain g, level b, and the share of variance explained."""
+
+
 @njit()
 def register(
     image: NDArray[np.float32],
-    centres: NDArray[np.float64],
-    template: NDArray[np.float64],
-    slopes: NDArray[np.float64],
-    radius: float,
-    over: int,
+    lenslets: Lenslets,
+    template: Template,
     out: NDArray[np.float64],
     start: int,
     stop: int,
 ) -> None:
-    """Fit ``I(p) = g T(p - c - d) + b`` to each lenslet, linear in the shift d (Lucas-Kanade).
+    """Fit ``I(p) = g T(p - c - d) + b`` to each lenslet, linear in the shift d (Lucas and Kanade 1981).
 
-    ``template`` is the mean micro-image, ``slopes`` its derivatives ``(2, n, n)`` along x and y per pixel.
-    ``out`` takes d_x, d_y, g, b and the share of variance explained; NaN where the system is singular.
+    To first order I = g T - g d.grad T + b: the unknowns g, b, -g d_x, -g d_y are linear, and their normal equations
+    ``(4, 4)`` are summed over the pixels within the radius. ``out`` ``(n, 5)`` takes `SHIFT_X` and so on; NaN where
+    the system is singular.
     """
+    centres, radius, over = lenslets.centres, lenslets.radius, lenslets.per_px
+    table, slopes = template.values, template.slopes
     rows, columns = image.shape
-    middle = template.shape[0] // 2
+    middle = table.shape[0] // 2
     for k in range(start, stop):
         cx, cy = centres[k, 0], centres[k, 1]
         normal = np.zeros((4, 4))
         right = np.zeros(4)
         basis = np.empty(4)
-        basis[1] = 1.0
+        basis[1] = 1.0  # order of the unknowns: g, b, -g d_x, -g d_y
         squares = 0.0
         for y in range(max(0, math.ceil(cy - radius)), min(rows - 1, math.floor(cy + radius)) + 1):
             v = (y - cy) * over + middle
@@ -81,15 +100,10 @@ def register(
                     continue
                 u = (x - cx) * over + middle
                 i = math.floor(u)
-                fu = u - i
+                fu = u - i  # the table is read bilinearly
                 w00, w01 = (1 - fv) * (1 - fu), (1 - fv) * fu
                 w10, w11 = fv * (1 - fu), fv * fu
-                basis[0] = (
-                    w00 * template[j, i]
-                    + w01 * template[j, i + 1]
-                    + w10 * template[j + 1, i]
-                    + w11 * template[j + 1, i + 1]
-                )
+                basis[0] = w00 * table[j, i] + w01 * table[j, i + 1] + w10 * table[j + 1, i] + w11 * table[j + 1, i + 1]
                 for axis in range(2):
                     s = slopes[axis]
                     basis[2 + axis] = w00 * s[j, i] + w01 * s[j, i + 1] + w10 * s[j + 1, i] + w11 * s[j + 1, i + 1]
@@ -107,6 +121,7 @@ def register(
 
 @njit()
 def _solve_lenslet(normal: Any, right: Any, squares: float, out: Any) -> None:
+    """Solve the normal equations of a lenslet; ``squares`` is the sum of its squared values, ``out`` one line."""
     n = normal[1, 1]
     matrix = normal.copy()
     answer = right.copy()
@@ -125,14 +140,15 @@ def _solve_lenslet(normal: Any, right: Any, squares: float, out: Any) -> None:
             answer[a] -= matrix[a, b] * answer[b]
         answer[a] /= matrix[a, a]
     gain = answer[0]
+    # of a least-squares fit the explained sum of squares is answer . right; the mean is taken off both
     fitted = answer[0] * right[0] + answer[1] * right[1] + answer[2] * right[2] + answer[3] * right[3]
     variance = squares - right[1] * right[1] / n
     # a shift by d is -g d times the slope
-    out[0] = -answer[2] / gain if gain != 0.0 else np.nan
-    out[1] = -answer[3] / gain if gain != 0.0 else np.nan
-    out[2] = gain
-    out[3] = answer[1]
-    out[4] = (fitted - right[1] * right[1] / n) / variance if variance > 0.0 else 0.0
+    out[SHIFT_X] = -answer[2] / gain if gain != 0.0 else np.nan
+    out[SHIFT_Y] = -answer[3] / gain if gain != 0.0 else np.nan
+    out[GAIN] = gain
+    out[LEVEL] = answer[1]
+    out[EXPLAINED] = (fitted - right[1] * right[1] / n) / variance if variance > 0.0 else 0.0
 
 
 @njit()
@@ -144,8 +160,9 @@ def lenslet_statistics(
     start: int,
     stop: int,
 ) -> None:
-    """Write the pixel count, the sum, and the gradient energy within ``radius`` of each centre.
+    """Write the pixel count, the sum, and the gradient energy sum |grad I|^2 within ``radius`` of each centre.
 
+    ``centres`` ``(n, 2)`` are (x, y) (pixels), ``out`` is ``(n, 3)``. The energy tells lens types apart by sharpness.
     The gradient is the central difference over two pixels; pixels whose neighbours leave the image are left out.
     """
     rows, columns = image.shape

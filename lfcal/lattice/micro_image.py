@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.lattice._kernels import fold, lenslet_statistics, register
+from lfcal.lattice._kernels import Lenslets, Template, fold, lenslet_statistics, register
 from lfcal.threads import chunks, for_each_chunk, worker_count
 
 __all__ = ["LensletPlaces", "MicroImage", "light_of", "mean_micro_image", "place_lenslets"]
@@ -91,7 +91,7 @@ def mean_micro_image(
 
     def work(first: int, last: int) -> None:
         for k in range(first, last):
-            fold(image, centres, scales, radius, SAMPLES_PER_PIXEL, sums[k, 0], sums[k, 1], *parts[k])
+            fold(image, Lenslets(centres, radius, SAMPLES_PER_PIXEL), scales, sums[k], *parts[k])
 
     for_each_chunk(work, len(parts), workers)
     total, count = _spread(sums.sum(0))
@@ -117,9 +117,10 @@ def place_lenslets(
 ) -> LensletPlaces:
     """Fit shift and contrast of the mean micro-image to each lenslet within ``radius`` pixels of its lattice point."""
     out = np.empty((len(centres), 5))
+    lenslets = Lenslets(centres, radius, SAMPLES_PER_PIXEL)
 
     def work(a: int, b: int) -> None:
-        register(image, centres, micro.table, micro.slopes, radius, SAMPLES_PER_PIXEL, out, a, b)
+        register(image, lenslets, Template(micro.table, micro.slopes), out, a, b)
 
     for_each_chunk(work, len(centres), workers)
     return LensletPlaces(out[:, :2].copy(), out[:, 2].copy(), out[:, 4].copy())

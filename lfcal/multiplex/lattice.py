@@ -12,7 +12,7 @@ from lfcal.camera import Camera
 from lfcal.checks import check_choice, check_number, check_tuple
 from lfcal.errors import InputError
 from lfcal.lattice import LatticeFit, ViewGrid, view_grid
-from lfcal.multiplex._lattice_kernels import lattice_rows
+from lfcal.multiplex._lattice_kernels import Reading, Sites, lattice_rows
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
 from lfcal.threads import for_each_chunk
@@ -133,16 +133,12 @@ def lattice_channels(
             "give a larger frame or fewer views",
         )
     result = _output(out, (*count, *grid.shape), image.dtype)
-    # kernels read the first channel's place and step from there
     near, share, centres = _lenslets(lattice, grid)
     corner_y = np.ascontiguousarray(centres[..., 1] - half[0])
     corner_x = np.ascontiguousarray(centres[..., 0] - half[1])
-    taps, shares = LATTICE_FILTERS[filter], share.astype(result.dtype)
-    for_each_chunk(
-        lambda a, b: lattice_rows(image, corner_y, corner_x, near, shares, count, step, taps, result, a, b),
-        len(grid.rows),
-        workers,
-    )
+    sites = Sites(corner_y, corner_x, near, share.astype(result.dtype))
+    reading = Reading(*step, LATTICE_FILTERS[filter])
+    for_each_chunk(lambda a, b: lattice_rows(image, sites, reading, result, a, b), len(grid.rows), workers)
     return result
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.multiplex._kernels import bilateral_rows, linear_rows
+from lfcal.multiplex._kernels import Channels, Guided, Taps, bilateral_rows, linear_rows
 from lfcal.multiplex.filters import EDGE_PRESERVING, dirichlet_table, tap_table
 from lfcal.multiplex.modulator import Modulator
 from lfcal.threads import for_each_chunk, one_blas_thread
@@ -53,26 +53,17 @@ def reconstruct_spatial(
     first, weight = zip(*_tables(name, modulator, samples), strict=True)
     wy, wx = (np.ascontiguousarray(w, out.dtype) for w in weight)
     table = np.ascontiguousarray(inverse, out.dtype)
+    used = (table.reshape(len(table), *modulator.side) != 0).any(1)
+    taps, channels = Taps(first[0], wy, first[1], wx), Channels(*modulator.side, table, used)
     if filter == EDGE_PRESERVING:
         # weights by likeness need one image in which all channels are alike
         guide = guide_image(frame, modulator.side, out.dtype)
         low, high = np.percentile(guide, (2, 98))
-        sharpness = 0.5 / max(EDGE_SHARE * float(high - low), 1e-30) ** 2
-        for_each_chunk(
-            lambda a, b: bilateral_rows(
-                frame, guide, modulator.side, first[0], wy, first[1], wx, table, sharpness, out, a, b
-            ),
-            out.shape[1],
-            workers,
-        )
+        guided = Guided(frame, guide, 0.5 / max(EDGE_SHARE * float(high - low), 1e-30) ** 2)
+        for_each_chunk(lambda a, b: bilateral_rows(guided, taps, channels, out, a, b), out.shape[1], workers)
         return out
     # a mask's samples often need few of its channels: the others are not read
-    used = (table.reshape(len(table), *modulator.side) != 0).any(1)
-    for_each_chunk(
-        lambda a, b: linear_rows(frame, modulator.side, first[0], wy, first[1], wx, table, used, out, a, b),
-        out.shape[1],
-        workers,
-    )
+    for_each_chunk(lambda a, b: linear_rows(frame, taps, channels, out, a, b), out.shape[1], workers)
     return out
 
 

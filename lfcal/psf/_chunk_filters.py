@@ -21,19 +21,24 @@ PIPELINE = ("shuffle", "deflate", "fletcher32")
 
 @njit()
 def _fletcher32(data: NDArray[np.uint8]) -> int:
+    """Return sum2 << 16 | sum1: sum1 the sum of the words, sum2 that of all sum1 so far, both modulo 65535.
+
+    A carry out of 16 bits is added back (65536 = 1 modulo 65535), by the block and twice more at the end, as the HDF5
+    library does: 65535 is then never reduced to 0, and the bits are those it stores.
+    """
     words = data.size // 2
     sum1 = np.uint32(0)
     sum2 = np.uint32(0)
     start = 0
     while start < words:
-        stop = min(start + 360, words)  # as many words as 32 bits hold without overflow
+        stop = min(start + 360, words)  # as many words as sum2 holds in 32 bits without overflow
         for k in range(start, stop):
             sum1 += np.uint32((np.uint32(data[2 * k]) << np.uint32(8)) | np.uint32(data[2 * k + 1]))
             sum2 += sum1
         sum1 = (sum1 & np.uint32(0xFFFF)) + (sum1 >> np.uint32(16))
         sum2 = (sum2 & np.uint32(0xFFFF)) + (sum2 >> np.uint32(16))
         start = stop
-    if data.size % 2:
+    if data.size % 2:  # an odd last byte is the high one of a word
         sum1 += np.uint32(data[data.size - 1]) << np.uint32(8)
         sum2 += sum1
         sum1 = (sum1 & np.uint32(0xFFFF)) + (sum1 >> np.uint32(16))
@@ -45,6 +50,7 @@ def _fletcher32(data: NDArray[np.uint8]) -> int:
 
 @njit()
 def _shuffle(data: NDArray[np.uint8], size: int, out: NDArray[np.uint8]) -> None:
+    """Write all first bytes of the values, then all second ones, ...: like bytes side by side compress better."""
     n = data.size // size
     for b in range(size):
         for k in range(n):
@@ -53,6 +59,7 @@ def _shuffle(data: NDArray[np.uint8], size: int, out: NDArray[np.uint8]) -> None
 
 @njit()
 def _unshuffle(data: NDArray[np.uint8], size: int, out: NDArray[np.uint8]) -> None:
+    """Undo `_shuffle` for values of ``size`` bytes."""
     n = data.size // size
     for b in range(size):
         for k in range(n):

@@ -1,12 +1,17 @@
 """Compiled kernels that transpose whole depth planes of H, on one thread each, without the GIL.
 
-Values are moved as they are, as unsigned integers of their size. What numba has no words for - sixteen lanes
-sheared in registers, prefetching, stores past the caches - is given as LLVM code, for any processor.
+The transpose of a periodic H is a permutation (Eberhart et al. 2020, equations 4 to 6, in closed form):
+
+    HT[z, y, x, t, s] = H[z, (y + t - ct) mod ny, (x + s - cs) mod nx, nt - 1 - t, ns - 1 - s],
+
+with ct = (nt - 1)/2, cs = (ns - 1)/2. Values are moved as they are, as unsigned integers of their size. What numba has
+no words for - sixteen lanes sheared in registers, prefetching, stores past the caches - is given as LLVM code, for any
+processor.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
@@ -16,7 +21,7 @@ from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["LANES", "batch_rows", "source_rows", "transpose_batches", "transpose_rows"]
+__all__ = ["LANES", "Batches", "batch_rows", "source_rows", "transpose_batches", "transpose_rows"]
 
 Shape = tuple[int, int, int, int, int]
 Words = NDArray[Any]
@@ -140,6 +145,36 @@ def _address(_: Any, array: Any) -> Any:
 
 
 _shear_4, _shear_8, _shear_12, _shear_16 = (_shear(height) for height in (4, 8, 12, 16))
+
+
+class Batches(NamedTuple):
+    """How a transposition is cut into batches of cutout rows t."""
+
+    shape: Shape  # (nz, ny, nx, nt, ns)
+    rows: NDArray[np.int64]  # where the columns x of a source row start; see `source_rows`
+    batch: int  # rows t to a batch
+
+
+class _Tiles(NamedTuple):
+    """The tile of all (x, s) for one y and t, and the scratch memory it is turned into."""
+
+    rows: NDArray[np.int64]  # see `Batches`
+    nx: int
+    ns: int
+    step: int  # values from one x to the next in scratch memory
+
+
+class _Runs(NamedTuple):
+    """Where the runs of a batch lie: one per x, in scratch memory and in the result (flat, in values)."""
+
+    at: int  # first run in scratch memory
+    step: int  # from run to run there
+    to: int  # first run in the result
+    pattern: int  # from run to run there: nt * ns
+    columns: int  # nx
+    length: int  # values to a run
+
+
 _SCRATCH_BYTES = 1 << 19  # stays in the second-level cache
 _RUN_BYTES = 3072  # a run this long consists of whole cache lines for the most part
 _LEAST_ROWS = 4
@@ -147,7 +182,10 @@ _LEAST_ROWS = 4
 
 @njit()
 def transpose_rows(plane: Words, out: Words, start: int, stop: int) -> None:
-    """Write rows ``start`` to ``stop`` of one transposed plane, value by value: any shape, any item size."""
+    """Write rows ``start`` to ``stop`` of one transposed plane, value by value: any shape, any item size.
+
+    ``plane`` and ``out`` are ``(ny, nx, nt, ns)``.
+    """
     ny, nx, nt, ns = plane.shape
     ct, cs = (nt - 1) // 2, (ns - 1) // 2
     for y in range(start, stop):
@@ -157,7 +195,7 @@ def transpose_rows(plane: Words, out: Words, start: int, stop: int) -> None:
                 column = (x - cs) % nx
                 for s in range(ns):
                     out[y, x, t, s] = plane[row, column, nt - 1 - t, ns - 1 - s]
-                    column += 1
+                    column += 1  # counted on, as a division per value would cost more than the copy
                     if column == nx:
                         column = 0
 
@@ -176,7 +214,7 @@ def source_rows(shape: Shape) -> NDArray[np.int64]:
 
 
 @njit()
-def transpose_batches(source: Words, out: Words, shape: Shape, rows: Words, batch: int, start: int, stop: int) -> None:
+def transpose_batches(source: Words, out: Words, batches: Batches, start: int, stop: int) -> None:
     """Write batches ``start`` to ``stop`` of ``nz * ceil(nt / batch)`` of the transposed matrix.
 
     ``source`` and ``out`` are flat. For one y and t the map takes the tile of all (x, s) to a tile: each column s
@@ -184,20 +222,24 @@ def transpose_batches(source: Words, out: Words, shape: Shape, rows: Words, batc
     while the next one is fetched; a batch of cutout rows then leaves as one run per x, in whole cache lines
     that bypass the caches. Needs ns >= 16.
     """
-    ny, nx, nt, ns = shape[1:]
+    ny, nx, nt, ns = batches.shape[1:]
+    batch = batches.batch
     ct = (nt - 1) // 2
     pattern = nt * ns
     row = nx * pattern
     line = LINE_BYTES // source.itemsize
     step = batch * ns + line + (pattern - batch * ns) % line  # aligned with the rows of out
+    # three rows more than nx: the last block of a tile is written in whole steps of four
     scratch = np.empty(step * (nx + 3) + 2 * line, source.dtype)
-    batches = -(-nt // batch)
+    tiles = _Tiles(batches.rows, nx, ns, step)
+    per_plane = -(-nt // batch)
     for k in range(start, stop):
-        z = k // batches
-        t0 = (k - z * batches) * batch
+        z = k // per_plane
+        t0 = (k - z * per_plane) * batch
         t1 = min(nt, t0 + batch)
         for y in range(ny):
             to = (z * ny + y) * row + t0 * ns
+            # scratch is as far into a cache line as its target is: lines are then copied whole
             at = (_address(out) + to - _address(scratch)) % line
             for t in range(t0, t1):
                 here = (z * ny + (y + t - ct) % ny) * row + (nt - 1 - t) * ns
@@ -205,16 +247,16 @@ def transpose_batches(source: Words, out: Words, shape: Shape, rows: Words, batc
                     ahead = (z * ny + (y + t + 1 - ct) % ny) * row + (nt - 2 - t) * ns
                 else:
                     ahead = (z * ny + (y + 1 + t0 - ct) % ny) * row + (nt - 1 - t0) * ns
-                _turn_tile(source, here, ahead, rows, nx, ns, scratch, at + (t - t0) * ns, step)
-            _write_runs(scratch, at, step, out, to, pattern, nx, (t1 - t0) * ns)
+                _turn_tile(source, here, ahead, tiles, scratch, at + (t - t0) * ns)
+            _write_runs(scratch, out, _Runs(at, step, to, pattern, nx, (t1 - t0) * ns))
+    # stores past the caches are ordered with nothing else until a fence
     _fence()
 
 
 @njit()
-def _turn_tile(
-    source: Words, here: int, ahead: int, rows: Words, nx: int, ns: int, out: Words, at: int, step: int
-) -> None:
+def _turn_tile(source: Words, here: int, ahead: int, tiles: _Tiles, out: Words, at: int) -> None:
     """Turn the tile at ``here`` into ``out``; fetch the one at ``ahead``. Rows beyond nx are scratch."""
+    rows, nx, ns, step = tiles.rows, tiles.nx, tiles.ns, tiles.step
     cs = (ns - 1) // 2
     for x in range(0, nx, LANES):
         height = min(LANES, nx - x)
@@ -224,6 +266,7 @@ def _turn_tile(
                 _prefetch(source, ahead + rows[i] + c)
             first = (x + cs - c - LANES + 1) % nx
             to = at + x * step + ns - LANES - c
+            # a block's height is part of its code: four sizes waste three rows at most
             if height > 12:
                 _shear_16(source, here + c, rows, first, out, to, step)
             elif height > 8:
@@ -235,16 +278,16 @@ def _turn_tile(
 
 
 @njit()
-def _write_runs(scratch: Words, at: int, step: int, out: Words, to: int, pattern: int, nx: int, length: int) -> None:
-    """Copy ``length`` values for each x from scratch to ``out``: whole lines past the caches, then the ends."""
+def _write_runs(scratch: Words, out: Words, runs: _Runs) -> None:
+    """Copy the runs from scratch to ``out``: whole cache lines past the caches, then the ends."""
     line = LINE_BYTES // out.itemsize
-    for x in range(nx):
-        a = at + x * step
-        b = to + x * pattern
-        head = min(length, -(_address(out) + b) % line)
-        count = (length - head) // line
+    for x in range(runs.columns):
+        a = runs.at + x * runs.step
+        b = runs.to + x * runs.pattern
+        head = min(runs.length, -(_address(out) + b) % line)
+        count = (runs.length - head) // line
         _stream(scratch, a + head, out, b + head, count)
         for i in range(head):
             out[b + i] = scratch[a + i]
-        for i in range(head + count * line, length):
+        for i in range(head + count * line, runs.length):
             out[b + i] = scratch[a + i]

@@ -14,7 +14,12 @@ __all__ = ["add_patterns", "gather_slice"]
 
 @njit()
 def gather_slice(plane: NDArray[Any], shape: tuple[int, int, int, int], y: int, x: int, out: NDArray[Any]) -> None:
-    """Write the slice HT[y, x] to ``out`` (flat, nt * ns) from the flat ``plane`` of ``shape`` (ny, nx, nt, ns)."""
+    """Write the slice HT[y, x] to ``out`` (flat, nt * ns) from the flat ``plane`` of ``shape`` (ny, nx, nt, ns).
+
+    HT[y, x, t, s] = H[(y + t - ct) mod ny, (x + s - cs) mod nx, nt - 1 - t, ns - 1 - s], ct = (nt - 1)/2 and so on.
+    From s to s + 1 the place in memory moves on by one pattern less one value; where the column passes nx, by a row
+    of patterns less: additions take the place of a division per value.
+    """
     ny, nx, nt, ns = shape
     pattern = nt * ns
     for t in range(nt):
@@ -24,17 +29,21 @@ def gather_slice(plane: NDArray[Any], shape: tuple[int, int, int, int], y: int, 
         for s in range(ns):
             out[t * ns + s] = plane[place]
             column += 1
-            place += pattern - 1
+            place += pattern - 1  # the next column's pattern, one value earlier in it
             if column == nx:
                 column = 0
-                place -= nx * pattern
+                place -= nx * pattern  # the period closes along x
 
 
 @njit()
 def add_patterns(patterns: NDArray[Any], out: NDArray[np.float64], start: int, stop: int) -> None:
-    """Add pixels ``start`` to ``stop`` of all patterns ``(n, pixels)`` to ``out`` in float64, eight at a time."""
+    """Add pixels ``start`` to ``stop`` of all patterns ``(n, pixels)`` to ``out`` in float64, eight at a time.
+
+    Eight patterns are added among themselves before the sum is loaded and stored: an eighth of that traffic, and the
+    rounding of a tree, at most n 2^-53 of a sum of n non-negative values.
+    """
     n = patterns.shape[0]
-    eights = n // 8 * 8
+    eights = n // 8 * 8  # what is left over is added one by one
     total = out[start:stop]
     for k in range(0, eights, 8):
         a, b = patterns[k, start:stop], patterns[k + 1, start:stop]

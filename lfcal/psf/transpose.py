@@ -107,9 +107,9 @@ def _permute(source: NDArray[Any], out: NDArray[Any], workers: int | None) -> No
             for_each_chunk(partial(_kernels.transpose_rows, plane, turned), ny, workers)
         return
     batch = _kernels.batch_rows(shape, source.itemsize)
-    rows = _kernels.source_rows(shape)
+    batches = _kernels.Batches(shape, _kernels.source_rows(shape), batch)
     flat = (words.reshape(-1), target.reshape(-1))
-    for_each_chunk(partial(_kernels.transpose_batches, *flat, shape, rows, batch), nz * -(-nt // batch), workers)
+    for_each_chunk(partial(_kernels.transpose_batches, *flat, batches), nz * -(-nt // batch), workers)
 
 
 def _as_words(array: NDArray[Any], *, write: bool = False) -> NDArray[Any]:

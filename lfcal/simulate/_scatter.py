@@ -2,61 +2,60 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 from lfcal.threads import chunks, for_each_chunk
 
-__all__ = ["scatter"]
+__all__ = ["Row", "scatter"]
 
 
+class Row(NamedTuple):
+    """The responses of one source row of the period, and the rows of the volume it stands for."""
+
+    responses: NDArray[np.float32]  # (n, nt, ns)
+    slot: NDArray[np.intp]  # (nx,): position x of the period uses responses[slot[x]]
+    first: int  # row of the volume that the first row of voxels lies at
+    step: int  # rows from one to the next
+
+
+# no fast maths: the sum over voxels is to be the same for any number of threads, term by term
 @njit(fastmath=False)
-def _add(
-    image: NDArray[np.float64],
-    lit: NDArray[np.float32],
-    responses: NDArray[np.float32],
-    slot: NDArray[np.intp],
-    first: int,
-    step: int,
-    top: int,
-    bottom: int,
-) -> None:
-    """Add to rows ``top`` to ``bottom`` of the image; voxel (k, x) lies at row ``first + k step``."""
-    nx = slot.size
-    nt, ns = responses.shape[1], responses.shape[2]
+def _add(image: NDArray[np.float64], lit: NDArray[np.float32], row: Row, top: int, bottom: int) -> None:
+    """Add f[p] = sum_v g[v] H[v mod n][p - v + c] to rows ``top`` to ``bottom`` of the image, one source row's part.
+
+    ``image`` begins c = (nt - 1)/2, (ns - 1)/2 pixels before the volume, so that a response starts at its voxel;
+    ``lit`` are voxels g ``(k, columns)``.
+    """
+    responses, slot, first, step = row.responses, row.slot, row.first, row.step
+    nx, (_, nt, ns) = slot.size, responses.shape
     for k in range(lit.shape[0]):
-        row = first + k * step
-        t0, t1 = max(0, top - row), min(nt, bottom - row)
+        start = first + k * step
+        t0, t1 = max(0, top - start), min(nt, bottom - start)
         if t0 >= t1:
             continue
         for x in range(lit.shape[1]):
             value = np.float64(lit[k, x])
-            if value == 0.0:
+            if value == 0.0:  # most voxels of a volume are dark
                 continue
             response = responses[slot[x % nx]]
             for t in range(t0, t1):
                 for s in range(ns):
-                    image[row + t, x + s] += value * response[t, s]
+                    image[start + t, x + s] += value * response[t, s]
 
 
-def scatter(
-    image: NDArray[np.float64],
-    lit: NDArray[np.float32],
-    responses: NDArray[np.float32],
-    slot: NDArray[np.intp],
-    first: int,
-    step: int,
-    workers: int,
-) -> None:
+def scatter(image: NDArray[np.float64], lit: NDArray[np.float32], row: Row, workers: int) -> None:
     """Add the responses of one source row of the period to ``image`` ``(rows + nt - 1, columns + ns - 1)``.
 
     Parameters
     ----------
     lit
         Voxels ``(k, columns)`` at rows ``first + k step``.
-    responses
-        ``(n, nt, ns)``; position x of the period uses ``responses[slot[x]]``.
+    row
+        Their responses.
     workers
         Threads; each owns some rows of the image, so the sum does not depend on their number.
     """
@@ -65,6 +64,6 @@ def scatter(
 
     def some(start: int, stop: int) -> None:
         for a, b in parts[start:stop]:
-            _add(image, lit, responses, slot, first, step, a, b)
+            _add(image, lit, row, a, b)
 
     for_each_chunk(some, len(parts), workers, parts_per_worker=1)

@@ -14,6 +14,7 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf import PSFMatrix
+from lfcal.simulate._scatter import Row, scatter
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import EffectsLike, effects_of
@@ -76,8 +77,6 @@ def iter_light_field(
     workers: int | None = None,
 ) -> Work[NDArray[np.float32]]:
     """Compute `light_field`; yields progress in source rows of the period."""
-    from lfcal.simulate._scatter import scatter  # compiled: loaded only when it is used
-
     source: Responses = (
         _Stored(through) if isinstance(through, PSFMatrix) else _Simulated(through, effects, level, tolerance, sampling)
     )
@@ -98,7 +97,7 @@ def iter_light_field(
                 responses = source.some(z, y, xs)
                 slot = np.full(nx, -1, np.intp)
                 slot[xs] = np.arange(xs.size)
-                scatter(image, lit, responses, slot, y, ny, worker_count(workers))
+                scatter(image, lit, Row(responses, slot, y, ny), worker_count(workers))
             yield clock.at(z * ny + y + 1)
     return image[half_t : half_t + rows, half_s : half_s + columns].astype(np.float32)
 

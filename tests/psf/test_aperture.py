@@ -24,14 +24,15 @@ def test_all_derivatives_of_the_pixel_model_match_differences():
     p = np.array([1.2, -0.7, 40.0, 0.3, 0.35, 3.0, 1.5, 0.1, -0.2, -0.15, 0.03, -0.02])
     zero = np.zeros(x.size)
     scale = 1e4  # so weak residuals that the robust weight is one and the gradient is that of the model
+    pixels = model.Model(x, y, zero, scale, 7, 50.0)
 
     def gradient(q):
         normal, out = np.empty((12, 12)), np.empty(12)
-        model.accumulate(x, y, zero, q, 7, scale, 50.0, normal, out)
+        model.accumulate(pixels, q, normal, out)
         return out * scale**2
 
     def half_square(q):
-        return model.accumulate(x, y, zero, q, 7, scale, 50.0, np.empty((12, 12)), np.empty(12)) * scale**2 / 2
+        return model.accumulate(pixels, q, np.empty((12, 12)), np.empty(12)) * scale**2 / 2
 
     found = gradient(p)
     for k in range(12):

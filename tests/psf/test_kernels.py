@@ -31,9 +31,9 @@ def read_only(array: np.ndarray) -> np.ndarray:
 
 def transpose_into(H: np.ndarray, out: np.ndarray, batch: int, parts: list[int]) -> None:
     source = read_only(H.reshape(-1))
-    rows = _kernels.source_rows(H.shape)
+    batches = _kernels.Batches(H.shape, _kernels.source_rows(H.shape), batch)
     for start, stop in itertools.pairwise(parts):
-        _kernels.transpose_batches(source, out, H.shape, rows, batch, start, stop)
+        _kernels.transpose_batches(source, out, batches, start, stop)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.uint32, np.uint64])

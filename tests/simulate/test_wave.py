@@ -90,8 +90,8 @@ def test_a_single_lenslet_is_the_fresnel_pattern_of_its_aperture():
     scene = camera_scene(4.0, lattice=lattice, image_um=1e7, aperture="cell", cutout=(31, 31), period=(15, 15))
     engine = WavePlane(scene, Sampling(None, 6, 7, energy_floor=0.0))
     lens = engine.tables.kinds[0]
-    n = lens.field[0].shape[0]
-    flat = replace(lens, field=(np.ones((n, n), np.float32), np.zeros((n, n), np.float32)))
+    n = lens.field.re.shape[0]
+    flat = replace(lens, field=lens.field._replace(re=np.ones((n, n), np.float32), im=np.zeros((n, n), np.float32)))
     energy = np.zeros((n, n), np.float32)
     energy[n // 2, n // 2] = 1.0  # only the lenslet at the source
     engine.tables = replace(engine.tables, kinds=(replace(flat, energy=energy),), floor=0.5, reach_um=1.0)

@@ -16,9 +16,11 @@ __all__ = ["Levels", "levels"]
 
 @njit()
 def _count(data: NDArray[Any], histogram: NDArray[np.int64]) -> None:
+    """Count the samples of ``data`` (rows, columns) by value; the histogram's last entry takes all at or above."""
     last = histogram.size - 1
     for i in range(data.shape[0]):
         for j in range(data.shape[1]):
+            # one pass without a copy: np.bincount would first widen a frame of 16 bits to 64
             histogram[min(int(data[i, j]), last)] += 1
 
 
@@ -51,7 +53,7 @@ class Levels:
 
     def quantile(self, share: float) -> int:
         """Return the sample value below or at which ``share`` of the pixels lie."""
-        total = np.cumsum(self.histogram)
+        total = np.cumsum(self.histogram)  # exact for whole numbers, where sorting the frame would cost its copy
         return int(np.searchsorted(total, share * total[-1]))
 
 

@@ -1,40 +1,48 @@
-"""Compiled inner loops of the corrections."""
+"""Compiled inner loops of the corrections.
+
+A region of a frame is corrected in one pass; ``origin`` is its first pixel (row, column) on the sensor.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["correct_rows", "neighbour_of_rank", "repair_pixels"]
+__all__ = ["Terms", "correct_rows", "neighbour_of_rank", "repair_pixels"]
+
+
+class Terms(NamedTuple):
+    """The numbers of the correction (value - level - dark) gain factor - background."""
+
+    dark: NDArray[np.float32]  # dark frame of the whole sensor (digital numbers), or empty
+    gain: NDArray[np.float32]  # gain map of the whole sensor, or empty
+    level: np.float32  # black level (digital numbers)
+    factor: np.float32  # to the reference exposure
+    offset: float  # background at the sensor's pixel (0, 0)
+    per_row: float  # its slopes per pixel
+    per_column: float
 
 
 @njit()
 def correct_rows(
-    raw: NDArray[Any],
-    dark: NDArray[np.float32],
-    gain: NDArray[np.float32],
-    r0: int,
-    c0: int,
-    level: np.float32,
-    scale: np.float32,
-    plane: NDArray[np.float64],
-    start: int,
-    stop: int,
-    out: NDArray[np.float32],
+    raw: NDArray[Any], terms: Terms, origin: tuple[int, int], start: int, stop: int, out: NDArray[np.float32]
 ) -> None:
-    """Write ``(raw - level - dark) gain scale - plane`` for rows ``start … stop`` of ``raw``.
+    """Write ``(raw - level - dark) gain factor - background`` for rows ``start … stop`` of ``raw``.
 
-    ``raw`` and ``out`` hold the region whose first pixel is ``(r0, c0)`` of the sensor; ``dark`` and ``gain``
-    hold the whole sensor or are empty. ``plane`` is the offset at (0, 0) and its slopes per row and column.
+    ``raw`` and ``out`` hold a region ``(rows, columns)``. Values stay in float32, where a 16-bit sample less its dark
+    level is exact; nothing is clipped at zero, as that would bias the dark pixels' mean.
     """
     columns = raw.shape[1]
-    slope = np.float32(plane[2])
+    r0, c0 = origin
+    dark, gain, level, scale = terms.dark, terms.gain, terms.level, terms.factor
+    slope = np.float32(terms.per_column)
     for r in range(start, stop):
-        offset = np.float32(plane[0] + plane[1] * (r + r0))
+        offset = np.float32(terms.offset + terms.per_row * (r + r0))
+        # one loop for each kind of chain: a choice per pixel would keep it out of vector registers
         if dark.size and gain.size:
             for c in range(columns):
                 value = (np.float32(raw[r, c]) - level - dark[r0 + r, c0 + c]) * gain[r0 + r, c0 + c]
@@ -63,8 +71,10 @@ def repair_pixels(
 ) -> None:
     """Set ``pixels`` of the region ``values`` to the mean of their ``neighbours``, where those lie in the region.
 
-    ``plane`` has already been subtracted; it is added back to the neighbours and subtracted at the pixel,
-    so that repairing comes before the background as the chain says. A pixel without any neighbour becomes NaN.
+    ``pixels`` ``(n, 2)`` and ``neighbours`` ``(n, m, 2)`` are rows and columns on the sensor, -1 where there is none;
+    ``(r0, c0)`` is the region's first pixel. ``plane`` is the background, its level and slopes per row and column: it
+    has already been subtracted, is added back to the neighbours and subtracted at the pixel, so that repairing comes
+    before the background as the chain says. A pixel without any neighbour becomes NaN.
     """
     rows, columns = values.shape
     for k in range(pixels.shape[0]):
@@ -80,7 +90,7 @@ def repair_pixels(
             if nr < r0 or nc < c0 or nr >= r0 + rows or nc >= c0 + columns:
                 continue
             value = values[nr - r0, nc - c0]
-            if np.isnan(value):
+            if np.isnan(value):  # a neighbour that is itself defective, and not repaired yet
                 continue
             total += value + plane[1] * (nr - pixels[k, 0]) + plane[2] * (nc - pixels[k, 1])
             count += 1
@@ -114,7 +124,7 @@ def neighbour_of_rank(
                 if nr < 0 or nr >= rows or nc < 0 or nc >= columns:
                     continue
                 value = image[nr, nc]
-                k = m
+                k = m  # insertion sort: quickest for the eight values there are at most
                 while k > 0 and found[k - 1] > value:
                     found[k] = found[k - 1]
                     k -= 1

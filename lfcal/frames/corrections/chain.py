@@ -280,10 +280,10 @@ class CorrectionChain:
         # the kernel counts from the first pixel of the part, as the parts of dark and gain do
         local = np.array([offset[0] + offset[1] * r0 + offset[2] * c0, offset[1], offset[2]])
 
+        terms = _kernels.Terms(dark_frame, gain, np.float32(level), np.float32(factor), *local.tolist())
+
         def rows(start: int, stop: int) -> None:
-            _kernels.correct_rows(
-                raw, dark_frame, gain, 0, 0, np.float32(level), np.float32(factor), local, start, stop, result
-            )
+            _kernels.correct_rows(raw, terms, (0, 0), start, stop, result)
 
         for_each_chunk(rows, part.shape[0], workers)
         if defects is not None:

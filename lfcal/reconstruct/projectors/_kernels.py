@@ -1,27 +1,77 @@
-"""Compiled inner loops of the projectors."""
+"""Compiled inner loops of the projectors.
+
+All do parts of f[p] = sum_v g[v] H[v mod n][p - v + c] (Eberhart et al. 2020, equation 1) for one depth plane: v are
+positions of the volume, p pixels of the image, n = (ny, nx) the period and c = ((nt - 1)/2, (ns - 1)/2) the middle of
+a pattern. A phase is a position within the period, counted row by row; a lattice cell is one period.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-Array = Any
+__all__ = [
+    "LANES",
+    "Entries",
+    "Layout",
+    "Tiling",
+    "count_entries",
+    "fill_entries",
+    "gather_sums",
+    "gather_windows",
+    "overlap_add",
+]
+
+Array = NDArray[Any]
+
+LANES = 64
+"""Lattice positions summed at once: sums and sources of all phases stay in the caches."""
+
+
+class Tiling(NamedTuple):
+    """Where the windows of lattice cells lie on the image: cell (Y, X) at row + Y period_y, X period_x."""
+
+    row: int  # first image row of the cells in row 0 of the lattice
+    cells_x: int  # cells to a row of the lattice
+    period_y: int  # pixels
+    period_x: int
+
+
+class Layout(NamedTuple):
+    """How values lie in memory, sorted by phase: ``block`` values per phase, of which rows hold ``stride`` cells."""
+
+    stride: int
+    block: int
+    reach_y: int  # cells that a pattern reaches beyond its own: as many rows of zeros surround a phase's lattice
+    reach_x: int
+
+
+class Entries(NamedTuple):
+    """Entries of H sorted by phase: those of phase k are ``start[k]:start[k+1]``."""
+
+    start: Array  # (phases + 1,), int64
+    offset: Array  # (entries,), int32: from a lattice position to the value that an entry multiplies
+    value: Array  # (entries,)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all three."""
+        return int(self.start.nbytes + self.offset.nbytes + self.value.nbytes)
 
 
 @njit()
-def overlap_add(windows: Array, image: Array, row: int, first: int, cells_x: int, period_y: int, period_x: int) -> None:
-    """Add windows ``(cells, rows, columns)`` of lattice cells from ``first`` on to ``image``.
-
-    The window of cell (Y, X) begins at row ``Y * period_y + row`` and column ``X * period_x``.
-    """
+def overlap_add(windows: Array, image: Array, tiling: Tiling, first: int) -> None:
+    """Add windows ``(cells, rows, columns)`` of lattice cells from ``first`` on to ``image`` where they overlap."""
     count, rows, columns = windows.shape
     for k in range(count):
-        top = (first + k) // cells_x * period_y + row
-        left = (first + k) % cells_x * period_x
+        top = (first + k) // tiling.cells_x * tiling.period_y + tiling.row
+        left = (first + k) % tiling.cells_x * tiling.period_x
         for t in range(rows):
+            # views of one row each: the inner loop then runs in vectors
             line = image[top + t, left : left + columns]
             window = windows[k, t]
             for s in range(columns):
@@ -29,14 +79,12 @@ def overlap_add(windows: Array, image: Array, row: int, first: int, cells_x: int
 
 
 @njit()
-def gather_windows(
-    windows: Array, image: Array, row: int, first: int, cells_x: int, period_y: int, period_x: int
-) -> None:
+def gather_windows(windows: Array, image: Array, tiling: Tiling, first: int) -> None:
     """Copy windows of ``image`` into ``windows`` ``(cells, rows, columns)``: the transpose of `overlap_add`."""
     count, rows, columns = windows.shape
     for k in range(count):
-        top = (first + k) // cells_x * period_y + row
-        left = (first + k) % cells_x * period_x
+        top = (first + k) // tiling.cells_x * tiling.period_y + tiling.row
+        left = (first + k) % tiling.cells_x * tiling.period_x
         for t in range(rows):
             line = image[top + t, left : left + columns]
             window = windows[k, t]
@@ -46,7 +94,10 @@ def gather_windows(
 
 @njit()
 def count_entries(plane: Array, keep: Array, by_source: Array, by_pixel: Array) -> None:
-    """Count the entries of H by source phase and by image phase; ``keep`` (ny, nx) selects image phases."""
+    """Count the entries of H that are not zero by source phase and by image phase, each ``(phases,)``.
+
+    ``plane`` is ``(ny, nx, nt, ns)``; ``keep`` (ny, nx) selects image phases.
+    """
     ny, nx, nt, ns = plane.shape
     ct, cs = (nt - 1) // 2, (ns - 1) // 2
     for y in range(ny):
@@ -62,27 +113,19 @@ def count_entries(plane: Array, keep: Array, by_source: Array, by_pixel: Array) 
 
 
 @njit()
-def fill_entries(
-    plane: Array,
-    keep: Array,
-    reach: Array,
-    stride: int,
-    block: int,
-    source_at: Array,
-    source_offset: Array,
-    source_value: Array,
-    pixel_at: Array,
-    pixel_offset: Array,
-    pixel_value: Array,
-) -> None:
+def fill_entries(plane: Array, keep: Array, layout: Layout, sources: Entries, pixels: Entries) -> None:
     """Sort the entries of H by source phase (for the adjoint) and by image phase (for the forward projection).
 
-    An offset leads from a lattice position to the other side's value, in arrays of ``block`` values per phase with
-    rows of ``stride`` values. ``source_at`` and ``pixel_at`` hold where each phase's next entry goes. Entries that
-    reach beyond ``reach`` cells never meet the image and are given offset 0 and value 0.
+    H[y, x][t, s] leads from phase (y, x) to the image phase (y + t - ct, x + s - cs) mod n, dy and dx cells farther
+    on; an offset leads from a lattice position to the other side's value. The counts in ``start`` are those of
+    `count_entries`. Entries that reach farther than the margins never meet the image: offset 0 and value 0.
     """
     ny, nx, nt, ns = plane.shape
     ct, cs = (nt - 1) // 2, (ns - 1) // 2
+    stride, block, reach_y, reach_x = layout.stride, layout.block, layout.reach_y, layout.reach_x
+    source_offset, source_value = sources.offset, sources.value
+    pixel_offset, pixel_value = pixels.offset, pixels.value
+    source_at, pixel_at = sources.start.copy(), pixels.start.copy()  # where each phase's next entry goes
     for y in range(ny):
         for x in range(nx):
             source = y * nx + x
@@ -97,7 +140,7 @@ def fill_entries(
                         continue
                     pixel = iy * nx + ix
                     shift = dy * stride + dx
-                    if abs(dy) > reach[0] or abs(dx) > reach[1]:
+                    if abs(dy) > reach_y or abs(dx) > reach_x:
                         value *= 0
                         shift = 0
                     a = source_at[source]
@@ -110,19 +153,15 @@ def fill_entries(
                     pixel_at[pixel] = b + 1
 
 
-LANES = 64
-"""Lattice positions summed at once: sums and sources of all phases stay in the caches."""
-
-
 @njit(fastmath={"contract", "reassoc"}, error_model="numpy")
-def gather_sums(
-    start: Array, offset: Array, value: Array, values_in: Array, values_out: Array, base: int, low: int, high: int
-) -> None:
+def gather_sums(entries: Entries, values_in: Array, values_out: Array, base: int, low: int, high: int) -> None:
     """Add to ``values_out[k, q]`` the sum over entries e of phase k of ``value[e] * values_in[offset[e] + base + q]``.
 
-    ``low <= k < high``; ``values_in`` is flat, ``values_out`` is ``(phases, positions)``. Four entries are taken at a
-    time, which saves three of four loads and stores of the sums.
+    ``low <= k < high``; ``values_in`` is flat, ``values_out`` is ``(phases, positions)`` and ``base`` the first
+    position behind the margins. Four entries are taken at a time, which saves three of four loads and stores of the
+    sums.
     """
+    start, offset, value = entries.start, entries.offset, entries.value
     positions = values_out.shape[1]
     sums = np.zeros(LANES, values_out.dtype)
     for q0 in range(0, positions, LANES):
@@ -133,6 +172,7 @@ def gather_sums(
             if begin == end:
                 continue
             sums[:] = 0
+            # whole blocks have a length known at compile time; what is left of lanes and entries goes one by one
             fours = begin + (end - begin) // 4 * 4 if lanes == LANES else begin
             for e in range(begin, fours, 4):
                 a, b, c, d = value[e], value[e + 1], value[e + 2], value[e + 3]

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.reconstruct.projectors._kernels import Tiling, gather_windows, overlap_add
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.planes import trim
 from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
@@ -45,6 +46,7 @@ def rows_at_once(nt: int, width: int, itemsize: int) -> int:
 
 def cells_at_once(rows: int, width: int, itemsize: int) -> int:
     """Return how many lattice cells a product takes."""
+    # a product of fewer rows is bound by reading its right factor
     return max(16, WINDOW_BYTES // (rows * width * itemsize))
 
 
@@ -87,6 +89,7 @@ class Direct:
                     self._spread(cells[y], operand, y, image, scratch)
                 return image
 
+            # threads over row phases, each with an image of its own: BLAS's threads on top would only queue
             with one_blas_thread():
                 for image in for_each_chunk(work, self.grid.period[0], self.workers, parts_per_worker=1):
                     total += self.grid.unpack(image, before=_centre(operand))
@@ -124,27 +127,24 @@ class Direct:
         self, sources: NDArray[Any], operand: NDArray[Any], y: int, image: NDArray[Any], scratch: _Scratch
     ) -> None:
         """Add the patterns of row phase ``y``, weighted by ``sources`` (cells, nx), to the padded ``image``."""
-        from lfcal.reconstruct.projectors._kernels import overlap_add
-
         (ny, nx), cells_x = self.grid.period, self.grid.cells[1]
         for rows, band in self._bands(operand, y, scratch):
             for first, stop in self._blocks(len(sources), band.shape[1:]):
                 windows = scratch.array("windows", (stop - first, *band.shape[1:]))
                 np.matmul(sources[first:stop], band.reshape(nx, -1), out=windows.reshape(stop - first, -1))
-                overlap_add(windows, image, y + rows.start, first, cells_x, ny, nx)
+                # windows of neighbouring cells overlap: a pattern is wider than the period
+                overlap_add(windows, image, Tiling(y + rows.start, cells_x, ny, nx), first)
 
     def _collect(
         self, packed: NDArray[Any], operand: NDArray[Any], y: int, cells: NDArray[Any], scratch: _Scratch
     ) -> None:
         """Write the patterns' products with the padded image into ``cells`` (cells, nx): transpose of `_spread`."""
-        from lfcal.reconstruct.projectors._kernels import gather_windows
-
         (ny, nx), cells_x = self.grid.period, self.grid.cells[1]
         cells[:] = 0
         for rows, band in self._bands(operand, y, scratch):
             for first, stop in self._blocks(len(cells), band.shape[1:]):
                 windows = scratch.array("windows", (stop - first, *band.shape[1:]))
-                gather_windows(windows, packed, y + rows.start, first, cells_x, ny, nx)
+                gather_windows(windows, packed, Tiling(y + rows.start, cells_x, ny, nx), first)
                 cells[first:stop] += windows.reshape(stop - first, -1) @ band.reshape(nx, -1).T
 
     def _bands(self, operand: NDArray[Any], y: int, scratch: _Scratch) -> Iterator[tuple[slice, NDArray[Any]]]:
@@ -173,6 +173,7 @@ class Direct:
         ny = self.grid.period[0]
         used = np.asarray(self.phases.any(axis=1))
         wanted = used[(y + np.arange(nt) - (nt - 1) // 2) % ny]
+        # ends of the runs of wanted rows, with a row that is not wanted on either side
         edges = np.flatnonzero(np.diff(np.concatenate(([0], wanted.astype(np.int8), [0]))))
         for start, stop in edges.reshape(-1, 2):
             yield from (slice(t, min(t + step, int(stop))) for t in range(int(start), int(stop), step))

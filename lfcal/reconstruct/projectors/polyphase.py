@@ -84,6 +84,7 @@ class Polyphase:
             part = flat[:, :, start * m : stop * m]
             np.matmul(self.matrices["kernel_y"], along_x.reshape(fx, ky, -1), out=part)
 
+        # many small products side by side: BLAS's own threads would cost more than they do
         with one_blas_thread():
             for_each_chunk(work, n, self.workers)
         return out
@@ -104,6 +105,7 @@ class Polyphase:
             t, s = _inside(top, nt, ky * ny), _inside(left, ns, kx * nx)
             frame = np.zeros((ky * ny, kx * nx), self.dtype)
             frame[top + t.start : top + t.stop, left + s.start : left + s.stop] = plane[y, x, t, s]
+            # a pattern, placed by its centre among whole cells, falls apart into taps K[D] by image phase
             cells = frame.reshape(ky, ny, kx, nx).transpose(2, 0, 1, 3).reshape(kx, ky, -1)
             taps[:, :, j - start] = cells if len(self.selected) == self.grid.phases else cells[:, :, self.selected]
         return taps
@@ -135,7 +137,7 @@ class Polyphase:
         for operand in operands:
             cells = self._cells(self.all_phases)
             with one_blas_thread():
-                if not spectra:
+                if not spectra:  # the image's spectra serve all planes
                     slabs = (self._analyse_x(packed, self.selected, band, conjugate=True) for band in bands)
                     spectra = [self._spread(slab, None, None) for slab in slabs]
                 for spectrum, band in zip(spectra, bands, strict=True):

@@ -49,6 +49,7 @@ class PositionFFT:
         total: NDArray[Any] | None = None
         for operand, plane in planes:
             for y, x, rows, columns in self._positions():
+                # only the voxels of this position of every period: they share one pattern
                 comb = np.zeros(self.grid.image_shape, self.dtype)
                 comb[rows, columns] = plane[rows, columns]
                 product = self._transform(comb) * self._transform(operand[y, x])
@@ -68,6 +69,7 @@ class PositionFFT:
         for operand in operands:
             out = np.zeros(self.grid.image_shape, self.dtype)
             for y, x, rows, columns in self._positions():
+                # the conjugate spectrum is that of the pattern turned round: correlation, the transpose of convolution
                 full = self._inverse(spectrum * self._transform(operand[y, x]).conj())
                 out[rows, columns] = full[:height, :width][rows, columns]
             yield out

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lfcal.reconstruct.projectors._kernels import LANES, Entries, Tiling, gather_sums, gather_windows, overlap_add
 from lfcal.threads import for_each_chunk, one_blas_thread
 
 __all__ = ["copy_rate", "fft_seconds", "gather_rate", "gemm_seconds", "product_seconds", "window_seconds"]
@@ -19,7 +20,7 @@ LIMIT = 1 << 24
 
 def _best(run: Callable[[], Any], *, budget: float = 0.03) -> float:
     """Return the least seconds of a run, repeated for ``budget`` seconds and at least three times."""
-    run()
+    run()  # compiles, and brings the arrays into the caches
     best, spent, runs = float("inf"), 0.0, 0
     while runs < 3 or spent < budget:
         start = time.perf_counter()
@@ -34,6 +35,7 @@ def _best(run: Callable[[], Any], *, budget: float = 0.03) -> float:
 def _threaded(run: Callable[[int], Any], workers: int) -> float:
     """Return the seconds per run when all workers are busy at the same time, divided among them."""
     with one_blas_thread():
+        # a thread's start must not weigh: runs are repeated until each worker has 4 ms of work
         repeats = max(1, round(0.004 / _best(lambda: run(0), budget=0.0)))
 
         def task() -> None:
@@ -75,6 +77,7 @@ def product_seconds(phases: int, pixels: int, dtype: str, workers: int, *, turne
         out = [np.empty(result, dtype) for _ in range(workers)]
         took = _threaded(partial(_multiply, source, stacks, out, turned), workers)
         seconds.append(took / count)
+    # noise may turn the slope over: it is held above an eighth of the time per column
     slope = max((seconds[1] - seconds[0]) / (many - few), seconds[1] / many / 8)
     return max(0.0, seconds[0] - few * slope), slope
 
@@ -101,14 +104,13 @@ def copy_rate(dtype: str, workers: int) -> float:
 @lru_cache(maxsize=16)
 def window_seconds(rows: int, columns: int, dtype: str, workers: int) -> tuple[float, float]:
     """Return the seconds per value of adding and of gathering windows of that size, all workers together."""
-    from lfcal.reconstruct.projectors._kernels import gather_windows, overlap_add
-
     cells = max(4, (1 << 18) // (rows * columns))
     windows = [np.zeros((cells, rows, columns), dtype) for _ in range(workers)]
     images = [np.zeros((rows, columns + cells * 8), dtype) for _ in range(workers)]
     values = cells * rows * columns
-    add = _threaded(lambda w: overlap_add(windows[w], images[w], 0, 0, cells, 1, 8), workers)
-    gather = _threaded(lambda w: gather_windows(windows[w], images[w], 0, 0, cells, 1, 8), workers)
+    tiling = Tiling(0, cells, 1, 8)  # windows eight columns apart, so that they overlap as patterns do
+    add = _threaded(lambda w: overlap_add(windows[w], images[w], tiling, 0), workers)
+    gather = _threaded(lambda w: gather_windows(windows[w], images[w], tiling, 0), workers)
     return add / values, gather / values
 
 
@@ -125,16 +127,15 @@ def fft_seconds(rows: int, columns: int, dtype: str, workers: int) -> float:
 @lru_cache(maxsize=16)
 def gather_rate(phases: int, positions: int, dtype: str, workers: int) -> float:
     """Return the sparse kernel's multiply-adds per second, all workers together."""
-    from lfcal.reconstruct.projectors._kernels import LANES, gather_sums
-
     width = min(positions, 4 * LANES)
     lanes = min(phases, 4096)
     entries = max(64, (1 << 21) // (lanes * width))
     rng = np.random.default_rng(0)
     start = np.arange(lanes + 1) * entries
+    # random offsets, as the entries of a real H jump from phase to phase
     offset = (rng.integers(0, lanes, lanes * entries) * width).astype(np.int32)
     value = np.ones(lanes * entries, dtype)
     values = np.ones(lanes * width, dtype)
     out = [np.zeros((lanes, width), dtype) for _ in range(workers)]
-    took = _threaded(lambda w: gather_sums(start, offset, value, values, out[w], 0, 0, lanes), workers)
+    took = _threaded(lambda w: gather_sums(Entries(start, offset, value), values, out[w], 0, 0, lanes), workers)
     return entries * lanes * width / took

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
+from lfcal.reconstruct.projectors._kernels import Entries, Layout, count_entries, fill_entries, gather_sums
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.threads import for_each_chunk, worker_count
 
@@ -17,24 +18,11 @@ __all__ = ["Sparse", "SparseOperand"]
 
 
 @dataclass(frozen=True, slots=True)
-class _Rows:
-    """Entries sorted by phase: those of phase k are ``start[k]:start[k+1]``."""
-
-    start: NDArray[np.int64]
-    offset: NDArray[np.int32]
-    value: NDArray[Any]
-
-    @property
-    def nbytes(self) -> int:
-        return self.start.nbytes + self.offset.nbytes + self.value.nbytes
-
-
-@dataclass(frozen=True, slots=True)
 class SparseOperand:
     """One plane's entries, sorted for the forward and for the adjoint projection."""
 
-    pixels: _Rows
-    sources: _Rows
+    pixels: Entries
+    sources: Entries
 
 
 class Sparse:
@@ -58,6 +46,7 @@ class Sparse:
         self.stride = cells_x + rx  # the margin right of a row is the margin left of the next
         self.base = ry * self.stride + rx
         self.block = (cells_y + 2 * ry) * self.stride + 2 * rx
+        # offsets are 32-bit: the kernel is bound by reading them
         if grid.phases * self.block >= 1 << 31:
             raise InputError.expected(
                 "image for the sparse method", "below 2^31 pixels", grid.pixels, "split the image"
@@ -65,32 +54,17 @@ class Sparse:
 
     def prepare(self, plane: NDArray[Any]) -> SparseOperand:
         """Return the entries of a plane of H that are not zero."""
-        from lfcal.reconstruct.projectors._kernels import count_entries, fill_entries
-
         n = self.grid.phases
         by_source, by_pixel = np.zeros(n, np.int64), np.zeros(n, np.int64)
         count_entries(plane, self.keep, by_source, by_pixel)
-        rows = [self._empty_rows(counts) for counts in (by_source, by_pixel)]
-        sources, pixels = rows
-        reach = np.array(self.grid.reach)
-        fill_entries(
-            plane,
-            self.keep,
-            reach,
-            self.stride,
-            self.block,
-            sources.start[:-1].copy(),
-            sources.offset,
-            sources.value,
-            pixels.start[:-1].copy(),
-            pixels.offset,
-            pixels.value,
-        )
+        sources, pixels = self._room_for(by_source), self._room_for(by_pixel)
+        fill_entries(plane, self.keep, Layout(self.stride, self.block, *self.grid.reach), sources, pixels)
         return SparseOperand(pixels, sources)
 
-    def _empty_rows(self, counts: NDArray[np.int64]) -> _Rows:
+    def _room_for(self, counts: NDArray[np.int64]) -> Entries:
+        """Return unfilled entries, so many per phase."""
         start = np.concatenate(([0], np.cumsum(counts)))
-        return _Rows(start, np.empty(start[-1], np.int32), np.empty(start[-1], self.dtype))
+        return Entries(start, np.empty(start[-1], np.int32), np.empty(start[-1], self.dtype))
 
     def operand_bytes(self, operand: SparseOperand) -> int:
         """Return the bytes of the entries."""
@@ -120,15 +94,14 @@ class Sparse:
         (ny, nx), (cells_y, cells_x) = self.grid.period, self.grid.cells
         packed = self.grid.pack(plane, self.dtype).reshape(cells_y, ny, cells_x, nx).transpose(1, 3, 0, 2)
         out = np.zeros((ny, nx, self.block), self.dtype)
+        # in rows of `stride` from the first inner position on, the margins are the tails of the rows
         inner = out[:, :, self.base : self.base + cells_y * self.stride]
         inner.reshape(ny, nx, cells_y, self.stride)[..., :cells_x] = packed
         return out.reshape(-1)
 
-    def _add(self, rows: _Rows, values: NDArray[Any], out: NDArray[Any]) -> None:
-        from lfcal.reconstruct.projectors._kernels import gather_sums
-
+    def _add(self, rows: Entries, values: NDArray[Any], out: NDArray[Any]) -> None:
         def work(low: int, high: int) -> None:
-            gather_sums(rows.start, rows.offset, rows.value, values, out, self.base, low, high)
+            gather_sums(rows, values, out, self.base, low, high)
 
         for_each_chunk(work, self.grid.phases, self.workers)
 

@@ -1,28 +1,112 @@
 """Compiled loops of the wave engine: one lenslet, many source positions of a row.
 
-The zoomed Fourier transform of a lenslet's field is split by parity in both axes: with samples i dx and nodes
-symmetric about 0 only cosines and sines over half the samples and half the nodes are needed, real matrices that
-are the same for every lenslet of a type. That is a quarter of the products of the complex form. Every product is
-kept below 2^18 multiply-adds, where BLAS libraries do not start threads of their own.
+With c the lenslet, X0 the source's image and L = lambda B', the field behind the lenslet is (see `wave.py`)
+
+    V(s) = exp(i pi |s-c|^2/L)/L sum_k E(x_k + c - X0) m(x_k) exp(i pi sigma x_k^2/L)
+           exp(-2 pi i x_k.(s - c + (B'/a')(c - X0))/L) dx^2,     x_k = (x0 + kx dx, y0 + ky dx).
+
+The sum is split by parity in both axes: with samples and nodes symmetric about 0 only cosines and sines over half
+the samples and half the nodes are needed, real zoom that are the same for every lenslet of a type. That is a
+quarter of the products of the complex form. Every product is kept below 2^18 multiply-adds, where BLAS libraries do
+not start threads of their own.
+
+What a kernel calls stands in its own file, records included: the cache on disk sees changes of that file alone.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.compiled import njit
-from lfcal.simulate.engines._lenslets import mask_from_disc, mask_from_table, straighten
 
-__all__ = ["respond", "square_fields"]
+__all__ = ["Aperture", "Field", "Optics", "Target", "Zoom", "respond"]
 
 F4 = NDArray[Any]  # single precision, or double where it is asked for
 F8 = NDArray[np.float64]
 I8 = NDArray[np.int64]
 _SMALL = 1 << 18
+
+
+class Split(NamedTuple):
+    """Complex values as two real arrays of one shape: so the loops over them run in vectors."""
+
+    re: F4
+    im: F4
+
+
+class Field(NamedTuple):
+    """The main lens's field E (or U near the native plane) on the array, about the source's image."""
+
+    re: F4  # (n, n), rows along y; sample (n // 2, n // 2) lies at X0
+    im: F4  # (n, n)
+    dx_um: float  # distance of samples
+
+
+class Aperture(NamedTuple):
+    """The aperture of one lens type on the samples: the cell's table where it is not empty, else the disc's."""
+
+    disc_re: F4  # (entries,) over r^2: aperture times exp(i bend r^2) times dx^2 pixel / L
+    disc_im: F4
+    disc_step: float  # µm^2 from entry to entry
+    cell: F4  # (side, side), rows along y, origin in the middle: aperture times dx^2 pixel / L; (0, 0) for discs
+    cell_step: float  # µm
+    bend: float  # pi sigma / L (rad/µm^2); the disc's table holds it already
+
+
+class Zoom(NamedTuple):
+    """The Fourier transform from the samples to the nodes of the window on the sensor, and from nodes to pixels."""
+
+    cosine: F4  # (nodes >= 0, half + 1): cos(2 pi s_i x_j / L)
+    sine: F4  # the same of sines
+    cosine_t: F4  # the transposes, contiguous as the products want them
+    sine_t: F4
+    bins: F4  # (nodes, width): intensities at the nodes to pixels, along one axis
+    bins_t: F4
+    nodes_um: F8  # (nodes,) about the window's middle
+    per_px: int  # nodes to a pixel
+
+
+class Optics(NamedTuple):
+    """What all lenslets of one type share besides their aperture."""
+
+    per_spread: float  # 1 / L (1/µm^2)
+    share: float  # energy per unit of sum |E m|^2, as the aperture's table is scaled
+    sphere: float  # 1 - B'/a': what the converging sphere leaves of a lenslet's quadratic phase
+    rays: float  # 2 pi B'/lambda (rad) for rays at exact angles; 0: paraxial
+    source_rate: float  # sine of a ray per µm of c - X0: 1/a'
+    point_rate: float  # sine of a ray per µm on the lenslet: 1/a' + 1/f
+
+
+class Target(NamedTuple):
+    """Where light is added: the cutouts; or, for fields, node grids of the positions, squared at the end."""
+
+    image: F4  # (positions, rows, columns) of pixels
+    grid_re: F4  # (positions, rows, columns) of nodes; without positions where intensities are added
+    grid_im: F4
+    boxes: I8  # (positions, 4): first and past-last row and column of pixels touched so far
+
+
+EE, EO, OE, OO = range(4)
+"""Parts of a field that are even or odd in y (first letter) and x, the first axis of an array of parities."""
+
+
+class _Scratch(NamedTuple):
+    """Memory of one call of `respond`, n = 2 half + 1 samples, k nodes >= 0, c nodes and w pixels a side."""
+
+    mask: Split  # (n, n)
+    bent: Split  # (n, n)
+    line: F4  # (6, n)
+    parities: F4  # (4, half + 1, 2 (half + 1)) by `EE` and so on: real parts, then imaginary
+    half: F4  # (k, 2 (half + 1))
+    quarters: F4  # (4, 2 k, k)
+    nodes: F4  # (c, c)
+    side: F4  # (c, w)
+    pixels: F4  # (w, w)
+    turns: F8  # (axis, cosine and sine, c)
 
 
 @njit()
@@ -35,26 +119,116 @@ def _product(a: F4, b: F4, out: F4) -> None:
 
 
 @njit(fastmath=True)
-def fold(
-    field_re: F4,
-    field_im: F4,
-    row: int,
-    col: int,
-    mask_re: F4,
-    mask_im: F4,
-    turn_x: float,
-    turn_y: float,
-    line: F4,
-    ee: F4,
-    eo: F4,
-    oe: F4,
-    oo: F4,
-) -> float:
-    """Multiply field, aperture and tilt, split by parity in y (first letter) and x; return the sum of the square.
+def mask_from_disc(aperture: Aperture, dx: float, x0: float, y0: float, mask: Split) -> None:
+    """Fill a disc times its phase, linear in its table over r^2; sample (h, h) lies at (x0, y0) from the centre."""
+    table_re, table_im, re, im = aperture.disc_re, aperture.disc_im, mask.re, mask.im
+    n = re.shape[0]
+    h = n // 2
+    last = table_re.size - 2
+    scale = 1.0 / aperture.disc_step
+    for i in range(n):
+        y = (i - h) * dx + y0
+        for j in range(n):
+            x = (j - h) * dx + x0
+            t = (x * x + y * y) * scale
+            k = min(int(t), last)  # the table reaches past the corners: this guards against rounding only
+            w = re.dtype.type(min(t - k, 1.0))
+            re[i, j] = table_re[k] + w * (table_re[k + 1] - table_re[k])
+            im[i, j] = table_im[k] + w * (table_im[k + 1] - table_im[k])
 
-    The four results are ``(h+1, 2 (h+1))``: real parts, then imaginary parts. ``turn`` is the tilt's phase per
-    sample. ``line`` is scratch ``(6, 2h+1)``.
+
+@njit(fastmath=True)
+def mask_from_table(aperture: Aperture, dx: float, x0: float, y0: float, mask: Split) -> None:
+    """Fill the lattice's cell, bilinear in its fine table, times exp(i bend r^2)."""
+    table, step, re, im = aperture.cell, aperture.cell_step, mask.re, mask.im
+    n = re.shape[0]
+    h = n // 2
+    middle = table.shape[0] // 2
+    for i in range(n):
+        y = (i - h) * dx + y0
+        v = min(max(y / step + middle, 0.0), table.shape[0] - 2.0)
+        r = int(v)
+        b = v - r
+        for j in range(n):
+            x = (j - h) * dx + x0
+            u = min(max(x / step + middle, 0.0), table.shape[0] - 2.0)
+            c = int(u)
+            a = u - c
+            value = (1 - b) * ((1 - a) * table[r, c] + a * table[r, c + 1]) + b * (
+                (1 - a) * table[r + 1, c] + a * table[r + 1, c + 1]
+            )
+            phase = aperture.bend * (x * x + y * y)
+            re[i, j] = value * math.cos(phase)
+            im[i, j] = value * math.sin(phase)
+
+
+@njit(fastmath={"contract", "nnan", "ninf", "nsz"})
+def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -> None:
+    """Write the mask times the phase by which exact propagation differs from Fresnel's, ray by ray.
+
+    A ray that leaves the lenslet's point x with sine s = -(c - X0)/a' - x (1/a' + 1/f) is behind its parabola by
+    (2 pi B/lambda) (1 - s^2/2 - sqrt(1 - s^2)) = (2 pi B/lambda) (s^4/8 + s^6/16 + 5 s^8/128 + ...): the series
+    keeps the digits that the difference loses. Polynomials in one precision throughout let the loop run in vectors.
     """
+    n = mask.re.shape[0]
+    real = mask.re.dtype.type
+    # coefficients of the series over s^2, in units of s^4/8; of sine and cosine by Taylor, good for |t| <= pi/2
+    k0, k1, k2, k3, k4 = real(1), real(1 / 2), real(5 / 16), real(7 / 32), real(21 / 128)
+    s3, s5, s7, s9 = real(-1 / 6), real(1 / 120), real(-1 / 5040), real(1 / 362880)
+    c2, c4, c6, c8 = real(-1 / 2), real(1 / 24), real(-1 / 720), real(1 / 40320)
+    one, pi = real(1), real(math.pi)
+    # adding and taking away 1.5 times 2 to the digits of the mantissa rounds to whole numbers
+    nearest = real(1.5 * 2.0 ** (23 if mask.re.itemsize == 4 else 52))
+    gap = real(optics.rays / (16 * math.pi))
+    tilt = np.empty(n, mask.re.dtype)
+    for j in range(n):
+        tilt[j] = spot.lx * optics.source_rate + ((j - n // 2) * dx + spot.x0) * optics.point_rate
+    for i in range(n):
+        sy = real(spot.ly * optics.source_rate + ((i - n // 2) * dx + spot.y0) * optics.point_rate)
+        out_re, out_im, in_re, in_im = bent.re[i], bent.im[i], mask.re[i], mask.im[i]
+        for j in range(n):
+            v = tilt[j] * tilt[j] + sy * sy
+            turns = gap * v * v * (k0 + v * (k1 + v * (k2 + v * (k3 + v * k4))))
+            t = (turns - ((turns + nearest) - nearest)) * pi  # half the phase
+            u = t * t
+            s = t * (one + u * (s3 + u * (s5 + u * (s7 + u * s9))))
+            c = one + u * (c2 + u * (c4 + u * (c6 + u * c8)))
+            cosine, sine = c * c - s * s, -(s * c + s * c)
+            out_re[j] = in_re[j] * cosine - in_im[j] * sine
+            out_im[j] = in_re[j] * sine + in_im[j] * cosine
+
+
+@njit(fastmath=True)
+def _split_row(line: F4, i: int, parts: F4) -> None:
+    """Write row i of the four parities from ``line``, the field at rows +i and -i (see `fold`)."""
+    h, m = parts.shape[1] - 1, parts.shape[1]
+    for j in range(1, m):
+        pr, pi = line[0, h + j] + line[0, h - j], line[1, h + j] + line[1, h - j]
+        qr, qi = line[2, h + j] + line[2, h - j], line[3, h + j] + line[3, h - j]
+        parts[EE, i, j], parts[EE, i, m + j] = pr + qr, pi + qi
+        parts[OE, i, j], parts[OE, i, m + j] = pr - qr, pi - qi
+        pr, pi = line[0, h + j] - line[0, h - j], line[1, h + j] - line[1, h - j]
+        qr, qi = line[2, h + j] - line[2, h - j], line[3, h + j] - line[3, h - j]
+        parts[EO, i, j], parts[EO, i, m + j] = pr + qr, pi + qi
+        parts[OO, i, j], parts[OO, i, m + j] = pr - qr, pi - qi
+    parts[EE, i, 0], parts[EE, i, m] = line[0, h] + line[2, h], line[1, h] + line[3, h]
+    parts[OE, i, 0], parts[OE, i, m] = line[0, h] - line[2, h], line[1, h] - line[3, h]
+    parts[EO, i, 0], parts[EO, i, m] = 0, 0  # nothing is odd about the axis itself
+    parts[OO, i, 0], parts[OO, i, m] = 0, 0
+
+
+@njit(fastmath=True)
+def fold(field: Field, place: tuple[int, int], mask: Split, turn: tuple[float, float], line: F4, parts: F4) -> float:
+    """Multiply field, aperture and tilt, f_k = E_k m_k exp(i (turn_y k_y + turn_x k_x)), and split f by parity.
+
+    ``place`` is the table's row and column of the sample k = 0, ``turn`` the phase per sample (y, x). With
+    f(+-i, +-j) the values at samples mirrored in both axes, ee sums all four, and o takes those at negative k with a
+    minus; samples on an axis count once. Returns the sum of |E m|^2. ``line`` is scratch ``(6, 2h+1)``: f at +i and
+    at -i (re, im), and the tilt along x.
+    """
+    field_re, field_im, mask_re, mask_im = field.re, field.im, mask.re, mask.im
+    row, col = place
+    turn_y, turn_x = turn
     n = mask_re.shape[0]
     h = n // 2
     m = h + 1
@@ -67,7 +241,7 @@ def fold(
             k = h + i if side == 0 else h - i
             angle = turn_y * (k - h)
             c, s = field_re.dtype.type(math.cos(angle)), field_re.dtype.type(math.sin(angle))
-            part = field_re.dtype.type(0)
+            part = field_re.dtype.type(0)  # a row's sum in its own precision keeps the loop in vectors
             base = col - h
             r = row - h + k
             for j in range(n):
@@ -80,57 +254,43 @@ def fold(
                 line[2 * side + 1, j] = fr * ti + fi * tr
             if side == 0 or i > 0:
                 total += part
-        if i == 0:
-            for j in range(n):
-                line[2, j] = 0
-                line[3, j] = 0
-        for j in range(1, m):
-            pr, pi = line[0, h + j] + line[0, h - j], line[1, h + j] + line[1, h - j]
-            qr, qi = line[2, h + j] + line[2, h - j], line[3, h + j] + line[3, h - j]
-            ee[i, j], ee[i, m + j] = pr + qr, pi + qi
-            oe[i, j], oe[i, m + j] = pr - qr, pi - qi
-            pr, pi = line[0, h + j] - line[0, h - j], line[1, h + j] - line[1, h - j]
-            qr, qi = line[2, h + j] - line[2, h - j], line[3, h + j] - line[3, h - j]
-            eo[i, j], eo[i, m + j] = pr + qr, pi + qi
-            oo[i, j], oo[i, m + j] = pr - qr, pi - qi
-        ee[i, 0], ee[i, m] = line[0, h] + line[2, h], line[1, h] + line[3, h]
-        oe[i, 0], oe[i, m] = line[0, h] - line[2, h], line[1, h] - line[3, h]
-        eo[i, 0], eo[i, m] = 0, 0
-        oo[i, 0], oo[i, m] = 0, 0
+        if i == 0:  # the axis is its own mirror image
+            line[2:4] = 0
+        _split_row(line, i, parts)
     return total
 
 
 @njit()
-def transform(
-    cosine: F4, sine: F4, cosine_t: F4, sine_t: F4, ee: F4, eo: F4, oe: F4, oo: F4, half: F4, out: F4
-) -> None:
-    """Zoomed transform of the four parities: ``out[parity]`` is ``(2 k, k)``, rows real and imaginary in turn.
+def transform(zoom: Zoom, parts: F4, half: F4, out: F4) -> None:
+    """Write the transforms of the four parities at the nodes >= 0: ``out`` (4, 2 k, k), rows re and im in turn.
 
-    ``cosine``, ``sine`` are (k, h+1), the transposes ``_t`` (h+1, k); ``half`` is scratch (k, 2(h+1)).
+    out[0] = C ee C^T, out[1] = C eo S^T, out[2] = S oe C^T, out[3] = S oo S^T with C, S (k, h+1) of cosines and
+    sines. ``half`` is scratch (k, 2 (h+1)): what a matrix along y leaves has re and im side by side, so that read
+    as (2 k, h+1) one product along x does both.
     """
-    m, k = cosine_t.shape
-    parts = half.reshape(2 * k, m)
-    _product(cosine, ee, half)
-    _product(parts, cosine_t, out[0])
-    _product(cosine, eo, half)
-    _product(parts, sine_t, out[1])
-    _product(sine, oe, half)
-    _product(parts, cosine_t, out[2])
-    _product(sine, oo, half)
-    _product(parts, sine_t, out[3])
+    cosine, sine, cosine_t, sine_t = zoom.cosine, zoom.sine, zoom.cosine_t, zoom.sine_t
+    lines = half.reshape(2 * cosine.shape[0], cosine.shape[1])
+    _product(cosine, parts[EE], half)
+    _product(lines, cosine_t, out[0])
+    _product(cosine, parts[EO], half)
+    _product(lines, sine_t, out[1])
+    _product(sine, parts[OE], half)
+    _product(lines, cosine_t, out[2])
+    _product(sine, parts[OO], half)
+    _product(lines, sine_t, out[3])
 
 
 @njit(fastmath=True)
-def add_incoherent(
-    quarters: F4, nodes: F4, bins: F4, bins_t: F4, half: F4, pixels: F4, image: F4, top: int, left: int
-) -> float:
+def add_incoherent(scratch: _Scratch, zoom: Zoom, image: F4, top: int, left: int) -> float:
     """Square the field, integrate over pixels, add to the cutout; return the energy of the whole window.
 
-    Field at (+-y, +-x) is (a - s d) - i (s_x b + s_y c) with a, b, c, d the four parities and s = s_x s_y.
+    Field at (+-y, +-x) is (a - s d) - i (s_x b + s_y c) with a, b, c, d the four parities and s = s_x s_y. Its
+    square at one node and at the mirrored one differ in the sign of one term only, so both cost one product.
     """
+    quarters, nodes, pixels = scratch.quarters, scratch.nodes, scratch.pixels
     k = quarters.shape[2]
     n = nodes.shape[0]
-    up, down = n // 2, (n - 1) // 2
+    up, down = n // 2, (n - 1) // 2  # of an odd number of nodes the middle one is its own mirror image
     for i in range(k):
         for j in range(k):
             ar, ai = quarters[0, 2 * i, j], quarters[0, 2 * i + 1, j]
@@ -145,8 +305,8 @@ def add_incoherent(
             square, cross = pr * pr + pi * pi + qr * qr + qi * qi, 2 * (pr * qi - pi * qr)
             nodes[up + i, down - j] = square + cross
             nodes[down - i, up + j] = square - cross
-    _product(nodes, bins, half)
-    _product(bins_t, half, pixels)
+    _product(nodes, zoom.bins, scratch.side)
+    _product(zoom.bins_t, scratch.side, pixels)
     total = 0.0
     w = pixels.shape[0]
     for i in range(w):
@@ -160,12 +320,14 @@ def add_incoherent(
 
 
 @njit(fastmath=True)
-def add_coherent(quarters: F4, turn_y: F8, turn_x: F8, grid_re: F4, grid_im: F4, top: int, left: int) -> float:
+def add_coherent(quarters: F4, turns: F8, grid_re: F4, grid_im: F4, top: int, left: int) -> float:
     """Add the field times its phase to the position's node grid; return the sum of its square.
 
-    ``turn`` are ``(2, n)``, cosines and sines of the phase along each axis; ``top``, ``left`` are in nodes.
+    ``turns`` are ``(axis, 2, n)``, cosines and sines of the phase along y and x; ``top``, ``left`` are in nodes.
+    The field at (+-y, +-x) is put together as in `add_incoherent`.
     """
     k = quarters.shape[2]
+    turn_y, turn_x = turns[0], turns[1]
     n = turn_x.shape[1]
     up, down = n // 2, (n - 1) // 2
     total = 0.0
@@ -203,123 +365,78 @@ def add_coherent(quarters: F4, turn_y: F8, turn_x: F8, grid_re: F4, grid_im: F4,
 
 
 @njit(fastmath=True)
-def respond(
-    field_re: F4,
-    field_im: F4,
-    dx: float,
-    disc_re: F4,
-    disc_im: F4,
-    disc_step: float,
-    cell: F4,
-    cell_step: float,
-    bend: float,
-    cosine: F4,
-    sine: F4,
-    bins: F4,
-    scale: F8,
-    rays: F8,
-    nodes_um: F8,
-    places: I8,
-    numbers: F8,
-    offsets: F8,
-    out: F4,
-    grid_re: F4,
-    grid_im: F4,
-    boxes: I8,
-    energies: F8,
-) -> None:
-    """Add one lenslet's response to the cutouts (incoherent) or node grids (coherent) of the listed positions.
+def _node_turns(zoom: Zoom, optics: Optics, spot: Any, turns: F8) -> None:
+    """Fill the phase of a lenslet's field at the nodes, along y and x: what the transform leaves out.
 
-    Parameters
-    ----------
-    disc_re, disc_im, disc_step, cell, cell_step, bend
-        Aperture tables: the cell's where ``cell`` is not empty, else the disc's, phase included.
-    scale
-        1 / (lambda B'), energy in per square of a masked sample, 1 - B'/a', nodes per pixel.
-    rays
-        For `straighten`: 2 pi B/lambda (0: paraxial), 1/a', 1/a' + 1/f.
-    nodes_um
-        Nodes of the window about its middle.
-    places, numbers, offsets
-        From `select`; lenslet minus source (n, 2) as (x, y).
-    grid_re, grid_im, boxes
-        Coherent: node grids ``(positions, rows, columns)`` and the touched box of each; empty otherwise.
-    energies
-        Out: ``(n, 2)`` energy in and out of each response.
+    With l = c - X0 and s - X0 = m + node: pi l^2 (1 - B'/a')/L - 2 pi l.(s - X0)/L from the two spheres, the square
+    of s - X0 being the same for all lenslets, and -2 pi x0.(o + node)/L as the samples start at x0, not at the centre.
     """
-    cosine_t, sine_t, bins_t = cosine.T.copy(), sine.T.copy(), bins.T.copy()
-    n, h = 2 * cosine.shape[1] - 1, cosine.shape[1] - 1
-    m, k, count = h + 1, cosine.shape[0], bins.shape[0]
-    w = bins.shape[1]
-    re, im = np.empty((n, n), field_re.dtype), np.empty((n, n), field_re.dtype)
-    bent_re, bent_im = np.empty_like(re), np.empty_like(im)
-    line = np.empty((6, n), field_re.dtype)
-    ee, eo = np.empty((m, 2 * m), field_re.dtype), np.empty((m, 2 * m), field_re.dtype)
-    oe, oo = np.empty((m, 2 * m), field_re.dtype), np.empty((m, 2 * m), field_re.dtype)
-    half, quarters = np.empty((k, 2 * m), field_re.dtype), np.empty((4, 2 * k, k), field_re.dtype)
-    nodes, side = np.empty((count, count), field_re.dtype), np.empty((count, w), field_re.dtype)
-    pixels = np.empty((w, w), field_re.dtype)
-    turn_x, turn_y = np.empty((2, count)), np.empty((2, count))
-    last_x = last_y = 1e300
-    per = int(scale[3])
-    rate = 2 * math.pi * scale[0]
-    for f in range(places.shape[0]):
-        x0, y0 = numbers[f, 0], numbers[f, 1]
-        if abs(x0 - last_x) + abs(y0 - last_y) > 1e-6 * dx:
-            if cell.shape[0]:
-                mask_from_table(cell, cell_step, bend, dx, x0, y0, re, im)
-            else:
-                mask_from_disc(disc_re, disc_im, disc_step, dx, x0, y0, re, im)
-            last_x, last_y = x0, y0
-        p, row, col, top, left = places[f, 0], places[f, 1], places[f, 2], places[f, 3], places[f, 4]
-        ox, oy = numbers[f, 2], numbers[f, 3]
-        if rays[0] != 0:
-            straighten(re, im, dx, x0, y0, offsets[f], rays, bent_re, bent_im)
-            light = fold(
-                field_re, field_im, row, col, bent_re, bent_im, -rate * dx * ox, -rate * dx * oy, line, ee, eo, oe, oo
-            )
-        else:
-            light = fold(field_re, field_im, row, col, re, im, -rate * dx * ox, -rate * dx * oy, line, ee, eo, oe, oo)
-        energies[f, 0] = scale[1] * light
-        transform(cosine, sine, cosine_t, sine_t, ee, eo, oe, oo, half, quarters)
-        if grid_re.shape[0] == 0:
-            energies[f, 1] = add_incoherent(quarters, nodes, bins, bins_t, side, pixels, out[p], top, left)
-            continue
-        lx, ly = offsets[f, 0], offsets[f, 1]
-        common = 0.5 * rate * (lx * lx + ly * ly) * scale[2]
-        for j in range(count):
-            a = common - rate * ((numbers[f, 4] + nodes_um[j]) * lx + x0 * (nodes_um[j] + ox))
-            b = -rate * ((numbers[f, 5] + nodes_um[j]) * ly + y0 * (nodes_um[j] + oy))
-            turn_x[0, j], turn_x[1, j] = math.cos(a), math.sin(a)
-            turn_y[0, j], turn_y[1, j] = math.cos(b), math.sin(b)
-        energies[f, 1] = add_coherent(quarters, turn_y, turn_x, grid_re[p], grid_im[p], top * per, left * per) / (
-            per * per
-        )
-        boxes[p, 0], boxes[p, 1] = min(boxes[p, 0], top), max(boxes[p, 1], top + w)
-        boxes[p, 2], boxes[p, 3] = min(boxes[p, 2], left), max(boxes[p, 3], left + w)
+    rate, nodes = 2 * math.pi * optics.per_spread, zoom.nodes_um
+    common = 0.5 * rate * (spot.lx * spot.lx + spot.ly * spot.ly) * optics.sphere
+    for j in range(nodes.size):
+        node = nodes[j]
+        a = common - rate * ((spot.mx + node) * spot.lx + spot.x0 * (node + spot.ox))
+        b = -rate * ((spot.my + node) * spot.ly + spot.y0 * (node + spot.oy))
+        turns[1, 0, j], turns[1, 1, j] = math.cos(a), math.sin(a)
+        turns[0, 0, j], turns[0, 1, j] = math.cos(b), math.sin(b)
+
+
+@njit()
+def _memory(zoom: Zoom, like: F4) -> _Scratch:
+    """Return scratch memory for one lens type, in the precision of ``like``."""
+    k, m = zoom.cosine.shape
+    n, (count, w) = 2 * m - 1, zoom.bins.shape
+    masks = np.empty((4, n, n), like.dtype)
+    return _Scratch(
+        Split(masks[0], masks[1]),
+        Split(masks[2], masks[3]),
+        np.empty((6, n), like.dtype),
+        np.empty((4, m, 2 * m), like.dtype),
+        np.empty((k, 2 * m), like.dtype),
+        np.empty((4, 2 * k, k), like.dtype),
+        np.empty((count, count), like.dtype),
+        np.empty((count, w), like.dtype),
+        np.empty((w, w), like.dtype),
+        np.empty((2, 2, count)),
+    )
 
 
 @njit(fastmath=True)
-def square_fields(grid_re: F4, grid_im: F4, boxes: I8, weights: F4, per: int, out: F4) -> None:
-    """Integrate the summed fields' squares over the pixels of each position's box; leave grids and boxes empty."""
-    taps = weights.size
-    line = np.empty(grid_re.shape[2], grid_re.dtype)
-    for p in range(out.shape[0]):
-        top, bottom = max(0, boxes[p, 0]), min(out.shape[1], boxes[p, 1])
-        left, right = max(0, boxes[p, 2]), min(out.shape[2], boxes[p, 3])
-        if top < bottom and left < right:
-            first, last = left * per, right * per + taps - per
-            for t in range(top, bottom):
-                line[first:last] = 0
-                for i in range(taps):
-                    for j in range(first, last):
-                        re, im = grid_re[p, t * per + i, j], grid_im[p, t * per + i, j]
-                        line[j] += weights[i] * (re * re + im * im)
-                for s in range(left, right):
-                    total = weights[0] * line[s * per]
-                    for j in range(1, taps):
-                        total += weights[j] * line[s * per + j]
-                    out[p, t, s] = total
-            grid_re[p, top * per : bottom * per + taps - per, first:last] = 0
-            grid_im[p, top * per : bottom * per + taps - per, first:last] = 0
-        boxes[p, 0], boxes[p, 1], boxes[p, 2], boxes[p, 3] = 1 << 30, -(1 << 30), 1 << 30, -(1 << 30)
+def respond(field: Field, aperture: Aperture, zoom: Zoom, optics: Optics, spots: Any, target: Target) -> None:
+    """Add one lenslet's response to the cutouts (incoherent) or node grids (coherent) of the listed positions.
+
+    ``spots`` are those of `lfcal.simulate.engines._lenslets.select`, sorted so that neighbours share their place
+    between two samples, and so the mask; their ``energy_in`` and ``energy_out`` are filled.
+    """
+    # arrays out of their records before the loop: inside, each access would count references
+    scratch, dx, per, w = _memory(zoom, field.re), field.dx_um, zoom.per_px, zoom.bins.shape[1]
+    straight, bent, line, parities = scratch.mask, scratch.bent, scratch.line, scratch.parities
+    half, quarters, turns = scratch.half, scratch.quarters, scratch.turns
+    image, grid_re, grid_im, boxes = target.image, target.grid_re, target.grid_im, target.boxes
+    cell = aperture.cell.shape[0] > 0
+    step = -2 * math.pi * optics.per_spread * dx  # turn per sample for a window 1 µm off the phase's centre
+    last_x = last_y = 1e300
+    for f in range(spots.shape[0]):
+        spot = spots[f]
+        if abs(spot.x0 - last_x) + abs(spot.y0 - last_y) > 1e-6 * dx:
+            if cell:
+                mask_from_table(aperture, dx, spot.x0, spot.y0, straight)
+            else:
+                mask_from_disc(aperture, dx, spot.x0, spot.y0, straight)
+            last_x, last_y = spot.x0, spot.y0
+        place, turn = (spot.row, spot.col), (step * spot.oy, step * spot.ox)
+        if optics.rays != 0:
+            straighten(straight, dx, spot, optics, bent)
+            light = fold(field, place, bent, turn, line, parities)
+        else:
+            light = fold(field, place, straight, turn, line, parities)
+        spot.energy_in = optics.share * light
+        transform(zoom, parities, half, quarters)
+        p, top, left = spot.position, spot.top, spot.left
+        if grid_re.shape[0] == 0:
+            spot.energy_out = add_incoherent(scratch, zoom, image[p], top, left)
+            continue
+        _node_turns(zoom, optics, spot, turns)
+        spot.energy_out = add_coherent(quarters, turns, grid_re[p], grid_im[p], top * per, left * per) / (per * per)
+        boxes[p, 0], boxes[p, 1] = min(boxes[p, 0], top), max(boxes[p, 1], top + w)
+        boxes[p, 2], boxes[p, 3] = min(boxes[p, 2], left), max(boxes[p, 3], left + w)

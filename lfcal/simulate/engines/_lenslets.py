@@ -1,157 +1,137 @@
-"""Compiled loops of the wave engine: which lenslets matter to a source, and their apertures on its samples."""
+"""Compiled loops of the wave engine over many lenslets: which of them matter to a source, and their fields' sum."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["mask_from_disc", "mask_from_table", "select", "straighten"]
+__all__ = ["SPOT", "Light", "Window", "select", "square_fields"]
 
 F4 = NDArray[Any]
 F8 = NDArray[np.float64]
 I8 = NDArray[np.int64]
 
+# Fields of a structured array belong to the signature a kernel is compiled for: other files may share this one.
+SPOT = np.dtype(
+    [
+        *((name, np.int64) for name in ("position", "row", "col", "top", "left")),
+        *((name, np.float64) for name in ("x0", "y0", "ox", "oy", "mx", "my", "lx", "ly", "energy_in", "energy_out")),
+    ]
+)
+"""The light of one lenslet for one source position.
 
-@njit(fastmath=True)
-def mask_from_disc(table_re: F4, table_im: F4, step: float, dx: float, x0: float, y0: float, re: F4, im: F4) -> None:
-    """Fill the aperture times its phase from a table over r^2; sample (h, h) lies at (x0, y0) from the centre."""
-    n = re.shape[0]
-    h = n // 2
-    last = table_re.size - 2
-    scale = 1.0 / step
-    for i in range(n):
-        y = (i - h) * dx + y0
-        for j in range(n):
-            x = (j - h) * dx + x0
-            t = (x * x + y * y) * scale
-            k = min(int(t), last)
-            w = re.dtype.type(min(t - k, 1.0))
-            re[i, j] = table_re[k] + w * (table_re[k + 1] - table_re[k])
-            im[i, j] = table_im[k] + w * (table_im[k + 1] - table_im[k])
+position
+    Which of the sources.
+row, col
+    The field table's sample nearest to the lenslet's centre.
+top, left
+    The window's first row and column in the cutout (pixels); may lie outside.
+x0, y0
+    That sample from the lenslet's centre (µm).
+ox, oy
+    The window's middle from the phase's centre, c - (B'/a') (c - X0) (µm).
+mx, my
+    The window's middle from the source's image X0 (µm).
+lx, ly
+    The lenslet from the source's image, c - X0 (µm).
+energy_in, energy_out
+    What the lenslet passes and what its window receives, set by `lfcal.simulate.engines._kernels.respond`.
+"""
 
 
-@njit(fastmath=True)
-def mask_from_table(table: F4, step: float, bend: float, dx: float, x0: float, y0: float, re: F4, im: F4) -> None:
-    """Fill the aperture, bilinear in a fine table, times exp(i bend r^2)."""
-    n = re.shape[0]
-    h = n // 2
-    middle = table.shape[0] // 2
-    for i in range(n):
-        y = (i - h) * dx + y0
-        v = min(max(y / step + middle, 0.0), table.shape[0] - 2.0)
-        r = int(v)
-        b = v - r
-        for j in range(n):
-            x = (j - h) * dx + x0
-            u = min(max(x / step + middle, 0.0), table.shape[0] - 2.0)
-            c = int(u)
-            a = u - c
-            value = (1 - b) * ((1 - a) * table[r, c] + a * table[r, c + 1]) + b * (
-                (1 - a) * table[r + 1, c] + a * table[r + 1, c + 1]
-            )
-            phase = bend * (x * x + y * y)
-            re[i, j] = value * math.cos(phase)
-            im[i, j] = value * math.sin(phase)
+class Light(NamedTuple):
+    """What reaches the lenslets of one type."""
+
+    energy: F4  # (n, n): what a lenslet at each sample of the field table passes
+    floor: float  # energy below which a lenslet is left out
+    dx_um: float  # distance of samples
+    half: int  # samples from the middle of an aperture to its edge
+
+
+class Window(NamedTuple):
+    """Where the light of a lenslet arrives on the sensor."""
+
+    px_um: float  # pixel pitch, in the reduced frame
+    ratio: float  # B'/a' of the converging sphere; 0 near the native plane
+    pull: float  # the window's middle lies at c - pull (c - X0)
+    width: int  # its side (pixels)
+    rows: int  # those of the cutout (pixels)
+    columns: int
 
 
 @njit()
-def select(
-    energy: F4,
-    floor: float,
-    dx: float,
-    half: int,
-    centre: F8,
-    source: F8,
-    pixel: I8,
-    optics: F8,
-    cutout: I8,
-    width: int,
-    places: I8,
-    numbers: F8,
-) -> int:
-    """List the positions whose light reaches a lenslet and, behind it, the cutout; return how many.
+def select(light: Light, window: Window, centre: F8, source: F8, pixel: I8, spots: Any) -> int:
+    """List in ``spots`` the positions whose light reaches a lenslet and, behind it, the cutout; return how many.
 
     Parameters
     ----------
-    energy
-        What a lenslet at each table sample passes.
+    light, window
+        The lenslet's type.
     centre
-        Lenslet centre (x, y); ``source`` (n, 2) and ``pixel`` (n, 2) as (x, y) and (row, column).
-    optics
-        pixel pitch, B'/a' of the phase, pull of the window towards the source.
-    places
-        Out: position, table row and column of the centre sample, window's first row and column in the cutout.
-    numbers
-        Out: x0, y0 of the centre sample from the lenslet, ox, oy of the window's middle from the phase's centre,
-        mx, my of the window's middle from the source.
+        Lenslet centre c (x, y) (µm).
+    source, pixel
+        Images X0 of the sources ``(n, 2)`` as (x, y) (µm), and the cutouts' middle pixels ``(n, 2)`` as (row, column).
+    spots
+        Out: `SPOT` array ``(n,)``.
     """
-    n = energy.shape[0]
-    px, ratio, pull = optics[0], optics[1], optics[2]
+    n = light.energy.shape[0]
+    dx, half, px, width = light.dx_um, light.half, window.px_um, window.width
     found = 0
     for p in range(source.shape[0]):
-        dx_, dy_ = centre[0] - source[p, 0], centre[1] - source[p, 1]
-        kx, ky = round(dx_ / dx), round(dy_ / dx)
+        lx, ly = centre[0] - source[p, 0], centre[1] - source[p, 1]
+        kx, ky = round(lx / dx), round(ly / dx)
         col, row = n // 2 + kx, n // 2 + ky
         if row - half < 0 or row + half >= n or col - half < 0 or col + half >= n:
             continue
-        if energy[row, col] < floor:
+        if light.energy[row, col] < light.floor:
             continue
-        ax, ay = centre[0] - pull * dx_, centre[1] - pull * dy_
-        wx, wy = math.floor(ax / px + 0.5), math.floor(ay / px + 0.5)
-        left = int(wx) - pixel[p, 1] - width // 2 + cutout[1] // 2
-        top = int(wy) - pixel[p, 0] - width // 2 + cutout[0] // 2
-        if left + width <= 0 or top + width <= 0 or left >= cutout[1] or top >= cutout[0]:
+        # the window begins with a whole pixel, so that all windows of a type share their nodes
+        wx = math.floor((centre[0] - window.pull * lx) / px + 0.5)
+        wy = math.floor((centre[1] - window.pull * ly) / px + 0.5)
+        left = int(wx) - pixel[p, 1] - width // 2 + window.columns // 2
+        top = int(wy) - pixel[p, 0] - width // 2 + window.rows // 2
+        if left + width <= 0 or top + width <= 0 or left >= window.columns or top >= window.rows:
             continue
-        places[found, 0] = p
-        places[found, 1] = row
-        places[found, 2] = col
-        places[found, 3] = top
-        places[found, 4] = left
-        numbers[found, 0] = kx * dx - dx_
-        numbers[found, 1] = ky * dx - dy_
-        numbers[found, 2] = wx * px - (centre[0] - ratio * dx_)
-        numbers[found, 3] = wy * px - (centre[1] - ratio * dy_)
-        numbers[found, 4] = wx * px - source[p, 0]
-        numbers[found, 5] = wy * px - source[p, 1]
+        spot = spots[found]
+        spot.position, spot.row, spot.col, spot.top, spot.left = p, row, col, top, left
+        spot.x0, spot.y0 = kx * dx - lx, ky * dx - ly
+        spot.ox, spot.oy = wx * px - (centre[0] - window.ratio * lx), wy * px - (centre[1] - window.ratio * ly)
+        spot.mx, spot.my = wx * px - source[p, 0], wy * px - source[p, 1]
+        spot.lx, spot.ly = lx, ly
         found += 1
     return found
 
 
-@njit(fastmath={"contract", "nnan", "ninf", "nsz"})
-def straighten(mask_re: F4, mask_im: F4, dx: float, x0: float, y0: float, away: F8, rays: F8, re: F4, im: F4) -> None:
-    """Write the mask times the phase by which exact propagation differs from Fresnel's, ray by ray.
+@njit(fastmath=True)
+def square_fields(grid_re: F4, grid_im: F4, boxes: I8, weights: F4, per: int, out: F4) -> None:
+    """Integrate the summed fields' squares over the pixels of each position's box; leave grids and boxes empty.
 
-    A ray that leaves the lenslet's point x with sine s = -(c - X0 + x)/a' - x/f is behind its parabola by
-    (2 pi B/lambda) (1 - s^2/2 - sqrt(1 - s^2)), here as its series in s^2. ``away`` is c - X0; ``rays`` holds
-    2 pi B/lambda, 1/a' and 1/a' + 1/f. Polynomials in one precision throughout let the loop run in vectors.
+    A pixel is sum_ij w_i w_j |V_ij|^2 over its ``per`` nodes a side and those it shares with its neighbours; first
+    down the columns, where neighbouring pixels of a row share the sums.
     """
-    n = mask_re.shape[0]
-    real = mask_re.dtype.type
-    k0, k1, k2, k3, k4 = real(1), real(1 / 2), real(5 / 16), real(7 / 32), real(21 / 128)
-    s3, s5, s7, s9 = real(-1 / 6), real(1 / 120), real(-1 / 5040), real(1 / 362880)
-    c2, c4, c6, c8 = real(-1 / 2), real(1 / 24), real(-1 / 720), real(1 / 40320)
-    one, pi = real(1), real(math.pi)
-    # adding and taking away 1.5 times 2 to the digits of the mantissa rounds to whole numbers
-    nearest = real(1.5 * 2.0 ** (23 if mask_re.itemsize == 4 else 52))
-    gap = real(rays[0] / (16 * math.pi))
-    tilt = np.empty(n, mask_re.dtype)
-    for j in range(n):
-        tilt[j] = away[0] * rays[1] + ((j - n // 2) * dx + x0) * rays[2]
-    for i in range(n):
-        sy = real(away[1] * rays[1] + ((i - n // 2) * dx + y0) * rays[2])
-        out_re, out_im, in_re, in_im = re[i], im[i], mask_re[i], mask_im[i]
-        for j in range(n):
-            v = tilt[j] * tilt[j] + sy * sy
-            turns = gap * v * v * (k0 + v * (k1 + v * (k2 + v * (k3 + v * k4))))
-            t = (turns - ((turns + nearest) - nearest)) * pi  # half the phase
-            u = t * t
-            s = t * (one + u * (s3 + u * (s5 + u * (s7 + u * s9))))
-            c = one + u * (c2 + u * (c4 + u * (c6 + u * c8)))
-            cosine, sine = c * c - s * s, -(s * c + s * c)
-            out_re[j] = in_re[j] * cosine - in_im[j] * sine
-            out_im[j] = in_re[j] * sine + in_im[j] * cosine
+    taps = weights.size
+    line = np.empty(grid_re.shape[2], grid_re.dtype)
+    for p in range(out.shape[0]):
+        top, bottom = max(0, boxes[p, 0]), min(out.shape[1], boxes[p, 1])
+        left, right = max(0, boxes[p, 2]), min(out.shape[2], boxes[p, 3])
+        if top < bottom and left < right:
+            first, last = left * per, right * per + taps - per
+            for t in range(top, bottom):
+                line[first:last] = 0
+                for i in range(taps):
+                    for j in range(first, last):
+                        re, im = grid_re[p, t * per + i, j], grid_im[p, t * per + i, j]
+                        line[j] += weights[i] * (re * re + im * im)
+                for s in range(left, right):
+                    total = weights[0] * line[s * per]
+                    for j in range(1, taps):
+                        total += weights[j] * line[s * per + j]
+                    out[p, t, s] = total
+            grid_re[p, top * per : bottom * per + taps - per, first:last] = 0
+            grid_im[p, top * per : bottom * per + taps - per, first:last] = 0
+        boxes[p, 0], boxes[p, 1], boxes[p, 2], boxes[p, 3] = 1 << 30, -(1 << 30), 1 << 30, -(1 << 30)

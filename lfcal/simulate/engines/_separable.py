@@ -1,4 +1,4 @@
-"""Compiled loops of the microscope's separable path.
+"""Compiled loops of the microscope's separable path: V = A_y U A_x^T on the sensor's nodes (see `microscope.py`).
 
 Complex products are made of three real ones (Gauss): with parts stored as real, imaginary and their sum,
 re = p - q and im = s - p - q for p, q, s the products of like parts. Every product stays below 2^18
@@ -17,18 +17,22 @@ from lfcal.compiled import njit
 __all__ = ["fold_rows", "in_blocks", "node_light", "pixel_sums", "product"]
 
 Array = NDArray[Any]
-_SMALL = 1 << 18
-_ROWS = 64
+_SMALL = 1 << 18  # multiply-adds
+_ROWS = 64  # of one block of a product: what it writes stays in the first-level cache
 
 
 @njit(fastmath=True)
 def product(a: Array, b: Array) -> Array:
-    """Return a @ b for complex a (3, k, n) and b (3, n, w), parts (3, k, w)."""
+    """Return a @ b for complex a (3, k, n) and b (3, n, w), parts (3, k, w).
+
+    With p = Re Re, q = Im Im and s = (Re + Im)(Re + Im): Re = p - q, Im = s - p - q.
+    """
     k, n, w = a.shape[1], a.shape[2], b.shape[2]
     out = np.empty((3, k, w), a.dtype)
     rows = max(1, _SMALL // (n * w))
     for i in range(0, k, rows):
         j = min(i + rows, k)
+        # the third part is made here, so that the next product finds it
         p, q, s = np.dot(a[0, i:j], b[0]), np.dot(a[1, i:j], b[1]), np.dot(a[2, i:j], b[2])
         for r in range(j - i):
             for c in range(w):
@@ -41,7 +45,8 @@ def product(a: Array, b: Array) -> Array:
 def fold_rows(wide: Array, first: int, per_node: int, start: int, per_sample: int, out: Array) -> None:
     """Add the responses to a coarse sample and to its mirror image: rows ``first``, ``first + per_sample`` ... of out.
 
-    ``wide`` (3, rows, distances) holds row r's response to sample k at ``start + per_node r -+ k``.
+    ``wide`` (3, rows, distances) holds row r's response to sample k at ``start + per_node r -+ k``. The field is even,
+    so a sample and its mirror image have one column of A: out[:, r, k] = wide(-k) + wide(+k), the middle one once.
     """
     for part in range(3):
         for r in range(wide.shape[1]):
@@ -53,7 +58,10 @@ def fold_rows(wide: Array, first: int, per_node: int, start: int, per_sample: in
 
 @njit()
 def in_blocks(value: Array) -> Array:
-    """Return ``value`` (3, k, n) transposed and cut into blocks of columns: ``(3, blocks, n, w)``."""
+    """Return ``value`` (3, k, n) transposed and cut into blocks of columns: ``(3, blocks, n, w)``.
+
+    Each block is contiguous and small enough for one product; the last one is filled up with zeros.
+    """
     k, n = value.shape[1], value.shape[2]
     width = max(1, _SMALL // (_ROWS * n))
     out = np.zeros((3, (k + width - 1) // width, n, width), value.dtype)
@@ -66,7 +74,10 @@ def in_blocks(value: Array) -> Array:
 
 @njit(fastmath=True)
 def node_light(left: Array, a: Array, light: Array) -> None:
-    """Fill ``light`` (kx, >= ky) with |sum_n a[x, n] left[n, y]|^2; ``left`` from `in_blocks`, a (3, kx, n)."""
+    """Fill ``light`` (kx, >= ky) with |sum_n a[x, n] left[n, y]|^2; ``left`` from `in_blocks`, a (3, kx, n).
+
+    Squared block by block, while the product is in the caches: the field itself is never stored.
+    """
     blocks, width = left.shape[1], left.shape[3]
     kx = a.shape[1]
     p = np.empty((_ROWS, width), a.dtype)
@@ -85,11 +96,14 @@ def node_light(left: Array, a: Array, light: Array) -> None:
 
 @njit(fastmath=True)
 def pixel_sums(light: Array, weights: Array, per: int, out: Array) -> None:
-    """Fill ``out`` (nt, ns) with the weighted sums of ``light`` (nodes along x, along y) over each pixel."""
+    """Fill ``out`` (nt, ns) with the weighted sums of ``light`` (nodes along x, along y) over each pixel.
+
+    Pixel (t, s) is sum_ij weights[i] weights[j] light[s per + i, t per + j] (see `nodes.py`).
+    """
     taps = weights.size
     line = np.empty(light.shape[1], light.dtype)
     for s in range(out.shape[1]):
-        line[:] = 0
+        line[:] = 0  # first across rows of memory, in vectors: the pixels of a column share these sums
         for i in range(taps):
             for j in range(line.size):
                 line[j] += weights[i] * light[s * per + i, j]

@@ -1,18 +1,58 @@
-"""Compiled loops of the geometric engine: clip a lenslet's light, draw the spot with exact pixel areas."""
+"""Compiled loops of the geometric engine: clip a lenslet's light, draw the spot with exact pixel areas.
+
+A spot is a convex polygon of constant irradiance. It is clipped by Sutherland and Hodgman (1974), and its cover of
+each pixel is the exact area, by signed areas under the edges (Green's theorem), as in font rasterisers: an edge leaves
+its cover in the cells it crosses, and a sum along the row spreads it over all cells to its right.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["draw_spots"]
+__all__ = ["Drawing", "Lenslets", "Shapes", "draw_spots"]
 
 Array = NDArray[Any]
+F8 = NDArray[np.float64]
+
+
+class Lenslets(NamedTuple):
+    """The lenslets that may be lit, and what one type does to a spot."""
+
+    centres: F8  # (lenslets, 2) as (x, y) (µm)
+    kinds: NDArray[Any]  # (lenslets,) number of the type
+    pull: F8  # (types,): the spot's middle lies at c - pull (c - X0)
+    size: F8  # (types,): spot over subject, negative where it is turned upside down
+
+
+class Shapes(NamedTuple):
+    """Two convex polygons: the light behind a lenslet is where they overlap.
+
+    The subject is clipped and drawn: the lenslet's aperture (µm), or the pupil (radii of f/(2 Nw)) where its shadow is
+    smaller. The window is the other one, in µm on the array, given by its half planes normal . p <= limit.
+    """
+
+    subject: F8  # (vertices, 2)
+    normals: F8  # (sides, 2), of length 1
+    limits: F8  # (sides,) (µm)
+    factor: float  # from the subject's units to µm on the array: 1, or a'/(2 Nw)
+    sign: float  # of c - X0 as the subject's place within the window
+    reach: float  # radius about the subject, on the array (µm)
+    inner: float  # radius in the window (µm)
+    outer: float  # radius about the window (µm)
+
+
+class Drawing(NamedTuple):
+    """How spots become pixel values."""
+
+    px_um: float  # pixel pitch
+    density: float  # energy per area of the subject
+    least: float  # smallest scale of a spot: in focus its area would be 0 and its irradiance infinite
 
 
 @njit()
@@ -35,6 +75,7 @@ def _cut(source: Array, n: int, target: Array, nx: float, ny: float, limit: floa
 
 @njit()
 def _area(p: Array, n: int) -> float:
+    """Return the signed area of the first ``n`` vertices: half the sum of x_i y_i+1 - x_i+1 y_i (shoelace)."""
     total = 0.0
     for i in range(n):
         j = i + 1 if i + 1 < n else 0
@@ -44,14 +85,18 @@ def _area(p: Array, n: int) -> float:
 
 @njit()
 def _edge(acc: Array, r: int, xl: float, xr: float, d: float) -> None:
-    """Add the signed cover ``d`` of one edge within row r: the share right of the edge, column by column."""
+    """Add the signed cover ``d`` of one edge within row r: the share right of the edge, column by column.
+
+    What is added are differences from column to column; their sum along the row is the cover. ``d`` is the height of
+    the edge's part in the row, ``xl`` <= ``xr`` are its ends.
+    """
     il, ir = int(xl), int(xr)
     if il == ir or xr == il + 1.0:
-        middle = 0.5 * (xl + xr) - il
+        middle = 0.5 * (xl + xr) - il  # within one column the part right of the edge is a trapezoid
         acc[r, il] += d * (1 - middle)
         acc[r, il + 1] += d * middle
         return
-    s = 1 / (xr - xl)
+    s = 1 / (xr - xl)  # height gained per column; a triangle in the first column, trapezoids, a triangle cut off
     before = 0.5 * s * (il + 1 - xl) ** 2
     acc[r, il] += d * before
     for c in range(il + 1, ir):
@@ -88,104 +133,120 @@ def _draw(p: Array, n: int, acc: Array, h: int) -> None:
 
 
 @njit()
+def _overlap(shapes: Shapes, dx: float, dy: float, a: Array, b: Array) -> int:
+    """Leave in ``a`` the part of the subject inside the window, c - X0 = (dx, dy); return its number of vertices."""
+    n: int = shapes.subject.shape[0]
+    a[:n] = shapes.subject
+    if math.sqrt(dx * dx + dy * dy) <= shapes.inner - shapes.reach:
+        return n  # wholly inside: nothing to clip
+    for k in range(shapes.limits.size):
+        nx, ny = shapes.normals[k, 0], shapes.normals[k, 1]
+        # normal . (factor u + sign (c - X0)) <= limit: the window stays, the subject is moved
+        limit = shapes.limits[k] - shapes.sign * (nx * dx + ny * dy)
+        kept = _cut(a, n, b, shapes.factor * nx, shapes.factor * ny, limit)
+        if kept < 3:
+            return 0
+        for i in range(kept):
+            a[i, 0], a[i, 1] = b[i, 0], b[i, 1]
+        n = kept
+    return n
+
+
+@njit()
+def _bounds(p: Array, n: int) -> tuple[float, float, float, float]:
+    """Return the least and greatest x and y of the first ``n`` vertices."""
+    x0, x1, y0, y1 = 1e300, -1e300, 1e300, -1e300
+    for i in range(n):
+        x0, x1, y0, y1 = min(x0, p[i, 0]), max(x1, p[i, 0]), min(y0, p[i, 1]), max(y1, p[i, 1])
+    return x0, x1, y0, y1
+
+
+@njit()
+def _paint(image: Array, a: Array, b: Array, n: int, gain: float, acc: Array) -> tuple[float, float]:
+    """Add a spot of irradiance ``gain``, in pixels from the cutout's corner, to ``image`` (nt, ns).
+
+    Returns the energy of the spot's part in the cutout and what was drawn, (0, 0) where it lies outside: they agree
+    up to rounding, by two different sums. ``a`` holds the polygon, ``b`` and ``acc`` are scratch.
+    """
+    nt, ns = image.shape
+    x0, x1, y0, y1 = _bounds(a, n)
+    if x1 <= 0 or y1 <= 0 or x0 >= ns or y0 >= nt:
+        return 0.0, 0.0
+    if x0 < 0 or y0 < 0 or x1 > ns or y1 > nt:
+        n = _cut(a, n, b, -1.0, 0.0, 0.0)
+        n = _cut(b, n, a, 1.0, 0.0, float(ns))
+        n = _cut(a, n, b, 0.0, -1.0, 0.0)
+        n = _cut(b, n, a, 0.0, 1.0, float(nt))
+        if n < 3:
+            return 0.0, 0.0
+        x0, x1, y0, y1 = _bounds(a, n)
+    left, top = max(0, int(x0)), max(0, int(y0))
+    w, h = min(int(x1), ns - 1) - left + 1, min(int(y1), nt - 1) - top + 1
+    for i in range(n):
+        a[i, 0] -= left
+        a[i, 1] -= top
+    lit = abs(_area(a, n)) * gain
+    acc[: h + 1, : w + 2] = 0  # one row and two columns more than the spot: edges end on cell borders
+    _draw(a, n, acc, h)
+    drawn = 0.0
+    for r in range(h):
+        cover = 0.0
+        for c in range(w):
+            cover += acc[r, c]
+            value = abs(cover) * gain  # the sign is that of the polygon's sense of turning
+            image[top + r, left + c] += value
+            drawn += value
+    return lit, drawn
+
+
+@njit()
 def draw_spots(
-    out: Array,
-    source: Array,
-    pixel: Array,
-    centres: Array,
-    kinds: Array,
-    subject: Array,
-    normals: Array,
-    limits: Array,
-    rates: Array,
-    pull: Array,
-    size: Array,
-    px: float,
-    density: float,
+    out: Array, source: Array, pixel: Array, lenslets: Lenslets, shapes: Shapes, drawing: Drawing
 ) -> tuple[int, float, float, float]:
-    """Add the spots of all lenslets to the cutouts ``out`` (n, nt, ns) of sources ``(n, 2)`` as (x, y).
+    """Add the spots of all lenslets to the cutouts ``out`` (n, nt, ns).
+
+    A point u of the subject arrives at s = c - pull (c - X0) + size u, both forms of the ray map of `geometric.py`.
 
     Parameters
     ----------
-    subject
-        The polygon that is clipped and drawn: the lenslet's aperture, or the pupil where its shadow is smaller.
-    normals, limits
-        Half planes of the other one, about its own centre.
-    rates
-        factor from subject to the array (1 or a'/(2 Nw)), sign of the lenslet's distance in the half planes,
-        radius about the subject, radii in and about the window, least size of a spot's scale.
-    pull, size
-        Per lens type: the spot's middle is at c - pull (c - X0), its scale over the subject.
-    density
-        Energy per area of the subject.
+    source
+        Images X0 of the sources ``(n, 2)`` as (x, y) (µm).
+    pixel
+        Middle pixels of the cutouts ``(n, 2)`` as (row, column).
+    lenslets, shapes, drawing
+        See there.
 
     Returns
     -------
     tuple
         Responses, energy in, energy out, worst ratio.
     """
-    nt, ns = out.shape[1], out.shape[2]
-    factor, sign, r_subject, r_in, r_about, least = rates[0], rates[1], rates[2], rates[3], rates[4], rates[5]
-    room = subject.shape[0] + normals.shape[0] + 8
+    nt, ns, px = out.shape[1], out.shape[2], drawing.px_um
+    centres, kinds, pulls, sizes = lenslets.centres, lenslets.kinds, lenslets.pull, lenslets.size
+    far = shapes.outer + shapes.reach
+    room = shapes.subject.shape[0] + shapes.normals.shape[0] + 8  # each half plane adds one vertex at most
     a, b = np.empty((room, 2)), np.empty((room, 2))
     acc = np.zeros((nt + 2, ns + 3))
     count, energy_in, energy_out, worst = 0, 0.0, 0.0, 0.0
     for p in range(source.shape[0]):
         for q in range(centres.shape[0]):
-            dx, dy = centres[q, 0] - source[p, 0], centres[q, 1] - source[p, 1]
-            apart = math.sqrt(dx * dx + dy * dy)
-            if apart >= r_about + r_subject:
+            cx, cy, kind = centres[q, 0], centres[q, 1], kinds[q]
+            dx, dy = cx - source[p, 0], cy - source[p, 1]
+            if math.sqrt(dx * dx + dy * dy) >= far:
                 continue
-            n = subject.shape[0]
-            a[:n] = subject
-            if apart > r_in - r_subject:
-                for k in range(normals.shape[0]):
-                    limit = limits[k] - sign * (normals[k, 0] * dx + normals[k, 1] * dy)
-                    n = _cut(a, n, b, factor * normals[k, 0], factor * normals[k, 1], limit)
-                    a, b = b, a
-                    if n < 3:
-                        break
+            n = _overlap(shapes, dx, dy, a, b)
             if n < 3:
                 continue
-            kind = kinds[q]
-            scale = size[kind]
-            if abs(scale) < least:
-                scale = least if scale >= 0 else -least
-            bx = (centres[q, 0] - pull[kind] * dx) / px - pixel[p, 1] + ns // 2 + 0.5
-            by = (centres[q, 1] - pull[kind] * dy) / px - pixel[p, 0] + nt // 2 + 0.5
-            x0, x1, y0, y1 = 1e300, -1e300, 1e300, -1e300
+            scale, pull = sizes[kind], pulls[kind]
+            if abs(scale) < drawing.least:
+                scale = drawing.least if scale >= 0 else -drawing.least
+            bx = (cx - pull * dx) / px - pixel[p, 1] + ns // 2 + 0.5
+            by = (cy - pull * dy) / px - pixel[p, 0] + nt // 2 + 0.5
             for i in range(n):
                 a[i, 0], a[i, 1] = bx + scale / px * a[i, 0], by + scale / px * a[i, 1]
-                x0, x1, y0, y1 = min(x0, a[i, 0]), max(x1, a[i, 0]), min(y0, a[i, 1]), max(y1, a[i, 1])
-            gain = density * (px / scale) ** 2
-            if x1 <= 0 or y1 <= 0 or x0 >= ns or y0 >= nt:
+            lit, drawn = _paint(out[p], a, b, n, drawing.density * (px / scale) ** 2, acc)
+            if lit == 0.0 and drawn == 0.0:
                 continue
-            if x0 < 0 or y0 < 0 or x1 > ns or y1 > nt:
-                n = _cut(a, n, b, -1.0, 0.0, 0.0)
-                n = _cut(b, n, a, 1.0, 0.0, float(ns))
-                n = _cut(a, n, b, 0.0, -1.0, 0.0)
-                n = _cut(b, n, a, 0.0, 1.0, float(nt))
-                if n < 3:
-                    continue
-                x0, x1, y0, y1 = 1e300, -1e300, 1e300, -1e300
-                for i in range(n):
-                    x0, x1, y0, y1 = min(x0, a[i, 0]), max(x1, a[i, 0]), min(y0, a[i, 1]), max(y1, a[i, 1])
-            left, top = max(0, int(x0)), max(0, int(y0))
-            w, h = min(int(x1), ns - 1) - left + 1, min(int(y1), nt - 1) - top + 1
-            for i in range(n):
-                a[i, 0] -= left
-                a[i, 1] -= top
-            lit = abs(_area(a, n)) * gain
-            acc[: h + 1, : w + 2] = 0
-            _draw(a, n, acc, h)
-            drawn = 0.0
-            for r in range(h):
-                cover = 0.0
-                for c in range(w):
-                    cover += acc[r, c]
-                    value = abs(cover) * gain
-                    out[p, top + r, left + c] += value
-                    drawn += value
             count += 1
             energy_in += lit
             energy_out += drawn

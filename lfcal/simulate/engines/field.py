@@ -124,6 +124,7 @@ def _side(length: float, dx: float) -> int:
             "use fewer samples per pixel, a smaller cutout, or level 'geometric'",
         )
     size = int(sf.next_fast_len(n))
+    # even, so that alternating signs alone move the origin to sample n // 2
     return size if size % 2 == 0 else _side((n + 1) * dx, dx)
 
 
@@ -191,7 +192,7 @@ def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> FieldT
         return _round_near_field(scene, dx, half)
     blur = abs(a) / (2 * scene.f_number)
     valid = half + blur + 4 * math.sqrt(lam * abs(a))
-    n = _side(2 * valid / 0.75, dx)
+    n = _side(2 * valid / 0.75, dx)  # the outer quarter belongs to the taper
     x = (np.arange(n, dtype=np.float64) - n // 2) * dx
     r = np.hypot(x[None, :], x[:, None])
     focus = spectrum(-fc * outline, -x, -x)  # a pupil point u sends light to f = -u fc

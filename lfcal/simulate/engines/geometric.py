@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.simulate.engines._spots import draw_spots
+from lfcal.simulate.engines._spots import Drawing, Lenslets, Shapes, draw_spots
 from lfcal.simulate.engines.base import Certificate, Ledger, Pilot
 from lfcal.simulate.engines.polygon import Points, half_planes, iris_outline, regular
 from lfcal.simulate.engines.tables import aperture_outline
@@ -37,32 +37,35 @@ class GeometricPlane:
         self.scene = scene
         self._ledger = Ledger()
         self._pilot = Pilot(self)
+        # both outlines in a common frame: the lenslet about its centre in µm, the pupil in radii of f/(2 Nw)
         lens: Points = aperture_outline(scene)
         if scene.aperture == "circle":
             lens = regular(CIRCLE, math.pi / CIRCLE) * scene.clear_radius_um
         pupil = iris_outline(scene.iris)
         gap, a, cone = scene.reduced_gap_um, scene.reduced_image_um, 1 / (2 * scene.f_number)
+        # 1 - B'/f of each type: the part of sigma that does not depend on the plane
         own = np.array([1.0 - scene.lens_curvature(k) for k in range(len(scene.lattice.types))])
         lens_is_smaller = float(np.abs(lens).max()) < abs(a) * cone
         self._empty = len(pupil) < 3
         if self._empty:
             return
-        if lens_is_smaller:
+        if lens_is_smaller:  # then |a'| is large, and may be divided by
             subject, window = lens, pupil * (a * cone)
             factor, sign, density = 1.0, 1.0, 1 / (math.pi * (a * cone) ** 2)
-            self._pull, self._size = np.full(own.size, gap / a), own - gap / a
-        else:
+            pull, size = np.full(own.size, gap / a), own - gap / a
+        else:  # the shadow is the smaller one, and a point at a' = 0: the pupil is drawn, where it has a shape
             subject, window = pupil, lens
             factor, sign, density = a * cone, -1.0, 1 / math.pi
-            self._pull, self._size = own, (own * a - gap) * cone
-        self._subject = np.ascontiguousarray(subject)
-        self._normals, self._limits = half_planes(window)
+            pull, size = own, (own * a - gap) * cone
+        normals, limits = half_planes(window)
         about, reach = (float(np.hypot(*p.T).max()) for p in (window, subject))
+        far, inner = reach * abs(factor), float(limits.min())
+        self._shapes = Shapes(np.ascontiguousarray(subject), normals, limits, factor, sign, far, inner, about)
+        # the same radius on the sensor whatever the subject's unit
         least = LEAST_SPOT_PX * scene.reduced_pixel_um / reach
-        inner = float(self._limits.min())
-        self._rates = np.array([factor, sign, reach * abs(factor), inner, about, least])
-        self._density = density * scene.pixel_fill**2
-        self._reach = about + reach * abs(factor)
+        self._drawing = Drawing(scene.reduced_pixel_um, density * scene.pixel_fill**2, least)
+        self._reach = about + far
+        self._spread = pull, size
 
     @property
     def certificate(self) -> Certificate:
@@ -105,27 +108,14 @@ class GeometricPlane:
         lo, hi = source.min(0), source.max(0)
         middle, span = (lo + hi) / 2, (hi - lo) / 2 + self._visible_reach()
         centres, kinds = scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
-        found = draw_spots(
-            out,
-            source,
-            pixel,
-            centres,
-            kinds,
-            self._subject,
-            self._normals,
-            self._limits,
-            self._rates,
-            self._pull,
-            self._size,
-            scene.reduced_pixel_um,
-            self._density,
-        )
-        self._ledger.add(*found)
+        lenslets = Lenslets(centres, kinds, *self._spread)
+        self._ledger.add(*draw_spots(out, source, pixel, lenslets, self._shapes, self._drawing))
 
     def _visible_reach(self) -> float:
         """Return how far from the source a lenslet may lie and still be lit and draw into the cutout (µm)."""
         scene = self.scene
-        rate = float(np.abs(1 - self._pull).min())
-        spot = float(np.abs(self._size).max()) * float(np.hypot(*self._subject.T).max())
+        pull, size = self._spread
+        rate = float(np.abs(1 - pull).min())
+        spot = float(np.abs(size).max()) * float(np.hypot(*self._shapes.subject.T).max())
         shown = math.hypot(*scene.cutout) / 2 * scene.reduced_pixel_um + spot + scene.reduced_pixel_um
         return min(self._reach, shown / max(rate, 1e-9))

@@ -38,6 +38,7 @@ def disc_values(radius: float, dx: float, r: NDArray[np.float64], flat: float = 
     phase = 2 * math.pi * top * (radius + float(r.max(initial=0.0)))
     f, w = gauss_legendre(int(phase / 2) + 60, 0.0, top)
     g = 2 * np.pi * f * w * disc_transform(radius, f) * taper(f, flat / dx, top)
+    # in parts: radii times frequencies would be a large matrix
     parts = np.array_split(r, 1 + r.size // 4096)
     return np.concatenate([np.einsum("rf,f->r", j0(2 * np.pi * np.outer(part, f)), g) for part in parts])
 

@@ -90,7 +90,7 @@ def _lens_orders(scene: Scene, pitch: float) -> tuple[NDArray[np.int64], NDArray
     """Return the orders m and coefficients t_m of the lenslets' periodic phase exp(-i pi x^2 / (lambda f))."""
     rate = 1 / (scene.wavelength_um * scene.lattice.types[0].focal_length_um)
     most = math.ceil(pitch**2 * rate / 2) + SPARE_ORDERS
-    count = int(sf.next_fast_len(64 * most))
+    count = int(sf.next_fast_len(64 * most))  # 64 samples to a cycle of the highest order: aliases are far away
     x = (np.arange(count) / count - 0.5) * pitch
     m = np.arange(-most, most + 1)
     return m, sf.fft(sf.ifftshift(np.exp(-1j * np.pi * rate * x * x)))[m] / count
@@ -120,6 +120,7 @@ class DebyePlane:
         self._samples = math.ceil(2.4 * light * px)  # the field's band, with a fifth to spare
         self._coarse = px / self._samples
         pitch = max(scene.lattice.pitch_um, scene.lattice.row_step_um)
+        # how far light within that band travels sideways over the gap: it may come from lenslets beyond the cutout
         self._spill = 1.1 * (light + bend) * lam * scene.gap_um
         self._half = max(scene.cutout) / 2 * px + self._spill + pitch / 2
         self._count = math.ceil(self._half / self._coarse) + 1
@@ -130,7 +131,7 @@ class DebyePlane:
         """Return the field on the coarse quarter grid (real, imaginary, sum) and the energy on the whole grid."""
         x = np.arange(self._count, dtype=np.float64) * self._coarse
         r = np.hypot(x[None, :], x[:, None])
-        edge = taper(x, self._half - fade, self._half)
+        edge = taper(x, self._half - fade, self._half)  # a hard end would ring all over the sensor
         field = radial_field(self.scene, float(r.max()))(r) * edge[:, None] * edge[None, :]
         weight = np.where(x == 0, 1.0, 2.0)
         energy = float(np.einsum("i,ij,j", weight, np.abs(field) ** 2, weight)) * self._coarse**2
@@ -159,6 +160,7 @@ class DebyePlane:
         turn = t * np.exp(1j * np.pi * (2 * m * (s[:, None] - place) / pitch - spread * (m / pitch) ** 2))
         turns = _parts(turn * math.sqrt(px))
         made = np.empty((3, s.size, self._count), np.float32)
+        # nodes whose distances from the samples fall on the same points of the even grid go together
         for first in range(min(per_sample, s.size)):
             rows = np.ascontiguousarray(turns[:, first::per_sample])
             wide = product(rows, np.ascontiguousarray(pulses[:, :, per_node * first % per_sample :: per_sample]))
@@ -253,7 +255,7 @@ class DebyePlane:
         pitch = (lattice.row_step_um, lattice.pitch_um)[axis]
         place = (lattice.offset_um[1 - axis] - source) % pitch
         shift = pixel * self.scene.pixel_um - source
-        grain = self.scene.pixel_um * 1e-9
+        grain = self.scene.pixel_um * 1e-9  # places that differ by rounding only are to share a key
         mirrored = (pitch - place) % pitch
         flip = (round(mirrored / grain), round(-shift / grain)) < (round(place / grain), round(shift / grain))
         if flip:
@@ -263,7 +265,7 @@ class DebyePlane:
     def _place(self, source: tuple[float, float], pixel: tuple[int, int]) -> tuple[Pair, Turn]:
         """Return which response a source has, and how it is turned."""
         (y, flip_y), (x, flip_x) = (self._phase(axis, source[axis], pixel[axis]) for axis in (0, 1))
-        swapped = x < y and y[2:] == x[2:]
+        swapped = x < y and y[2:] == x[2:]  # same pitch and cutout along both: the transpose serves too
         return ((x, y) if swapped else (y, x)), Turn(flip_y, flip_x, swapped)
 
     def _response(self, key: Pair) -> NDArray[np.float32]:
@@ -286,7 +288,7 @@ class DebyePlane:
         pixel_sums(light[:, : self.rule.count(y[3])], self.rule.weights.astype(np.float32), self.rule.per_px, image)
         energy_out = float(image.sum(dtype=np.float64))
         ratio = energy_out / self._energy
-        if ratio > 1 + 5e-3:
+        if ratio > 1 + 5e-3:  # room for the node rule's own error
             remedy = f"raise nodes_per_px above {self.rule.per_px}"
             raise EnergyError.expected(
                 "energy on the sensor", "at most what reached the array", f"{ratio:.4g} times that", remedy

@@ -64,6 +64,7 @@ def fitted_rule(per_px: int, band: float, fill: float = 1.0, beyond: int = 1) ->
     n = per_px + 2 * beyond
     x = (np.arange(n) - (n - 1) / 2) / per_px
     f = np.linspace(0.0, band, 400)
+    # a round aperture's transfer function ends like the power 1.5; what is added keeps the band's end in the fit
     trust = np.clip(1 - f / band, 0.0, None) ** 1.5 + 1e-3
     trust[0] = 1e3
     right = x[n // 2 :]  # the weights are symmetric

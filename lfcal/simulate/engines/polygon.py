@@ -18,7 +18,7 @@ __all__ = ["area", "clip", "disc_transform", "half_planes", "iris_outline", "reg
 
 Points = NDArray[np.float64]
 _STABLE_BELOW = 1.0  # |f| D under which the edge form loses digits
-_NODES = 16
+_NODES = 16  # along each side of a triangle: exact to rounding while |f| D < 1
 
 
 def area(outline: Points) -> float:
@@ -54,7 +54,7 @@ def _curved(blades: int, curvature: float, rotation_rad: float, sagitta: float) 
 
 def _blade_radius(chord: float, curvature: float) -> float:
     """Return r with (1 + sagitta(r)) / r = curvature: the opening's apothem, arc included, over the blade's radius."""
-    lo, hi = chord / 2, 1e12
+    lo, hi = chord / 2, 1e12  # a radius spans many orders of magnitude: bisected on its logarithm
     for _ in range(200):
         r = math.sqrt(lo * hi)
         apothem = 1.0 + r - math.sqrt(max(0.0, r * r - chord * chord / 4))
@@ -162,9 +162,11 @@ def _by_triangles(outline: Points, fx: NDArray[np.float64], fy: NDArray[np.float
     u, v = np.meshgrid(t, t, indexing="ij")
     weight = np.outer(w * t, w)
     centre = outline.mean(0)
+    # a square mapped onto a triangle at the centre (Duffy): its area element grows with u
     total = np.full(fx.shape, area(outline), np.complex128)  # the integral of 1; what follows is exp - 1
     for p, q in zip(outline - centre, np.roll(outline, -1, 0) - centre, strict=True):
         x, y = (centre[i] + u * (p[i] * (1 - v) + q[i] * v) for i in (0, 1))
+        # exp(-2 i h) - 1 = -2 sin h (sin h + i cos h): no cancellation at small h
         half = np.pi * (np.multiply.outer(fx, x) + np.multiply.outer(fy, y))
         rest = -2 * np.sin(half) * (np.sin(half) + 1j * np.cos(half))
         total += (p[0] * q[1] - p[1] * q[0]) * (rest * weight).sum((-2, -1))
@@ -179,7 +181,15 @@ def _edge_rows(
     re: NDArray[np.float64],
     im: NDArray[np.float64],
 ) -> None:
-    """Edge form on a grid. Phases and sines of sums are made of sines along the axes: none is taken per point."""
+    """Fill the transform's real and imaginary part ``(len(fy), len(fx))`` by the edges of ``closed`` (n + 1, 2).
+
+    With edge vectors e, their middles m and sinc x = sin(pi x)/(pi x) the divergence theorem gives
+
+        F(f) = i / (2 pi |f|^2) sum_edges (f_x e_y - f_y e_x) sinc(f.e) exp(-2 pi i f.m).
+
+    Sines and phases of f.e = f_x e_x + f_y e_y are made by the addition theorem of those along the axes: none is
+    taken per point. f = 0 gets 0; the frequencies about it are computed otherwise (see `spectrum`).
+    """
     re[:], im[:] = 0, 0
     for k in range(closed.shape[0] - 1):
         ex, ey = np.pi * (closed[k + 1, 0] - closed[k, 0]), np.pi * (closed[k + 1, 1] - closed[k, 1])
@@ -192,6 +202,8 @@ def _edge_rows(
             for c in range(fx.size):
                 a = ex * fx[c] + ey * f
                 a2 = a * a
+                # sin(a)/a by Taylor for |a| < 0.1, where the addition theorem cancels; both are computed, so that
+                # the choice is a mask and the loop runs in vectors
                 near = 1 - a2 / 6 * (1 - a2 / 20 * (1 - a2 / 42 * (1 - a2 / 72)))
                 far = (sx[c] * cy + cx[c] * sy) / (a if a2 > 0.01 else 1.0)
                 side = (ey * fx[c] - ex * f) * (far if a2 > 0.01 else near)

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.fft as sf
 from numpy.typing import NDArray
 
+from lfcal.simulate.engines._kernels import Aperture, Field, Zoom
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.field import FieldTable, field_table
 from lfcal.simulate.engines.masks import RING, cell_outline, disc_table, polygon_table
@@ -36,37 +37,20 @@ class LensTable:
         Window on the sensor (pixels).
     pull
         The window's middle lies at c + pull (X0 - c).
-    dx_um, half
-        Sample distance on the array, samples from the middle to the edge of the aperture.
-    bend
-        Phase pi sigma / L over r^2 (rad/µm^2).
-    cosine, sine
-        Transform matrices ``(nodes >= 0, half + 1)``.
-    bins
-        ``(nodes, width)``: intensities to pixels.
-    nodes_um
-        Nodes of the window about its middle.
-    disc
-        Aperture times phase and dx^2 pixel / L over r^2, real and imaginary, and its step; or
-    cell, cell_step
-        a finely sampled aperture of another shape.
-    field, energy
-        Main lens's field (real, imaginary); what a lenslet at each sample of it passes.
+    half
+        Samples from the middle to the edge of the aperture.
+    aperture, zoom, field
+        What the kernels read; see there.
+    energy
+        What a lenslet at each sample of the field passes.
     """
 
     width: int
     pull: float
-    dx_um: float
     half: int
-    bend: float
-    cosine: Array
-    sine: Array
-    bins: Array
-    nodes_um: NDArray[np.float64]
-    disc: tuple[Array, Array, float]
-    cell: Array
-    cell_step: float
-    field: tuple[Array, Array]
+    aperture: Aperture
+    zoom: Zoom
+    field: Field
     energy: Lit
 
 
@@ -113,6 +97,7 @@ def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
     ratio = scene.reduced_gap_um / scene.reduced_image_um if mode == "E" else 0.0
     band = 2 * aperture_radius(scene) * scene.reduced_pixel_um / spread
     rule = fitted_rule(sampling.nodes_per_px, band, scene.pixel_fill)
+    # lens types with the same sample distance share a field, whose FFTs are the dearest part
     fields: dict[float, tuple[FieldTable, Lit]] = {}
     kinds = tuple(_lens_table(scene, sampling, mode, k, rule, fields) for k in range(len(scene.lattice.types)))
     floor = sampling.energy_floor * min(BEST, max(float(kind.energy.max()) for kind in kinds))
@@ -163,40 +148,34 @@ def _lens_table(
         fields[dx] = _field(scene, sampling, mode, dx, half, half_px)
     table, energy = fields[dx]
     width = 2 * half_px + 1
-    nodes = rule.positions(width) * px
-    angle = 2 * np.pi / spread * dx * np.outer(nodes[nodes.size // 2 :], np.arange(half + 1))
     bend = math.pi * sigma / spread
     dtype = np.float64 if sampling.double else np.float32
-    reach = (half + 1) * dx * math.sqrt(2)
-    disc, cell, cell_step = _aperture(scene, dx, reach, bend, dx * dx * px / spread, dtype)
-    return LensTable(
-        width,
-        pull,
-        dx,
-        half,
-        bend,
-        np.cos(angle).astype(dtype),
-        np.sin(angle).astype(dtype),
-        rule.matrix(width).astype(dtype),
-        nodes,
-        disc,
-        cell,
-        cell_step,
-        (table.values.real.astype(dtype), table.values.imag.astype(dtype)),
-        energy,
-    )
+    aperture = _aperture(scene, dx, (half + 1) * dx * math.sqrt(2), bend, dx * dx * px / spread, dtype)
+    field = Field(table.values.real.astype(dtype), table.values.imag.astype(dtype), dx)
+    zoom = _zoom(rule, width, px, 2 * np.pi / spread * dx * np.arange(half + 1), dtype)
+    return LensTable(width, pull, half, aperture, zoom, field, energy)
 
 
-def _aperture(
-    scene: Scene, dx: float, reach: float, bend: float, level: float, dtype: type
-) -> tuple[tuple[Array, Array, float], Array, float]:
+def _zoom(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: type) -> Zoom:
+    """Return the transform from samples of phase ``rates`` (rad per µm on the sensor) to a window's nodes."""
+    nodes = rule.positions(width) * px
+    angle = np.outer(nodes[nodes.size // 2 :], rates)
+    # in float64 up to here: phases of many turns would lose their digits, sines and cosines do not
+    cosine: Array = np.cos(angle).astype(dtype)
+    sine: Array = np.sin(angle).astype(dtype)
+    bins: Array = rule.matrix(width).astype(dtype)
+    turned = np.ascontiguousarray(cosine.T), np.ascontiguousarray(sine.T)
+    return Zoom(cosine, sine, *turned, bins, np.ascontiguousarray(bins.T), nodes, rule.per_px)
+
+
+def _aperture(scene: Scene, dx: float, reach: float, bend: float, level: float, dtype: type) -> Aperture:
     """Return the aperture's tables, ``level`` high: then the square of the transform is energy per pixel's area."""
     if scene.aperture == "circle":
         m, step = disc_table(scene.clear_radius_um, dx, reach)
         value = level * m * np.exp(1j * bend * step * np.arange(m.size))
-        return (value.real.astype(dtype), value.imag.astype(dtype), step), np.zeros((0, 0), dtype), 1.0
+        return Aperture(value.real.astype(dtype), value.imag.astype(dtype), step, np.zeros((0, 0), dtype), 1.0, bend)
     table, step = polygon_table(aperture_outline(scene), dx, reach)
-    return (np.zeros(2, dtype), np.zeros(2, dtype), 1.0), (level * table).astype(dtype), step
+    return Aperture(np.zeros(2, dtype), np.zeros(2, dtype), 1.0, (level * table).astype(dtype), step, bend)
 
 
 def _fewest_samples(scene: Scene, mode: str, half_px: int) -> float:
@@ -217,6 +196,7 @@ def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, ha
     if scene.aperture == "cell":
         radius = math.sqrt(abs(area(aperture_outline(scene))) / math.pi)
     shape = disc_transform(radius, np.hypot(f[None, : n // 2 + 1], f[:, None]))
+    # |E|^2 convolved with the aperture's shape: the energy of a lenslet at every sample by one pair of FFTs
     return table, sf.irfft2(sf.rfft2(np.abs(table.values) ** 2) * shape, s=(n, n)).astype(np.float32)
 
 
@@ -231,6 +211,7 @@ def _table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px
     best = min(BEST, (radius / max(shadow, radius)) ** 2)
     floor = max(sampling.energy_floor, 1e-7) * best
     tail = radius * math.sqrt(lam * nw / (math.pi**2 * max(shadow, radius) * floor))
+    # the sampled spectrum ends at 1/(2 dx): nothing gets farther than its last frequency travels over a'
     tail = min(tail, abs(scene.reduced_image_um) * lam / (2 * dx) + 80 * lam * nw)
     lit = 1.15 * shadow + radius + tail + ray_aberration(scene)
     spot_rate = abs(1 - scene.reduced_gap_um / scene.reduced_image_um) if mode == "E" else 1.0

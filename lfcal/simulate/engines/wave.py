@@ -17,8 +17,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.simulate.engines import _kernels as kernels
-from lfcal.simulate.engines._lenslets import select
+from lfcal.simulate.engines._kernels import Optics, Target, respond
+from lfcal.simulate.engines._lenslets import SPOT, Light, Window, select, square_fields
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.field import choose_mode
 from lfcal.simulate.engines.tables import Array, LensTable, build_tables
@@ -35,8 +35,6 @@ FAINT = 0.01
 """Share of the best-lit lenslet's energy below which a response may err by that of one so faint."""
 COHERENT_BATCH = 8
 """Positions whose node grids are held at once."""
-
-Grids = tuple[Array, Array, NDArray[np.int64]]
 
 
 class WavePlane:
@@ -83,6 +81,7 @@ class WavePlane:
         rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
         result = np.empty((rows.size, columns.size, *scene.cutout), np.float32) if out is None else out
 
+        # of rows that mirror each other about a row of lenslets one is computed, and turned
         mirrored = mirrored_rows(scene, rows)
         own = [r for r in range(rows.size) if r not in mirrored]
 
@@ -112,31 +111,35 @@ class WavePlane:
     # -- one row of positions ------------------------------------------------------------------------------
     def _respond(self, source_yx: NDArray[np.float64], pixel: NDArray[np.int64], out: NDArray[np.float32]) -> None:
         """Fill ``out`` (n, nt, ns) for sources (n, 2) as (y, x) on the sensor; pixels are the cutouts' centres."""
+        # to the reduced frame, where micro-images lie as far apart as lenslets, and to the lattice's (x, y)
         source = np.ascontiguousarray(source_yx[:, ::-1]) / self.scene.scale
         image: Array = np.zeros(out.shape, np.float64) if self.sampling.double else out
         image[...] = 0
         batch = min(len(source), COHERENT_BATCH) if self.coherent else len(source)
-        grids = self._grids(batch if self.coherent else 0)
+        # the squares leave the grids empty, so that one target serves all batches
+        target = self._target(image, batch if self.coherent else 0)
         for start in range(0, len(source), batch):
             part = slice(start, start + batch)
-            self._add_lenses(source[part], pixel[part], image[part], grids)
+            self._add_lenses(source[part], pixel[part], target._replace(image=image[part]))
         if image is not out:
             out[...] = image
 
-    def _add_lenses(self, source: NDArray[np.float64], pixel: NDArray[np.int64], image: Array, grids: Grids) -> None:
+    def _add_lenses(self, source: NDArray[np.float64], pixel: NDArray[np.int64], target: Target) -> None:
+        """Add the light behind every lenslet that one of the sources (n, 2), as (x, y), reaches."""
         lo, hi = source.min(0), source.max(0)
         middle, span = (lo + hi) / 2, (hi - lo) / 2 + self.tables.reach_um
         centres, types = self.scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
         for centre, kind in zip(centres, types, strict=True):
-            self._add_lens(centre, self.tables.kinds[kind], source, pixel, image, grids)
+            self._add_lens(centre, self.tables.kinds[kind], source, pixel, target)
         if self.coherent:
-            kernels.square_fields(*grids, self.tables.rule.weights.astype(self._dtype), self.tables.rule.per_px, image)
+            rule = self.tables.rule
+            square_fields(*target[1:], rule.weights.astype(self._dtype), rule.per_px, target.image)
 
-    def _grids(self, count: int) -> Grids:
-        """Return empty node grids and boxes for ``count`` positions."""
+    def _target(self, image: Array, count: int) -> Target:
+        """Return where light is added for ``image``, with empty node grids and boxes of ``count`` positions."""
         nt, ns = (self.tables.rule.count(n) for n in self.scene.cutout)
         boxes = np.tile(np.array([1 << 30, -(1 << 30)] * 2, np.int64), (count, 1))
-        return np.zeros((count, nt, ns), self._dtype), np.zeros((count, nt, ns), self._dtype), boxes
+        return Target(image, np.zeros((count, nt, ns), self._dtype), np.zeros((count, nt, ns), self._dtype), boxes)
 
     def _add_lens(
         self,
@@ -144,79 +147,42 @@ class WavePlane:
         lens: LensTable,
         source: NDArray[np.float64],
         pixel: NDArray[np.int64],
-        out: Array,
-        grids: Grids,
+        target: Target,
     ) -> None:
-        scene, tables = self.scene, self.tables
-        px, per = scene.reduced_pixel_um, tables.rule.per_px
-        places, numbers = np.empty((len(source), 5), np.int64), np.empty((len(source), 6))
-        found = select(
-            lens.energy,
-            tables.floor,
-            lens.dx_um,
-            lens.half,
-            centre,
-            source,
-            pixel,
-            np.array([px, tables.ratio, lens.pull]),
-            np.array(scene.cutout),
-            lens.width,
-            places,
-            numbers,
-        )
+        """Add the light behind the lenslet at ``centre`` (x, y) for sources (n, 2) as (x, y)."""
+        scene, tables, dx = self.scene, self.tables, lens.field.dx_um
+        spots = np.empty(len(source), SPOT)
+        window = Window(scene.reduced_pixel_um, tables.ratio, lens.pull, lens.width, *scene.cutout)
+        found = select(Light(lens.energy, tables.floor, dx, lens.half), window, centre, source, pixel, spots)
         if not found:
             return
         # positions that share the lenslet's place between two samples share its mask
-        order = np.argsort(np.round(numbers[:found, 0] / lens.dx_um, 6), kind="stable")
-        places, numbers = places[order], numbers[order]
-        energies = np.empty((found, 2))
-        share = (tables.spread_um2 / (lens.dx_um * px)) ** 2
-        (field_re, field_im), (disc_re, disc_im, step) = lens.field, lens.disc
-        kernels.respond(
-            field_re,
-            field_im,
-            lens.dx_um,
-            disc_re,
-            disc_im,
-            step,
-            lens.cell,
-            lens.cell_step,
-            lens.bend,
-            lens.cosine,
-            lens.sine,
-            lens.bins,
-            np.array([1 / tables.spread_um2, share, 1 - tables.ratio, per]),
-            self._rays(lens),
-            lens.nodes_um,
-            places,
-            numbers,
-            centre - source[places[:, 0]],
-            out,
-            grids[0],
-            grids[1],
-            grids[2],
-            energies,
-        )
-        self._certify(energies, lens)
+        spots = spots[np.argsort(np.round(spots["x0"][:found] / dx, 6), kind="stable")]
+        respond(lens.field, lens.aperture, lens.zoom, self._optics(lens), spots, target)
+        self._certify(spots["energy_in"], spots["energy_out"], lens)
 
-    def _rays(self, lens: LensTable) -> NDArray[np.float64]:
-        """Return what exact rays behind a lenslet need, or zeros near the native plane, where rays cross."""
-        scene = self.scene
+    def _optics(self, lens: LensTable) -> Optics:
+        """Return what a kernel needs of the plane; no exact rays near the native plane, where rays cross."""
+        scene, tables = self.scene, self.tables
+        share = (tables.spread_um2 / (lens.field.dx_um * scene.reduced_pixel_um)) ** 2
+        flat = 1 / tables.spread_um2, share, 1 - tables.ratio
         if not scene.exact_rays or self.mode != "E":
-            return np.zeros(3)
-        gap, sigma = scene.reduced_gap_um, lens.bend * self.tables.spread_um2 / math.pi
-        return np.array([2 * math.pi * gap / scene.wavelength_um, 1 / scene.reduced_image_um, (1 - sigma) / gap])
+            return Optics(*flat, 0.0, 0.0, 0.0)
+        gap, sigma = scene.reduced_gap_um, lens.aperture.bend * tables.spread_um2 / math.pi
+        # 1/a' + 1/f = (1 - sigma)/B', by the definition of sigma
+        rays = 2 * math.pi * gap / scene.wavelength_um
+        return Optics(*flat, rays, 1 / scene.reduced_image_um, (1 - sigma) / gap)
 
-    def _certify(self, energies: NDArray[np.float64], lens: LensTable) -> None:
+    def _certify(self, energy_in: NDArray[np.float64], energy_out: NDArray[np.float64], lens: LensTable) -> None:
         """Raise `EnergyError` where a window received more than its lenslet passed."""
-        energy_in, energy_out = energies.T
+        # behind a faint lenslet errors of the sum's accuracy look large, and mean nothing beside a bright one's light
         slack = TOLERANCE * np.maximum(energy_in, FAINT * float(lens.energy.max()))
         ratio = energy_out / np.maximum(energy_in, 1e-300)
         if (energy_out > energy_in + slack).any():
-            used = self.scene.reduced_pixel_um / lens.dx_um
+            used = self.scene.reduced_pixel_um / lens.field.dx_um
             remedy = f"raise samples_per_px above {used:g} or nodes_per_px above {self.tables.rule.per_px}"
             wanted, got = f"at most what it passed (+{TOLERANCE:.0%})", f"{float(ratio.max()):.3g} times that"
             raise EnergyError.expected("energy behind a lenslet", wanted, got, remedy)
         bright = energy_in >= FAINT * float(lens.energy.max())
         worst = float(ratio[bright].max(initial=0.0))
-        self._ledger.add(len(energies), float(energy_in.sum()), float(energy_out.sum()), worst)
+        self._ledger.add(len(energy_in), float(energy_in.sum()), float(energy_out.sum()), worst)
