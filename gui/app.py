@@ -55,7 +55,7 @@ def make_window(app: object, options: argparse.Namespace, *, folder: Path | None
     from PySide6.QtCore import QSettings
     from PySide6.QtWidgets import QApplication
 
-    from gui.models.session import Session
+    from gui.models.project import Session
     from gui.theme import DARK, LIGHT, apply_theme
     from gui.window import MainWindow
 

@@ -88,9 +88,9 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
     """Return how fast HT is shown while the user drags over the period map, on a plane in memory."""
     from gui.context import Context
     from gui.jobs import Jobs
-    from gui.models.session import Session
-    from gui.models.stages import STAGES
-    from gui.pages.psf import Page
+    from gui.models.page import STAGES
+    from gui.models.project import Session
+    from gui.pages.psf.page import Page
     from gui.theme import LIGHT, apply_theme
     from lfcal.psf import PSFMatrix
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 
 from gui.jobs import Jobs
-from gui.models.session import Session, SessionState
+from gui.models.project import Session, SessionState
 from lfcal.psf import PSFMatrix
 
 __all__ = ["Context"]
@@ -20,7 +20,7 @@ class Context(QObject):
     Signals
     -------
     state_changed(old, new)
-        The session changed (`gui.models.session.SessionState` before and after).
+        The session changed (`gui.models.project.SessionState` before and after).
     go(stage, payload)
         A page asks for another stage, with something to show there, e.g. ``("frames", (z, y, x))``.
     message(text)

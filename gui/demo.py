@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gui.models.session import FrameSettings, SessionState
+from gui.models.project import FrameSettings, SessionState
 from lfcal.camera import ScanPlan
 from lfcal.cli.sample import sample_session
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 
-from gui.models.stages import Stage
+from gui.models.page import Stage
 
 __all__ = ["about_text", "cheat_sheet"]
 

@@ -22,14 +22,14 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from gui.base_page import StagePage
 from gui.context import Context
 from gui.help import about_text, cheat_sheet
+from gui.job_panel import JobPanel
 from gui.jobs import Job, Jobs, JobState
-from gui.models.session import RecentSessions, Session, SessionState
-from gui.models.stages import Stage, StageState, available_stages, stage_states
-from gui.pages._base import StagePage
+from gui.models.page import Stage, StageState, available_stages, stage_states
+from gui.models.project import RecentSessions, Session, SessionState
 from gui.theme import DARK, LIGHT, apply_theme, current_theme, stage_icon
-from gui.widgets.job_panel import JobPanel
 from lfcal.errors import LfcalError
 
 __all__ = ["MainWindow"]
@@ -163,7 +163,7 @@ class MainWindow(QMainWindow):
         if key not in self._pages:
             row = [s.key for s in self.stages].index(key)
             stage: Stage = self.stages[row]
-            module = importlib.import_module(f"gui.pages.{key}")
+            module = importlib.import_module(f"gui.pages.{key}.page")
             page: StagePage = module.Page(stage, self.context)
             self._pages[key] = page
             old = self.stack.widget(row)

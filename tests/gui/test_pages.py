@@ -14,8 +14,8 @@ from pytestqt.qtbot import QtBot
 
 from gui.app import make_window, parse
 from gui.jobs import JobState
-from gui.models.plan_form import default_plan
-from gui.models.simulate_view import preview, tolerance_of, tolerance_step
+from gui.pages.plan.model import default_plan
+from gui.pages.simulate.model import preview, tolerance_of, tolerance_step
 from gui.window import MainWindow
 from lfcal.camera import PRESETS, Camera, MainLens, ScanPlan, preset
 from lfcal.psf import PSFMatrix, open_psf, save

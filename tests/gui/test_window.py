@@ -26,8 +26,8 @@ from pytestqt.qtbot import QtBot
 
 from gui.app import make_window, parse
 from gui.jobs import JobState
-from gui.models.session import Session
-from gui.models.stages import StageState
+from gui.models.page import StageState
+from gui.models.project import Session
 from gui.theme import DARK, LIGHT, current_theme
 from gui.window import MainWindow
 from lfcal.camera import preset
@@ -301,7 +301,7 @@ def test_a_random_walk_over_all_controls(
             idle(window, qtbot)
     idle(window, qtbot)
     assert raised == []
-    from gui.models.session import SessionState
+    from gui.models.project import SessionState
 
     assert SessionState.from_json(window.session.state.to_json()) == window.session.state
 

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from gui.models import camera_form, plan_form
+from gui.pages.camera import model as camera_form
+from gui.pages.plan import model as plan_form
 from lfcal.camera import PRESETS, Camera, MainLens, Microscope, preset
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from gui.models.display import Display, bin_max, colour_table, levels_of, to_uint8
 from gui.models.frame_view import MAX_PIXELS, frame_numbers, lattice_points, render_tile, visible_tile
-from gui.models.psf_view import LoadedPlane, PSFIntent, linked_pixel, resolve, turn_pixel
+from gui.pages.psf.model import LoadedPlane, PSFIntent, linked_pixel, resolve, turn_pixel
 from lfcal.camera import preset
 from lfcal.errors import InputError
 from lfcal.psf import transpose
