@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from gui.context import Context
-from gui.models.page import Stage
-from gui.models.project import SessionState
+from gui.models.page import PageSpec
+from gui.models.project import ProjectState
 
-__all__ = ["EmptyState", "StagePage"]
+__all__ = ["BasePage", "EmptyState"]
 
 
 class EmptyState(QWidget):
@@ -39,20 +41,20 @@ class EmptyState(QWidget):
         layout.addStretch()
 
 
-class StagePage(QWidget):
+class BasePage(QWidget):
     """A page: a header with title, hint and tools, and a body that is replaced by an empty state if need be."""
 
-    def __init__(self, stage: Stage, context: Context) -> None:
+    def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__()
-        self.stage, self.context = stage, context
+        self.spec, self.context = spec, context
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         outer = QVBoxLayout(self)
         outer.setContentsMargins(16, 12, 16, 12)
         outer.setSpacing(10)
         header = QHBoxLayout()
-        title = QLabel(stage.title)
+        title = QLabel(spec.title)
         title.setProperty("role", "title")
-        self.hint = QLabel(stage.hint)
+        self.hint = QLabel(spec.hint)
         self.hint.setProperty("role", "hint")
         header.addWidget(title)
         header.addSpacing(12)
@@ -63,24 +65,24 @@ class StagePage(QWidget):
         self._stack = QStackedWidget()
         self.body = QWidget()
         self._stack.addWidget(self.body)
-        self._empty: EmptyState | None = None
+        self.empty: EmptyState | None = None
         outer.addWidget(self._stack, 1)
-        context.state_changed.connect(self._on_state)
+        context.state_changed.connect(self._follow_project)
 
     def show_empty(self, text: str, buttons: dict[str, Any] | None = None) -> None:
         """Show what to do next in place of the body."""
         self.show_body()
-        self._empty = EmptyState(text, buttons)
-        self._stack.addWidget(self._empty)
-        self._stack.setCurrentWidget(self._empty)
+        self.empty = EmptyState(text, buttons)
+        self._stack.addWidget(self.empty)
+        self._stack.setCurrentWidget(self.empty)
 
     def show_body(self) -> None:
         """Show the body."""
         self._stack.setCurrentWidget(self.body)
-        if self._empty is not None:
-            self._stack.removeWidget(self._empty)
-            self._empty.deleteLater()
-            self._empty = None
+        if self.empty is not None:
+            self._stack.removeWidget(self.empty)
+            self.empty.deleteLater()
+            self.empty = None
 
     def tool_button(self, text: str, tip: str, action: Any, *, primary: bool = False) -> QPushButton:
         """Add a button to the header."""
@@ -92,12 +94,24 @@ class StagePage(QWidget):
         self.tools.addWidget(button)
         return button
 
-    def _on_state(self, old: SessionState, new: SessionState) -> None:
+    def set_panel(self, panel: QWidget) -> None:
+        """Make ``panel`` the body."""
+        layout = QVBoxLayout(self.body)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(panel)
+
+    def shortcut(self, keys: str, action: Callable[[], object]) -> None:
+        """Do ``action`` when ``keys`` are pressed while the page is looked at."""
+        shortcut = QShortcut(QKeySequence(keys), self)
+        shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+        shortcut.activated.connect(action)
+
+    def _follow_project(self, old: ProjectState, new: ProjectState) -> None:
         self.state_changed(old, new)
 
     # -- what pages override -----------------------------------------------------------------------------
-    def state_changed(self, old: SessionState, new: SessionState) -> None:
-        """Follow a change of the session."""
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Follow a change of the project."""
 
     def entered(self) -> None:
         """Prepare what is costly when the page is first looked at."""

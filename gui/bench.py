@@ -88,8 +88,8 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
     """Return how fast HT is shown while the user drags over the period map, on a plane in memory."""
     from gui.context import Context
     from gui.jobs import Jobs
-    from gui.models.page import STAGES
-    from gui.models.project import Session
+    from gui.models.page import PAGES
+    from gui.models.project import Project
     from gui.pages.psf.page import Page
     from gui.theme import LIGHT, apply_theme
     from lfcal.psf import PSFMatrix
@@ -101,13 +101,12 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
     rng = np.random.default_rng(0)
     row = rng.random((nx, side, side), np.float32)
     matrix = PSFMatrix(np.broadcast_to(row, (1, ny, nx, side, side)).copy())
-    context = Context(Session(), jobs := Jobs())
+    context = Context(Project(), jobs := Jobs())
     context.matrix = lambda path: matrix if path == "plane" else None  # type: ignore[method-assign]
-    stage = next(s for s in STAGES if s.key == "psf")
-    page = Page(stage, context)
+    page = Page(PAGES.get("psf"), context)
     page.resize(1100, 760)
     page.show()
-    context.session.update("open", psf="plane")
+    context.project.update("open", psf="plane")
     while page.plane is None:
         app.processEvents()
     page.set_intent(transposed=True)
@@ -116,9 +115,9 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
     times = []
     for k in range(pictures):
         start = time.perf_counter()
-        page.map.chosen.emit((k * 7) % ny, (k * 3) % nx)
+        page.panel.map.chosen.emit((k * 7) % ny, (k * 3) % nx)
         app.processEvents()
-        page.main_view.graphics.viewport().repaint()
+        page.panel.main_view.graphics.viewport().repaint()
         times.append(time.perf_counter() - start)
     jobs.close()
     page.close()

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from gui.jobs import Jobs
 from gui.models.display import Display, colour_table
 from gui.models.frame_view import Tile, lattice_points, render_tile, visible_tile
-from gui.pages.camera.optics_view import TYPE_COLOURS
+from gui.theme import TYPE_COLOURS
 from gui.widgets.plots import style_axes, theme_plot
 from lfcal.camera import Camera
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
@@ -24,7 +22,7 @@ from gui.pages.acquire.model import FIELDS
 from gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
 from gui.theme import current_theme
 from gui.widgets.cards import card, column_area, line
-from gui.widgets.form import Field, Form
+from gui.widgets.form import Form
 from gui.widgets.frame_view import FrameView
 from gui.widgets.image_view import ImageView
 from gui.widgets.period_map import PeriodMap
@@ -80,7 +78,7 @@ class RecordPanel(QWidget):
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.form = Form(tuple(Field(**asdict(spec)) for spec in FIELDS))
+        self.form = Form(FIELDS)
         self.map = PeriodMap()
         self.map.setToolTip("Positions of one period in this plane; dark: not recorded yet")
         self.map.cross.hide()

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.context import Context
 from gui.jobs import Job, JobState
-from gui.models.project import SessionState
+from gui.models.project import ProjectState
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state, record_picture
 from gui.pages.acquire.record_panel import RecordPanel
@@ -27,16 +27,15 @@ POLL_MS = 120
 class RecordTab(QObject):
     """Run sessions on the devices of a `SetupTab`; frames and quality are fetched by a timer, never pushed."""
 
-    def __init__(self, context: Context, setup: SetupTab, parent: QObject | None = None) -> None:
+    def __init__(self, context: Context, setup: SetupTab, panel: RecordPanel, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.context, self.setup, self.panel = context, setup, RecordPanel(context.jobs)
+        self.context, self.setup, self.panel = context, setup, panel
         self.recorder: Recorder | None = None
         self.folder = FolderState()
         self._job, self._lamp = 0, ""
         self.poll_timer = QTimer(self)
         self.poll_timer.setInterval(POLL_MS)
         self.poll_timer.timeout.connect(self._poll)
-        panel = self.panel
         panel.form.check = self._check_field
         panel.form.edited.connect(self._field_edited)
         panel.folder_edited.connect(self.set_folder)
@@ -53,7 +52,7 @@ class RecordTab(QObject):
         """Whether a session is being recorded."""
         return bool(self._job)
 
-    def show_state(self, state: SessionState, *, folder: bool) -> None:
+    def show_state(self, state: ProjectState, *, folder: bool) -> None:
         """Show plan, settings and folder; ``folder``: it changed."""
         if state.plan is None:
             return
@@ -79,7 +78,7 @@ class RecordTab(QObject):
         state = self.context.state
         if state.plan is not None:
             settings, plan = AcquireSettings.of(state).changed(state.plan, key, value)
-            self.context.session.update(f"change of {key.replace('_', ' ')}", plan=plan, extra=settings.into(state))
+            self.context.project.update(f"change of {key.replace('_', ' ')}", plan=plan, settings=settings.into(state))
 
     # -- session folder --------------------------------------------------------------------------------
     def _choose_folder(self) -> None:
@@ -89,7 +88,7 @@ class RecordTab(QObject):
 
     def set_folder(self, path: str) -> None:
         """Record into (or go on in) another folder."""
-        self.context.session.update("session folder", recording=path)
+        self.context.project.update("session folder", recording=path)
 
     def _look_into_folder(self) -> None:
         path = self.context.state.recording
@@ -253,7 +252,7 @@ class RecordTab(QObject):
         words = f"{outcome.how}: {outcome.acknowledged} of {outcome.total} positions are safe"
         self.context.message.emit(words)
         if outcome.how == "complete" and self.recorder is not None and self.recorder.redo:
-            self.context.session.update("positions recorded again", redo=())
+            self.context.project.update("positions recorded again", redo=())
 
     def _failed(self, _: Job) -> None:
         self.context.attention.emit("acquire", True)
@@ -304,7 +303,7 @@ class RecordTab(QObject):
         report.matrix.close()
         for note in report.notes:
             self.context.message.emit(f"{Path(path).name}: {note}")
-        self.context.session.update("assembly", psf=str(path))
+        self.context.project.update("assembly", psf=str(path))
         self.context.go.emit("psf", None)
 
     def pack(self) -> None:

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QHBoxLayout, QLabel, QP
 from gui.jobs import Jobs
 from gui.models.display import Display
 from gui.pages.acquire.device_panel import DevicePanel
-from gui.pages.acquire.model import LivePicture
+from gui.pages.acquire.model_live import LivePicture
 from gui.pages.acquire.stage_panel import StagePanel
 from gui.theme import current_theme
 from gui.widgets.cards import card, column_area, heading, line

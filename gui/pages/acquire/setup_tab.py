@@ -10,9 +10,10 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from gui.context import Context
 from gui.jobs import Job, JobState
-from gui.models.project import SessionState
-from gui.pages.acquire import model as view
-from gui.pages.acquire.model import AcquireSettings, LivePicture
+from gui.models.project import ProjectState
+from gui.pages.acquire import model_findings as findings
+from gui.pages.acquire.model import AcquireSettings, target_of
+from gui.pages.acquire.model_live import LivePicture, live_picture
 from gui.pages.acquire.model_station import Station, open_station
 from gui.pages.acquire.setup_panel import FINDINGS, SetupPanel
 from lfcal.errors import LfcalError
@@ -36,9 +37,9 @@ class SetupTab(QObject):
 
     changed = Signal()
 
-    def __init__(self, context: Context, parent: QObject | None = None) -> None:
+    def __init__(self, context: Context, panel: SetupPanel, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.context, self.panel = context, SetupPanel(context.jobs)
+        self.context, self.panel = context, panel
         self.station: Station | None = None
         self.found: dict[str, Any] = {}
         self.reserved = False
@@ -52,7 +53,6 @@ class SetupTab(QObject):
         self.live_timer.setSingleShot(True)
         self.live_timer.setInterval(LIVE_MS)
         self.live_timer.timeout.connect(self._look)
-        panel = self.panel
         panel.devices.edited.connect(self._devices_edited)
         panel.devices.connect_asked.connect(self.connect_devices)
         panel.devices.disconnect_asked.connect(self.disconnect_devices)
@@ -71,7 +71,7 @@ class SetupTab(QObject):
             self._looked_for = True
             self.context.jobs.compute("acquire backends", _backends, self._backends_found, self.context.message.emit)
 
-    def show_state(self, state: SessionState) -> None:
+    def show_state(self, state: ProjectState) -> None:
         """Show the plan and the choice of devices."""
         if state.plan is None:
             return
@@ -99,7 +99,7 @@ class SetupTab(QObject):
     def _devices_edited(self, backend: str, options: tuple[tuple[str, str], ...], stage: str) -> None:
         state = self.context.state
         settings = replace(AcquireSettings.of(state), backend=backend, device_options=options, stage=stage)
-        self.context.session.update("choice of devices", extra=settings.into(state))
+        self.context.project.update("choice of devices", settings=settings.into(state))
 
     def _backends_found(self, found: tuple[Any, Any, Any]) -> None:
         self.panel.devices.set_backends(*found)
@@ -162,7 +162,7 @@ class SetupTab(QObject):
         exposure, reference = self.panel.exposure.value() / 1e3, self._reference()
         self.context.jobs.compute(
             "acquire live",
-            lambda: view.live_picture(station.look(exposure, plan), plan, reference),
+            lambda: live_picture(station.look(exposure, plan), plan, reference),
             self._looked,
             self._live_failed,
         )
@@ -199,7 +199,7 @@ class SetupTab(QObject):
         """Go to the middle of the cell in plane ``z``."""
         station, plan = self.station, self.context.state.plan
         if station is not None and plan is not None:
-            target = view.target_of(plan, z)
+            target = target_of(plan, z)
             self._queue_move(lambda: station.move(target))
             self.panel.set_exposure(plan.exposures[z])
 
@@ -259,13 +259,13 @@ class SetupTab(QObject):
             return
         self.found[key] = found
         if key == "stage":
-            words, good = view.fit_words(found, plan)
+            words, good = findings.fit_words(found, plan)
             self.context.attention.emit("acquire", not good)
             self.panel.show_result(key, words, good=good, usable=found.axes != plan.stage)
         elif key == "axis":
-            self.panel.show_result(key, view.axis_words(found, plan))
+            self.panel.show_result(key, findings.axis_words(found, plan))
         else:
-            self.panel.show_result(key, view.exposure_words(found, plan), usable=True)
+            self.panel.show_result(key, findings.exposure_words(found, plan), usable=True)
 
     def use(self, key: str) -> None:
         """Take what was found into the plan."""
@@ -274,12 +274,12 @@ class SetupTab(QObject):
             return
         if key == "stage":
             changed = replace(plan, stage=found.axes)
-            self.context.session.update("stage axes as measured", plan=changed)
+            self.context.project.update("stage axes as measured", plan=changed)
             self.context.attention.emit("acquire", False)
             self.panel.show_result(key, "Taken into the plan. Measure again to make sure.")
         else:
-            self.context.session.update("exposures as measured", plan=replace(plan, exposure_s=found))
-            self.panel.show_result(key, view.exposure_words(found, plan))
+            self.context.project.update("exposures as measured", plan=replace(plan, exposure_s=found))
+            self.panel.show_result(key, findings.exposure_words(found, plan))
 
     def _job_finished(self, job: Job) -> None:
         if job.number != self._job:

@@ -1,93 +1,93 @@
-"""The camera as fields of a form: which, with what units, and how a change makes a new camera. No Qt."""
+"""The camera as fields of forms, how a change makes a new camera, and what follows from it. No Qt."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
-from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Microscope, Sensor
+from gui.models.form import Field
+from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Microscope, Sensor, read_raytrix_xml
 from lfcal.errors import LfcalError
+from lfcal.files import storage_errors
+from lfcal.units import format_length
 
-__all__ = ["LATTICE", "MAIN_LENS", "MICROSCOPE", "SENSOR", "FieldSpec", "apply_change", "optics_of_kind", "values_of"]
-
-
-@dataclass(frozen=True)
-class FieldSpec:
-    """A field of a form; see `gui.widgets.form.Field`, which has the same entries."""
-
-    key: str
-    label: str
-    unit: str = ""
-    tip: str = ""
-    kind: str = "float"
-    scale: float = 1.0
-    choices: tuple[tuple[str, str], ...] = ()
-    optional: bool = False
+__all__ = [
+    "LATTICE",
+    "MAIN_LENS",
+    "MICROSCOPE",
+    "SENSOR",
+    "apply_change",
+    "facts",
+    "optics_of_kind",
+    "read_camera",
+    "values_of",
+]
 
 
 DEGREE = math.pi / 180
 
 MAIN_LENS = (
-    FieldSpec(
+    Field(
         "optics.kind",
         "Optics",
         kind="choice",
         choices=(("MainLens", "main lens"), ("Microscope", "microscope")),
         tip="A photographic main lens, or a telecentric microscope",
     ),
-    FieldSpec("optics.focal_length_um", "Focal length", "mm", "Focal length of the main lens", scale=1e3),
-    FieldSpec("optics.f_number", "f-number", "", "As set on the lens: focal length over entrance pupil"),
-    FieldSpec(
+    Field("optics.focal_length_um", "Focal length", "mm", "Focal length of the main lens", scale=1e3),
+    Field("optics.f_number", "f-number", "", "As set on the lens: focal length over entrance pupil"),
+    Field(
         "optics.working_distance_um",
         "Working distance",
         "mm",
         "From the lens to the plane whose image lies on the lenslets",
         scale=1e3,
     ),
-    FieldSpec("optics.blades", "Iris blades", "", "0 is a circular iris", kind="int"),
-    FieldSpec(
+    Field("optics.blades", "Iris blades", "", "0 is a circular iris", kind="int"),
+    Field(
         "optics.blade_rotation_rad",
         "Iris rotation",
         "°",
         "Angle of the first vertex from the column axis",
         scale=DEGREE,
     ),
-    FieldSpec("optics.blade_curvature", "Blade curvature", "", "0 straight edges … 1 a circle"),
+    Field("optics.blade_curvature", "Blade curvature", "", "0 straight edges … 1 a circle"),
 )
 
 MICROSCOPE = (
     MAIN_LENS[0],
-    FieldSpec("optics.magnification", "Magnification", "×", "Objective and tube lens together"),
-    FieldSpec("optics.numerical_aperture", "Numerical aperture", "", "Object-side NA of the objective"),
-    FieldSpec("optics.medium_index", "Medium index", "", "Refractive index of the immersion medium"),
-    FieldSpec("optics.tube_length_um", "Tube lens", "mm", "Focal length of the tube lens", scale=1e3),
+    Field("optics.magnification", "Magnification", "×", "Objective and tube lens together"),
+    Field("optics.numerical_aperture", "Numerical aperture", "", "Object-side NA of the objective"),
+    Field("optics.medium_index", "Medium index", "", "Refractive index of the immersion medium"),
+    Field("optics.tube_length_um", "Tube lens", "mm", "Focal length of the tube lens", scale=1e3),
 )
 
 LATTICE = (
-    FieldSpec(
+    Field(
         "lattice.kind",
         "Array",
         kind="choice",
         choices=(("hexagonal", "hexagonal"), ("square", "square")),
         tip="Arrangement of the lenslets",
     ),
-    FieldSpec("lattice.pitch_um", "Pitch", "µm", "Distance of neighbouring micro-images along a row, on the sensor"),
-    FieldSpec(
+    Field("lattice.pitch_um", "Pitch", "µm", "Distance of neighbouring micro-images along a row, on the sensor"),
+    Field(
         "lattice.row_pitch_um",
         "Row distance",
         "µm",
         "Distance of rows if not the ideal one; empty: ideal",
         optional=True,
     ),
-    FieldSpec("lattice.gap_um", "Gap to the sensor", "µm", "Distance B from lenslets to sensor"),
-    FieldSpec(
+    Field("lattice.gap_um", "Gap to the sensor", "µm", "Distance B from lenslets to sensor"),
+    Field(
         "lattice.rotation_rad", "Rotation", "°", "From the column axis towards the row axis (clockwise)", scale=DEGREE
     ),
-    FieldSpec("lattice.offset_x", "Offset x", "µm", "Centre of a type-0 micro-image, right of the sensor's centre"),
-    FieldSpec("lattice.offset_y", "Offset y", "µm", "Centre of a type-0 micro-image, below the sensor's centre"),
-    FieldSpec("lattice.clear_um", "Clear diameter", "µm", "Of a lenslet; empty: the full pitch", optional=True),
-    FieldSpec(
+    Field("lattice.offset_x", "Offset x", "µm", "Centre of a type-0 micro-image, right of the sensor's centre"),
+    Field("lattice.offset_y", "Offset y", "µm", "Centre of a type-0 micro-image, below the sensor's centre"),
+    Field("lattice.clear_um", "Clear diameter", "µm", "Of a lenslet; empty: the full pitch", optional=True),
+    Field(
         "lattice.focus",
         "Types in focus at v",
         "",
@@ -97,20 +97,20 @@ LATTICE = (
 )
 
 SENSOR = (
-    FieldSpec("sensor.rows", "Rows", "px", "Pixels from top to bottom", kind="int"),
-    FieldSpec("sensor.columns", "Columns", "px", "Pixels from left to right", kind="int"),
-    FieldSpec("sensor.pixel_um", "Pixel pitch", "µm", "As seen at the lenslets if relay optics lie between"),
-    FieldSpec("sensor.bit_depth", "Bit depth", "bit", "Bits per sample", kind="int"),
-    FieldSpec("sensor.full_well_e", "Full well", "e⁻", "Electrons at the highest sample value"),
-    FieldSpec("sensor.read_noise_e", "Read noise", "e⁻ rms", "Noise without light"),
-    FieldSpec("sensor.dark_current_e_s", "Dark current", "e⁻/s", "Per pixel"),
-    FieldSpec("sensor.black_level", "Black level", "counts", "Sample value of no light"),
-    FieldSpec("sensor.prnu", "PRNU", "", "Pixel response non-uniformity, rms, relative"),
-    FieldSpec("sensor.quantum_efficiency", "Quantum efficiency", "", "Detected share of photons"),
-    FieldSpec("sensor.fill_factor", "Fill factor", "", "Light-sensitive share of a pixel"),
-    FieldSpec("sensor.cfa", "Colour filter", "", "Pattern by rows, e.g. GRBG; empty: monochrome", kind="text"),
-    FieldSpec("camera.wavelength_um", "Wavelength", "nm", "Of the light the camera is calibrated with", scale=1e-3),
-    FieldSpec("camera.bandwidth_um", "Bandwidth", "nm", "Full width of the light's spectrum", scale=1e-3),
+    Field("sensor.rows", "Rows", "px", "Pixels from top to bottom", kind="int"),
+    Field("sensor.columns", "Columns", "px", "Pixels from left to right", kind="int"),
+    Field("sensor.pixel_um", "Pixel pitch", "µm", "As seen at the lenslets if relay optics lie between"),
+    Field("sensor.bit_depth", "Bit depth", "bit", "Bits per sample", kind="int"),
+    Field("sensor.full_well_e", "Full well", "e⁻", "Electrons at the highest sample value"),
+    Field("sensor.read_noise_e", "Read noise", "e⁻ rms", "Noise without light"),
+    Field("sensor.dark_current_e_s", "Dark current", "e⁻/s", "Per pixel"),
+    Field("sensor.black_level", "Black level", "counts", "Sample value of no light"),
+    Field("sensor.prnu", "PRNU", "", "Pixel response non-uniformity, rms, relative"),
+    Field("sensor.quantum_efficiency", "Quantum efficiency", "", "Detected share of photons"),
+    Field("sensor.fill_factor", "Fill factor", "", "Light-sensitive share of a pixel"),
+    Field("sensor.cfa", "Colour filter", "", "Pattern by rows, e.g. GRBG; empty: monochrome", kind="text"),
+    Field("camera.wavelength_um", "Wavelength", "nm", "Of the light the camera is calibrated with", scale=1e-3),
+    Field("camera.bandwidth_um", "Bandwidth", "nm", "Full width of the light's spectrum", scale=1e-3),
 )
 
 
@@ -191,3 +191,31 @@ def _lattice(lattice: LensletLattice, name: str, value: Any) -> LensletLattice:
     if name == "kind":
         return replace(lattice, kind=value, row_pitch_um=None)
     return replace(lattice, **{name: value})
+
+
+def read_camera(path: Path) -> Camera:
+    """Return the camera of a JSON or Raytrix XML file."""
+    if path.suffix.lower() == ".xml":
+        return read_raytrix_xml(path)
+    with storage_errors(path):
+        return Camera.from_json(path.read_text(encoding="utf-8", errors="replace"))
+
+
+def facts(camera: Camera) -> str:
+    """Return what follows from the description, as rich text."""
+    y, x = camera.period_px
+    rows = [
+        ("Working f-number", f"{camera.optics.working_f_number:.3g}"),
+        ("Lenslet f-number", f"{camera.lattice.gap_um / camera.lattice.pitch_um:.3g}"),
+        ("Magnification |M|", f"{camera.magnification:.4g}"),
+        ("Micro-image pitch", f"{camera.pitch_px:.3f} px"),
+        ("Period of the array", f"{x:.2f} × {y:.2f} px"),
+        ("Positions in a period", f"{max(1, round(x))} × {max(1, round(y))}"),
+        ("Object step for 1 px", format_length(camera.step_um())),
+    ]
+    if isinstance(camera.optics, MainLens):
+        rows.insert(2, ("Image distance", format_length(camera.optics.image_distance_um)))
+    cells = "".join(
+        f"<tr><td style='padding-right:14px'>{name}</td><td><b>{value}</b></td></tr>" for name, value in rows
+    )
+    return f"<table cellspacing='2'>{cells}</table>"

@@ -8,13 +8,11 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
-from gui.theme import current_theme
+from gui.theme import TYPE_COLOURS, current_theme
 from lfcal.camera import Camera, MainLens, preset
 from lfcal.units import format_length
 
 __all__ = ["OpticsView"]
-
-TYPE_COLOURS = ("#2a8fc4", "#d9772b", "#2aa37b")
 
 
 class OpticsView(QWidget):

@@ -2,72 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import (
-    QCheckBox,
-    QComboBox,
-    QFileDialog,
-    QFrame,
-    QHBoxLayout,
-    QLabel,
-    QPushButton,
-    QScrollArea,
-    QSlider,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QFileDialog
 
-from gui.base_page import StagePage
+from gui.base_page import BasePage
 from gui.context import Context
-from gui.models.display import Display
-from gui.models.frame_view import FrameNumbers, frame_numbers
-from gui.models.page import Stage
-from gui.models.project import FrameSettings, SessionState
-from gui.theme import current_theme
-from gui.widgets.frame_view import FrameView
-from gui.widgets.period_map import PeriodMap
-from gui.widgets.plots import LinePlot
+from gui.models.page import PageSpec
+from gui.models.project import ProjectState
+from gui.pages.frames.model import FrameSettings, Loaded, Opened, iter_assembly, load_frame, open_imported
+from gui.pages.frames.panel import FramesPanel
 from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError
-from lfcal.frames.source import FrameSource, Position
+from lfcal.frames.source import Position
 
 __all__ = ["Page"]
 
-
-@dataclass(frozen=True, eq=False)
-class Opened:
-    """The frames of a session: source, correction chain, and which frame shows which position."""
-
-    source: FrameSource
-    chain: Any
-    frames: NDArray[np.int64]
-    plan: ScanPlan
+PLAY_MS = 60
 
 
-@dataclass(frozen=True, eq=False)
-class Loaded:
-    """One frame, before and after correction, with its numbers."""
-
-    position: Position
-    label: str
-    raw: NDArray[Any]
-    fixed: NDArray[np.float32]
-    numbers: FrameNumbers
-
-
-class Page(StagePage):
+class Page(BasePage):
     """Frames on the left, the frame in the middle, what was found on the right."""
 
-    def __init__(self, stage: Stage, context: Context) -> None:
-        super().__init__(stage, context)
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
         self.opened: Opened | None = None
         self.loaded: Loaded | None = None
         self.position = Position(0, 0, 0)
@@ -76,144 +37,52 @@ class Page(StagePage):
             "Assemble H", "Correct, crop and stack all frames into H", self.assemble, primary=True
         )
         self.play_timer = QTimer(self)
-        self.play_timer.setInterval(60)
+        self.play_timer.setInterval(PLAY_MS)
         self.play_timer.timeout.connect(lambda: self._step(0, 1))
-        self._build()
-        self._keys()
-        context.theme_changed.connect(self._apply_theme)
+        self.panel = FramesPanel(context.jobs)
+        self.set_panel(self.panel)
+        self._connect_panel()
+        self._add_shortcuts()
+        context.theme_changed.connect(self.panel.apply_theme)
         self._open()
 
-    # -- building --------------------------------------------------------------------------------------
-    def _build(self) -> None:
-        self.view = FrameView(self.context.jobs, "frame view")
-        self.view.hovered.connect(self._hovered)
-        self.map = PeriodMap()
-        self.map.chosen.connect(lambda y, x: self.go_to(Position(self.position.z, y, x)))
-        self.histogram = LinePlot("sample value (counts)", "pixels")
-        self.histogram.plot.setLogMode(False, True)
-        self.histogram.setFixedHeight(180)
-        self.numbers = QLabel()
-        self.numbers.setTextFormat(Qt.TextFormat.RichText)
-        self.numbers.setWordWrap(True)
-        self.readout = QLabel(" ")
-        self.readout.setProperty("role", "hint")
-        row = QHBoxLayout(self.body)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(10)
-        row.addWidget(self._left())
-        middle = QWidget()
-        column = QVBoxLayout(middle)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.addLayout(self._bar())
-        column.addWidget(self.view, 1)
-        column.addWidget(self.readout)
-        row.addWidget(middle, 1)
+    def _connect_panel(self) -> None:
+        panel = self.panel
+        panel.plane_asked.connect(lambda z: self.go_to(self.position._replace(z=z)))
+        panel.position_asked.connect(lambda y, x: self.go_to(Position(self.position.z, y, x)))
+        panel.play_toggled.connect(lambda on: self.play_timer.start() if on else self.play_timer.stop())
+        panel.correction_toggled.connect(self._correct)
+        panel.before_toggled.connect(lambda _: self._show_pixels())
+        panel.lattice_toggled.connect(lambda _: self._show_overlays())
 
-    def _bar(self) -> QHBoxLayout:
-        row = QHBoxLayout()
-        self.lattice_box = QCheckBox("Lattice")
-        self.lattice_box.setToolTip("Micro-image centres of the described camera, coloured by lens type")
-        self.lattice_box.toggled.connect(lambda _: self._show_overlays())
-        self.before_box = QCheckBox("Before correction")
-        self.before_box.setToolTip("Show the frame as it was recorded")
-        self.before_box.toggled.connect(lambda _: self._show_frame())
-        self.scale_box = QComboBox()
-        for value, text in (("linear", "linear"), ("gamma", "gamma 0.5"), ("log", "log, 4 decades")):
-            self.scale_box.addItem(text, value)
-        self.scale_box.setToolTip("How intensity becomes colour (L: log, G: gamma)")
-        self.scale_box.currentIndexChanged.connect(lambda _: self._show_display())
-        whole, cutout = QPushButton("Whole frame"), QPushButton("Cutout")
-        whole.clicked.connect(self.view.show_all)
-        cutout.clicked.connect(self._zoom_cutout)
-        for widget in (self.lattice_box, self.before_box, self.scale_box):
-            row.addWidget(widget)
-        row.addStretch()
-        row.addWidget(whole)
-        row.addWidget(cutout)
-        return row
+    def _add_shortcuts(self) -> None:
+        panel, slider = self.panel, self.panel.plane_slider
+        self.shortcut("Left", lambda: self._step(0, -1))
+        self.shortcut("Right", lambda: self._step(0, 1))
+        self.shortcut("Up", lambda: self._step(-1, 0))
+        self.shortcut("Down", lambda: self._step(1, 0))
+        self.shortcut("PgUp", lambda: slider.setValue(self.position.z - 1))
+        self.shortcut("PgDown", lambda: slider.setValue(self.position.z + 1))
+        self.shortcut("Space", panel.play_button.toggle)
+        self.shortcut("L", lambda: panel.toggle_scale("log"))
+        self.shortcut("G", lambda: panel.toggle_scale("gamma"))
 
-    def _left(self) -> QWidget:
-        panel = QFrame()
-        panel.setProperty("role", "card")
-        column = QVBoxLayout(panel)
-        column.setContentsMargins(12, 10, 12, 10)
-        self.position_label = QLabel()
-        self.position_label.setProperty("role", "heading")
-        self.position_label.setWordWrap(True)
-        column.addWidget(self.position_label)
-        self.plane_slider = QSlider(Qt.Orientation.Horizontal)
-        self.plane_slider.setToolTip("Depth plane (page up, page down)")
-        self.plane_slider.valueChanged.connect(lambda z: self.go_to(self.position._replace(z=z)))
-        row = QHBoxLayout()
-        row.addWidget(QLabel("Plane"))
-        row.addWidget(self.plane_slider, 1)
-        self.play_button = QPushButton("Play")
-        self.play_button.setCheckable(True)
-        self.play_button.setToolTip("Step through the positions (space)")
-        self.play_button.toggled.connect(self._play)
-        row.addWidget(self.play_button)
-        column.addLayout(row)
-        self.map.setFixedHeight(190)
-        column.addWidget(self.map)
-        heading = QLabel("Corrections")
-        heading.setProperty("role", "heading")
-        column.addWidget(heading)
-        self.boxes: dict[str, QCheckBox] = {}
-        for key, text, tip in (
-            ("use_dark", "Dark frame", "Subtract the mean dark frame"),
-            ("use_white", "White frame", "Divide by the relative brightness of the white frame"),
-            ("use_defects", "Defect pixels", "Find pixels that do not measure light, over all frames; repair them"),
-            ("use_background", "Background", "Subtract the median of each frame's border"),
-        ):
-            box = QCheckBox(text)
-            box.setToolTip(tip)
-            box.toggled.connect(lambda on, key=key: self._set_frames(f"{key[4:]} correction", **{key: on}))
-            self.boxes[key] = box
-        grid = QHBoxLayout()
-        for pair in (("use_dark", "use_white"), ("use_defects", "use_background")):
-            part = QVBoxLayout()
-            for key in pair:
-                part.addWidget(self.boxes[key])
-            grid.addLayout(part)
-        column.addLayout(grid)
-        heading = QLabel("Histogram of the frame as recorded")
-        heading.setProperty("role", "heading")
-        column.addWidget(heading)
-        column.addWidget(self.histogram)
-        column.addWidget(self.numbers)
-        column.addStretch()
-        area = QScrollArea()
-        area.setWidgetResizable(True)
-        area.setWidget(panel)
-        area.setFixedWidth(320)
-        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        return area
+    # -- project ---------------------------------------------------------------------------------------
+    @property
+    def settings(self) -> FrameSettings:
+        """What the user chose."""
+        return FrameSettings.of(self.context.state)
 
-    def _keys(self) -> None:
-        actions: tuple[tuple[str, Callable[[], object]], ...] = (
-            ("Left", lambda: self._step(0, -1)),
-            ("Right", lambda: self._step(0, 1)),
-            ("Up", lambda: self._step(-1, 0)),
-            ("Down", lambda: self._step(1, 0)),
-            ("PgUp", lambda: self.plane_slider.setValue(self.position.z - 1)),
-            ("PgDown", lambda: self.plane_slider.setValue(self.position.z + 1)),
-            ("Space", self.play_button.toggle),
-            ("L", lambda: self._toggle_scale("log")),
-            ("G", lambda: self._toggle_scale("gamma")),
-        )
-        for keys, action in actions:
-            shortcut = QShortcut(QKeySequence(keys), self)
-            shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
-            shortcut.activated.connect(action)
-
-    # -- session ---------------------------------------------------------------------------------------
-    def state_changed(self, old: SessionState, new: SessionState) -> None:
-        """Open what the session names now."""
-        if old.frames != new.frames or old.plan != new.plan:
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Open what the project names now."""
+        changed = old.frames != new.frames or old.plan != new.plan
+        if changed or FrameSettings.of(old) != FrameSettings.of(new):
             self._open()
 
-    def _set_frames(self, label: str, **changes: Any) -> None:
-        self.context.session.update(label, frames=replace(self.context.state.frames, **changes))
+    def _correct(self, key: str, on: bool) -> None:
+        changes: dict[str, Any] = {key: on}
+        settings = replace(self.settings, **changes).into(self.context.state)
+        self.context.project.update(f"{key.removeprefix('use_')} correction", settings=settings)
 
     def choose_folder(self) -> None:
         """Ask for a folder of frames."""
@@ -235,15 +104,11 @@ class Page(StagePage):
             except (LfcalError, OSError) as error:
                 self.context.message.emit(str(error))
         found = {name: str(around / name) for name in ("dark", "white") if (around / name).is_dir()}
-        settings = replace(
-            self.context.state.frames,
-            folder=str(frames),
-            manifest="",
-            pattern="",
-            dark=found.get("dark", ""),
-            white=found.get("white", ""),
+        chosen = replace(
+            self.settings, manifest="", pattern="", dark=found.get("dark", ""), white=found.get("white", "")
         )
-        self.context.session.update("open frames", frames=settings, **changes)
+        settings = chosen.into(self.context.state)
+        self.context.project.update("open frames", frames=str(frames), settings=settings, **changes)
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped folder of frames."""
@@ -258,16 +123,11 @@ class Page(StagePage):
             self.go_to(Position(*payload))
 
     def _open(self) -> None:
-        state = self.context.state
-        for key, box in self.boxes.items():
-            box.blockSignals(True)
-            box.setChecked(getattr(state.frames, key))
-            box.blockSignals(False)
-        self.boxes["use_dark"].setEnabled(bool(state.frames.dark))
-        self.boxes["use_white"].setEnabled(bool(state.frames.white))
+        state, settings = self.context.state, self.settings
+        self.panel.show_settings(settings)
         self.opened = None
         self.assemble_button.setEnabled(False)
-        if not state.frames.folder:
+        if not state.frames:
             self.show_empty(
                 "No frames yet.\nOpen a folder with a manifest (file, z, y, x), or record a session.\n"
                 "Folders named dark and white beside it, and plan.json, are found.",
@@ -281,9 +141,11 @@ class Page(StagePage):
             )
             return
         self.show_body()
-        plan, settings = state.plan, state.frames
-        self.position_label.setText("opening frames …")
-        self.context.jobs.compute("frames open", lambda: open_session(settings, plan), self._opened, self._failed)
+        folder, plan = state.frames, state.plan
+        self.panel.position_label.setText("opening frames …")
+        self.context.jobs.compute(
+            "frames open", lambda: open_imported(folder, settings, plan), self._opened, self._failed
+        )
 
     def _failed(self, words: str) -> None:
         self.show_empty(words, {"Open frames …": self.choose_folder})
@@ -292,10 +154,10 @@ class Page(StagePage):
     def _opened(self, opened: Opened) -> None:
         self.opened = opened
         self.assemble_button.setEnabled(True)
-        nz = opened.frames.shape[0]
-        self.hint.setText(f"{len(opened.source)} frames of {opened.source.shape[1]} × {opened.source.shape[0]} px")
-        self.plane_slider.setRange(0, nz - 1)
-        self.plane_slider.setEnabled(nz > 1)
+        rows, columns = opened.source.shape
+        self.hint.setText(f"{len(opened.source)} frames of {columns} × {rows} px")
+        self.position = opened.place(self.position)  # these frames may have fewer planes than those before
+        self.panel.set_planes(opened.frames.shape[0])
         self._show_map()
         self.go_to(self.position)
 
@@ -305,98 +167,36 @@ class Page(StagePage):
         if self.opened is None:
             self.position = position
             return
-        shape = self.opened.frames.shape
-        z, y, x = (min(max(v, 0), n - 1) for v, n in zip(position, shape, strict=True))
-        changed_plane = z != self.position.z
-        self.position = Position(z, y, x)
-        self.plane_slider.blockSignals(True)
-        self.plane_slider.setValue(z)
-        self.plane_slider.blockSignals(False)
-        self.map.set_position(y, x)
+        changed_plane = self.opened.place(position).z != self.position.z
+        self.position = where = self.opened.place(position)
+        self.panel.show_position(*where)
         if changed_plane:
             self._show_map()
-        index = int(self.opened.frames[self.position])
-        if index < 0:
-            self.position_label.setText(f"z {z}, y {y}, x {x}: no frame")
-            self.view.set_frame(None, (0, 1))
+        opened = self.opened
+        if opened.frames[where] < 0:
+            self.panel.show_missing(f"z {where.z}, y {where.y}, x {where.x}: no frame")
             return
-        opened, where = self.opened, self.position
         self.context.jobs.compute("frames load", lambda: load_frame(opened, where), self._loaded, self._failed)
 
     def _step(self, dy: int, dx: int) -> None:
-        if self.opened is None:
-            return
-        _, ny, nx = self.opened.frames.shape
-        position = self.position
-        x = position.x + dx
-        y = position.y + dy + (x // nx if dx else 0)
-        self.go_to(Position(position.z, y % ny, x % nx))
+        if self.opened is not None:
+            self.go_to(self.opened.step(self.position, dy, dx))
 
-    def _play(self, on: bool) -> None:
-        self.play_button.setText("Stop" if on else "Play")
-        (self.play_timer.start if on else self.play_timer.stop)()
-
-    def _toggle_scale(self, scale: str) -> None:
-        chosen = "linear" if self.scale_box.currentData() == scale else scale
-        self.scale_box.setCurrentIndex(self.scale_box.findData(chosen))
-
-    # -- showing ---------------------------------------------------------------------------------------
     def _show_map(self) -> None:
         if self.opened is not None:
-            plane = self.opened.frames[self.position.z]
-            self.map.set_values((plane >= 0).astype(float), (plane >= 0).astype(int))
+            self.panel.show_map(self.opened.frames[self.position.z] >= 0)
 
     def _loaded(self, loaded: Loaded) -> None:
         self.loaded = loaded
-        self.position_label.setText(
-            f"{loaded.label}\nz {loaded.position.z}, y {loaded.position.y}, x {loaded.position.x}"
-        )
-        numbers = loaded.numbers
-        middle = (numbers.edges[1:] + numbers.edges[:-1]) / 2
-        self.histogram.set_curve("pixels", middle, np.maximum(numbers.counts, 0.5))
-        theme = current_theme()
-        colour = theme.bad if numbers.saturated else theme.text
-        self.numbers.setText(
-            f"maximum <b>{numbers.high:g}</b> counts<br>minimum <b>{numbers.low:g}</b>, "
-            f"mean <b>{numbers.mean:.1f}</b> counts<br>"
-            f"<span style='color:{colour}'>saturated pixels: <b>{numbers.saturated}</b></span>"
-        )
-        self._show_frame()
+        self.panel.show_frame(loaded)
         self._show_overlays()
 
-    def _show_frame(self) -> None:
-        if self.loaded is None:
-            return
-        frame = self.loaded.raw if self.before_box.isChecked() else self.loaded.fixed
-        self.view.set_frame(frame, (float(frame.min()), float(frame.max())))
-
-    def _show_display(self) -> None:
-        self.view.set_display(Display(scale=self.scale_box.currentData()))
+    def _show_pixels(self) -> None:
+        if self.loaded is not None:
+            self.panel.show_pixels(self.loaded)
 
     def _show_overlays(self) -> None:
-        state = self.context.state
-        self.view.set_lattice(state.camera if self.lattice_box.isChecked() else None)
-        if self.opened is None or self.loaded is None:
-            self.view.clear_cutout()
-            return
-        from lfcal.psf.cutout import Cutout
-
-        cutout = Cutout.for_plan(self.opened.plan)
-        window = cutout.window(self.loaded.position)
-        point = (self.opened.plan.image_px(self.loaded.position)[0], self.opened.plan.image_px(self.loaded.position)[1])
-        self.view.set_cutout(window.row, window.column, cutout.reach, (float(point[0]), float(point[1])))
-
-    def _zoom_cutout(self) -> None:
-        if self.opened is None or self.loaded is None:
-            return
-        from lfcal.psf.cutout import Cutout
-
-        cutout = Cutout.for_plan(self.opened.plan)
-        window = cutout.window(self.loaded.position)
-        self.view.show_region(window.row, window.column, *cutout.reach)
-
-    def _hovered(self, row: int, column: int, value: float) -> None:
-        self.readout.setText(" " if row < 0 else f"row {row}, column {column}: {value:.5g} counts")
+        self.panel.show_overlays(self.context.state.camera, None if self.opened is None else self.loaded)
 
     # -- assembly --------------------------------------------------------------------------------------
     def assemble(self, path: str = "") -> None:
@@ -408,22 +208,8 @@ class Page(StagePage):
             return
         opened = self.opened
         self.context.forget(path)
-
-        def work() -> Any:
-            from lfcal.psf import Cutout, iter_assemble
-
-            return iter_assemble(
-                opened.source,
-                opened.plan.shape[:3],
-                Cutout.for_plan(opened.plan),
-                path,
-                corrections=opened.chain,
-                depths=opened.plan.depths_um,
-                camera=opened.plan.camera,
-                provenance={"plan": opened.plan.to_dict()},
-            )
-
-        self.context.jobs.start(f"Assemble {Path(path).name}", "frames", work, self._assembled)
+        title = f"Assemble {Path(path).name}"
+        self.context.jobs.start(title, "frames", lambda: iter_assembly(opened, path), self._assembled)
 
     def _assembled(self, report: Any) -> None:
         path = report.matrix.path
@@ -431,39 +217,4 @@ class Page(StagePage):
         for note in report.notes or ("complete: every position once, nothing saturated",):
             self.context.message.emit(f"{Path(path).name}: {note}")
         self.context.attention.emit("frames", bool(report.missing or report.saturated))
-        self.context.session.update("assembly", psf=path)
-
-    def _apply_theme(self) -> None:
-        for widget in (self.view, self.map, self.histogram):
-            widget.apply_theme()
-
-
-def open_session(settings: FrameSettings, plan: ScanPlan) -> Opened:
-    """Open frames and corrections as the settings say; raises what opening raises."""
-    from lfcal.frames import open_frames
-    from lfcal.frames.corrections.recipe import CorrectionRecipe, build_chain
-
-    source = open_frames(
-        settings.folder,
-        manifest=settings.manifest or None,
-        pattern=settings.pattern or None,
-        plan_shape=plan.shape[:3],
-    )
-    recipe = CorrectionRecipe(
-        dark=settings.dark if settings.use_dark else "",
-        white=settings.white if settings.use_white else "",
-        defects=settings.use_defects,
-        background="border" if settings.use_background else "none",
-    )
-    frames = np.full(plan.shape[:3], -1, np.int64)
-    for index in range(len(source)):
-        frames[source.position(index)] = index
-    return Opened(source, build_chain(source, recipe), frames, plan)
-
-
-def load_frame(opened: Opened, position: Position) -> Loaded:
-    """Read one frame, correct it, count every pixel of it."""
-    index = int(opened.frames[position])
-    raw = opened.source.read(index)
-    level = opened.chain.saturation_level(raw.dtype)
-    return Loaded(position, opened.source.label(index), raw, opened.chain.apply(raw), frame_numbers(raw, level))
+        self.context.project.update("assembly", psf=path)

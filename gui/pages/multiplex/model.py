@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.models.project import SessionState
-from gui.pages.camera.model import FieldSpec
+from gui.models.form import Field
+from gui.models.settings import PageSettings
 from lfcal.camera import Sensor
-from lfcal.errors import InputError, LfcalError
+from lfcal.errors import InputError
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa, parse_pattern
 from lfcal.multiplex.filters import SPATIAL_FILTERS
 from lfcal.multiplex.masks import MASKS, mask, mask_pattern
@@ -32,7 +32,6 @@ __all__ = [
     "used_by",
 ]
 
-KEY = "multiplex"
 TYPED = "typed"
 MAX_SIZE = 31
 MAX_ENTRIES = 350_000
@@ -46,59 +45,59 @@ def _named(names: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
 
 FAMILIES = (("cfa", "colour filters"), ("mask", "mask or lenslets"), ("both", "mask over filters"))
 FIELDS = (
-    FieldSpec("family", "Family", kind="choice", choices=FAMILIES, tip="What lies in front of the sensor"),
-    FieldSpec(
+    Field("family", "Family", kind="choice", choices=FAMILIES, tip="What lies in front of the sensor"),
+    Field(
         "cfa",
         "Filters",
         kind="choice",
         choices=(*_named(tuple(CFA_PATTERNS)), (TYPED, "own pattern")),
         tip="Colour filter array; own pattern takes the letters below",
     ),
-    FieldSpec(
+    Field(
         "pattern",
         "Own pattern",
         kind="text",
         tip=f"Letters of {''.join(FILTERS)} by rows, such as GRBG or "
         "RGB/GBR: R G B, C = G + B, M = R + B, Y = R + G, W = all, E = emerald (as C)",
     ),
-    FieldSpec("mask", "Mask", kind="choice", choices=_named(MASKS), tip="Light-field modulator"),
-    FieldSpec(
+    Field("mask", "Mask", kind="choice", choices=_named(MASKS), tip="Light-field modulator"),
+    Field(
         "size",
         "Size",
         "px",
         f"Pixels and views along a side, up to {MAX_SIZE}; MURA: odd primes, sum of sinusoids: odd",
         kind="int",
     ),
-    FieldSpec(
+    Field(
         "reference_cfa",
         "Over filters",
         kind="choice",
         choices=_named(tuple(CFA_PATTERNS)),
         tip="Filters of the reference: gains are over it",
     ),
-    FieldSpec(
+    Field(
         "reference_mask",
         "Over mask",
         kind="choice",
         choices=_named(MASKS),
         tip="Mask of the reference, of the same size: gains are over it",
     ),
-    FieldSpec("gain", "Amplifier", "×", "Amplifier gain: full scale is reached at full well over gain"),
-    FieldSpec(
+    Field("gain", "Amplifier", "×", "Amplifier gain: full scale is reached at full well over gain"),
+    Field(
         "scene",
         "Scene",
         kind="choice",
         choices=(("edges", "sharp edges"), ("smooth", "smooth"), ("image", "opened image")),
         tip="What is recorded; an opened grey image is taken as the recorded frame, a colour image as the scene",
     ),
-    FieldSpec(
+    Field(
         "filter",
         "Filter",
         kind="choice",
         choices=_named(SPATIAL_FILTERS),
         tip="Interpolation of the spatial route (theorem 1); the Fourier route is a sinc (theorem 2)",
     ),
-    FieldSpec(
+    Field(
         "noise",
         "Camera noise",
         kind="bool",
@@ -123,7 +122,7 @@ def used_by(settings: MultiplexSettings, key: str) -> bool:
 
 
 @dataclass(frozen=True)
-class MultiplexSettings:
+class MultiplexSettings(PageSettings):
     """What the user chose; see `FIELDS`.
 
     Attributes
@@ -135,6 +134,8 @@ class MultiplexSettings:
     right
         Third picture: ``"difference"`` of the routes or ``"truth"``.
     """
+
+    page: ClassVar[str] = "multiplex"
 
     family: str = "cfa"
     cfa: str = "CYMG"
@@ -203,24 +204,6 @@ class MultiplexSettings:
                 except InputError:  # no such mask of this size
                     continue
         return tuple(found)
-
-    @classmethod
-    def of(cls, state: SessionState) -> MultiplexSettings:
-        """Return the settings in a session; damaged ones take their defaults."""
-        data = state.extra.get(KEY)
-        if not isinstance(data, Mapping):
-            return cls()
-        known = {f.name for f in fields(cls)}
-        given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items() if k in known}
-        try:
-            return cls(**given)
-        except (LfcalError, TypeError, ValueError):
-            return cls()
-
-    def into(self, state: SessionState) -> dict[str, Any]:
-        """Return what a session keeps of further stages, with these settings in it."""
-        data = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
-        return {**state.extra, KEY: data}
 
 
 def _fitting(kind: str, size: int) -> int:

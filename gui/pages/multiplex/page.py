@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtWidgets import QFileDialog, QVBoxLayout
+from PySide6.QtWidgets import QFileDialog
 
-from gui.base_page import StagePage
+from gui.base_page import BasePage
 from gui.context import Context
 from gui.jobs import Job, JobState
-from gui.models.page import Stage
-from gui.models.project import SessionState
+from gui.models.page import PageSpec
+from gui.models.project import ProjectState
 from gui.pages.multiplex import model as view
 from gui.pages.multiplex.model import Comparison, ModulatorPicture, MultiplexSettings
 from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct
@@ -27,11 +27,11 @@ RECONSTRUCTED = ("family", "cfa", "pattern", "mask", "size", "scene", "filter", 
 """Settings that change what is reconstructed; the gain only with noise."""
 
 
-class Page(StagePage):
+class Page(BasePage):
     """Settings left; modulator and gain, or reconstructions, on the right."""
 
-    def __init__(self, stage: Stage, context: Context) -> None:
-        super().__init__(stage, context)
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
         self.panel = MultiplexPanel()
         self.picture: ModulatorPicture | None = None
         self.comparison: Comparison | None = None
@@ -40,9 +40,7 @@ class Page(StagePage):
         self._job = 0
         self._request = 0
         self._asked: tuple[Any, ...] = ()
-        layout = QVBoxLayout(self.body)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self.panel)
+        self.set_panel(self.panel)
         for form in (self.panel.form, self.panel.scene_form):
             form.check = self._check
             form.edited.connect(self._edited)
@@ -55,13 +53,13 @@ class Page(StagePage):
         context.theme_changed.connect(self._apply_theme)
         self._show(context.state)
 
-    # -- session ---------------------------------------------------------------------------------------
+    # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> MultiplexSettings:
         """What the user chose."""
         return MultiplexSettings.of(self.context.state)
 
-    def state_changed(self, old: SessionState, new: SessionState) -> None:
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow the settings and the sensor."""
         if old.camera != new.camera or MultiplexSettings.of(old) != MultiplexSettings.of(new):
             self._show(new)
@@ -71,7 +69,7 @@ class Page(StagePage):
         self._entered = True
         self._show(self.context.state)
 
-    def _show(self, state: SessionState) -> None:
+    def _show(self, state: ProjectState) -> None:
         settings = MultiplexSettings.of(state)
         for form in (self.panel.form, self.panel.scene_form):
             form.set_values({key: getattr(settings, key) for key in form.fields})
@@ -101,7 +99,7 @@ class Page(StagePage):
         self.panel.show_refusal(words)
         self.context.message.emit(words)
 
-    # -- widgets -> session ----------------------------------------------------------------------------
+    # -- widgets -> project ----------------------------------------------------------------------------
     def _check(self, key: str, value: Any) -> str:
         try:
             self.settings.changed(key, value)
@@ -110,8 +108,8 @@ class Page(StagePage):
         return ""
 
     def _edited(self, key: str, value: Any) -> None:
-        extra = self.settings.changed(key, value).into(self.context.state)
-        self.context.session.update(f"change of {key.replace('_', ' ')}", extra=extra)
+        settings = self.settings.changed(key, value).into(self.context.state)
+        self.context.project.update(f"change of {key.replace('_', ' ')}", settings=settings)
 
     def _compared(self, ticked: tuple[str, ...]) -> None:
         settings = self.settings
@@ -127,7 +125,7 @@ class Page(StagePage):
     def open_image(self, path: str) -> None:
         """Take an image as recorded frame or as scene."""
         settings = self.settings.changed("image", path).changed("scene", "image")
-        self.context.session.update("open image", extra=settings.into(self.context.state))
+        self.context.project.update("open image", settings=settings.into(self.context.state))
         self.panel.tabs.setCurrentIndex(1)
 
     def accept_drop(self, paths: list[str]) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from html import escape
 
 import pyqtgraph as pg
@@ -29,7 +28,7 @@ from gui.pages.multiplex.model import FIELDS, Comparison, ModulatorPicture, numb
 from gui.pages.multiplex.pictures import MultiplexPictures
 from gui.theme import current_theme
 from gui.widgets.cards import card, column_area
-from gui.widgets.form import Field, Form
+from gui.widgets.form import Form
 from gui.widgets.plots import LINES, LinePlot
 
 __all__ = ["MultiplexPanel"]
@@ -54,7 +53,7 @@ class MultiplexPanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        specs = {spec.key: Field(**asdict(spec)) for spec in FIELDS}
+        specs = {spec.key: spec for spec in FIELDS}
         self.form = Form(tuple(f for key, f in specs.items() if key not in SCENE_FIELDS))
         self.scene_form = Form(tuple(specs[key] for key in SCENE_FIELDS))
         for form in (self.form, self.scene_form):

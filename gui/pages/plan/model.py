@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.pages.camera.model import FieldSpec
+from gui.models.form import Field
 from lfcal.camera import Camera, Forecast, MainLens, ScanPlan, StageAxes
 from lfcal.errors import LfcalError
 from lfcal.units import format_bytes, format_length, format_seconds
@@ -20,35 +20,33 @@ PATH_POINTS = 6000
 MAX_LENSLETS = 20_000
 
 FIELDS = (
-    FieldSpec("virtual_depths", "Planes at v", "", "Virtual depths v = a/B of the planes, with commas", kind="floats"),
-    FieldSpec(
+    Field("virtual_depths", "Planes at v", "", "Virtual depths v = a/B of the planes, with commas", kind="floats"),
+    Field(
         "depths_um", "or at z", "mm", "Object-space depths, away from the camera, with commas", kind="floats", scale=1e3
     ),
-    FieldSpec("cutout_rows", "Cutout rows", "px", "Odd; what is kept around the point's image", kind="int"),
-    FieldSpec("cutout_columns", "Cutout columns", "px", "Odd", kind="int"),
-    FieldSpec("anchor_row", "Anchor row", "px", "Sensor row of the point's image at y = x = 0"),
-    FieldSpec("anchor_column", "Anchor column", "px", "Sensor column of the point's image at y = x = 0"),
-    FieldSpec(
+    Field("cutout_rows", "Cutout rows", "px", "Odd; what is kept around the point's image", kind="int"),
+    Field("cutout_columns", "Cutout columns", "px", "Odd", kind="int"),
+    Field("anchor_row", "Anchor row", "px", "Sensor row of the point's image at y = x = 0"),
+    Field("anchor_column", "Anchor column", "px", "Sensor column of the point's image at y = x = 0"),
+    Field(
         "order",
         "Order",
         kind="choice",
         choices=(("serpentine", "serpentine"), ("raster", "raster")),
         tip="Serpentine has no long way back; raster approaches every row from the same side",
     ),
-    FieldSpec("exposure_s", "Exposure", "ms", "Per frame, the same for all planes", scale=1e-3),
-    FieldSpec("settle_s", "Settle time", "ms", "Wait after each move", scale=1e-3),
-    FieldSpec("frames_averaged", "Frames averaged", "", "Per position", kind="int"),
-    FieldSpec(
+    Field("exposure_s", "Exposure", "ms", "Per frame, the same for all planes", scale=1e-3),
+    Field("settle_s", "Settle time", "ms", "Wait after each move", scale=1e-3),
+    Field("frames_averaged", "Frames averaged", "", "Per position", kind="int"),
+    Field(
         "resample",
         "Make the period whole",
         kind="bool",
         tip="Scale the frames so that the period of the array is a whole number of pixels",
     ),
-    FieldSpec("right", "Image right", "stage", "Stage axis and sense that move the image right", "choice", 1.0, AXES),
-    FieldSpec("down", "Image down", "stage", "Stage axis and sense that move the image down", "choice", 1.0, AXES),
-    FieldSpec(
-        "away", "Away from camera", "stage", "Stage axis and sense that move the source away", "choice", 1.0, AXES
-    ),
+    Field("right", "Image right", "stage", "Stage axis and sense that move the image right", "choice", 1.0, AXES),
+    Field("down", "Image down", "stage", "Stage axis and sense that move the image down", "choice", 1.0, AXES),
+    Field("away", "Away from camera", "stage", "Stage axis and sense that move the source away", "choice", 1.0, AXES),
 )
 
 

@@ -3,15 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gui.models.display import Display
 from lfcal.axes import centre
+from lfcal.psf import PSFMatrix
+from lfcal.units import format_length
 
-__all__ = ["LoadedPlane", "PSFIntent", "PSFPicture", "Pixel", "linked_pixel", "resolve", "turn_pixel"]
+if TYPE_CHECKING:
+    from lfcal.psf.aperture import Aperture
+
+__all__ = [
+    "LoadedPlane",
+    "PSFIntent",
+    "PSFPicture",
+    "Pixel",
+    "PlaneData",
+    "aperture_words",
+    "linked_pixel",
+    "place_words",
+    "read_plane",
+    "resolve",
+    "turn_pixel",
+    "unit_of",
+]
 
 Pixel = tuple[int, int]
 
@@ -73,6 +91,39 @@ class LoadedPlane:
         from lfcal.psf.transpose import ht_slice
 
         return ht_slice(self.values, y, x)
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneData:
+    """What is known of a plane once it is read.
+
+    Attributes
+    ----------
+    plane, reference
+        The plane of H, and of the reference where there is one.
+    energy
+        ``(ny, nx)`` sum of each pattern.
+    depth_sum
+        ``(nt, ns)`` sum of all patterns.
+    levels
+        Lowest and highest value of the plane, the lowest at most 0: one scale for all its positions.
+    """
+
+    plane: LoadedPlane
+    reference: LoadedPlane | None
+    energy: NDArray[np.float64]
+    depth_sum: NDArray[np.float64]
+    levels: tuple[float, float]
+
+
+def read_plane(matrix: PSFMatrix, reference: PSFMatrix | None, z: int) -> PlaneData:
+    """Read plane ``z`` of H and of the reference."""
+    plane = LoadedPlane(z, matrix.plane(z))
+    other = None if reference is None else LoadedPlane(z, reference.plane(z))
+    low, high = float(plane.values.min()), float(plane.values.max())
+    energy = plane.values.sum((2, 3), dtype=np.float64)
+    levels = (min(low, 0.0), high if high > low else low + 1)
+    return PlaneData(plane, other, energy, matrix.depth_sum(z), levels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,3 +206,45 @@ def plane_scale(plane: LoadedPlane, reference: LoadedPlane) -> float:
     own = float(plane.values[::step, ::step].sum(dtype=np.float64))
     other = float(reference.values[::step, ::step].sum(dtype=np.float64))
     return own / other if other else 0.0
+
+
+# -- words -------------------------------------------------------------------------------------------------
+def unit_of(matrix: PSFMatrix) -> str:
+    """Return what the values of H are: a simulated one has no counts."""
+    return "share of the light" if "simulated" in matrix.provenance else "intensity (counts)"
+
+
+def place_words(matrix: PSFMatrix, intent: PSFIntent) -> tuple[str, str]:
+    """Return plane and position in words."""
+    depth = float(matrix.depths[intent.z])
+    virtual = f", v = {matrix.camera.virtual_depth(depth):.2f}" if matrix.camera is not None else ""
+    ny, nx = matrix.period
+    return (
+        f"Plane {intent.z} of {len(matrix)}: z = {format_length(depth)}{virtual}",
+        f"Position y {intent.y}, x {intent.x} of {ny} × {nx} px",
+    )
+
+
+def aperture_words(aperture: Aperture) -> str:
+    """Return the numbers of a fitted aperture as rich text, with what it refuses to say."""
+    from lfcal.psf.aperture.shape import REFUSALS
+
+    refused = f"<p><b>{aperture.refusal}</b>: {REFUSALS[aperture.refusal]}</p>" if aperture.refusal else ""
+    row, column = aperture.centre
+    lines = (
+        ("Blades", f"{aperture.blades}"),
+        ("Rotation", f"{np.degrees(aperture.rotation_rad):.1f}°"),
+        ("Centre t", f"{row:.2f} px"),
+        ("Centre s", f"{column:.2f} px"),
+        ("Apothem", f"{aperture.apothem_px:.2f} px"),
+        ("Area", f"{aperture.area_px2:.0f} px²"),
+        ("Curvature", f"{aperture.curvature:.2f}"),
+        ("Edge blur", f"{aperture.blur_px:.2f} px"),
+        ("Ellipticity", f"{100 * aperture.ellipticity:.1f} %"),
+        ("Confidence", f"{100 * aperture.confidence:.0f} %"),
+    )
+    cells = "".join(
+        f"<tr><td style='padding-right:10px'>{a}</td><td style='white-space:nowrap'><b>{b}</b></td></tr>"
+        for a, b in lines
+    )
+    return f"{refused}<table>{cells}</table>"

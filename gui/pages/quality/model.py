@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from lfcal.psf.quality import Metric, QualityReport
 
-__all__ = ["MetricRow", "map_of", "rows_of", "words_of", "worst_positions"]
+__all__ = ["MetricRow", "map_of", "planes_of", "rows_of", "title_of", "words_of", "worst_positions"]
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,16 @@ def rows_of(report: QualityReport) -> tuple[MetricRow, ...]:
         MetricRow(m.key, m.spec.title, m.text, m.limits, m.merit, f"{m.cost:.3f}" if m.cost > 0 else "–")
         for m in report.metrics
     )
+
+
+def title_of(metric: Metric) -> str:
+    """Return the title for an axis, with the unit."""
+    return f"{metric.spec.title} ({metric.spec.unit})" if metric.spec.unit else metric.spec.title
+
+
+def planes_of(report: QualityReport) -> int:
+    """Return how many planes the maps have; 1 where there is no map."""
+    return max((len(m.map) for m in report.metrics if m.map is not None), default=1)
 
 
 def words_of(metric: Metric) -> str:

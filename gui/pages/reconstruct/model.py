@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.models.project import SessionState
-from gui.pages.camera.model import FieldSpec
-from lfcal.errors import InputError, LfcalError
+from gui.models.form import Field
+from gui.models.settings import PageSettings
+from lfcal.errors import InputError
 from lfcal.files import replace_whole
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.projectors.forecast import METHODS
@@ -31,30 +30,29 @@ __all__ = [
     "used_by",
 ]
 
-KEY = "reconstruct"
 LARGEST = 640
 COUNTS = 2000.0
 
 FIELDS = (
-    FieldSpec(
+    Field(
         "solver",
         "Solver",
         kind="choice",
         choices=tuple((name, name) for name in SOLVERS),
         tip="; ".join(f"{name}: {text}" for name, text in SOLVERS.items()),
     ),
-    FieldSpec("iterations", "Iterations", "", "How many; Go on does as many again", kind="int"),
-    FieldSpec("background", "Background", "counts", "Expected value of a pixel without any source"),
-    FieldSpec("read_noise", "Read noise", "counts", "Rms noise of the sensor; Richardson-Lucy variants use it"),
-    FieldSpec("saturation", "Saturation", "counts", "Pixels at or above are left out; empty: none", optional=True),
-    FieldSpec(
+    Field("iterations", "Iterations", "", "How many; Go on does as many again", kind="int"),
+    Field("background", "Background", "counts", "Expected value of a pixel without any source"),
+    Field("read_noise", "Read noise", "counts", "Rms noise of the sensor; Richardson-Lucy variants use it"),
+    Field("saturation", "Saturation", "counts", "Pixels at or above are left out; empty: none", optional=True),
+    Field(
         "strength",
         "Strength",
         "",
         "Weight of the penalty (rl-tv: 0.002 is mild; rl-tikhonov: 0.01), damping of cg; empty: the default",
         optional=True,
     ),
-    FieldSpec(
+    Field(
         "subsets",
         "Subsets",
         "",
@@ -62,25 +60,23 @@ FIELDS = (
         kind="int",
         optional=True,
     ),
-    FieldSpec(
+    Field(
         "method",
         "Projector",
         kind="choice",
         choices=tuple((m, m) for m in ("auto", *METHODS)),
         tip="How H is applied; auto takes the cheapest by the forecast",
     ),
-    FieldSpec(
+    Field(
         "threshold",
         "Crop H below",
         "% of peak",
         "Entries of H below this share of their plane's peak count as zero: faster, less exact",
         scale=0.01,
     ),
-    FieldSpec("double", "Double precision", kind="bool", tip="float64 instead of float32: twice the memory"),
-    FieldSpec(
-        "region", "Region", "px", "row, column, rows, columns of the light field; empty: all of it", kind="floats"
-    ),
-    FieldSpec(
+    Field("double", "Double precision", kind="bool", tip="float64 instead of float32: twice the memory"),
+    Field("region", "Region", "px", "row, column, rows, columns of the light field; empty: all of it", kind="floats"),
+    Field(
         "anchor", "Anchor", "px", "row, column at which H's position (0, 0) is imaged; empty: that of H", kind="floats"
     ),
 )
@@ -98,7 +94,7 @@ def used_by(solver: str, key: str) -> bool:
 
 
 @dataclass(frozen=True)
-class ReconstructSettings:
+class ReconstructSettings(PageSettings):
     """What the user chose.
 
     Attributes
@@ -112,6 +108,8 @@ class ReconstructSettings:
     anchor
         Pixel (row, column) of the whole light field at which H's position (0, 0) is imaged; empty: that of H.
     """
+
+    page: ClassVar[str] = "reconstruct"
 
     solver: str = "rl"
     iterations: int = 20
@@ -146,6 +144,10 @@ class ReconstructSettings:
         if len(self.anchor) not in (0, 2):
             raise InputError.expected("anchor", "row, column in pixels", self.anchor, "for example 12, 7")
 
+    def usable(self) -> None:
+        """Raise `InputError` where solver and settings do not go together."""
+        self.choice()
+
     def choice(self) -> SolverChoice:
         """Return the solver with its settings."""
         return SolverChoice(
@@ -169,26 +171,6 @@ class ReconstructSettings:
     def changed(self, key: str, value: Any) -> ReconstructSettings:
         """Return the settings with one field changed; raises `InputError` if it cannot be."""
         return replace(self, **{key: value})
-
-    @classmethod
-    def of(cls, state: SessionState) -> ReconstructSettings:
-        """Return the settings in a session; damaged ones take their defaults."""
-        data = state.extra.get(KEY)
-        if not isinstance(data, Mapping):
-            return cls()
-        known = {f.name for f in fields(cls)}
-        given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items() if k in known}
-        try:
-            settings = cls(**given)
-            settings.choice()
-        except (LfcalError, TypeError, ValueError):
-            return cls()
-        return settings
-
-    def into(self, state: SessionState) -> dict[str, Any]:
-        """Return what a session keeps of further stages, with these settings in it."""
-        data = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
-        return {**state.extra, KEY: data}
 
 
 # -- projector ---------------------------------------------------------------------------------------------

@@ -6,15 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtWidgets import QFileDialog, QVBoxLayout
+from PySide6.QtWidgets import QFileDialog
 
-from gui.base_page import StagePage
+from gui.base_page import BasePage
 from gui.context import Context
 from gui.jobs import Job, JobState
-from gui.models.page import Stage
-from gui.models.project import SessionState
+from gui.models.page import PageSpec
+from gui.models.project import ProjectState
 from gui.pages.reconstruct import model as view
 from gui.pages.reconstruct.model import ReconstructSettings, Synthetic
 from gui.pages.reconstruct.model_solving import Solving
@@ -27,14 +26,14 @@ __all__ = ["Page"]
 
 IMAGES = "Light fields (*.tif *.tiff *.png *.pgm *.npy *.raw *.nef *.cr2 *.dng);;All files (*)"
 VOLUMES = "TIFF stack, opens in ImageJ (*.tif);;HDF5 (*.h5);;numpy (*.npy)"
-FOLLOWED = ("psf", "light_field", "volume", "extra")
+FOLLOWED = ("psf", "light_field", "volume")
 
 
-class Page(StagePage):
+class Page(BasePage):
     """Light field and H in, volume out; stopped and gone on with as one likes."""
 
-    def __init__(self, stage: Stage, context: Context) -> None:
-        super().__init__(stage, context)
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
         self.panel = ReconstructPanel()
         self.image: NDArray[Any] | None = None
         self.solving: Solving | None = None
@@ -43,11 +42,7 @@ class Page(StagePage):
         self._opened = ""
         self._job = 0
         self._shown_iteration = -1
-        self.frame = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=1.5))
-        self.panel.light_field.add_overlay(self.frame)
-        layout = QVBoxLayout(self.body)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self.panel)
+        self.set_panel(self.panel)
         self.panel.form.check = self._check
         self.panel.form.edited.connect(self._edited)
         self.panel.pressed.connect(self._pressed)
@@ -62,15 +57,16 @@ class Page(StagePage):
         self._load()
         self._load_volume()
 
-    # -- session ---------------------------------------------------------------------------------------
+    # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> ReconstructSettings:
         """What the user chose."""
         return ReconstructSettings.of(self.context.state)
 
-    def state_changed(self, old: SessionState, new: SessionState) -> None:
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow H, light field and settings."""
-        if any(getattr(old, key) != getattr(new, key) for key in FOLLOWED):
+        same = ReconstructSettings.of(old) == ReconstructSettings.of(new)
+        if not same or any(getattr(old, key) != getattr(new, key) for key in FOLLOWED):
             self._show(new)
             if old.light_field != new.light_field:
                 self._load()
@@ -86,7 +82,7 @@ class Page(StagePage):
             self.context.message.emit(str(error))
             return None
 
-    def _show(self, state: SessionState) -> None:
+    def _show(self, state: ProjectState) -> None:
         matrix = self._matrix()
         if matrix is None:
             self.show_empty(
@@ -116,8 +112,8 @@ class Page(StagePage):
         return ""
 
     def _edited(self, key: str, value: Any) -> None:
-        extra = self.settings.changed(key, value).into(self.context.state)
-        self.context.session.update(f"change of {key.replace('_', ' ')}", extra=extra)
+        settings = self.settings.changed(key, value).into(self.context.state)
+        self.context.project.update(f"change of {key.replace('_', ' ')}", settings=settings)
 
     def _show_controls(self) -> None:
         running, ready = bool(self._job), self.image is not None
@@ -150,7 +146,7 @@ class Page(StagePage):
 
     def open_light_field(self, path: str) -> None:
         """Take an image as the light field."""
-        self.context.session.update("open light field", light_field=path)
+        self.context.project.update("open light field", light_field=path)
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped image."""
@@ -188,15 +184,14 @@ class Page(StagePage):
 
     def _show_region(self) -> None:
         if self.image is None:
-            self.frame.setData([], [])
+            self.panel.show_region(None)
             return
         try:
             rows, columns = self.settings.window((self.image.shape[0], self.image.shape[1]))
         except LfcalError as error:
             self.panel.forecast.setText(str(error))
             return
-        top, bottom, left, right = rows.start - 0.5, rows.stop - 0.5, columns.start - 0.5, columns.stop - 0.5
-        self.frame.setData([left, right, right, left, left], [top, top, bottom, bottom, top])
+        self.panel.show_region((rows.start, rows.stop, columns.start, columns.stop))
 
     def make_light_field(self, phantom: str, path: str = "", shape: tuple[int, int] | None = None) -> None:
         """Project a phantom through H and take the result as the light field."""
@@ -337,7 +332,7 @@ class Page(StagePage):
 
     def _saved(self, path: str) -> None:
         self.context.message.emit(f"volume saved as {path}")
-        self.context.session.update("reconstruction", volume=path)
+        self.context.project.update("reconstruction", volume=path)
 
     def _load_volume(self) -> None:
         """Show the volume of the session until there is a newer one."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
@@ -25,7 +25,7 @@ from gui.pages.reconstruct.model import FIELDS, used_by
 from gui.pages.reconstruct.volume_view import VolumeView
 from gui.theme import current_theme
 from gui.widgets.cards import card, column_area, line
-from gui.widgets.form import Field, Form
+from gui.widgets.form import Form
 from gui.widgets.image_view import ImageView
 from gui.widgets.plots import LinePlot
 from lfcal.reconstruct.phantoms import PHANTOMS
@@ -64,12 +64,14 @@ class ReconstructPanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.form = Form(tuple(Field(**asdict(spec)) for spec in FIELDS))
+        self.form = Form(FIELDS)
         for key in self.form.fields:
             self.form.editor(key).setMinimumWidth(56)
         self.volume = VolumeView()
         self.light_field = ImageView(xlabel="column", ylabel="row")
         self.light_field.setToolTip("The light field; the frame shows the region that is used")
+        self.frame = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=1.5))
+        self.light_field.add_overlay(self.frame)
         self.residual = LinePlot("iteration", "residual (%)")
         self.residual.setToolTip("Weighted rms of image minus model, over that of the image")
         self.likelihood = LinePlot("iteration", "log-lik. / px")
@@ -185,6 +187,15 @@ class ReconstructPanel(QWidget):
         self.solver_words.setText(SOLVERS[name])
         for key in ("read_noise", "strength", "subsets"):
             self.form.set_enabled(key, used_by(name, key))
+
+    def show_region(self, region: tuple[int, int, int, int] | None) -> None:
+        """Frame the region that is used: first row, row behind the last, and so for columns; None: no light field."""
+        if region is None:
+            self.frame.setData([], [])
+            return
+        # pixel centres have whole numbers: the edge lies half a pixel outside
+        top, bottom, left, right = (n - 0.5 for n in region)
+        self.frame.setData([left, right, right, left, left], [top, top, bottom, bottom, top])
 
     def show_hint(self, text: str) -> None:
         """Say what to do next in place of a volume."""

@@ -1,26 +1,96 @@
-"""What the Simulate page shows: the planner's verdicts as rows, and previews of single positions. No Qt."""
+"""The Simulate page: settings, the planner's verdicts as rows, previews of single positions, and H. No Qt."""
 
 from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gui.models.project import SimulateSettings
+from gui.models.settings import PageSettings
 from lfcal.camera import ScanPlan
-from lfcal.units import format_seconds
+from lfcal.errors import InputError
+from lfcal.progress import Work
+from lfcal.units import format_length, format_seconds
 
 if TYPE_CHECKING:
     from lfcal.simulate.accuracy.planner import EffectPlan
 
-__all__ = ["EffectRow", "Verdict", "preview", "tolerance_of", "tolerance_step", "verdict_of"]
+__all__ = [
+    "LEVELS",
+    "Z_STEPS",
+    "EffectRow",
+    "SimulateSettings",
+    "Verdict",
+    "depth_of",
+    "iter_simulation",
+    "preview",
+    "preview_words",
+    "tolerance_of",
+    "tolerance_step",
+    "verdict_of",
+]
+
+LEVELS = (
+    ("auto", "auto: what the effects call for"),
+    ("geometric", "geometric: rays, instant"),
+    ("wave", "wave: per lenslet"),
+    ("microscope", "microscope: coherent"),
+)
+"""Levels of the computation, and what is shown of them."""
+
+Z_STEPS = 200
+"""Steps of the preview's depth."""
+
+CHOICES = ("auto", "on", "off")
 
 STEPS = 60
 LOW, HIGH = 0.001, 0.5
 _lock = threading.Lock()
+
+
+@dataclass(frozen=True)
+class SimulateSettings(PageSettings):
+    """What the simulation is asked for.
+
+    Attributes
+    ----------
+    tolerance
+        Relative L1 error allowed for all that is left out.
+    level
+        One of `LEVELS`.
+    overrides
+        Pairs of effect and ``"on"`` or ``"off"``; the planner decides on the others.
+    """
+
+    page: ClassVar[str] = "simulate"
+
+    tolerance: float = 0.05
+    level: str = "auto"
+    overrides: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        if not 0 < self.tolerance < 1:
+            raise InputError.expected("tolerance", "above 0 and below 1", self.tolerance, "correct it")
+        if self.level not in dict(LEVELS):
+            raise InputError.expected("level", " or ".join(dict(LEVELS)), self.level, "choose one of these")
+        for effect, choice in self.overrides:
+            if choice not in CHOICES:
+                raise InputError.expected(f"choice for {effect}", " or ".join(CHOICES), choice, "choose one of these")
+
+    def override(self, effect: str) -> str:
+        """Return ``"auto"``, ``"on"`` or ``"off"`` for an effect."""
+        return dict(self.overrides).get(effect, "auto")
+
+    def with_override(self, effect: str, choice: str) -> SimulateSettings:
+        """Return the settings with one effect's choice changed."""
+        rest = {k: v for k, v in self.overrides if k != effect}
+        if choice != "auto":
+            rest[effect] = choice
+        return replace(self, overrides=tuple(sorted(rest.items())))
 
 
 @dataclass(frozen=True)
@@ -39,12 +109,18 @@ class EffectRow:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What the planner found, ready to be shown."""
+    """What the planner found for a plan and settings, ready to be shown."""
 
+    plan: ScanPlan
+    settings: SimulateSettings
     rows: tuple[EffectRow, ...]
     level: str
     summary: str
     effects: tuple[Any, ...]
+
+    def fits(self, plan: ScanPlan | None, settings: SimulateSettings) -> bool:
+        """Return whether it is the answer for this plan and these settings."""
+        return self.plan == plan and self.settings == settings
 
 
 def tolerance_of(step: int) -> float:
@@ -76,7 +152,7 @@ def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> Verdict:
         )
         for row in found.rows
     )
-    return Verdict(rows, found.level, summary_of(found), found.effects)
+    return Verdict(plan, settings, rows, found.level, summary_of(found), found.effects)
 
 
 def summary_of(found: EffectPlan) -> str:
@@ -99,3 +175,30 @@ def preview(plan: ScanPlan, z_um: float, effects: tuple[Any, ...], level: str, t
         matrix = simulate_psf(plan.camera, one, effects, level, tolerance=tolerance, workers=1)
     pattern: NDArray[np.float32] = matrix[0, 0, 0]
     return pattern
+
+
+def depth_of(plan: ScanPlan, step: int) -> float:
+    """Return the depth (µm) of a step of the preview: from the nearest to the farthest plane, or about the only one."""
+    low, high = min(plan.depths_um), max(plan.depths_um)
+    if low == high:
+        low, high = low - abs(low or 100) / 2, high + abs(high or 100) / 2
+    return low + (high - low) * step / Z_STEPS
+
+
+def preview_words(plan: ScanPlan, z_um: float, level: str) -> str:
+    """Return the title of a preview; the level is empty while only rays are shown."""
+    words = f"level {level}" if level else "rays …"
+    return f"Preview at z = {format_length(z_um)}, v = {plan.camera.virtual_depth(z_um):.2f}: {words}"
+
+
+def iter_simulation(plan: ScanPlan, settings: SimulateSettings, path: str, verdict: Verdict | None = None) -> Work[Any]:
+    """Simulate H of ``plan`` into the file ``path``; asks the planner first unless ``verdict`` is its answer."""
+    from lfcal.simulate.simulate import iter_simulate_psf
+
+    if verdict is None or not verdict.fits(plan, settings):
+        verdict = verdict_of(plan, settings)
+    return (
+        yield from iter_simulate_psf(
+            plan.camera, plan, verdict.effects, settings.level, tolerance=settings.tolerance, out=path
+        )
+    )

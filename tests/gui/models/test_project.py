@@ -1,108 +1,161 @@
 from __future__ import annotations
 
-from dataclasses import replace
+import json
 from pathlib import Path
 
 import pytest
 
-from gui.models.page import STAGES, StageState, available_stages, stage_states
-from gui.models.project import FrameSettings, RecentSessions, Session, SessionState, SimulateSettings
+from gui.models.project import Project, ProjectState, RecentProjects
+from gui.pages.frames.model import FrameSettings
 from gui.pages.plan.model import default_plan
-from lfcal.camera import PRESETS, preset
+from gui.pages.simulate.model import SimulateSettings
+from lfcal.camera import preset
 from lfcal.errors import FileFormatError, LfcalError, StorageError
 
 
-def full_state() -> SessionState:
+def full_state() -> ProjectState:
     camera = preset("bench")
-    return SessionState(
+    return ProjectState(
         "all of it",
         camera,
         default_plan(camera),
-        FrameSettings("f", "m", "p", "d", "w", False, True, True, True),
-        SimulateSettings(0.01, "wave", (("coma", "on"),)),
+        {"multiplex": {"filter": "CYMG"}, "frames": FrameSettings("m", "p", "d", "w", False).to_dict()},
+        "f",
         "a.h5",
         "b.h5",
         "rec",
         "lf.tif",
         "v.h5",
         ((0, 1, 2), (3, 4, 5)),
-        {"multiplex": {"filter": "CYMG"}},
     )
 
 
-@pytest.mark.parametrize("state", [SessionState(), full_state()])
-def test_json_round_trip(state: SessionState) -> None:
-    assert SessionState.from_json(state.to_json()) == state
+@pytest.mark.parametrize("state", [ProjectState(), full_state()])
+def test_json_round_trip(state: ProjectState) -> None:
+    assert ProjectState.from_json(state.to_json()) == state
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "lfcal-session", "version": 1}', "{" * 2000, "null"])
+def test_files_of_the_old_format_open() -> None:
+    """As written by the first version, when two pages' settings stood beside the others'."""
+    camera = preset("bench")
+    old = {
+        "format": "lfcal-session",
+        "version": 1,
+        "name": "old",
+        "camera": camera.to_dict(),
+        "plan": None,
+        "frames": {
+            "folder": "/data/frames",
+            "manifest": "",
+            "pattern": "",
+            "dark": "/data/dark",
+            "white": "",
+            "use_dark": True,
+            "use_white": False,
+            "use_defects": False,
+            "use_background": True,
+            "interpolation": "nearest",
+        },
+        "simulate": {"tolerance": 0.01, "level": "wave", "overrides": [["coma", "on"]]},
+        "psf": "H.h5",
+        "reference": "",
+        "recording": "rec",
+        "light_field": "",
+        "volume": "",
+        "redo": [[0, 1, 2]],
+        "extra": {"acquire": {"darks": 3}},
+    }
+    state = ProjectState.from_json(json.dumps(old))
+    assert (state.name, state.camera, state.psf, state.recording) == ("old", camera, "H.h5", "rec")
+    assert state.frames == "/data/frames" and state.redo == ((0, 1, 2),)
+    expected = FrameSettings(dark="/data/dark", use_white=False, use_background=True)
+    assert FrameSettings.of(state) == expected
+    assert SimulateSettings.of(state) == SimulateSettings(0.01, "wave", (("coma", "on"),))
+    assert state.settings["acquire"] == {"darks": 3}
+    assert json.loads(state.to_json())["format"] == "lfcal-project"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"format": "lfcal-project", "version": 1}',
+        '{"format": "lfcal-project", "version": 99}',
+        '{"format": "lfcal-session", "version": 1, "frames": 3}',
+        "{" * 2000,
+        "null",
+    ],
+)
 def test_bad_files_get_one_line(text: str, tmp_path: Path) -> None:
     path = tmp_path / "bad.lfcal"
     path.write_text(text)
-    session = Session(full_state())
+    project = Project(full_state())
     with pytest.raises(FileFormatError) as error:
-        session.open(path)
+        project.open(path)
     assert "\n" not in str(error.value)
-    assert session.state == full_state(), "the old session stays"
+    assert project.state == full_state(), "the old project stays"
 
 
 def test_undo_redo_and_unsaved() -> None:
-    session = Session()
+    project = Project()
     seen: list[tuple[str, str]] = []
-    session.listen(lambda old, new: seen.append((old.name, new.name)))
-    session.update("rename", name="a")
-    session.update("rename", name="b")
+    project.listen(lambda old, new: seen.append((old.name, new.name)))
+    project.update("rename", name="a")
+    project.update("rename", name="b")
     assert seen == [("untitled", "a"), ("a", "b")]
-    assert session.unsaved and session.undo_label == "rename"
-    session.undo()
-    assert session.state.name == "a" and session.redo_label == "rename"
-    session.undo()
-    assert session.state.name == "untitled" and not session.unsaved and session.undo_label == ""
-    session.undo()
-    session.redo()
-    session.redo()
-    session.redo()
-    assert session.state.name == "b"
-    session.undo()
-    session.update("other", psf="x.h5")
-    assert session.redo_label == "", "a new change ends what could be redone"
+    assert project.unsaved and project.undo_label == "rename"
+    project.undo()
+    assert project.state.name == "a" and project.redo_label == "rename"
+    project.undo()
+    assert project.state.name == "untitled" and not project.unsaved and project.undo_label == ""
+    project.undo()
+    project.redo()
+    project.redo()
+    project.redo()
+    assert project.state.name == "b"
+    project.undo()
+    project.update("other", psf="x.h5")
+    assert project.redo_label == "", "a new change ends what could be redone"
 
 
 def test_a_change_to_the_same_is_none() -> None:
-    session = Session()
-    session.update("nothing", name="untitled")
-    assert session.undo_label == "" and not session.unsaved
+    project = Project()
+    project.update("nothing", name="untitled")
+    assert project.undo_label == "" and not project.unsaved
 
 
 def test_a_drag_is_one_step_of_undo() -> None:
-    session = Session()
+    project = Project()
     for k in range(10):
-        session.merge("tolerance", simulate=SimulateSettings(tolerance=0.01 * (k + 1)))
-    session.undo()
-    assert session.state == SessionState() and session.undo_label == ""
+        settings = SimulateSettings(tolerance=0.01 * (k + 1))
+        project.merge("tolerance", settings=settings.into(project.state))
+    project.undo()
+    assert project.state == ProjectState() and project.undo_label == ""
 
 
 def test_save_open_autosave(tmp_path: Path) -> None:
-    session = Session(full_state())
-    session.update("rename", name="saved")
-    session.save(tmp_path / "s.lfcal")
-    assert not session.unsaved
-    session.update("rename", name="later")
-    session.autosave(tmp_path / "auto.lfcal")
-    assert session.unsaved, "an autosave is not a save"
-    other = Session()
+    project = Project(full_state())
+    project.update("rename", name="saved")
+    project.save(tmp_path / "s.lfcal")
+    assert not project.unsaved
+    project.update("rename", name="later")
+    project.autosave(tmp_path / "auto.lfcal")
+    assert project.unsaved, "an autosave is not a save"
+    other = Project()
     other.open(tmp_path / "s.lfcal")
     assert other.state.name == "saved" and other.path == tmp_path / "s.lfcal"
     with pytest.raises(FileFormatError, match="name"):
-        Session().save()
+        Project().save()
     with pytest.raises(StorageError):
         other.save(tmp_path)
     with pytest.raises(LfcalError):
         other.open(tmp_path / "none.lfcal")
 
 
-def test_recent_sessions(tmp_path: Path) -> None:
-    recent = RecentSessions(tmp_path / "recent.json", limit=3)
+def test_recent_projects(tmp_path: Path) -> None:
+    recent = RecentProjects(tmp_path / "recent.json", limit=3)
     assert recent.paths() == []
     for name in "abcd":
         (tmp_path / name).write_text("")
@@ -113,36 +166,3 @@ def test_recent_sessions(tmp_path: Path) -> None:
     assert [p.name for p in recent.paths()] == ["b", "c"]
     recent.store.write_text("broken")
     assert recent.paths() == []
-
-
-def test_stage_states(tmp_path: Path) -> None:
-    file = tmp_path / "H.h5"
-    file.write_text("")
-    states = stage_states(SessionState())
-    assert set(states) == {s.key for s in STAGES}
-    assert states["psf"] is StageState.NOTHING and states["plan"] is StageState.READY
-    states = stage_states(replace(full_state(), psf=str(file)), running={"simulate"}, attention={"frames"})
-    assert states["psf"] is StageState.DONE
-    assert states["simulate"] is StageState.RUNNING
-    assert states["frames"] is StageState.ATTENTION
-    assert states["acquire"] is StageState.ATTENTION, "positions are to be recorded again"
-    gone = stage_states(SessionState(psf=str(tmp_path / "gone.h5")))
-    assert gone["psf"] is StageState.ATTENTION
-
-
-def test_only_stages_that_exist_are_offered() -> None:
-    keys = [s.key for s in available_stages()]
-    assert keys == [s.key for s in STAGES if s.key in keys]
-    assert {"camera", "plan", "frames", "psf"} <= set(keys)
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_every_preset_has_a_default_plan(name: str) -> None:
-    plan = default_plan(preset(name))
-    assert len(plan.depths_um) >= 2
-
-
-def test_overrides() -> None:
-    settings = SimulateSettings().with_override("coma", "on").with_override("shot", "off")
-    assert settings.override("coma") == "on" and settings.override("stray") == "auto"
-    assert settings.with_override("coma", "auto").overrides == (("shot", "off"),)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.project import SessionState
-from gui.pages.acquire import model as view
-from gui.pages.acquire.model import FIELDS, AcquireSettings
+from gui.models.project import ProjectState
+from gui.pages.acquire import model_findings, model_live
+from gui.pages.acquire.model import FIELDS, AcquireSettings, target_of
 from gui.pages.acquire.model_recorder import Recorder, folder_state, record_picture
 from gui.pages.acquire.model_station import Station, cut, open_station
 from lfcal.acquire.control import Control
@@ -41,9 +41,9 @@ def test_settings_go_through_json_and_survive_damage() -> None:
         tolerance_um=(1.0, 2.0, 3.0),
         coarse=True,
     )
-    state = SessionState(extra=settings.into(SessionState(extra={"other": 1})))
-    again = SessionState.from_json(state.to_json())
-    assert AcquireSettings.of(again) == settings and again.extra["other"] == 1
+    state = ProjectState(settings=settings.into(ProjectState(settings={"other": 1})))
+    again = ProjectState.from_json(state.to_json())
+    assert AcquireSettings.of(again) == settings and again.settings["other"] == 1
     for damaged in (None, 7, {"bracket": [2.0]}, {"darks": -1}, {"device_options": [["a"]]}, {"backend": []}):
         found = AcquireSettings.from_dict(json.loads(json.dumps(damaged)))
         assert isinstance(found, AcquireSettings)
@@ -78,8 +78,8 @@ def test_every_field_changes_one_thing() -> None:
 
 
 def test_a_live_picture_counts_every_pixel_and_predicts_the_cutout(station: Station) -> None:
-    station.move(view.target_of(PLAN, 1))
-    picture = view.live_picture(station.look(PLAN.exposures[1], PLAN), PLAN, None)
+    station.move(target_of(PLAN, 1))
+    picture = model_live.live_picture(station.look(PLAN.exposures[1], PLAN), PLAN, None)
     assert picture.frame is not None and picture.counts.sum() == picture.frame.size
     assert picture.saturated == int((picture.frame >= 4095).sum()) == 0
     assert picture.window is not None and picture.seen is not None and picture.point is not None
@@ -93,7 +93,7 @@ def test_a_live_picture_counts_every_pixel_and_predicts_the_cutout(station: Stat
         cut(picture.frame, row, column, (nt, ns)) * 1.0 - cut(picture.frame, row, column, (nt, ns)).min(),
     )
     assert "centroid" in picture.spot and picture.predicted is not None and -1 <= picture.likeness <= 1
-    bright = view.live_picture(station.look(10.0, PLAN), PLAN, None)
+    bright = model_live.live_picture(station.look(10.0, PLAN), PLAN, None)
     assert bright.frame is not None and bright.saturated == int((bright.frame >= 4095).sum()) > 0
 
 
@@ -102,10 +102,10 @@ def test_the_prediction_is_the_nearest_position_of_the_reference(station: Statio
     reference = PSFMatrix(rng.random(PLAN.shape).astype(np.float32))
     stage = PLAN.stage_um(np.array([1, 2, 3]))
     point = PLAN.image_px(np.array([1, 2, 3]))
-    found = view.predicted_pattern(PLAN, reference, tuple(stage), tuple(point))
+    found = model_live.predicted_pattern(PLAN, reference, tuple(stage), tuple(point))
     np.testing.assert_array_equal(found, reference[1, 2, 3])
     there = (float(point[0]) + PLAN.period[0], float(point[1]) - PLAN.period[1])
-    found = view.predicted_pattern(PLAN, reference, tuple(stage), there)
+    found = model_live.predicted_pattern(PLAN, reference, tuple(stage), there)
     np.testing.assert_array_equal(found, reference[1, 2, 3], err_msg="whole periods away it is the same")
 
 
@@ -120,20 +120,20 @@ def test_cut_fills_with_zeros_beyond_the_frame() -> None:
 def test_a_wrong_sign_is_said() -> None:
     positions = np.array([[0, 0, 0], [0, 0, 3], [0, 2, 0], [0, 2, 3]])
     stage, image = PLAN.stage_um(positions), PLAN.image_px(positions)
-    words, good = view.fit_words(fit_stage(PLAN, 0, stage, image), PLAN)
+    words, good = model_findings.fit_words(fit_stage(PLAN, 0, stage, image), PLAN)
     assert good and "as the plan says" in words
     mirrored = image.copy()
     mirrored[:, 1] = 2 * mirrored[:, 1].mean() - mirrored[:, 1]
-    words, good = view.fit_words(fit_stage(PLAN, 0, stage, mirrored), PLAN)
+    words, good = model_findings.fit_words(fit_stage(PLAN, 0, stage, mirrored), PLAN)
     assert not good and "wrong way" in words and "mirrored" in words
 
 
 def test_other_words_have_their_units() -> None:
-    assert "px rms" in view.axis_words(OpticalAxis((1.0, -2.0), (40.0, 50.0), 0.1), PLAN)
-    words = view.exposure_words((0.01, 0.02), PLAN)
+    assert "px rms" in model_findings.axis_words(OpticalAxis((1.0, -2.0), (40.0, 50.0), 0.1), PLAN)
+    words = model_findings.exposure_words((0.01, 0.02), PLAN)
     assert "10 ms" in words and "20 ms" in words
     with pytest.raises(InputError):
-        view.target_of(PLAN, 9)
+        target_of(PLAN, 9)
 
 
 def test_moves_stay_within_the_limits(station: Station) -> None:
@@ -194,4 +194,4 @@ def test_a_damaged_session_is_said(tmp_path: Path) -> None:
 
 def test_another_axis_is_another_plan() -> None:
     other = replace(PLAN, stage=StageAxes("-x", "+y", "+z"))
-    assert view.target_of(other, 0)[0] == pytest.approx(-view.target_of(PLAN, 0)[0])
+    assert target_of(other, 0)[0] == pytest.approx(-target_of(PLAN, 0)[0])

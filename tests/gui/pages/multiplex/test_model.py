@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.models.project import SessionState
+from gui.models.project import ProjectState
 from gui.pages.multiplex.model import MultiplexSettings, choices_to_compare, compare, number, picture, used_by
 from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, noisy, opened, rms_error, scene_of, shown
 from lfcal.camera import Sensor
@@ -25,11 +25,11 @@ def reconstruct(settings: MultiplexSettings) -> Reconstructions:
 
 def test_settings_survive_a_saved_session_and_damaged_ones_take_defaults() -> None:
     settings = MultiplexSettings(family="both", cfa="typed", pattern="RGB/GBR", size=5, compared=("lenslet",))
-    state = SessionState(extra={"other": 1})
-    again = SessionState.from_json(replace(state, extra=settings.into(state)).to_json())
-    assert MultiplexSettings.of(again) == settings and again.extra["other"] == 1
+    state = ProjectState(settings={"other": 1})
+    again = ProjectState.from_json(replace(state, settings=settings.into(state)).to_json())
+    assert MultiplexSettings.of(again) == settings and again.settings["other"] == 1
     for damage in ({"size": "big"}, {"pattern": "QQ"}, {"family": 3}, "nothing", {"mask": "MURA", "size": 4}):
-        assert MultiplexSettings.of(SessionState(extra={"multiplex": damage})) == MultiplexSettings()
+        assert MultiplexSettings.of(ProjectState(settings={"multiplex": damage})) == MultiplexSettings()
     json.dumps(dict(MultiplexSettings().into(state)))
 
 

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,41 +10,25 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
-from gui.jobs import Jobs
-from gui.models.page import STAGES
-from gui.models.project import Session, SessionState
 from gui.pages.multiplex.model import MultiplexSettings
 from gui.pages.multiplex.page import Page
 from gui.theme import DARK, LIGHT, apply_theme
 from lfcal.multiplex import cfa, demultiplex, mask, multiplex
 from lfcal.multiplex.scenes import colour_edges
-
-STAGE = next(s for s in STAGES if s.key == "multiplex")
-
-
-@pytest.fixture
-def context(qapp: QApplication) -> Iterator[Context]:
-    apply_theme(qapp, LIGHT)
-    jobs = Jobs()
-    made = Context(Session(SessionState()), jobs)
-    yield made
-    jobs.close()
-    made.close()
+from tests.gui.conftest import OpenPage
+from tests.gui.waiting import idle
 
 
 @pytest.fixture
-def page(context: Context, qtbot: QtBot) -> Page:
-    made = Page(STAGE, context)
-    qtbot.addWidget(made)
-    made.resize(1060, 640)
-    made.show()
+def page(open_page: OpenPage, qtbot: QtBot) -> Page:
+    made: Page = open_page("multiplex", height=640)
     made.entered()
     settle(made, qtbot)
     return made
 
 
 def settle(page: Page, qtbot: QtBot) -> None:
-    qtbot.waitUntil(lambda: not page.context.jobs.busy, timeout=20_000)
+    idle(page.context.jobs, qtbot)
 
 
 def choose(page: Page, key: str, value: str) -> None:
@@ -83,7 +66,7 @@ def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, q
     assert page.panel.pattern.image is not None and page.panel.pattern.image.shape == (5, 5)
     assert "real part" in page.panel.titles[2].text() and "over pinhole" in page.panel.curve_title.text()
     settings = MultiplexSettings(family="both", mask="lenslet", size=4, right="truth")
-    context.session.update("all", extra=settings.into(context.state))
+    context.project.update("all", settings=settings.into(context.state))
     settle(page, qtbot)
     size: Any = page.panel.form.editor("size")
     assert size.text() == "4" and tuple(page.panel.boxes) == ("pinhole", "lenslet", "MURA", "sum_of_sinusoids")
@@ -99,12 +82,12 @@ def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot
     page.panel.boxes["X-Trans"].click()
     settle(page, qtbot)
     assert "X-Trans" in page.panel.curve._curves and "lenslet" in page.settings.compared
-    context.session.undo()
+    context.project.undo()
     settle(page, qtbot)
     assert "X-Trans" not in page.panel.curve._curves and not page.panel.boxes["X-Trans"].isChecked()
     camera = context.state.camera
     sensor = replace(camera.sensor, full_well_e=1e4, read_noise_e=10.0)
-    context.session.update("sensor", camera=replace(camera, sensor=sensor))
+    context.project.update("sensor", camera=replace(camera, sensor=sensor))
     settle(page, qtbot)
     assert page.panel.marker.value() == pytest.approx(2) and "Gain at χ² = 100" in cells(page)
     type_in(page, "gain", "10")
@@ -126,7 +109,7 @@ def test_a_bad_pattern_is_marked_with_its_reason(page: Page, context: Context, q
     settle(page, qtbot)
     assert page.panel.form.error == "" and page.settings.pattern == "RG/RG"
     assert cells(page)["Not recoverable"] == "B 100 %" and "Not drawn" in page.panel.curve_hint.text()
-    context.session.undo()
+    context.project.undo()
     editor: Any = page.panel.form.editor("pattern")
     assert editor.text() == "GRBG"
 
@@ -169,7 +152,7 @@ def test_an_opened_frame_is_demultiplexed_as_a_job(page: Page, context: Context,
     np.save(tmp_path / "frame.npy", frame)
     assert page.accept_drop([str(tmp_path / "frame.npy")]) and not page.accept_drop([str(tmp_path)])
     settle(page, qtbot)
-    assert page.settings.image.endswith("frame.npy") and context.jobs.jobs()[0].stage == "multiplex"
+    assert page.settings.image.endswith("frame.npy") and context.jobs.jobs()[0].page == "multiplex"
     assert shown.views[0].image is not None and shown.sample.currentText() == "view 2,2"
     np.testing.assert_allclose(shown.views[0].image, demultiplex(frame, mask("lenslet", 5))[12], rtol=1e-5)
     bad = tmp_path / "bad.tif"
@@ -177,6 +160,6 @@ def test_an_opened_frame_is_demultiplexed_as_a_job(page: Page, context: Context,
     page.open_image(str(bad))
     settle(page, qtbot)
     assert "bad.tif" in shown.status.text() and LIGHT.bad in shown.status.text() and shown.views[0].image is None
-    context.session.undo()
+    context.project.undo()
     settle(page, qtbot)
     assert shown.views[0].image is not None

@@ -1,28 +1,15 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
-from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from gui.app import make_window, parse
 from gui.pages.quality.model import map_of, rows_of, words_of, worst_positions
 from gui.window import MainWindow
 from lfcal.psf import PSFMatrix, save
-
-
-@pytest.fixture
-def window(qapp: QApplication, place: Path, qtbot: QtBot) -> Iterator[MainWindow]:
-    made = make_window(qapp, parse([]), folder=place)
-    made.show()
-    yield made
-    made.shut_down()
-    made.close()
-    made.deleteLater()
+from tests.gui.waiting import GUARD_MS, idle
 
 
 def faulty(path: Path) -> Path:
@@ -40,26 +27,26 @@ def faulty(path: Path) -> Path:
 
 
 def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
-    window.session.update("open", psf=str(faulty(tmp_path / "H.h5")))
-    with qtbot.waitSignal(window.jobs.finished, timeout=60_000) as end:
+    window.project.update("open", psf=str(faulty(tmp_path / "H.h5")))
+    with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
         window.go("quality")
     assert not end.args[0].error
     page: Any = window.page("quality")
     report = page.report
-    assert page.table.rowCount() == len(report.metrics) == len(rows_of(report))
-    assert page.verdict.text() == report.verdict
+    assert page.panel.table.rowCount() == len(report.metrics) == len(rows_of(report))
+    assert page.panel.verdict.text() == report.verdict
     assert (1, 2, 3) in worst_positions(report)
     missing = next(k for k, m in enumerate(report.metrics) if "issing" in m.spec.title)
-    page.table.selectRow(missing)
-    assert "What to do" in words_of(report.metrics[missing]) and page.words.text()
-    page.slider.setValue(1)
+    page.panel.table.selectRow(missing)
+    assert "What to do" in words_of(report.metrics[missing]) and page.panel.words.text()
+    page.panel.slider.setValue(1)
     mapped = [m for m in report.metrics if map_of(m, 1) is not None]
     assert mapped and map_of(mapped[0], 99) is None
     page.send()
-    assert (1, 2, 3) in window.session.state.redo
-    page._clicked(2, 3)
+    assert (1, 2, 3) in window.project.state.redo
+    page.panel.position_clicked.emit(2, 3)
     assert window.stack.currentWidget() is window.page("psf")
-    qtbot.waitUntil(lambda: not window.jobs.busy, timeout=20_000)
+    idle(window.jobs, qtbot)
     assert window.page("psf").intent.z == 1  # type: ignore[attr-defined]
 
 
@@ -67,4 +54,4 @@ def test_nothing_to_judge(window: MainWindow) -> None:
     window.go("quality")
     page: Any = window.page("quality")
     assert page.report is None and not page.report_button.isEnabled()
-    assert "No PSF" in page._empty.label.text()
+    assert "No PSF" in page.empty.label.text()

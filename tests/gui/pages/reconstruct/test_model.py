@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gui.models.project import SessionState
+from gui.models.project import ProjectState
 from gui.pages.reconstruct.model import (
     FIELDS,
     ReconstructSettings,
@@ -49,11 +50,11 @@ def opened(path: str) -> PSFMatrix:
 
 def test_settings_go_through_json_and_survive_damage() -> None:
     settings = ReconstructSettings("rl-tv", 7, 1.0, 2.0, 4000.0, 0.01, None, "fft", 0.02, True, (0, 1, 20, 30), (1, 2))
-    again = SessionState.from_json(SessionState(extra=settings.into(SessionState())).to_json())
+    again = ProjectState.from_json(ProjectState(settings=settings.into(ProjectState())).to_json())
     assert ReconstructSettings.of(again) == settings
     for damaged in (None, 3, {"solver": "magic"}, {"iterations": 0}, {"region": [1]}, {"background": "x"}):
-        assert ReconstructSettings.of(SessionState(extra={"reconstruct": damaged})) == ReconstructSettings()
-    assert {spec.key for spec in FIELDS} == set(ReconstructSettings().__dataclass_fields__)
+        assert ReconstructSettings.of(ProjectState(settings={"reconstruct": damaged})) == ReconstructSettings()
+    assert {spec.key for spec in FIELDS} == {f.name for f in fields(ReconstructSettings)}
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,66 +10,56 @@ from PySide6.QtWidgets import QApplication, QLineEdit
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
-from gui.jobs import Jobs
-from gui.models.page import STAGES
-from gui.models.project import Session, SessionState
+from gui.models.project import ProjectState
 from gui.pages.reconstruct.model import ReconstructSettings
 from gui.pages.reconstruct.page import Page
 from gui.pages.reconstruct.volume_view import VolumeView
 from gui.theme import DARK, LIGHT, apply_theme
 from lfcal.reconstruct.volumes import load_volume
+from tests.gui.conftest import OpenPage
 from tests.gui.pages.reconstruct.test_model import matrix_file
-
-STAGE = next(s for s in STAGES if s.key == "reconstruct")
-
-
-@pytest.fixture
-def context(qapp: QApplication, tmp_path: Path) -> Iterator[Context]:
-    apply_theme(qapp, LIGHT)
-    jobs = Jobs()
-    made = Context(Session(SessionState(psf=matrix_file(tmp_path / "H.h5"))), jobs)
-    yield made
-    jobs.close()
-    made.close()
+from tests.gui.waiting import GUARD_MS
 
 
 @pytest.fixture
-def page(context: Context, qtbot: QtBot) -> Page:
-    made = Page(STAGE, context)
-    qtbot.addWidget(made)
-    made.resize(1060, 560)
-    made.show()
+def state(tmp_path: Path) -> ProjectState:
+    return ProjectState(psf=matrix_file(tmp_path / "H.h5"))
+
+
+@pytest.fixture
+def page(open_page: OpenPage) -> Page:
+    made: Page = open_page("reconstruct")
     return made
 
 
 def make(page: Page, qtbot: QtBot, path: Path, name: str = "vesicle") -> None:
     page.make_light_field(name, str(path), (24, 28))
-    qtbot.waitUntil(lambda: page.image is not None and page._opened == str(path), timeout=10_000)
+    qtbot.waitUntil(lambda: page.image is not None and page._opened == str(path), timeout=GUARD_MS)
 
 
 def test_empty_states_say_what_comes_next(page: Page, context: Context) -> None:
     assert "Make one" in page.panel.hint.text() and not page.panel.buttons["start"].isEnabled()
-    context.session.update("none", psf="")
-    assert page._empty is not None and "needs an H" in page._empty.label.text()
+    context.project.update("none", psf="")
+    assert page.empty is not None and "needs an H" in page.empty.label.text()
 
 
 def test_a_made_light_field_is_reconstructed_and_judged(
-    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
+    page: Page, context: Context, open_page: OpenPage, qtbot: QtBot, tmp_path: Path
 ) -> None:
     make(page, qtbot, tmp_path / "v.tif")
     assert context.state.light_field.endswith("v.tif") and "28 × 24 px" in page.panel.file.text()
-    qtbot.waitUntil(lambda: "Memory" in page.panel.forecast.text(), timeout=20_000)
-    context.session.update("n", extra=ReconstructSettings(iterations=5).into(context.state))
+    qtbot.waitUntil(lambda: "Memory" in page.panel.forecast.text(), timeout=GUARD_MS)
+    context.project.update("n", settings=ReconstructSettings(iterations=5).into(context.state))
     qtbot.mouseClick(page.panel.buttons["start"], Qt.MouseButton.LeftButton)
     assert not page.panel.form.isEnabled() and page.panel.buttons["stop"].isEnabled()
-    qtbot.waitUntil(lambda: page._job == 0, timeout=20_000)
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
     words = page.panel.status.text()
     assert "5 iterations" in words and "residual" in words and "NRMSE" in words
     assert page.panel.volume.volume is not None and page.panel.volume.volume.shape == (2, 24, 28)
     first = page.solving
     assert first is not None and len(first.history) == 5
     qtbot.mouseClick(page.panel.buttons["more"], Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: page._job == 0, timeout=20_000)
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
     assert [r.iteration for r in first.history] == list(range(1, 11)) and page.solving is first
     x, y = page.panel.residual._curves["residual"].getData()
     assert len(x) == 10 and (np.diff(y) < 0).all()
@@ -82,59 +71,58 @@ def test_a_made_light_field_is_reconstructed_and_judged(
 
     for name in ("out.tif", "out.h5"):
         page.save(str(tmp_path / name))
-        qtbot.waitUntil(lambda name=name: context.state.volume.endswith(name), timeout=10_000)
+        qtbot.waitUntil(lambda name=name: context.state.volume.endswith(name), timeout=GUARD_MS)
         assert first.state is not None
         np.testing.assert_allclose(load_volume(tmp_path / name), first.state.volume, rtol=1e-6)
 
-    context.session.update("solver", extra=ReconstructSettings("cg").into(context.state))
+    context.project.update("solver", settings=ReconstructSettings("cg").into(context.state))
     assert not page.panel.buttons["more"].isEnabled(), "another solver begins anew"
-    again = Page(STAGE, context)
-    qtbot.addWidget(again)
-    qtbot.waitUntil(lambda: again.saved is not None and again.image is not None, timeout=10_000)
+    again = open_page("reconstruct")
+    qtbot.waitUntil(lambda: again.saved is not None and again.image is not None, timeout=GUARD_MS)
     assert "out.h5" in again.panel.title.text() and again.panel.stack.currentWidget() is again.panel.volume
 
 
 def test_stop_keeps_what_there_is(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
     make(page, qtbot, tmp_path / "v.tif")
-    context.session.update("n", extra=ReconstructSettings(iterations=100_000).into(context.state))
+    context.project.update("n", settings=ReconstructSettings(iterations=100_000).into(context.state))
     page.start()
     solving = page.solving
     assert solving is not None
-    qtbot.waitUntil(lambda: len(solving.history) > 2, timeout=20_000)
+    qtbot.waitUntil(lambda: len(solving.history) > 2, timeout=GUARD_MS)
     qtbot.mouseClick(page.panel.buttons["stop"], Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: page._job == 0, timeout=10_000)
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
     assert page.panel.buttons["more"].isEnabled() and page.panel.buttons["save"].isEnabled()
     assert page.panel.stack.currentWidget() is page.panel.volume
     page.start()
-    qtbot.waitUntil(lambda: page.solving is not None and len(page.solving.history) > 2, timeout=20_000)
+    qtbot.waitUntil(lambda: page.solving is not None and len(page.solving.history) > 2, timeout=GUARD_MS)
     context.jobs.cancel(page._job)  # the stop button of the status area
-    qtbot.waitUntil(lambda: page._job == 0, timeout=10_000)
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
     assert "residual" in page.panel.status.text()
 
 
 def test_faults_come_in_words(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
     make(page, qtbot, tmp_path / "v.tif")
-    context.session.update("n", extra=ReconstructSettings(region=(0, 0, 99, 5)).into(context.state))
-    qtbot.waitUntil(lambda: "region" in page.panel.forecast.text(), timeout=10_000)
+    context.project.update("n", settings=ReconstructSettings(region=(0, 0, 99, 5)).into(context.state))
+    qtbot.waitUntil(lambda: "region" in page.panel.forecast.text(), timeout=GUARD_MS)
     page.start()
-    qtbot.waitUntil(lambda: page._job == 0, timeout=10_000)
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
     assert "region" in page.panel.status.text() and LIGHT.bad in page.panel.status.text()
     bad = tmp_path / "bad.tif"
     bad.write_bytes(b"nothing")
     assert page.accept_drop([str(bad)])
-    qtbot.waitUntil(lambda: "bad.tif" in page.panel.file.text() and ":" in page.panel.file.text(), timeout=10_000)
+    qtbot.waitUntil(lambda: "bad.tif" in page.panel.file.text() and ":" in page.panel.file.text(), timeout=GUARD_MS)
     assert not page.panel.buttons["start"].isEnabled()
     assert not page.accept_drop([str(tmp_path)])
 
 
-def test_form_and_session_follow_each_other(page: Page, context: Context) -> None:
+def test_form_and_project_follow_each_other(page: Page, context: Context) -> None:
     form = page.panel.form
     editor: Any = form.editor("iterations")
     assert isinstance(editor, QLineEdit)
     editor.setText("7")
     editor.textEdited.emit("7")
     assert page.settings.iterations == 7
-    context.session.undo()
+    context.project.undo()
     assert editor.text() == "20"
     editor.setText("0")
     editor.textEdited.emit("0")
