@@ -21,7 +21,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
         epilog="Example: lfcal-gui --demo",
     )
     parser.add_argument("project", nargs="?", type=Path, help="project to open (.lfcal)")
-    parser.add_argument("--demo", action="store_true", help="open with the sample session loaded")
+    parser.add_argument("--demo", action="store_true", help="open the sample project")
     parser.add_argument("--theme", choices=("light", "dark"), help="colours")
     return parser.parse_args(arguments)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +14,7 @@ from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 
-__all__ = ["BasePage", "EmptyState"]
+__all__ = ["BasePage", "EmptyState", "page_class"]
 
 
 class EmptyState(QWidget):
@@ -122,3 +123,9 @@ class BasePage(QWidget):
     def accept_drop(self, paths: list[str]) -> bool:
         """Take dropped files; False: not for this page."""
         return False
+
+
+def page_class(spec: PageSpec) -> type[BasePage]:
+    """Return the class of a page; imported only now, so that widgets and libraries of pages do not slow the start."""
+    found: type[BasePage] = importlib.import_module(f"{spec.package}.page").Page
+    return found

@@ -86,11 +86,11 @@ def _app() -> Any:
 
 def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
     """Return how fast HT is shown while the user drags over the period map, on a plane in memory."""
+    from gui.base_page import page_class
     from gui.context import Context
     from gui.jobs import Jobs
     from gui.models.page import PAGES
     from gui.models.project import Project
-    from gui.pages.psf.page import Page
     from gui.theme import LIGHT, apply_theme
     from lfcal.psf import PSFMatrix
 
@@ -103,7 +103,8 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
     matrix = PSFMatrix(np.broadcast_to(row, (1, ny, nx, side, side)).copy())
     context = Context(Project(), jobs := Jobs())
     context.matrix = lambda path: matrix if path == "plane" else None  # type: ignore[method-assign]
-    page = Page(PAGES.get("psf"), context)
+    spec = PAGES.get("psf")
+    page: Any = page_class(spec)(spec, context)
     page.resize(1100, 760)
     page.show()
     context.project.update("open", psf="plane")
@@ -112,13 +113,7 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
     page.set_intent(transposed=True)
     for _ in range(20):
         app.processEvents()
-    times = []
-    for k in range(pictures):
-        start = time.perf_counter()
-        page.panel.map.chosen.emit((k * 7) % ny, (k * 3) % nx)
-        app.processEvents()
-        page.panel.main_view.graphics.viewport().repaint()
-        times.append(time.perf_counter() - start)
+    times = [_scrub(app, page, (k * 7) % ny, (k * 3) % nx) for k in range(pictures)]
     jobs.close()
     page.close()
     return {
@@ -126,6 +121,15 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
         "per_second": 1 / statistics.mean(times),
         "longest_ms": 1e3 * max(times),
     }
+
+
+def _scrub(app: Any, page: Any, y: int, x: int) -> float:
+    """Show another position; return how long it took until it was drawn (s)."""
+    start = time.perf_counter()
+    page.panel.map.chosen.emit(y, x)
+    app.processEvents()
+    page.panel.main_view.graphics.viewport().repaint()
+    return time.perf_counter() - start
 
 
 def live_frames(scale: float = 1.0, seconds: float = 4.0) -> dict[str, Any]:

@@ -21,7 +21,7 @@ def demo_state(folder: Path) -> ProjectState:
     if not target.is_file():
         _assemble(session, plan, target)
     corrections = FrameSettings(dark=str(session / "dark"), white=str(session / "white"))
-    made = ProjectState("sample session", plan.camera, plan, frames=str(session / "frames"), psf=str(target))
+    made = ProjectState("sample", plan.camera, plan, frames=str(session / "frames"), psf=str(target))
     return replace(made, settings=corrections.into(made))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
@@ -23,7 +22,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from gui.base_page import BasePage
+from gui.base_page import BasePage, page_class
 from gui.context import Context
 from gui.help import about_text, cheat_sheet
 from gui.icons import icon_of
@@ -183,9 +182,7 @@ class MainWindow(QMainWindow):
         if key not in self._pages:
             row = self._row(key)
             spec = self.specs[row]
-            # imported only now: a page's widgets and libraries must not slow the start of the window
-            made: BasePage = importlib.import_module(f"{spec.package}.page").Page(spec, self.context)
-            self._pages[key] = made
+            made = self._pages[key] = page_class(spec)(spec, self.context)
             old = self.stack.widget(row)
             self.stack.removeWidget(old)
             old.deleteLater()

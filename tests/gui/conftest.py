@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from gui.app import make_window, parse
+from gui.base_page import page_class
 from gui.context import Context
 from gui.jobs import Jobs
 from gui.models.page import PAGES
@@ -77,11 +78,10 @@ def context(qapp: QApplication, state: ProjectState) -> Iterator[Context]:
 @pytest.fixture
 def open_page(context: Context, qtbot: QtBot) -> OpenPage:
     """Return a function that makes a page by itself and shows it as large as in a small window."""
-    from importlib import import_module
 
     def made(key: str, height: int = 560) -> Any:
         spec = PAGES.get(key)
-        page = import_module(f"{spec.package}.page").Page(spec, context)
+        page: Any = page_class(spec)(spec, context)
         qtbot.addWidget(page)
         page.resize(1060, height)
         page.show()

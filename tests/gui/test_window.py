@@ -239,6 +239,27 @@ SAFE = (
 )
 
 
+TEXTS = ("", "0", "-1", "1", "1e9", "nan", "inf", "3, 4", "3,4", "abc", "0.5", "17")
+
+
+def use(widget: QWidget, rng: random.Random) -> None:
+    """Do with a control what a user may do, at the ends of its range."""
+    if isinstance(widget, QLineEdit):
+        text = rng.choice(TEXTS)
+        widget.setText(text)
+        widget.textEdited.emit(text)
+    elif isinstance(widget, QComboBox) and widget.count():
+        index = rng.choice([0, widget.count() - 1])
+        widget.setCurrentIndex(index)
+        widget.activated.emit(index)
+    elif isinstance(widget, QCheckBox):
+        widget.toggle()
+    elif isinstance(widget, QSlider):
+        widget.setValue(rng.choice([widget.minimum(), widget.maximum()]))
+    elif isinstance(widget, QPushButton) and not any(word in widget.text() for word in SAFE):
+        widget.click()
+
+
 def test_a_random_walk_over_all_controls(
     window: MainWindow, qtbot: QtBot, recorded: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -252,7 +273,6 @@ def test_a_random_walk_over_all_controls(
     np.save(recorded / "H.npy", np.random.default_rng(0).random((2, 3, 4, 9, 11)).astype(np.float32))
     window.project.update("open", psf=str(recorded / "H.npy"))
     rng = random.Random(7)
-    texts = ["", "0", "-1", "1", "1e9", "nan", "inf", "3, 4", "abc", "0.5", "17"]
     raised: list[Any] = []
     monkeypatch.setattr(sys, "excepthook", lambda *args: raised.append(args))
     for step in range(220):
@@ -263,20 +283,7 @@ def test_a_random_walk_over_all_controls(
         if not choices:
             continue
         widget = rng.choice(choices)
-        if isinstance(widget, QLineEdit):
-            text = rng.choice(texts)
-            widget.setText(text)
-            widget.textEdited.emit(text)
-        elif isinstance(widget, QComboBox) and widget.count():
-            index = rng.choice([0, widget.count() - 1])
-            widget.setCurrentIndex(index)
-            widget.activated.emit(index)
-        elif isinstance(widget, QCheckBox):
-            widget.toggle()
-        elif isinstance(widget, QSlider):
-            widget.setValue(rng.choice([widget.minimum(), widget.maximum()]))
-        elif isinstance(widget, QPushButton) and not any(word in widget.text() for word in SAFE):
-            widget.click()
+        use(widget, rng)
         QApplication.processEvents()
         if step % 40 == 0:
             window.project.undo()

@@ -35,33 +35,17 @@ class DevicePanel(QWidget):
         self._has_stage: dict[str, bool] = {}
         self._reasons: dict[str, str] = {}
         self._editors: dict[str, QLineEdit] = {}
-        frame, column = card("Devices")
-        self.backend = QComboBox()
-        self.backend.setToolTip("What reaches the camera; those that are absent here say why")
-        self.backend.setMinimumContentsLength(10)
-        self.backend.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.backend.activated.connect(self._backend_chosen)
-        self.stage = QComboBox()
-        self.stage.setToolTip("What moves the point source, where the camera's backend brings no stage of its own")
-        self.stage.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.stage.activated.connect(lambda _: self._emit())
-        self.stage_label = QLabel("Stage")
+        self._connected = False
+        self._make_choices()
+        self._make_options()
         self.reason = QLabel("looking for devices …")
         self.reason.setProperty("role", "hint")
         self.reason.setWordWrap(True)
-        self.options_box = QWidget()
-        self.options_form = QFormLayout(self.options_box)
-        self.options_form.setContentsMargins(0, 0, 0, 0)
-        self.options_form.setVerticalSpacing(4)
-        self.options_form.setLabelAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        self.more = QPushButton("Options")
-        self.more.setCheckable(True)
-        self.more.setToolTip("Settings of this backend; empty ones take their default")
-        self.more.toggled.connect(self.options_box.setVisible)
         self.button = QPushButton("Connect")
         self.button.setProperty("role", "primary")
         self.button.clicked.connect(self._pressed)
         self.button.setEnabled(False)
+        frame, column = card("Devices")
         column.addLayout(line("Camera", self.backend, stretch=1))
         column.addLayout(line(self.stage_label, self.stage, stretch=1))
         column.addWidget(self.reason)
@@ -71,13 +55,37 @@ class DevicePanel(QWidget):
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
         outer.addWidget(frame)
-        self._connected = False
+
+    # -- building --------------------------------------------------------------------------------------
+    def _make_choices(self) -> None:
+        policy = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
+        self.backend = QComboBox()
+        self.backend.setToolTip("Driver of the camera; one that is not available says why")
+        self.backend.setMinimumContentsLength(10)
+        self.backend.setSizeAdjustPolicy(policy)
+        self.backend.activated.connect(self._backend_chosen)
+        self.stage = QComboBox()
+        self.stage.setToolTip("Driver of the stage, where the driver of the camera brings none")
+        self.stage.setSizeAdjustPolicy(policy)
+        self.stage.activated.connect(lambda _: self._emit())
+        self.stage_label = QLabel("Stage")
+
+    def _make_options(self) -> None:
+        self.options_box = QWidget()
+        self.options_form = QFormLayout(self.options_box)
+        self.options_form.setContentsMargins(0, 0, 0, 0)
+        self.options_form.setVerticalSpacing(4)
+        self.options_form.setLabelAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self.more = QPushButton("Options")
+        self.more.setCheckable(True)
+        self.more.setToolTip("Settings of this driver; empty ones take their default")
+        self.more.toggled.connect(self.options_box.setVisible)
 
     # -- showing ---------------------------------------------------------------------------------------
     def set_backends(
         self, findings: Sequence[Any], options: Mapping[str, Mapping[str, str]], has_stage: Mapping[str, bool]
     ) -> None:
-        """Show what was found: `lfcal.devices.registry.Finding` records, and what each backend can be told."""
+        """Show what was found: `lfcal.devices.registry.Finding` records, and the options of each backend."""
         self._options, self._has_stage = dict(options), dict(has_stage)
         self._reasons = {f.name: f.reason for f in findings}
         self.backend.clear()
@@ -119,7 +127,7 @@ class DevicePanel(QWidget):
     def set_free(self, free: bool) -> None:
         """Allow disconnecting, or not while devices are at work."""
         self.button.setEnabled(free)
-        self.button.setToolTip("" if free else "The devices are at work; stop that first")
+        self.button.setToolTip("" if free else "The devices are in use; stop that first")
 
     # -- inside ----------------------------------------------------------------------------------------
     def _say(self, words: str, *, bad: bool) -> None:
@@ -138,7 +146,7 @@ class DevicePanel(QWidget):
         if reason:
             self._say(reason, bad=True)
         elif alone and not self.stage.currentData() and name != "folder":
-            self._say("This camera brings no stage: choose what moves the source.", bad=False)
+            self._say("This camera has no stage: choose one.", bad=False)
         elif not self._connected:
             self._say("The simulator needs no hardware." if name == "sim" else "Ready to connect.", bad=False)
 

@@ -23,18 +23,20 @@ FIELDS = (
         "Order",
         kind="choice",
         choices=ORDERS,
-        tip="Serpentine has no long way back; raster takes every row from the same side; coarse sees all "
-        "planes on a grid first and fills it in later",
+        tip="Serpentine has no long return moves; raster scans every row in the same direction; coarse "
+        "records all planes on a coarse grid first and the rest afterwards",
     ),
     Field("frames_averaged", "Frames averaged", "", "Exposures averaged at each position", kind="int"),
     Field(
         "bracket",
         "Exposures",
         "× plane's",
-        "Factors of each plane's exposure, merged to a high dynamic range, 1 among them; 1 alone merges nothing",
+        "Factors of each plane's exposure, 1 among them, merged to a high dynamic range; 1 alone: no merging",
         kind="floats",
     ),
-    Field("darks", "Dark frames", "", "Exposures averaged into each dark frame, light off; 0 records none", kind="int"),
+    Field(
+        "darks", "Dark frames", "", "Exposures averaged into each dark frame, light off; 0: no dark frames", kind="int"
+    ),
     Field(
         "dark_every",
         "Dark every",
@@ -46,33 +48,38 @@ FIELDS = (
         "reference_every",
         "Reference every",
         "pos.",
-        "A frame of the same place every so many positions shows whether the lamp drifts; 0 records none",
+        "A frame at a fixed position every so many positions shows whether the lamp drifts; 0: none",
         kind="int",
     ),
     Field(
         "controls",
         "Control frames",
         "",
-        "Per plane and direction, whole periods away up to the field's edge: is the PSF periodic? 0 records none",
+        "Per plane and direction, whole periods away up to the field's edge: shows whether the PSF is periodic",
         kind="int",
     ),
-    Field("retries", "Retries", "", "How often a position is tried again after a fault that may pass", kind="int"),
+    Field("retries", "Retries", "", "How often a position is tried again after a temporary fault", kind="int"),
     Field(
-        "margin_px", "Margin", "px", "Kept around the cutout; empty: as interpolation needs", kind="int", optional=True
+        "margin_px",
+        "Margin",
+        "px",
+        "Recorded around the cutout; empty: what interpolation needs",
+        kind="int",
+        optional=True,
     ),
     Field(
         "tolerance_um",
         "Tolerance xyz",
         "µm",
-        "Largest difference of read-back and target; empty: a tenth of a step sideways, a step in depth",
+        "Largest difference of measured and target position; empty: a tenth of a step laterally, one step in depth",
         kind="floats",
     ),
     Field(
         "overshoot_um",
         "Approach xyz",
         "µm",
-        "Moves in the negative sense go this far beyond first, so "
-        "that the play of the drive is always taken up; 0 for none",
+        "Moves in the negative direction go this far beyond the "
+        "target first, which takes up the backlash of the drive; 0: none",
         kind="floats",
     ),
 )

@@ -39,7 +39,7 @@ class LivePicture:
     seen, predicted
         ``(nt, ns)`` what the camera sees in the predicted cutout, above the background, and what it should
         see; None where not known.
-    likeness
+    correlation
         Normalised correlation of the two, NaN where there is none.
     """
 
@@ -54,7 +54,7 @@ class LivePicture:
     point: tuple[float, float] | None = None
     seen: NDArray[Any] | None = None
     predicted: NDArray[Any] | None = None
-    likeness: float = math.nan
+    correlation: float = math.nan
 
 
 def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None) -> LivePicture:
@@ -78,7 +78,7 @@ def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None) -> Liv
 def _spot_words(look: Look) -> str:
     spot = look.state.spot
     if spot is None:
-        return "no light stands out: check lamp, exposure, position"
+        return "no light above the background: check lamp, exposure and position"
     lines = [
         f"centroid row <b>{spot.row:.2f}</b>, column <b>{spot.column:.2f}</b> px",
         f"sharpness <b>{spot.sharpness:.3f}</b>, SNR <b>{spot.snr:.0f}</b>",
@@ -100,11 +100,11 @@ def _with_cutout(
     border = np.concatenate([seen[0], seen[-1], seen[:, 0], seen[:, -1]])
     seen -= np.median(border)
     predicted = predicted_pattern(plan, reference, made.stage_um, point)
-    likeness = math.nan
+    correlation = math.nan
     if predicted is not None and predicted.shape == seen.shape:
         power = float(np.linalg.norm(seen)) * float(np.linalg.norm(predicted))
-        likeness = float((seen * predicted).sum()) / power if power > 0 else math.nan
-    return replace(made, window=window, point=point, seen=seen, predicted=predicted, likeness=likeness)
+        correlation = float((seen * predicted).sum()) / power if power > 0 else math.nan
+    return replace(made, window=window, point=point, seen=seen, predicted=predicted, correlation=correlation)
 
 
 _last: list[tuple[Any, NDArray[Any] | None]] = []

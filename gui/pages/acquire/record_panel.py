@@ -37,16 +37,16 @@ BUTTONS = (
         "Start",
         "Record every position of the plan into the session folder; a frame counts once it is safe on the disk",
     ),
-    ("pause", "Pause", "Finish the position under way, then hold still; Resume goes on"),
-    ("stop", "Stop", "Finish the position under way, then end in order; the session can be resumed later"),
+    ("pause", "Pause", "Finish the current position, then wait; Resume continues"),
+    ("stop", "Stop", "Finish the current position, then stop; the session can be resumed later"),
     (
         "abort",
         "Abort",
-        "Stop the stage now and drop the frame under way; what is acknowledged is safe and the session can be resumed",
+        "Stop the stage now and discard the current frame; recorded positions are safe and the session can be resumed",
     ),
-    ("redo", "Record again", "Record the positions named by the Quality page again; the later frame counts"),
+    ("redo", "Record again", "Record the positions listed by the Quality page again; the later frame is used"),
     ("assemble", "Assemble H …", "Crop and stack what is recorded into H; darks are subtracted where there are any"),
-    ("pack", "Pack", "Compress the finished recording; every frame is checked on the way"),
+    ("pack", "Pack", "Compress the finished recording; every frame is checked"),
 )
 """Key, title and meaning of each button."""
 
@@ -85,15 +85,15 @@ class RecordPanel(QWidget):
         self.frame = FrameView(jobs, "acquire record frame")
         style_axes(self.frame.plot, "column in the region read (px)", "row (px)")
         self.depth_sum = ImageView(value_label="10³ counts")
-        self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it grows into the shape of the aperture")
+        self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it becomes the shape of the aperture")
         self.curves = {
             "energy": LinePlot("position in order of recording", "energy (counts)"),
             "residual": LinePlot("position in order of recording", "residual (px)"),
             "saturated": LinePlot("position in order of recording", "saturated (px)"),
         }
         tips = (
-            "Light of each position above the background: steady but for the optics' own pattern",
-            "Read-back against target, sideways, in image pixels: below 0.1 px is good",
+            "Light of each position above the background: constant except for the pattern of the optics",
+            "Lateral difference of measured and target position, in image pixels: below 0.1 px is good",
             "Saturated pixels in each cutout: should be 0",
         )
         for plot, tip in zip(self.curves.values(), tips, strict=True):
@@ -109,7 +109,7 @@ class RecordPanel(QWidget):
         frame, column = card("Session")
         self.folder = QLineEdit()
         self.folder.setPlaceholderText("folder of the session")
-        self.folder.setToolTip("A new or empty folder; that of an interrupted session to go on with it")
+        self.folder.setToolTip("A new or empty folder, or that of an interrupted session to resume it")
         self.folder.editingFinished.connect(lambda: self.folder_edited.emit(self.folder.text().strip()))
         browse = QPushButton("…")
         browse.setToolTip("Choose a folder")
@@ -197,7 +197,7 @@ class RecordPanel(QWidget):
         self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
         self.open_plane = QPushButton("Open plane")
         self.open_plane.setToolTip(
-            "Assemble this plane, which is complete, and show its H and HT while recording goes on"
+            "Assemble this plane, which is complete, and show its H and HT while recording continues"
         )
         self.open_plane.clicked.connect(lambda: self.plane_asked.emit(self.plane.value()))
         column.addLayout(line(self.plane_label, self.plane, self.follow, self.quantity, self.open_plane, stretch=1))

@@ -123,7 +123,7 @@ class RecordTab(QObject):
 
     def _advice(self) -> str:
         if self.recording:
-            return "Recording goes on whichever page you look at."
+            return "Recording continues while you use other pages."
         if self.folder.complete:
             return "Complete. Assemble H, or choose another folder for a new session."
         if self.setup.station is None:
@@ -131,7 +131,7 @@ class RecordTab(QObject):
             name = "the simulator" if name == "sim" else name
             return f"Start connects {name} and asks for a folder if there is none."
         if "stage" not in self.setup.found:
-            return "The stage's sign is not measured yet: Set up does it in seconds."
+            return "The direction of the stage axes is not measured yet: Set up measures it in seconds."
         return ""
 
     # -- recording -------------------------------------------------------------------------------------

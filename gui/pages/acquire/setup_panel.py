@@ -26,18 +26,17 @@ FINDINGS = (
     (
         "stage",
         "Scale, rotation, sign",
-        "Move to five places and fit how the image follows: a wrong sign makes an H "
-        "that is useless and looks fine, so it is measured",
+        "Move to five places and fit how the image follows: with a wrong sign H is useless but looks plausible",
     ),
     (
         "axis",
         "Optical axis",
-        "Look at 45 places in the first and the last plane: where does a move in depth leave the image where it is?",
+        "Look at 45 places in the first and the last plane, and find where a move in depth does not shift the image",
     ),
     (
         "exposure",
         "Exposure per plane",
-        "Find for each plane the exposure that takes 70 % of the camera's range; nothing saturates",
+        "Find for each plane the exposure that uses 70 % of the camera's range without saturation",
     ),
 )
 """Key, title and meaning of what can be found."""
@@ -98,7 +97,7 @@ class SetupPanel(QWidget):
         self.lattice.setToolTip("Micro-image centres of the described camera, coloured by lens type")
         self.cutout = QCheckBox("Cutout")
         self.cutout.setChecked(True)
-        self.cutout.setToolTip("Where the plan expects the image (cross) and what would be kept around it (square)")
+        self.cutout.setToolTip("Where the plan expects the image (cross) and the cutout around it (square)")
         self.log = QCheckBox("Log")
         self.log.setToolTip("Four decades below the brightest pixel instead of a linear scale")
         for box in (self.lattice, self.cutout):
@@ -142,18 +141,27 @@ class SetupPanel(QWidget):
     def _numbers(self) -> QVBoxLayout:
         column = QVBoxLayout()
         column.setSpacing(8)
-        levels, inner = card("Every pixel of the frame")
+        column.addWidget(self._levels_card(), 4)
+        column.addWidget(self._spot_card())
+        column.addWidget(self._pair_card(), 4)
+        return column
+
+    def _levels_card(self) -> QWidget:
+        frame, column = card("Every pixel of the frame")
         self.numbers = QLabel("–")
         self.saturated = QLabel("")
-        self.saturated.setToolTip("Pixels at the camera's highest value, all counted; each makes H wrong there")
+        self.saturated.setToolTip("Number of pixels at the camera's highest value; H is wrong there")
         for label in (self.numbers, self.saturated):
             label.setTextFormat(Qt.TextFormat.RichText)
         self.numbers.setWordWrap(True)
         self.histogram.setMinimumHeight(80)
-        inner.addWidget(self.histogram, 1)
-        inner.addWidget(self.numbers)
-        inner.addWidget(self.saturated)
-        spot, about = card("Light of the source")
+        column.addWidget(self.histogram, 1)
+        column.addWidget(self.numbers)
+        column.addWidget(self.saturated)
+        return frame
+
+    def _spot_card(self) -> QWidget:
+        frame, column = card("Light of the source")
         self.spot = QLabel("–")
         self.spot.setWordWrap(True)
         self.spot.setTextFormat(Qt.TextFormat.RichText)
@@ -161,12 +169,15 @@ class SetupPanel(QWidget):
             "Centroid of the light above the background; sharpness compares neighbouring pixels (larger is sharper, "
             "whatever the brightness); seen − predicted: rows, columns"
         )
-        about.addWidget(self.spot)
-        pair, both = card()
-        self.likeness = QLabel("")
-        self.likeness.setProperty("role", "hint")
-        self.likeness.setWordWrap(True)
-        self.likeness.setToolTip(
+        column.addWidget(self.spot)
+        return frame
+
+    def _pair_card(self) -> QWidget:
+        frame, column = card()
+        self.correlation = QLabel("")
+        self.correlation.setProperty("role", "hint")
+        self.correlation.setWordWrap(True)
+        self.correlation.setToolTip(
             "Normalised correlation of the two pictures; 1 for the same pattern, whatever its brightness"
         )
         pictures = QHBoxLayout()
@@ -183,12 +194,9 @@ class SetupPanel(QWidget):
             view.setMinimumHeight(90)
             half.addWidget(view, 1)
             pictures.addLayout(half)
-        both.addLayout(pictures, 1)
-        both.addWidget(self.likeness)
-        column.addWidget(levels, 4)
-        column.addWidget(spot)
-        column.addWidget(pair, 4)
-        return column
+        column.addLayout(pictures, 1)
+        column.addWidget(self.correlation)
+        return frame
 
     # -- showing ---------------------------------------------------------------------------------------
     def set_connected(self, connected: bool, *, free: bool = True) -> None:
@@ -207,7 +215,7 @@ class SetupPanel(QWidget):
         self.exposure.blockSignals(False)
 
     def show_live(self, picture: LivePicture, camera: Camera, note: str = "") -> None:
-        """Show a live frame; ``note`` is put beside the likeness."""
+        """Show a live frame; ``note`` is put beside the correlation."""
         self.stage.set_position(picture.stage_um)
         self._window = picture.window
         if picture.frame is None:
@@ -232,8 +240,8 @@ class SetupPanel(QWidget):
             self.view.clear_cutout()
         self.seen.set_image(picture.seen, name="seen")
         self.predicted.set_image(picture.predicted, name="predicted")
-        words = "likeness –" if math.isnan(picture.likeness) else f"likeness {picture.likeness:.2f}"
-        self.likeness.setText(f"{words}; {note}" if note else words)
+        words = "correlation –" if math.isnan(picture.correlation) else f"correlation {picture.correlation:.2f}"
+        self.correlation.setText(f"{words}; {note}" if note else words)
 
     def show_result(self, key: str, words: str, *, good: bool = True, usable: bool = False) -> None:
         """Show what was found; what is bad is red."""

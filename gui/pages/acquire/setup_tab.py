@@ -22,7 +22,7 @@ from lfcal.psf import PSFMatrix
 __all__ = ["SetupTab"]
 
 LIVE_MS = 30
-QUICK = "the simulator's quick blob knows no lenslets: set optics under Options"
+QUICK = "the simulator's default spot has no lenslets: set optics under Options"
 MEASURING = "measuring …"
 
 
@@ -276,7 +276,7 @@ class SetupTab(QObject):
             changed = replace(plan, stage=found.axes)
             self.context.project.update("stage axes as measured", plan=changed)
             self.context.attention.emit("acquire", False)
-            self.panel.show_result(key, "Taken into the plan. Measure again to make sure.")
+            self.panel.show_result(key, "Taken into the plan. Measure again to check.")
         else:
             self.context.project.update("exposures as measured", plan=replace(plan, exposure_s=found))
             self.panel.show_result(key, findings.exposure_words(found, plan))

@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QGridLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDoubleSpinBox,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)
 
 from gui.widgets.cards import card, line
 from lfcal.units import format_length
@@ -32,20 +41,26 @@ class StagePanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self.values: list[QLabel] = []
+        self.buttons: list[QPushButton] = []
         frame, column = card("Stage")
-        self.step = QDoubleSpinBox()
-        self.step.setRange(0.01, 1e6)
-        self.step.setDecimals(2)
-        self.step.setValue(100.0)
-        self.step.setMinimumWidth(60)
-        self.step.setSuffix(" µm")
-        self.step.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
-        self.step.setToolTip("How far a press of − or + moves the stage")
+        column.addLayout(self._jog_grid())
+        column.addLayout(self._step_line())
+        column.addLayout(self._plane_line())
+        self.limits = QLabel("")
+        self.limits.setProperty("role", "hint")
+        self.limits.setWordWrap(True)
+        self.limits.setToolTip("Soft limits: checked before anything moves")
+        column.addWidget(self.limits)
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.addWidget(frame)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _jog_grid(self) -> QGridLayout:
         grid = QGridLayout()
         grid.setHorizontalSpacing(4)
         grid.setVerticalSpacing(4)
-        self.values: list[QLabel] = []
-        self.buttons: list[QPushButton] = []
         for axis, name in enumerate("xyz"):
             value = QLabel("–")
             value.setProperty("role", "value")
@@ -61,27 +76,32 @@ class StagePanel(QWidget):
                 self.buttons.append(button)
                 grid.addWidget(button, axis, place)
         grid.setColumnStretch(1, 1)
-        column.addLayout(grid)
+        return grid
+
+    def _step_line(self) -> QHBoxLayout:
+        self.step = QDoubleSpinBox()
+        self.step.setRange(0.01, 1e6)
+        self.step.setDecimals(2)
+        self.step.setValue(100.0)
+        self.step.setMinimumWidth(60)
+        self.step.setSuffix(" µm")
+        self.step.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
+        self.step.setToolTip("How far a press of − or + moves the stage")
         self.stop = QPushButton("Stop")
         self.stop.setToolTip("Stop the move under way")
         self.stop.clicked.connect(lambda: self.stop_asked.emit())
-        column.addLayout(line("Step", self.step, self.stop, stretch=1))
+        return line("Step", self.step, self.stop, stretch=1)
+
+    def _plane_line(self) -> QHBoxLayout:
         self.plane = QComboBox()
         self.plane.setToolTip("A depth plane of the plan; the middle of the representative cell")
         self.plane.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.go = QPushButton("Go")
         self.go.setToolTip("Move to the middle of the cell in this plane")
         self.go.clicked.connect(lambda: self.plane_asked.emit(self.plane.currentIndex()))
-        column.addLayout(line("Plane", self.plane, self.go, stretch=1))
-        self.limits = QLabel("")
-        self.limits.setProperty("role", "hint")
-        self.limits.setWordWrap(True)
-        self.limits.setToolTip("Soft limits: checked before anything moves")
-        column.addWidget(self.limits)
-        outer = QVBoxLayout(self)
-        outer.setContentsMargins(0, 0, 0, 0)
-        outer.addWidget(frame)
+        return line("Plane", self.plane, self.go, stretch=1)
 
+    # -- showing ---------------------------------------------------------------------------------------
     def set_planes(self, depths_um: tuple[float, ...]) -> None:
         """Offer the depth planes of a plan."""
         chosen = self.plane.currentIndex()

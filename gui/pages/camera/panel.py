@@ -34,7 +34,7 @@ class PresetBox(QComboBox):
         self.addItem("Preset …", "")
         for name in PRESETS:
             self.addItem(name, name)
-        self.setToolTip("Begin with a camera that comes with lfcal")
+        self.setToolTip("Start with a camera that comes with lfcal")
         self.activated.connect(self._activated)
 
     def _activated(self, index: int) -> None:
@@ -78,7 +78,7 @@ class CameraPanel(QWidget):
         grid.setSpacing(10)
         grid.addWidget(self._form_area(), 0, 0, 1, 2)
         grid.addWidget(_titled("Optics, to scale", self.view), 1, 0)
-        grid.addWidget(_titled("What follows", self.facts), 1, 1)
+        grid.addWidget(_titled("Derived quantities", self.facts), 1, 1)
         grid.setRowStretch(0, 3)
         grid.setRowStretch(1, 2)
         grid.setColumnStretch(0, 3)

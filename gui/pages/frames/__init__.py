@@ -22,7 +22,7 @@ def icon(sketch: Sketch) -> None:
 PAGE = PageSpec(
     "frames",
     "Frames",
-    "Import frames, clean them, cut them out",
+    "Import frames, correct them, crop them",
     order=40,
     package=__name__,
     state=state,

@@ -20,7 +20,7 @@ __all__ = ["CORRECTIONS", "FrameSettings", "Loaded", "Opened", "iter_assembly", 
 CORRECTIONS = (
     ("use_dark", "Dark frame", "Subtract the mean dark frame"),
     ("use_white", "White frame", "Divide by the relative brightness of the white frame"),
-    ("use_defects", "Defect pixels", "Find pixels that do not measure light, over all frames; repair them"),
+    ("use_defects", "Defect pixels", "Find defective pixels over all frames and interpolate them"),
     ("use_background", "Background", "Subtract the median of each frame's border"),
 )
 """Setting, title and meaning of each correction."""
@@ -33,7 +33,7 @@ class FrameSettings(PageSettings):
     Attributes
     ----------
     manifest, pattern
-        How positions are told where the folder has no manifest of its own.
+        How positions are found where the folder has no manifest of its own.
     dark, white
         Folders of dark and white frames, or empty.
     use_dark, use_white, use_defects, use_background

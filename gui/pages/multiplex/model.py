@@ -51,7 +51,7 @@ FIELDS = (
         "Filters",
         kind="choice",
         choices=(*_named(tuple(CFA_PATTERNS)), (TYPED, "own pattern")),
-        tip="Colour filter array; own pattern takes the letters below",
+        tip="Colour filter array; own pattern: the letters below",
     ),
     Field(
         "pattern",
@@ -101,7 +101,7 @@ FIELDS = (
         "noise",
         "Camera noise",
         kind="bool",
-        tip="Add shot and read noise of the session's camera to a built-in "
+        tip="Add shot and read noise of the project's camera to a built-in "
         "scene; its brightest pixel fills the full well",
     ),
 )
@@ -321,19 +321,19 @@ def number(value: float | None, form: str = ".4g", unit: str = "") -> str:
 def _rows(n: ModulatorNumbers, reference: str, chi2: float) -> tuple[tuple[str, str, str], ...]:
     return (
         ("Super-pixel", f"{n.side[1]} × {n.side[0]} px", "K pixels that measure the same samples"),
-        ("Samples N", str(n.samples), "Colours, views, or both, that are to be told apart"),
+        ("Samples N", str(n.samples), "Colours, views, or both, that are to be separated"),
         ("Rank", f"{n.rank} of {n.samples}", "Independent combinations of the samples that are measured"),
         ("Condition number", number(n.condition), "Largest over smallest singular value of A = Σ Πᵀ"),
-        ("Transmission τ", number(n.transmission), "Mean share of the light that reaches the sensor (equation 12)"),
+        ("Transmission τ", number(n.transmission), "Mean fraction of the light that reaches the sensor (equation 12)"),
         ("Amplification α", number(n.amplification), "Rms noise of a sample per noise of a pixel (equation 13)"),
         (
             f"Gain at χ² = {number(chi2, '.3g')}",
             number(n.gain_db, "+.2f", "dB"),
-            f"Signal to noise over {reference} at the session's camera (equation 14), 10 log₁₀",
+            f"Signal to noise over {reference} at the project's camera (equation 14), 10 log₁₀",
         ),
         ("Gain, additive noise", number(n.gain_additive_db, "+.2f", "dB"), f"Over {reference} at χ² = 0"),
         ("Gain, photon noise", number(n.gain_photon_db, "+.2f", "dB"), f"Over {reference} at χ² = ∞"),
-        ("Not recoverable", _lost(n.lost), "Samples of which a share is not measured; it comes out as zero"),
+        ("Not recoverable", _lost(n.lost), "Samples of which a part is not measured; it is reconstructed as zero"),
     )
 
 

@@ -105,10 +105,10 @@ class MultiplexPanel(QWidget):
         self.sigma = MatrixView(xlabel="j", ylabel="pixel k", unit="index", bar_below=True, signed=True, square=False)
         self.pi = MatrixView(xlabel="j", ylabel="sample n", unit="index", bar_below=True, signed=True, square=False)
         tips = (
-            "Share of the light that each pixel of a super-pixel takes of the middle view; colours as they look",
+            "Transmission of each pixel of a super-pixel for the middle view; colours as seen",
             "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
-            "Spatial basis: how each pixel of the super-pixel weighs the basis functions",
-            "Plenoptic basis: what of each colour or view each basis function gathers",
+            "Spatial basis: weight of each basis function at each pixel of the super-pixel",
+            "Plenoptic basis: weight of each colour or view in each basis function",
         )
         widget = QWidget()
         row = QHBoxLayout(widget)
@@ -160,7 +160,7 @@ class MultiplexPanel(QWidget):
         frame, column = card(self.curve_title)
         self.curve = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
         self.curve.plot.setLogMode(True, False)
-        self.curve.setToolTip("Left: read noise rules, right: photon noise; the dashed line is the session's camera")
+        self.curve.setToolTip("Left: read noise dominates, right: photon noise; dashed: the project's camera")
         self.marker = pg.InfiniteLine(angle=90)
         self.marker.hide()
         self.curve.plot.addItem(self.marker, ignoreBounds=True)

@@ -20,11 +20,22 @@ PATH_POINTS = 6000
 MAX_LENSLETS = 20_000
 
 FIELDS = (
-    Field("virtual_depths", "Planes at v", "", "Virtual depths v = a/B of the planes, with commas", kind="floats"),
     Field(
-        "depths_um", "or at z", "mm", "Object-space depths, away from the camera, with commas", kind="floats", scale=1e3
+        "virtual_depths",
+        "Planes at v",
+        "",
+        "Virtual depths v = a/B of the planes, separated by ', ' or ';'",
+        kind="floats",
     ),
-    Field("cutout_rows", "Cutout rows", "px", "Odd; what is kept around the point's image", kind="int"),
+    Field(
+        "depths_um",
+        "or at z",
+        "mm",
+        "Object-space depths, away from the camera, separated by ', ' or ';'",
+        kind="floats",
+        scale=1e3,
+    ),
+    Field("cutout_rows", "Cutout rows", "px", "Odd; size of the region kept around the image of the point", kind="int"),
     Field("cutout_columns", "Cutout columns", "px", "Odd", kind="int"),
     Field("anchor_row", "Anchor row", "px", "Sensor row of the point's image at y = x = 0"),
     Field("anchor_column", "Anchor column", "px", "Sensor column of the point's image at y = x = 0"),
@@ -33,16 +44,16 @@ FIELDS = (
         "Order",
         kind="choice",
         choices=(("serpentine", "serpentine"), ("raster", "raster")),
-        tip="Serpentine has no long way back; raster approaches every row from the same side",
+        tip="Serpentine has no long return moves; raster scans every row in the same direction",
     ),
     Field("exposure_s", "Exposure", "ms", "Per frame, the same for all planes", scale=1e-3),
     Field("settle_s", "Settle time", "ms", "Wait after each move", scale=1e-3),
     Field("frames_averaged", "Frames averaged", "", "Per position", kind="int"),
     Field(
         "resample",
-        "Make the period whole",
+        "Make the period an integer",
         kind="bool",
-        tip="Scale the frames so that the period of the array is a whole number of pixels",
+        tip="Scale the frames so that the period of the array is an integer number of pixels",
     ),
     Field("right", "Image right", "stage", "Stage axis and sense that move the image right", "choice", 1.0, AXES),
     Field("down", "Image down", "stage", "Stage axis and sense that move the image down", "choice", 1.0, AXES),
@@ -168,6 +179,6 @@ def forecast_rows(plan: ScanPlan, stage_um_per_s: float = 1000.0) -> list[tuple[
         ("Memory to assemble", format_bytes(found.assembly_bytes)),
         ("Lateral step, first plane", format_length(plan.step_um(0)[1])),
         ("Lateral step, last plane", format_length(plan.step_um(len(plan.depths_um) - 1)[1])),
-        ("Rest over a period, x", f"{rx:+.3f} px"),
-        ("Rest over a period, y", f"{ry:+.3f} px"),
+        ("Period residual, x", f"{rx:+.3f} px"),
+        ("Period residual, y", f"{ry:+.3f} px"),
     ]

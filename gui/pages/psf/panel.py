@@ -136,7 +136,7 @@ class PSFPanel(QWidget):
     def _add_choices(self, column: QVBoxLayout) -> None:
         self.show_box = choice_box(SHOWN, "Measured H, the reference, or measured - reference at equal energy")
         self.scale_box = choice_box(SCALES, "How intensity becomes colour (L: log, G: gamma)")
-        self.map_box = choice_box([(name, name) for name in COLOUR_MAPS], "Colour map; all are perceptually even")
+        self.map_box = choice_box([(name, name) for name in COLOUR_MAPS], "Colour map; all are perceptually uniform")
         self.show_box.currentIndexChanged.connect(lambda _: self.asked.emit({"show": self.show_box.currentData()}))
         self.scale_box.currentIndexChanged.connect(
             lambda _: self.display_asked.emit({"scale": self.scale_box.currentData()})

@@ -31,13 +31,13 @@ class Page(BasePage):
         self._measured = ""
         self._running = ""
         self._row = self._z = 0
-        self.tool_button("Measure again", "Inspect H anew", lambda: self.measure(force=True))
+        self.tool_button("Measure again", "Measure H again", lambda: self.measure(force=True))
         self.redo_button = self.tool_button(
-            "Send to Acquire", "Positions that should be recorded again become a list for Acquire", self.send
+            "Send to Acquire", "Give the list of positions to record again to Acquire", self.send
         )
         self.report_button = self.tool_button(
             "Write report …",
-            "A page with all figures, for the browser and the printer",
+            "An HTML page with all figures",
             self.write_report,
             primary=True,
         )
@@ -75,7 +75,7 @@ class Page(BasePage):
             )
         elif psf != self._measured:
             self.report = None
-            self.show_empty("H is not measured yet.", {"Measure": self.measure})
+            self.show_empty("H has not been measured yet.", {"Measure": self.measure})
             if self.isVisible():
                 self.measure()
 

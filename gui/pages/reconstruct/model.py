@@ -41,7 +41,7 @@ FIELDS = (
         choices=tuple((name, name) for name in SOLVERS),
         tip="; ".join(f"{name}: {text}" for name, text in SOLVERS.items()),
     ),
-    Field("iterations", "Iterations", "", "How many; Go on does as many again", kind="int"),
+    Field("iterations", "Iterations", "", "Number of iterations; Continue adds as many", kind="int"),
     Field("background", "Background", "counts", "Expected value of a pixel without any source"),
     Field("read_noise", "Read noise", "counts", "Rms noise of the sensor; Richardson-Lucy variants use it"),
     Field("saturation", "Saturation", "counts", "Pixels at or above are left out; empty: none", optional=True),
@@ -198,7 +198,7 @@ def forecast_words(P: Any, iterations: int) -> str:
     total = cost.prepare_s + iterations * cost.pair_s
     rows = [
         ("Volume", f"{nx} × {ny} × {nz} voxels"),
-        ("Projector", cost.method + ("" if cost.resident else ", prepared anew each time")),
+        ("Projector", cost.method + ("" if cost.resident else ", prepared each time")),
         ("Set-up", format_seconds(cost.prepare_s)),
         ("Forward, adjoint", f"{format_seconds(cost.forward_s)}, {format_seconds(cost.adjoint_s)}"),
         (f"{iterations} iterations", f"about {format_seconds(total)}"),
@@ -259,7 +259,7 @@ def make_light_field(
     from lfcal.reconstruct.projectors.projector import Projector
 
     if not path.lower().endswith((".tif", ".tiff")):
-        raise InputError.expected("light field", "a .tif file", Path(path).name, "give it that ending")
+        raise InputError.expected("light field", "a .tif file", Path(path).name, "use that suffix")
     P = Projector(H, shape or synthetic_shape(H))
     volume = phantom(name, P.volume_shape, seed)
     image = P.forward(volume)

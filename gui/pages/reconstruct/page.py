@@ -293,7 +293,7 @@ class Page(BasePage):
         truth = solving.truth
         self.panel.shown.setVisible(truth is not None)
         if truth is not None and self.panel.shown.currentData() == "truth":
-            self.panel.show_volume(truth, solving.depths, "Truth of the made light field")
+            self.panel.show_volume(truth, solving.depths, "True volume of the light field")
             return
         title = f"Volume after {solving.state.iteration} iterations, {format_seconds(solving.state.seconds)}"
         self.panel.show_volume(solving.state.volume, solving.depths, title)

@@ -34,9 +34,9 @@ from lfcal.reconstruct.solvers.choice import SOLVERS
 __all__ = ["BUTTONS", "ReconstructPanel"]
 
 BUTTONS = (
-    ("start", "Reconstruct", "Begin anew with these settings, as a job"),
-    ("stop", "Stop", "End after the iteration under way; the volume stays and one can go on from it"),
-    ("more", "Go on", "As many iterations again, from where it stopped"),
+    ("start", "Reconstruct", "Start again with these settings, as a job"),
+    ("stop", "Stop", "Stop after the current iteration; the volume is kept and can be continued"),
+    ("more", "Continue", "As many iterations again, from where it stopped"),
     ("save", "Save …", "Write the volume: .tif (opens in ImageJ), .h5 or .npy"),
 )
 """Key, title and meaning of each button."""
@@ -77,7 +77,7 @@ class ReconstructPanel(QWidget):
         self.likelihood = LinePlot("iteration", "log-lik. / px")
         self.likelihood.setToolTip(
             "Log-likelihood of the image less its largest possible value, per pixel: 0 is a "
-            "perfect fit; it never falls but by rounding"
+            "perfect fit; it falls only by rounding"
         )
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
@@ -98,7 +98,7 @@ class ReconstructPanel(QWidget):
         self.phantom = QComboBox()
         for name in PHANTOMS:
             self.phantom.addItem(name, name)
-        self.phantom.setToolTip("What the made light field shows; its truth is known, so the error can be told")
+        self.phantom.setToolTip("What the light field shows; the true volume is known, so the error is measured")
         self.make = QPushButton("Make one …")
         self.make.setToolTip("Project a phantom through this H, add photon noise, and save it as a light field")
         self.make.clicked.connect(lambda: self.make_asked.emit(self.phantom.currentData()))
@@ -130,7 +130,7 @@ class ReconstructPanel(QWidget):
         self.forecast = QLabel("")
         self.forecast.setTextFormat(Qt.TextFormat.RichText)
         self.forecast.setWordWrap(True)
-        self.forecast.setToolTip("By a cost model calibrated on this machine")
+        self.forecast.setToolTip("From a cost model calibrated on this machine")
         column.addWidget(self.forecast)
         return frame
 

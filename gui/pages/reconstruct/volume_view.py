@@ -111,10 +111,10 @@ class VolumeView(QWidget):
         self.colours = QComboBox()
         for name in COLOUR_MAPS:
             self.colours.addItem(name, name)
-        self.colours.setToolTip("Colour map; all are perceptually even")
+        self.colours.setToolTip("Colour map; all are perceptually uniform")
         self.colours.currentIndexChanged.connect(lambda _: self._display(colour_map=self.colours.currentData()))
         self.own = QCheckBox("Own scale")
-        self.own.setToolTip("The plane shown fills the colours by itself; off: all planes share one scale")
+        self.own.setToolTip("Each plane has a colour scale of its own; off: all planes share one")
         self.own.toggled.connect(lambda on: self._change(own_scale=on))
         for widget in (self.mode, self.scale, self.colours, self.own):
             row.addWidget(widget)

@@ -23,7 +23,7 @@ def icon(sketch: Sketch) -> None:
 PAGE = PageSpec(
     "simulate",
     "Simulate",
-    "Compute the PSF of the camera as described",
+    "Compute the PSF of the described camera",
     order=70,
     package=__name__,
     state=state,

@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 LEVELS = (
-    ("auto", "auto: what the effects call for"),
+    ("auto", "auto: as the effects need"),
     ("geometric", "geometric: rays, instant"),
     ("wave", "wave: per lenslet"),
     ("microscope", "microscope: coherent"),
@@ -58,7 +58,7 @@ class SimulateSettings(PageSettings):
     Attributes
     ----------
     tolerance
-        Relative L1 error allowed for all that is left out.
+        Relative L1 error allowed for everything that is left out.
     level
         One of `LEVELS`.
     overrides

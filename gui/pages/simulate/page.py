@@ -35,9 +35,7 @@ class Page(BasePage):
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
         self.verdict: Verdict | None = None
-        self.tool_button(
-            "Measure the ladder", "Time and error of every level and sampling for this camera", self.ladder
-        )
+        self.tool_button("Measure accuracy", "Time and error of every level and sampling for this camera", self.ladder)
         self.tool_button("Simulate H …", "Compute the whole H of the plan as a job", self.simulate, primary=True)
         self.panel = SimulatePanel()
         self.panel.tolerance_asked.connect(self._set_tolerance)

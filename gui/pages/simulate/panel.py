@@ -81,7 +81,7 @@ class SimulatePanel(QWidget):
         self.tolerance_label = QLabel()
         self.tolerance_slider = QSlider(Qt.Orientation.Horizontal)
         self.tolerance_slider.setRange(0, STEPS)
-        self.tolerance_slider.setToolTip("Relative L1 error allowed for all that is left out")
+        self.tolerance_slider.setToolTip("Relative L1 error allowed for everything that is left out")
         self.tolerance_slider.valueChanged.connect(lambda step: self.tolerance_asked.emit(tolerance_of(step)))
         self.level_box = choice_box(LEVELS, "Level of the computation")
         self.level_box.currentIndexChanged.connect(lambda _: self.level_asked.emit(self.level_box.currentData()))
@@ -139,7 +139,7 @@ class SimulatePanel(QWidget):
         self.curve = LinePlot("processor time for the whole H (s)", "relative L1 error (%)", legend=True)
         self.curve.plot.setLogMode(True, True)
         self.curve.setMaximumHeight(250)
-        self.curve_hint = QLabel("Measure the ladder to see time and error of every level for this camera.")
+        self.curve_hint = QLabel("Measure accuracy to see time and error of every level for this camera.")
         self.curve_hint.setProperty("role", "hint")
         self.curve_hint.setWordWrap(True)
         column.addWidget(self.curve, 1)
@@ -191,7 +191,7 @@ class SimulatePanel(QWidget):
         self.curve.set_curve("measured", seconds, [100 * rung.error for rung in rungs], symbol="o")
         chosen = ladder.chosen
         if chosen is not None:
-            self.curve.set_curve("picked by the tolerance", [chosen.whole_seconds], [100 * chosen.error], symbol="star")
+            self.curve.set_curve("chosen by the tolerance", [chosen.whole_seconds], [100 * chosen.error], symbol="star")
             self.curve_hint.setText(
                 f"{chosen.label}: {100 * chosen.error:.2g} % error, about {format_seconds(chosen.whole_seconds)} for H"
             )

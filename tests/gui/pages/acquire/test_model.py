@@ -92,7 +92,7 @@ def test_a_live_picture_counts_every_pixel_and_predicts_the_cutout(station: Stat
         picture.seen - picture.seen.min(),
         cut(picture.frame, row, column, (nt, ns)) * 1.0 - cut(picture.frame, row, column, (nt, ns)).min(),
     )
-    assert "centroid" in picture.spot and picture.predicted is not None and -1 <= picture.likeness <= 1
+    assert "centroid" in picture.spot and picture.predicted is not None and -1 <= picture.correlation <= 1
     bright = model_live.live_picture(station.look(10.0, PLAN), PLAN, None)
     assert bright.frame is not None and bright.saturated == int((bright.frame >= 4095).sum()) > 0
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,14 +55,21 @@ def test_simulate_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) ->
         assert H.shape == small.shape
 
 
+@pytest.fixture
+def answer(window: MainWindow) -> Iterator[threading.Event]:
+    """Return what a slow planner waits for; the window cannot close before."""
+    event = threading.Event()
+    yield event
+    event.set()
+
+
 def test_before_the_planner_answers_nothing_uses_its_last_answer(
-    window: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    window: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: threading.Event
 ) -> None:
     window.project.update("plan", plan=replace(small_plan(), resample=False))
     window.go("simulate")
     page: Any = window.page("simulate")
     idle(window.jobs, qtbot)
-    answer = threading.Event()
     asked: list[tuple[tuple[str, ...], str]] = []
 
     def slow_planner(plan: ScanPlan, settings: SimulateSettings) -> Verdict:
