@@ -55,7 +55,7 @@ class PlanPanel(QWidget):
         row.addWidget(area)
         row.addWidget(_titled("Representative region and scan path", self.graphics, stretch=True), 1)
         side = _titled("Forecast", self.forecast)
-        side.setFixedWidth(280)
+        side.setFixedWidth(310)
         row.addWidget(side)
 
     def _build_region(self) -> None:

@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QPushButton,
+    QScrollArea,
     QSizePolicy,
     QSlider,
     QVBoxLayout,
@@ -24,7 +25,7 @@ from PySide6.QtWidgets import (
 from gui.models.display import COLOUR_MAPS, Display
 from gui.pages.psf.depth_strip import DepthStrip
 from gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, aperture_words
-from gui.widgets.cards import card, choice_box, heading
+from gui.widgets.cards import card, choice_box
 from gui.widgets.image_view import ImageView
 from gui.widgets.period_map import PeriodMap
 from gui.widgets.plots import LinePlot
@@ -74,8 +75,8 @@ class PSFPanel(QWidget):
         grid.addWidget(self.strip, 2, 0, 1, 3)
         grid.setColumnStretch(1, 1)
         grid.setColumnStretch(2, 1)
-        grid.setRowStretch(0, 7)
-        grid.setRowStretch(1, 4)
+        grid.setRowStretch(0, 3)
+        grid.setRowStretch(1, 2)
 
     # -- building --------------------------------------------------------------------------------------
     def _make_pictures(self) -> None:
@@ -151,15 +152,19 @@ class PSFPanel(QWidget):
             column.addLayout(line)
 
     def _aperture_card(self) -> QWidget:
-        panel, column = card()
+        panel, column = card("Aperture from the depth-plane sum")
         row = QHBoxLayout()
-        left = QVBoxLayout()
-        left.addWidget(heading("Aperture from the depth-plane sum"))
-        left.addWidget(self.sum_view, 1)
-        row.addLayout(left, 3)
-        self.aperture_text.setMinimumWidth(150)
-        row.addWidget(self.aperture_text)
-        column.addLayout(row)
+        row.addWidget(self.sum_view, 1)
+        self.aperture_text.setAlignment(Qt.AlignmentFlag.AlignVCenter)
+        # in a scroll area: a label that wraps would ask the grid for height, and the pictures above would shrink
+        area = QScrollArea()
+        area.setWidgetResizable(True)
+        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        area.setWidget(self.aperture_text)
+        self.aperture_text.setAutoFillBackground(False)
+        area.setFixedWidth(168)
+        row.addWidget(area)
+        column.addLayout(row, 1)
         return panel
 
     # -- showing ---------------------------------------------------------------------------------------

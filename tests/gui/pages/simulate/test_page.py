@@ -69,6 +69,7 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
     window.project.update("plan", plan=replace(small_plan(), resample=False))
     window.go("simulate")
     page: Any = window.page("simulate")
+    page.panel.level_box.setCurrentIndex(page.panel.level_box.findData("geometric"))
     idle(window.jobs, qtbot)
     asked: list[tuple[tuple[str, ...], str]] = []
 
@@ -84,7 +85,6 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
     monkeypatch.setattr(simulate_page, "preview", watched)
     assert "vignetting" not in {e.name for e in page.verdict.effects}
     page.panel.choice_asked.emit("vignetting", "on")
-    page.panel.level_box.setCurrentIndex(page.panel.level_box.findData("geometric"))
     with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
         page.simulate(str(tmp_path / "sim.h5"))
     assert end.args[0].state is JobState.DONE, end.args[0].error
