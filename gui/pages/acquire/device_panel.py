@@ -20,7 +20,7 @@ class DevicePanel(QWidget):
     Signals
     -------
     connect_asked(), disconnect_asked()
-        A button was pressed; the choice is in the session by then.
+        A button was pressed; the choice is in the project by then.
     edited(backend, options, stage)
         The choice changed: name, pairs of name and text, name of the stage's backend or empty.
     """

@@ -335,7 +335,7 @@ class Page(BasePage):
         self.context.project.update("reconstruction", volume=path)
 
     def _load_volume(self) -> None:
-        """Show the volume of the session until there is a newer one."""
+        """Show the volume of the project until there is a newer one."""
         from lfcal.reconstruct.volumes import load_volume
 
         path = self.context.state.volume
