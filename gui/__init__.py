@@ -1,1 +1,1 @@
-"""The workstation: a window for the whole calibration session."""
+"""The workstation: one window from the camera's description to the reconstructed volume."""

@@ -1,4 +1,4 @@
-"""Start the workstation: ``lfcal-gui [SESSION] [--demo]``."""
+"""Start the workstation: ``lfcal-gui [PROJECT] [--demo]``."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def parse(arguments: list[str]) -> argparse.Namespace:
         description="The lfcal workstation.",
         epilog="Example: lfcal-gui --demo",
     )
-    parser.add_argument("session", nargs="?", type=Path, help="session to open (.lfcal)")
-    parser.add_argument("--demo", action="store_true", help="open with the sample session loaded")
+    parser.add_argument("project", nargs="?", type=Path, help="project to open (.lfcal)")
+    parser.add_argument("--demo", action="store_true", help="open the sample project")
     parser.add_argument("--theme", choices=("light", "dark"), help="colours")
     return parser.parse_args(arguments)
 
@@ -50,12 +50,12 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def make_window(app: object, options: argparse.Namespace, *, folder: Path | None = None) -> MainWindow:
-    """Return the window with the asked session; ``folder`` keeps recent sessions and autosave."""
+    """Return the window with the asked project; ``folder`` keeps recent projects and autosave."""
     from platformdirs import user_state_path
     from PySide6.QtCore import QSettings
     from PySide6.QtWidgets import QApplication
 
-    from gui.models.session import Session
+    from gui.models.project import Project
     from gui.theme import DARK, LIGHT, apply_theme
     from gui.window import MainWindow
 
@@ -67,14 +67,14 @@ def make_window(app: object, options: argparse.Namespace, *, folder: Path | None
     settings = QSettings(str(place / "window.ini"), QSettings.Format.IniFormat) if kept else None
     theme = options.theme or (settings.value("theme", "light") if settings is not None else "light")
     apply_theme(app, DARK if theme == "dark" else LIGHT)
-    session = Session()
-    if options.session is not None:
-        session.open(options.session)
+    project = Project()
+    if options.project is not None:
+        project.open(options.project)
     elif options.demo:
         from gui.demo import demo_state
 
-        session.start(demo_state(place / "demo"))
-    return MainWindow(session, place, settings)
+        project.start(demo_state(place / "demo"))
+    return MainWindow(project, place, settings)
 
 
 if __name__ == "__main__":

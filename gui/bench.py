@@ -86,11 +86,11 @@ def _app() -> Any:
 
 def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
     """Return how fast HT is shown while the user drags over the period map, on a plane in memory."""
+    from gui.base_page import page_class
     from gui.context import Context
     from gui.jobs import Jobs
-    from gui.models.session import Session
-    from gui.models.stages import STAGES
-    from gui.pages.psf import Page
+    from gui.models.page import PAGES
+    from gui.models.project import Project
     from gui.theme import LIGHT, apply_theme
     from lfcal.psf import PSFMatrix
 
@@ -101,25 +101,19 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
     rng = np.random.default_rng(0)
     row = rng.random((nx, side, side), np.float32)
     matrix = PSFMatrix(np.broadcast_to(row, (1, ny, nx, side, side)).copy())
-    context = Context(Session(), jobs := Jobs())
+    context = Context(Project(), jobs := Jobs())
     context.matrix = lambda path: matrix if path == "plane" else None  # type: ignore[method-assign]
-    stage = next(s for s in STAGES if s.key == "psf")
-    page = Page(stage, context)
+    spec = PAGES.get("psf")
+    page: Any = page_class(spec)(spec, context)
     page.resize(1100, 760)
     page.show()
-    context.session.update("open", psf="plane")
+    context.project.update("open", psf="plane")
     while page.plane is None:
         app.processEvents()
     page.set_intent(transposed=True)
     for _ in range(20):
         app.processEvents()
-    times = []
-    for k in range(pictures):
-        start = time.perf_counter()
-        page.map.chosen.emit((k * 7) % ny, (k * 3) % nx)
-        app.processEvents()
-        page.main_view.graphics.viewport().repaint()
-        times.append(time.perf_counter() - start)
+    times = [_scrub(app, page, (k * 7) % ny, (k * 3) % nx) for k in range(pictures)]
     jobs.close()
     page.close()
     return {
@@ -127,6 +121,15 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
         "per_second": 1 / statistics.mean(times),
         "longest_ms": 1e3 * max(times),
     }
+
+
+def _scrub(app: Any, page: Any, y: int, x: int) -> float:
+    """Show another position; return how long it took until it was drawn (s)."""
+    start = time.perf_counter()
+    page.panel.map.chosen.emit(y, x)
+    app.processEvents()
+    page.panel.main_view.graphics.viewport().repaint()
+    return time.perf_counter() - start
 
 
 def live_frames(scale: float = 1.0, seconds: float = 4.0) -> dict[str, Any]:

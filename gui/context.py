@@ -1,4 +1,4 @@
-"""What a page may use of the window: the session, the jobs, messages, and going to another stage."""
+"""What a page may use of the window: the project, the jobs, messages, and going to another page."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 
 from gui.jobs import Jobs
-from gui.models.session import Session, SessionState
+from gui.models.project import Project, ProjectState
 from lfcal.psf import PSFMatrix
 
 __all__ = ["Context"]
@@ -20,13 +20,13 @@ class Context(QObject):
     Signals
     -------
     state_changed(old, new)
-        The session changed (`gui.models.session.SessionState` before and after).
-    go(stage, payload)
-        A page asks for another stage, with something to show there, e.g. ``("frames", (z, y, x))``.
+        The project changed (`gui.models.project.ProjectState` before and after).
+    go(page, payload)
+        A page asks for another page by its key, with something to show there, e.g. ``("frames", (z, y, x))``.
     message(text)
         A line for the log and the status bar.
-    attention(stage, flag)
-        A stage found something that needs the user.
+    attention(page, flag)
+        A page found something that needs the user.
     theme_changed()
         Colours changed; plots redraw.
     """
@@ -37,17 +37,17 @@ class Context(QObject):
     attention = Signal(str, bool)
     theme_changed = Signal()
 
-    def __init__(self, session: Session, jobs: Jobs, parent: QObject | None = None) -> None:
+    def __init__(self, project: Project, jobs: Jobs, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.session, self.jobs = session, jobs
+        self.project, self.jobs = project, jobs
         self._matrices: dict[str, PSFMatrix] = {}
         self._closers: list[Callable[[], None]] = []
-        session.listen(self.state_changed.emit)
+        project.listen(self.state_changed.emit)
 
     @property
-    def state(self) -> SessionState:
-        """The session's state."""
-        return self.session.state
+    def state(self) -> ProjectState:
+        """The project's state."""
+        return self.project.state
 
     def matrix(self, path: str) -> PSFMatrix | None:
         """Return the opened PSF matrix of a file, None where there is none; raises what opening it raises."""

@@ -1,42 +1,35 @@
-"""The sample session as a session of the window."""
+"""The sample session as a project of the window."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
-from gui.models.session import FrameSettings, SessionState
+from gui.models.project import ProjectState
+from gui.pages.frames.model import FrameSettings
 from lfcal.camera import ScanPlan
 from lfcal.cli.sample import sample_session
 
 __all__ = ["demo_state"]
 
 
-def demo_state(folder: Path) -> SessionState:
-    """Return the sample session with H assembled; ``folder`` keeps the H file from one start to the next."""
+def demo_state(folder: Path) -> ProjectState:
+    """Return a project of the sample session with H assembled; ``folder`` keeps it for the next start."""
     session = sample_session()
     plan = ScanPlan.from_json((session / "plan.json").read_text(encoding="utf-8"))
     target = folder / "sample_H.h5"
     if not target.is_file():
         _assemble(session, plan, target)
-    frames = FrameSettings(folder=str(session / "frames"), dark=str(session / "dark"), white=str(session / "white"))
-    return SessionState("sample session", plan.camera, plan, frames, psf=str(target))
+    corrections = FrameSettings(dark=str(session / "dark"), white=str(session / "white"))
+    made = ProjectState("sample", plan.camera, plan, frames=str(session / "frames"), psf=str(target))
+    return replace(made, settings=corrections.into(made))
 
 
 def _assemble(session: Path, plan: ScanPlan, target: Path) -> None:
-    from lfcal.frames import open_frames
-    from lfcal.frames.corrections.recipe import CorrectionRecipe, build_chain
-    from lfcal.psf import Cutout, assemble
+    from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+    from lfcal.psf import assemble_plan
 
     with open_frames(session / "frames", plan_shape=plan.shape[:3]) as source:
-        chain = build_chain(source, CorrectionRecipe(session / "dark", session / "white"))
-        report = assemble(
-            source,
-            plan.shape[:3],
-            Cutout.for_plan(plan),
-            out=target,
-            corrections=chain,
-            depths=plan.depths_um,
-            camera=plan.camera,
-            provenance={"plan": plan.to_dict()},
-        )
+        recipe = CorrectionRecipe(dark=session / "dark", white=session / "white")
+        report = assemble_plan(corrected_view(source, recipe, plan), plan, target)
     report.matrix.close()

@@ -5,23 +5,19 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 
-from gui.models.stages import Stage
+from gui.models.page import PageSpec
 
 __all__ = ["about_text", "cheat_sheet"]
 
 _KEYS = (
-    ("Ctrl+1 … Ctrl+9", "go to a stage"),
-    ("←  →  ↑  ↓", "step through source positions (Frames, PSF)"),
-    ("Page up, Page down", "step through depth planes (Frames, PSF)"),
-    ("Space", "play or stop (Frames)"),
-    ("T", "H or its transpose (PSF)"),
-    ("L, G", "log or gamma scaling of the pictures (PSF, Frames)"),
+    ("Ctrl+1 … Ctrl+9", "go to a page"),
     ("Ctrl+Z, Ctrl+Shift+Z", "undo, redo"),
-    ("Ctrl+N, Ctrl+O, Ctrl+S", "new, open, save session"),
+    ("Ctrl+N, Ctrl+O, Ctrl+S", "new, open, save project"),
     ("Ctrl+Shift+C", "copy a picture of the page"),
     ("Ctrl+T", "light or dark"),
     ("F1", "this sheet"),
 )
+"""Of the window; those of a page stand in its `PageSpec`."""
 
 _PACKAGES = (
     "numpy",
@@ -36,11 +32,16 @@ _PACKAGES = (
 )
 
 
-def cheat_sheet(stages: tuple[Stage, ...]) -> str:
-    """Return the keyboard shortcuts as rich text."""
-    rows = "".join(f"<tr><td><b>{keys}</b>&nbsp;&nbsp;</td><td>{what}</td></tr>" for keys, what in _KEYS)
-    order = ", ".join(f"{k} {stage.title}" for k, stage in enumerate(stages, 1))
-    return f"<table>{rows}</table><p>Stages: {order}</p>"
+def cheat_sheet(pages: tuple[PageSpec, ...]) -> str:
+    """Return the keyboard shortcuts of the window and of its pages as rich text."""
+    shared: dict[tuple[str, str], list[str]] = {}
+    for spec in pages:
+        for pair in spec.keys:
+            shared.setdefault(pair, []).append(spec.title)
+    own = [(keys, f"{what} ({', '.join(titles)})") for (keys, what), titles in shared.items()]
+    rows = "".join(f"<tr><td><b>{keys}</b>&nbsp;&nbsp;</td><td>{what}</td></tr>" for keys, what in (*_KEYS, *own))
+    order = ", ".join(f"{k} {spec.title}" for k, spec in enumerate(pages, 1))
+    return f"<table>{rows}</table><p>Pages: {order}</p>"
 
 
 def about_text() -> str:

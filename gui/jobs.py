@@ -44,8 +44,8 @@ class Job:
 
     Attributes
     ----------
-    number, title, stage
-        Identity; ``stage`` is the page it belongs to.
+    number, title, page
+        Identity; ``page`` is the key of the page it belongs to.
     state, progress
         How far it is.
     result
@@ -56,7 +56,7 @@ class Job:
 
     number: int
     title: str
-    stage: str
+    page: str
     state: JobState = JobState.WAITING
     progress: Progress | None = None
     result: Any = None
@@ -100,14 +100,14 @@ class Jobs(QObject):
     def start(
         self,
         title: str,
-        stage: str,
+        page: str,
         work: Callable[[], Work[Any]],
         on_done: Callable[[Any], None] | None = None,
         on_failed: Callable[[Job], None] | None = None,
     ) -> int:
         """Run ``work()`` in a thread of its own; return the job's number."""
         number = next(self._numbers)
-        job = Job(number, title, stage)
+        job = Job(number, title, page)
         self._jobs[number] = job
         self._stops[number] = threading.Event()
         self._callbacks[number] = (on_done, on_failed)
@@ -148,12 +148,12 @@ class Jobs(QObject):
             self._stops[number].set()
 
     def jobs(self) -> list[Job]:
-        """Return all jobs of this session, newest first."""
+        """Return all jobs since the start, newest first."""
         return sorted(self._jobs.values(), key=lambda job: -job.number)
 
-    def running_stages(self) -> set[str]:
-        """Return the stages that have a job at work."""
-        return {job.stage for job in self._jobs.values() if job.active}
+    def running_pages(self) -> set[str]:
+        """Return the keys of the pages that have a job at work."""
+        return {job.page for job in self._jobs.values() if job.active}
 
     @property
     def busy(self) -> bool:

@@ -1,4 +1,4 @@
-"""Pictures of every stage: ``python -m gui.screenshots OUT [--demo]``, light and dark, at two sizes."""
+"""Pictures of every page: ``python -m gui.screenshots OUT [--demo]``, light and dark, at two sizes."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ IDLE_S = 60.0
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Write ``STAGE_THEME_WIDTHxHEIGHT.png`` for all stages; return the exit code."""
+    """Write ``PAGE_THEME_WIDTHxHEIGHT.png`` for all pages; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m gui.screenshots", description=main.__doc__)
     parser.add_argument("out", type=Path, help="folder to write into")
-    parser.add_argument("--stage", action="append", help="only these stages")
+    parser.add_argument("--page", action="append", help="only these pages")
     parser.add_argument("--theme", choices=("light", "dark"), action="append", help="only this theme")
     parser.add_argument("--size", action="append", help="only this size, e.g. 1280x800")
     parser.add_argument("--settle", type=float, default=SETTLE_S, help="seconds to wait for each page")
@@ -33,10 +33,10 @@ def main(arguments: list[str] | None = None) -> int:
     window = make_window(app, parse(["--demo"]), folder=options.out / ".state")
     window.show()
     try:
-        for stage in window.stages:
-            if options.stage and stage.key not in options.stage:
+        for spec in window.specs:
+            if options.page and spec.key not in options.page:
                 continue
-            window.go(stage.key)
+            window.go(spec.key)
             wait(app, 0.3)
             end = time.monotonic() + IDLE_S
             while window.jobs.busy and time.monotonic() < end:
@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
                 for width, height in sizes:
                     window.resize(width, height)
                     wait(app, 0.6)
-                    path = options.out / f"{stage.key}_{theme}_{width}x{height}.png"
+                    path = options.out / f"{spec.key}_{theme}_{width}x{height}.png"
                     window.grab().save(str(path), "PNG")
                     print(path, f"{window.width()}x{window.height()}")
     finally:

@@ -1,14 +1,13 @@
-"""Light and dark: colours, style sheet, plot colours; icons are drawn, none are fetched."""
+"""Light and dark: colours, style sheet, plot colours."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QIcon, QPainter, QPainterPath, QPalette, QPen, QPixmap
+from PySide6.QtGui import QColor, QPalette
 from PySide6.QtWidgets import QApplication
 
-__all__ = ["DARK", "LIGHT", "Theme", "apply_theme", "current_theme", "stage_icon"]
+__all__ = ["DARK", "LIGHT", "TYPE_COLOURS", "Theme", "apply_theme", "current_theme"]
 
 
 @dataclass(frozen=True)
@@ -60,6 +59,9 @@ DARK = Theme(
     "#ef5350",
     "#1e222a",
 )
+
+TYPE_COLOURS = ("#2a8fc4", "#d9772b", "#2aa37b")
+"""Of the lens types, in both themes."""
 
 _current = [LIGHT]
 
@@ -158,105 +160,3 @@ QSlider::handle:horizontal {{ background: {accent}; width: 14px; height: 14px; m
 QSlider::groove:vertical {{ width: 4px; background: {line}; border-radius: 2px; }}
 QSlider::handle:vertical {{ background: {accent}; width: 14px; height: 14px; margin: 0 -5px; border-radius: 7px; }}
 """
-
-
-def stage_icon(key: str, colour: str, size: int = 22) -> QIcon:
-    """Return a line icon for a stage, drawn at twice its size for sharp screens."""
-    pixmap = QPixmap(size * 2, size * 2)
-    pixmap.setDevicePixelRatio(2.0)
-    pixmap.fill(Qt.GlobalColor.transparent)
-    painter = QPainter(pixmap)
-    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    painter.setPen(QPen(QColor(colour), 1.6, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
-    painter.scale(size / 22, size / 22)
-    _DRAW.get(key, _draw_dot)(painter)
-    painter.end()
-    return QIcon(pixmap)
-
-
-def _draw_camera(p: QPainter) -> None:
-    p.drawRoundedRect(QRectF(2, 6, 18, 12), 2, 2)
-    p.drawEllipse(QPointF(11, 12), 3.6, 3.6)
-    p.drawLine(QPointF(7, 6), QPointF(8.5, 3.5))
-    p.drawLine(QPointF(8.5, 3.5), QPointF(13.5, 3.5))
-    p.drawLine(QPointF(13.5, 3.5), QPointF(15, 6))
-
-
-def _draw_plan(p: QPainter) -> None:
-    path = QPainterPath(QPointF(3, 4))
-    for x, y in ((19, 4), (19, 9), (3, 9), (3, 14), (19, 14), (19, 19), (3, 19)):
-        path.lineTo(x, y)
-    p.drawPath(path)
-
-
-def _draw_acquire(p: QPainter) -> None:
-    p.drawEllipse(QPointF(11, 11), 8, 8)
-    p.setBrush(p.pen().color())
-    p.drawEllipse(QPointF(11, 11), 3, 3)
-
-
-def _draw_frames(p: QPainter) -> None:
-    p.drawRect(QRectF(3, 7, 12, 12))
-    p.drawLine(QPointF(6, 4), QPointF(18, 4))
-    p.drawLine(QPointF(18, 4), QPointF(18, 16))
-
-
-def _draw_psf(p: QPainter) -> None:
-    for x in (5.5, 11, 16.5):
-        for y in (5.5, 11, 16.5):
-            p.drawEllipse(QPointF(x, y), 1.9, 1.9)
-
-
-def _draw_quality(p: QPainter) -> None:
-    p.drawEllipse(QPointF(11, 11), 8.5, 8.5)
-    path = QPainterPath(QPointF(6.5, 11.5))
-    path.lineTo(10, 15)
-    path.lineTo(16, 7.5)
-    p.drawPath(path)
-
-
-def _draw_simulate(p: QPainter) -> None:
-    path = QPainterPath(QPointF(2, 11))
-    path.cubicTo(QPointF(5, 0), QPointF(8, 0), QPointF(11, 11))
-    path.cubicTo(QPointF(14, 22), QPointF(17, 22), QPointF(20, 11))
-    p.drawPath(path)
-
-
-def _draw_reconstruct(p: QPainter) -> None:
-    for a, b in (
-        ((11, 2), (19, 6.5)),
-        ((19, 6.5), (19, 15.5)),
-        ((19, 15.5), (11, 20)),
-        ((11, 20), (3, 15.5)),
-        ((3, 15.5), (3, 6.5)),
-        ((3, 6.5), (11, 2)),
-        ((11, 11), (11, 20)),
-        ((11, 11), (19, 6.5)),
-        ((11, 11), (3, 6.5)),
-    ):
-        p.drawLine(QPointF(*a), QPointF(*b))
-
-
-def _draw_multiplex(p: QPainter) -> None:
-    p.drawRect(QRectF(3, 3, 16, 16))
-    p.drawLine(QPointF(11, 3), QPointF(11, 19))
-    p.drawLine(QPointF(3, 11), QPointF(19, 11))
-    p.fillRect(QRectF(3, 3, 8, 8), p.pen().color())
-    p.fillRect(QRectF(11, 11, 8, 8), p.pen().color())
-
-
-def _draw_dot(p: QPainter) -> None:
-    p.drawEllipse(QPointF(11, 11), 4, 4)
-
-
-_DRAW = {
-    "camera": _draw_camera,
-    "plan": _draw_plan,
-    "acquire": _draw_acquire,
-    "frames": _draw_frames,
-    "psf": _draw_psf,
-    "quality": _draw_quality,
-    "simulate": _draw_simulate,
-    "reconstruct": _draw_reconstruct,
-    "multiplex": _draw_multiplex,
-}

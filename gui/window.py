@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
+from collections.abc import Iterable
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,6 @@ from PySide6.QtGui import QAction, QCloseEvent, QDragEnterEvent, QDropEvent, QKe
 from PySide6.QtWidgets import (
     QApplication,
     QDockWidget,
-    QFileDialog,
     QHBoxLayout,
     QListWidget,
     QListWidgetItem,
@@ -22,45 +22,56 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from gui.base_page import BasePage, page_class
 from gui.context import Context
 from gui.help import about_text, cheat_sheet
+from gui.icons import icon_of
+from gui.job_panel import JobPanel
 from gui.jobs import Job, Jobs, JobState
-from gui.models.session import RecentSessions, Session, SessionState
-from gui.models.stages import Stage, StageState, available_stages, stage_states
-from gui.pages._base import StagePage
-from gui.theme import DARK, LIGHT, apply_theme, current_theme, stage_icon
-from gui.widgets.job_panel import JobPanel
-from lfcal.errors import LfcalError
+from gui.models.page import PAGES, PageSpec, PageState, available_pages, page_states
+from gui.models.project import Project, ProjectState
+from gui.project_files import ProjectFiles
+from gui.theme import DARK, LIGHT, apply_theme, current_theme
 
 __all__ = ["MainWindow"]
 
 AUTOSAVE_MS = 30_000
 _MARKS = {
-    StageState.NOTHING: "○",
-    StageState.READY: "◔",
-    StageState.RUNNING: "◑",
-    StageState.DONE: "●",
-    StageState.ATTENTION: "▲",
+    PageState.NOTHING: "○",
+    PageState.READY: "◔",
+    PageState.RUNNING: "◑",
+    PageState.DONE: "●",
+    PageState.ATTENTION: "▲",
 }
 
 
-class MainWindow(QMainWindow):
-    """One window, one session."""
+def _key_of(row: int) -> QKeySequence | None:
+    """Return the shortcut of a page in the rail: there are nine digits."""
+    return QKeySequence(f"Ctrl+{row + 1}") if row < 9 else None
 
-    def __init__(self, session: Session, folder: Path, settings: QSettings | None = None) -> None:
+
+class MainWindow(QMainWindow):
+    """One window, one project."""
+
+    def __init__(
+        self,
+        project: Project,
+        folder: Path,
+        settings: QSettings | None = None,
+        pages: Iterable[PageSpec] | None = None,
+    ) -> None:
         super().__init__()
         self.setObjectName("lfcal")
         self.setAcceptDrops(True)
         self.settings = settings
-        self.session = session
+        self.project = project
         self.jobs = Jobs(self)
-        self.context = Context(session, self.jobs, self)
-        self.recent = RecentSessions(folder / "recent.json")
-        self.autosave_path = folder / "autosave.lfcal"
+        self.context = Context(project, self.jobs, self)
+        self.files = ProjectFiles(project, self.jobs, folder, self)
         self._attention: set[str] = set()
         self._stopped = False
-        self._pages: dict[str, StagePage] = {}
-        self.stages = available_stages()
+        self._pages: dict[str, BasePage] = {}
+        self.specs = tuple(available_pages() if pages is None else pages)
         self._build_centre()
         self._build_docks()
         self._build_menus()
@@ -68,15 +79,19 @@ class MainWindow(QMainWindow):
         self.context.go.connect(self.go)
         self.context.message.connect(self.log)
         self.context.attention.connect(self._set_attention)
+        self.files.message.connect(self.log)
+        self.files.saved.connect(self._refresh)
         self.jobs.changed.connect(self._job_changed)
         self._timer = QTimer(self)
         self._timer.setInterval(AUTOSAVE_MS)
-        self._timer.timeout.connect(self.autosave)
+        self._timer.timeout.connect(self.files.autosave)
         self._timer.start()
         self.resize(1280, 800)
         self._restore()
         self.rail.setCurrentRow(0)
         self._refresh()
+        for reason in PAGES.failures().values():
+            self.log(reason)
 
     # -- building --------------------------------------------------------------------------------------
     def _build_centre(self) -> None:
@@ -87,9 +102,9 @@ class MainWindow(QMainWindow):
         self.rail.setIconSize(QSize(22, 22))
         self.rail.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.stack = QStackedWidget()
-        for stage in self.stages:
-            item = QListWidgetItem(stage.title)
-            item.setData(Qt.ItemDataRole.UserRole, stage.key)
+        for spec in self.specs:
+            item = QListWidgetItem(spec.title)
+            item.setData(Qt.ItemDataRole.UserRole, spec.key)
             item.setSizeHint(QSize(160, 40))
             self.rail.addItem(item)
             self.stack.addWidget(QWidget())  # pages are made when first looked at
@@ -122,32 +137,36 @@ class MainWindow(QMainWindow):
 
     def _build_menus(self) -> None:
         bar = self.menuBar()
-        file = bar.addMenu("&Session")
-        self._action(file, "New", self.new_session, QKeySequence.StandardKey.New)
-        self._action(file, "Open …", self.open_session, QKeySequence.StandardKey.Open)
+        file, files, keys = bar.addMenu("&Project"), self.files, QKeySequence.StandardKey
+        self._action(file, "New project", files.new, keys.New)
+        self._action(file, "Open project …", lambda: files.open(), keys.Open)
         self.recent_menu = file.addMenu("Open recent")
-        self.recent_menu.aboutToShow.connect(self._fill_recent)
-        self._action(file, "Save", self.save_session, QKeySequence.StandardKey.Save)
-        self._action(file, "Save as …", self.save_session_as, QKeySequence("Ctrl+Shift+S"))
+        self.recent_menu.aboutToShow.connect(lambda: files.fill_recent(self.recent_menu))
+        self._action(file, "Save project", lambda: files.save(), keys.Save)
+        self._action(file, "Save project as …", lambda: files.save_as(), QKeySequence("Ctrl+Shift+S"))
         file.addSeparator()
-        self._action(file, "Quit", self.close, QKeySequence.StandardKey.Quit)
-        edit = bar.addMenu("&Edit")
-        self.undo_action = self._action(edit, "Undo", self.session.undo, QKeySequence.StandardKey.Undo)
-        self.redo_action = self._action(edit, "Redo", self.session.redo, QKeySequence.StandardKey.Redo)
+        self._action(file, "Quit", self.close, keys.Quit)
+        self._build_edit_menu()
+        self._build_view_menu()
+        help_ = bar.addMenu("&Help")
+        self._action(help_, "Keyboard shortcuts", self.show_shortcuts, QKeySequence("F1"))
+        self._action(help_, "About lfcal", self.show_about, None)
+
+    def _build_edit_menu(self) -> None:
+        edit = self.menuBar().addMenu("&Edit")
+        self.undo_action = self._action(edit, "Undo", self.project.undo, QKeySequence.StandardKey.Undo)
+        self.redo_action = self._action(edit, "Redo", self.project.redo, QKeySequence.StandardKey.Redo)
         edit.addSeparator()
         self._action(edit, "Copy picture of the page", self.copy_page, QKeySequence("Ctrl+Shift+C"))
-        view = bar.addMenu("&View")
-        for k, stage in enumerate(self.stages, 1):
-            self._action(
-                view, stage.title, lambda _=False, key=stage.key: self.go(key, None), QKeySequence(f"Ctrl+{k}")
-            )
+
+    def _build_view_menu(self) -> None:
+        view = self.menuBar().addMenu("&View")
+        for row, spec in enumerate(self.specs):
+            self._action(view, spec.title, lambda _=False, key=spec.key: self.go(key, None), _key_of(row))
         view.addSeparator()
         self._action(view, "Light or dark", self.toggle_theme, QKeySequence("Ctrl+T"))
         view.addAction(self.job_dock.toggleViewAction())
         view.addAction(self.log_dock.toggleViewAction())
-        help_ = bar.addMenu("&Help")
-        self._action(help_, "Keyboard shortcuts", self.show_shortcuts, QKeySequence("F1"))
-        self._action(help_, "About lfcal", self.show_about, None)
 
     def _action(self, menu: Any, text: str, slot: Any, key: Any) -> QAction:
         action = QAction(text, self)
@@ -158,35 +177,37 @@ class MainWindow(QMainWindow):
         return action
 
     # -- pages -----------------------------------------------------------------------------------------
-    def page(self, key: str) -> StagePage:
-        """Return the page of a stage, made at the first call."""
+    def page(self, key: str) -> BasePage:
+        """Return the page called ``key``, made at the first call."""
         if key not in self._pages:
-            row = [s.key for s in self.stages].index(key)
-            stage: Stage = self.stages[row]
-            module = importlib.import_module(f"gui.pages.{key}")
-            page: StagePage = module.Page(stage, self.context)
-            self._pages[key] = page
+            row = self._row(key)
+            spec = self.specs[row]
+            made = self._pages[key] = page_class(spec)(spec, self.context)
             old = self.stack.widget(row)
             self.stack.removeWidget(old)
             old.deleteLater()
-            self.stack.insertWidget(row, page)
+            self.stack.insertWidget(row, made)
         return self._pages[key]
+
+    def _row(self, key: str) -> int:
+        """Return the place of a page in the rail, -1 where there is no such page."""
+        return next((row for row, spec in enumerate(self.specs) if spec.key == key), -1)
 
     def _show_row(self, row: int) -> None:
         if row < 0:
             return
-        page = self.page(self.stages[row].key)
+        page = self.page(self.specs[row].key)
         self.stack.setCurrentWidget(page)
         page.setFocus()  # so that arrow keys step through positions, not through the rail
         page.entered()
 
     def go(self, key: str, payload: object = None) -> None:
-        """Show a stage, and hand it what another page sent."""
-        keys = [s.key for s in self.stages]
-        if key not in keys:
-            self.log(f"the stage {key} is not part of this installation")
+        """Show a page, and hand it what another page sent."""
+        row = self._row(key)
+        if row < 0:
+            self.log(f"the page {key} is not part of this installation")
             return
-        self.rail.setCurrentRow(keys.index(key))
+        self.rail.setCurrentRow(row)
         if payload is not None:
             self.page(key).receive(payload)
 
@@ -195,7 +216,7 @@ class MainWindow(QMainWindow):
         self._refresh()
 
     # -- following ---------------------------------------------------------------------------------------
-    def _state_changed(self, old: SessionState, new: SessionState) -> None:
+    def _state_changed(self, old: ProjectState, new: ProjectState) -> None:
         for path in {old.psf, old.reference} - {new.psf, new.reference}:
             self.context.forget(path)
         self._refresh()
@@ -211,119 +232,31 @@ class MainWindow(QMainWindow):
 
     def _refresh(self) -> None:
         """Show what follows from the state: rail, title, undo."""
-        state = self.session.state
+        state = self.project.state
         theme = current_theme()
-        states = stage_states(state, self.jobs.running_stages(), self._attention)
-        for row, stage in enumerate(self.stages):
-            item = self.rail.item(row)
-            found = states[stage.key]
-            item.setText(f"{stage.title}  {_MARKS[found]}")
-            item.setToolTip(f"{stage.hint}\nState: {found.value}   (Ctrl+{row + 1})")
-            item.setIcon(stage_icon(stage.key, theme.text))
-        star = "*" if self.session.unsaved else ""
-        place = self.session.path.name if self.session.path else state.name
+        states = page_states(state, self.specs, self.jobs.running_pages(), self._attention)
+        for row, spec in enumerate(self.specs):
+            item, found = self.rail.item(row), states[spec.key]
+            item.setText(f"{spec.title}  {_MARKS[found]}")
+            key = _key_of(row)
+            shortcut = "" if key is None else f"   ({key.toString()})"
+            item.setToolTip(f"{spec.hint}\nState: {found.value}{shortcut}")
+            item.setIcon(icon_of(spec.icon, theme.text))
+        star = "*" if self.project.unsaved else ""
+        place = self.project.path.name if self.project.path else state.name
         self.setWindowTitle(f"{place}{star} – lfcal")
         for action, word, label in (
-            (self.undo_action, "Undo", self.session.undo_label),
-            (self.redo_action, "Redo", self.session.redo_label),
+            (self.undo_action, "Undo", self.project.undo_label),
+            (self.redo_action, "Redo", self.project.redo_label),
         ):
             action.setEnabled(bool(label))
             action.setText(f"{word} {label}".strip())
 
     def log(self, text: str) -> None:
         """Add a line to the log and show it in the status bar."""
-        from datetime import datetime
-
         line = " ".join(str(text).split())
         self.log_view.appendPlainText(f"{datetime.now():%H:%M:%S}  {line}")
         self.statusBar().showMessage(line, 8000)
-
-    # -- sessions ----------------------------------------------------------------------------------------
-    def new_session(self) -> None:
-        """Begin anew, after asking about unsaved work."""
-        if self._may_leave():
-            self.session.start(SessionState())
-
-    def open_session(self, path: Path | None = None) -> None:
-        """Open a session file, after asking about unsaved work."""
-        if isinstance(path, bool):  # Qt's triggered(checked)
-            path = None
-        if not self._may_leave():
-            return
-        if path is None:
-            name = QFileDialog.getOpenFileName(self, "Open session", "", "lfcal sessions (*.lfcal)")[0]
-            if not name:
-                return
-            path = Path(name)
-        try:
-            self.session.open(path)
-        except LfcalError as error:
-            self.log(str(error))
-            QMessageBox.warning(self, "Open session", str(error))
-            return
-        self.recent.add(path)
-        self.log(f"opened {path}")
-
-    def save_session(self) -> bool:
-        """Save; ask for a name the first time. Return whether it is saved."""
-        if self.session.path is None:
-            return self.save_session_as()
-        return self._save(self.session.path)
-
-    def save_session_as(self) -> bool:
-        """Save under a new name."""
-        name = QFileDialog.getSaveFileName(self, "Save session", "session.lfcal", "lfcal sessions (*.lfcal)")[0]
-        return bool(name) and self._save(Path(name))
-
-    def _save(self, path: Path) -> bool:
-        try:
-            self.session.save(path)
-        except LfcalError as error:
-            self.log(str(error))
-            QMessageBox.warning(self, "Save session", str(error))
-            return False
-        self.recent.add(path)
-        self.log(f"saved {path}")
-        self._refresh()
-        return True
-
-    def autosave(self) -> None:
-        """Keep a copy of unsaved work; a failure is only logged."""
-        if self.session.unsaved:
-            try:
-                self.session.autosave(self.autosave_path)
-            except LfcalError as error:
-                self.log(str(error))
-
-    def _fill_recent(self) -> None:
-        self.recent_menu.clear()
-        for path in self.recent.paths():
-            action = QAction(str(path), self.recent_menu)
-            action.triggered.connect(lambda _=False, path=path: self.open_session(path))
-            self.recent_menu.addAction(action)
-        if self.recent_menu.isEmpty():
-            self.recent_menu.addAction("none yet").setEnabled(False)
-
-    def _may_leave(self) -> bool:
-        """Ask about unsaved work and jobs at work; return whether to go on."""
-        if self.jobs.running_stages():
-            answer = QMessageBox.question(self, "Jobs are running", "Stop the running jobs?")
-            if answer != QMessageBox.StandardButton.Yes:
-                return False
-            for job in self.jobs.jobs():
-                self.jobs.cancel(job.number)
-        if not self.session.unsaved:
-            return True
-        buttons = QMessageBox.StandardButton
-        answer = QMessageBox.question(
-            self,
-            "Unsaved changes",
-            "Save the changes to this session?",
-            buttons.Save | buttons.Discard | buttons.Cancel,
-        )
-        if answer == buttons.Save:
-            return self.save_session()
-        return answer == buttons.Discard
 
     # -- habits ------------------------------------------------------------------------------------------
     def toggle_theme(self) -> None:
@@ -347,7 +280,7 @@ class MainWindow(QMainWindow):
 
     def show_shortcuts(self) -> None:
         """Show the cheat sheet."""
-        QMessageBox.information(self, "Keyboard shortcuts", cheat_sheet(self.stages))
+        QMessageBox.information(self, "Keyboard shortcuts", cheat_sheet(self.specs))
 
     def show_about(self) -> None:
         """Show versions and licence."""
@@ -359,29 +292,29 @@ class MainWindow(QMainWindow):
             event.acceptProposedAction()
 
     def dropEvent(self, event: QDropEvent) -> None:
-        """Hand dropped files to whom they belong."""
+        """Offer dropped files to the pages."""
         paths = [url.toLocalFile() for url in event.mimeData().urls() if url.isLocalFile()]
         self.take_files(paths)
 
     def take_files(self, paths: list[str]) -> None:
-        """Open sessions here; offer anything else to the page shown, then to the others."""
+        """Open projects here; offer anything else to the page shown, then to the others."""
         if len(paths) == 1 and paths[0].endswith(".lfcal"):
-            self.open_session(Path(paths[0]))
+            self.files.open(Path(paths[0]))
             return
         shown = self.stack.currentWidget()
-        others = [s.key for s in self.stages if self._pages.get(s.key) is not shown]
-        if isinstance(shown, StagePage) and shown.accept_drop(paths):
+        others = [spec.key for spec in self.specs if self._pages.get(spec.key) is not shown]
+        if isinstance(shown, BasePage) and shown.accept_drop(paths):
             return
         for key in others:
             if self.page(key).accept_drop(paths):
                 self.go(key, None)
                 return
-        self.log(f"no stage takes {', '.join(Path(p).name for p in paths)}")
+        self.log(f"no page takes {', '.join(Path(p).name for p in paths)}")
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Ask about unsaved work, keep the window's state, stop the threads."""
         if not self._stopped:
-            if not self._may_leave():
+            if not self.files.may_leave():
                 event.ignore()
                 return
             self.shut_down()
@@ -398,7 +331,7 @@ class MainWindow(QMainWindow):
             self.settings.setValue("windowState", self.saveState())
         self.jobs.close()
         self.context.close()
-        self.autosave_path.unlink(missing_ok=True)
+        self.files.forget_autosave()
 
     def _restore(self) -> None:
         if self.settings is None:

@@ -1,6 +1,9 @@
-"""What the window shows, without Qt: state is frozen, changes are events, drawing is a pure function of state.
+"""What several pages and the window share, without Qt: frozen state and pure functions.
 
-- ``session``: the one session: camera, plan, files; undo, save, autosave, recent
-- ``stages``: the stages of a session and the state of each
+- ``project``: the one project: camera, plan, files, settings; undo, save, autosave, recent
+- ``settings``: base of a page's settings, which the project keeps by page
+- ``page``: what a page is before it is opened, and the registry of pages
+- ``form``: fields of forms, and what a typed text means
 - ``display``: how an array becomes a picture: levels, log, gamma, binning
+- ``frame_view``: the visible part of a large frame, its numbers, the lattice over it
 """

@@ -69,7 +69,7 @@ class FrameNumbers:
     low, high, mean
         Smallest, largest and mean value.
     saturated
-        Pixels at or above the saturation level, counted one by one.
+        Saturated pixels, counted one by one; None: nobody can tell.
     """
 
     counts: NDArray[np.int64]
@@ -77,11 +77,11 @@ class FrameNumbers:
     low: float
     high: float
     mean: float
-    saturated: int
+    saturated: int | None
 
 
-def frame_numbers(frame: NDArray[np.generic], saturation: float | None, bins: int = 256) -> FrameNumbers:
-    """Return histogram, true maximum and saturation of ``frame``; every pixel is counted."""
+def frame_numbers(frame: NDArray[np.generic], saturated: int | None, bins: int = 256) -> FrameNumbers:
+    """Return histogram, true extremes and mean of ``frame``, every pixel counted, with its ``saturated`` pixels."""
     low, high = float(frame.min()), float(frame.max())
     if frame.dtype == np.uint16 or frame.dtype == np.uint8:
         each = np.bincount(frame.ravel(), minlength=int(high) + 1)
@@ -90,8 +90,7 @@ def frame_numbers(frame: NDArray[np.generic], saturation: float | None, bins: in
         counts = np.bincount(where, weights=each, minlength=bins).astype(np.int64)
     else:
         counts, edges = np.histogram(frame, bins=bins, range=(low, max(high, low + 1e-9)))
-    over = 0 if saturation is None else int(np.count_nonzero(np.asarray(frame) >= saturation))
-    return FrameNumbers(counts, edges, low, high, float(frame.mean(dtype=np.float64)), over)
+    return FrameNumbers(counts, edges, low, high, float(frame.mean(dtype=np.float64)), saturated)
 
 
 def lattice_points(

@@ -1,1 +1,1 @@
-"""Pieces of pages: images with axes and colour bar, plots, forms from dataclasses, the status area."""
+"""Widgets that several pages share: images with axes and colour bar, frames, plots, forms, cards, the period map."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QScrollArea, QVBoxLayout, QWidget
+from collections.abc import Sequence
 
-__all__ = ["card", "column_area", "heading", "line"]
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QScrollArea, QVBoxLayout, QWidget
+
+__all__ = ["card", "choice_box", "column_area", "heading", "line"]
 
 
 def heading(text: str) -> QLabel:
@@ -45,6 +47,15 @@ def column_area(width: int, *cards: QWidget) -> QScrollArea:
     area.setWidget(inner)
     area.setFixedWidth(width)
     return area
+
+
+def choice_box(choices: Sequence[tuple[str, str]], tip: str = "") -> QComboBox:
+    """Return a list to choose from: pairs of value (the data of an item) and shown text."""
+    box = QComboBox()
+    for value, text in choices:
+        box.addItem(text, value)
+    box.setToolTip(tip)
+    return box
 
 
 def line(*parts: QWidget | str, stretch: int = -1) -> QHBoxLayout:

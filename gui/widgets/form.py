@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
@@ -16,37 +15,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-__all__ = ["Field", "Form"]
+from gui.models.form import Field, parse, text_of
+from lfcal.errors import InputError
 
-
-@dataclass(frozen=True)
-class Field:
-    """One entry of a form.
-
-    Attributes
-    ----------
-    key
-        Name of the value.
-    label, unit, tip
-        What is shown: name, unit, and what the quantity means.
-    kind
-        ``"float"``, ``"int"``, ``"choice"``, ``"text"``, ``"bool"``, or ``"floats"`` (numbers with commas).
-    scale
-        Shown value = stored value / scale: 1000 shows µm as mm.
-    choices
-        For ``"choice"``: pairs of stored value and shown text.
-    optional
-        An empty entry is None.
-    """
-
-    key: str
-    label: str
-    unit: str = ""
-    tip: str = ""
-    kind: str = "float"
-    scale: float = 1.0
-    choices: tuple[tuple[str, str], ...] = ()
-    optional: bool = False
+__all__ = ["Form"]
 
 
 class Form(QWidget):
@@ -119,9 +91,8 @@ class Form(QWidget):
             elif isinstance(editor, QCheckBox):
                 editor.setChecked(bool(value))
             elif isinstance(editor, QLineEdit):
-                parsed, error = self._parse(field, editor.text())
-                if error or parsed != value or not editor.text():
-                    editor.setText(self._text(field, value))
+                if not editor.text() or not _means(field, editor.text(), value):
+                    editor.setText(text_of(field, value))
                 self._mark(editor, "")
             blocker.unblock()
         self._show_error()
@@ -134,36 +105,6 @@ class Form(QWidget):
         if label is not None:
             label.setEnabled(enabled)
 
-    @staticmethod
-    def _text(field: Field, value: Any) -> str:
-        if value is None:
-            return ""
-        if field.kind == "float":
-            return f"{value / field.scale:.10g}"
-        if field.kind == "floats":
-            return ", ".join(f"{v / field.scale:.10g}" for v in value)
-        return str(value)
-
-    @staticmethod
-    def _parse(field: Field, text: str) -> tuple[Any, str]:
-        """Return the stored value and an error, one of which is empty."""
-        text = text.strip()
-        if not text and field.optional:
-            return None, ""
-        try:
-            if field.kind == "float":
-                return float(text.replace(",", ".")) * field.scale, ""
-            if field.kind == "int":
-                return int(text), ""
-            if field.kind == "floats":
-                return tuple(
-                    float(part) * field.scale for part in text.replace(";", ",").split(",") if part.strip()
-                ), ""
-        except ValueError:
-            wanted = {"float": "a number", "int": "a whole number", "floats": "numbers with commas between"}[field.kind]
-            return None, f"{field.label}: expected {wanted}, got {text!r}"
-        return text, ""
-
     def _changed(self, key: str) -> None:
         editor, field = self._editors[key], self.fields[key]
         error = ""
@@ -173,7 +114,10 @@ class Form(QWidget):
             value = editor.isChecked()
         else:
             assert isinstance(editor, QLineEdit)
-            value, error = self._parse(field, editor.text())
+            try:
+                value = parse(field, editor.text())
+            except InputError as refused:
+                value, error = None, str(refused)
         error = error or self.check(key, value)
         self._mark(editor, error)
         self._show_error()
@@ -196,3 +140,11 @@ class Form(QWidget):
     def error(self) -> str:
         """The reason shown, or empty."""
         return self._error.text() if not self._error.isHidden() else ""
+
+
+def _means(field: Field, text: str, value: Any) -> bool:
+    """Return whether ``text`` already says ``value``, in whatever words: "5.0" is 5."""
+    try:
+        return bool(parse(field, text) == value)
+    except InputError:
+        return False

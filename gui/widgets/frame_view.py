@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from gui.jobs import Jobs
 from gui.models.display import Display, colour_table
 from gui.models.frame_view import Tile, lattice_points, render_tile, visible_tile
-from gui.widgets.optics_view import TYPE_COLOURS
+from gui.theme import TYPE_COLOURS
 from gui.widgets.plots import style_axes, theme_plot
 from lfcal.camera import Camera
 
@@ -64,6 +64,7 @@ class FrameView(QWidget):
         self.point = pg.ScatterPlotItem(size=12, symbol="+", pen=pg.mkPen("#ff5a5f", width=2), brush=None)
         self.plot.addItem(self.cutout)
         self.plot.addItem(self.point)
+        self._origin = (0, 0)
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(12)
@@ -94,9 +95,9 @@ class FrameView(QWidget):
         self._levels = levels
         self._render()
 
-    def set_lattice(self, camera: Camera | None) -> None:
-        """Draw the micro-image centres of ``camera``; None draws none."""
-        self._camera = camera
+    def set_lattice(self, camera: Camera | None, origin: tuple[int, int] = (0, 0)) -> None:
+        """Draw the micro-image centres of ``camera`` over a frame whose first pixel is ``origin``; None: none."""
+        self._camera, self._origin = camera, origin
         self._draw_lattice()
 
     def set_cutout(self, row: int, column: int, shape: tuple[int, int], point: tuple[float, float]) -> None:
@@ -163,8 +164,10 @@ class FrameView(QWidget):
             for points in self.lattice:
                 points.setData([], [])
             return
-        rows, columns = self.view_range()
-        centres, types = lattice_points(self._camera, rows, columns)
+        (top, left), (rows, columns) = self._origin, self.view_range()
+        on_sensor = (rows[0] + top, rows[1] + top), (columns[0] + left, columns[1] + left)
+        centres, types = lattice_points(self._camera, *on_sensor)
+        centres = centres - [top, left]
         for kind, points in enumerate(self.lattice):
             chosen = centres[types == kind]
             points.setData(chosen[:, 1], chosen[:, 0])

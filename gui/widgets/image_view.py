@@ -62,6 +62,14 @@ class ImageView(QWidget):
         self._name = "image"
         self._bar_look = ("", "")
         self._bar_levels = (math.nan, math.nan)
+        self._build(f"{xlabel} ({unit})", f"{ylabel} ({unit})", value_label)
+        self.graphics.scene().sigMouseMoved.connect(self._moved)
+        self.graphics.scene().sigMouseClicked.connect(self._clicked)
+        self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.customContextMenuRequested.connect(self._menu)
+        self.apply_theme()
+
+    def _build(self, xlabel: str, ylabel: str, value_label: str) -> None:
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         self.graphics = pg.GraphicsLayoutWidget()
@@ -72,7 +80,7 @@ class ImageView(QWidget):
         self.plot.invertY(True)
         self.plot.setMenuEnabled(False)
         self.plot.hideButtons()
-        style_axes(self.plot, f"{xlabel} ({unit})", f"{ylabel} ({unit})")
+        style_axes(self.plot, xlabel, ylabel)
         self.item = pg.ImageItem(axisOrder="row-major")
         self.plot.addItem(self.item)
         self.bar = pg.ColorBarItem(values=(0, 1), width=12, interactive=False, label=value_label)
@@ -80,11 +88,6 @@ class ImageView(QWidget):
         self.cursor = pg.TargetItem(movable=False, size=12, pen=pg.mkPen("#ffffff", width=1.5), symbol="crosshair")
         self.cursor.hide()
         self.plot.addItem(self.cursor)
-        self.graphics.scene().sigMouseMoved.connect(self._moved)
-        self.graphics.scene().sigMouseClicked.connect(self._clicked)
-        self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
-        self.customContextMenuRequested.connect(self._menu)
-        self.apply_theme()
 
     # -- content ---------------------------------------------------------------------------------------
     def set_image(

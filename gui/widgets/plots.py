@@ -23,6 +23,8 @@ def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
     """Label both axes of ``plot``; SI prefixes are never made up."""
     for side, text in (("bottom", xlabel), ("left", ylabel)):
         axis = plot.getAxis(side)
+        # switched off alone, the prefix for the range on screen would stay: ticks 1000 times too large or small
+        axis.setSIPrefixEnableRanges(())
         axis.enableAutoSIPrefix(False)
         axis.setLabel(text)
 

@@ -4,25 +4,87 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from gui.app import make_window, parse
+from gui.base_page import page_class
+from gui.context import Context
+from gui.jobs import Jobs
+from gui.models.page import PAGES
+from gui.models.project import Project, ProjectState
+from gui.theme import LIGHT, apply_theme
+from gui.window import MainWindow
+from tests.gui.waiting import GUARD_MS
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
+
+OpenPage = Callable[..., Any]
 
 
 @pytest.fixture(autouse=True)
 def no_thread_left() -> Iterator[None]:
     before = set(threading.enumerate())
     yield
-    left = [t for t in threading.enumerate() if t not in before and t.is_alive() and "lfcal" in t.name]
-    assert not left, f"threads left behind: {left}"
+    for thread in set(threading.enumerate()) - before:
+        if "lfcal" in thread.name:
+            thread.join(GUARD_MS / 1e3)
+            assert not thread.is_alive(), f"thread left behind: {thread}"
 
 
 @pytest.fixture
 def place(tmp_path: Path) -> Path:
-    """Where the window keeps recent sessions and autosave."""
+    """Where the window keeps recent projects and autosave."""
     folder = tmp_path / "state"
     folder.mkdir()
     return folder
+
+
+@pytest.fixture
+def window(qapp: QApplication, place: Path, qtbot: QtBot) -> Iterator[MainWindow]:
+    """Return a whole window with a new project."""
+    made = make_window(qapp, parse([]), folder=place)
+    made.show()
+    qtbot.waitExposed(made, timeout=GUARD_MS)
+    made.activateWindow()
+    yield made
+    made.shut_down()
+    made.close()
+    made.deleteLater()
+
+
+@pytest.fixture
+def state() -> ProjectState:
+    """Return the project that `context` begins with; a module may have another."""
+    return ProjectState()
+
+
+@pytest.fixture
+def context(qapp: QApplication, state: ProjectState) -> Iterator[Context]:
+    """Return what a page needs, without a window."""
+    apply_theme(qapp, LIGHT)
+    jobs = Jobs()
+    made = Context(Project(state), jobs)
+    yield made
+    jobs.close()
+    made.close()
+
+
+@pytest.fixture
+def open_page(context: Context, qtbot: QtBot) -> OpenPage:
+    """Return a function that makes a page by itself and shows it as large as in a small window."""
+
+    def made(key: str, height: int = 560) -> Any:
+        spec = PAGES.get(key)
+        page: Any = page_class(spec)(spec, context)
+        qtbot.addWidget(page)
+        page.resize(1060, height)
+        page.show()
+        return page
+
+    return made

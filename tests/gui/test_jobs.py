@@ -11,6 +11,7 @@ from pytestqt.qtbot import QtBot
 from gui.jobs import Job, Jobs, JobState
 from lfcal.errors import InputError
 from lfcal.progress import Progress
+from tests.gui.waiting import GUARD_MS
 
 
 @pytest.fixture
@@ -35,21 +36,21 @@ def test_a_job_reports_in_the_windows_thread(jobs: Jobs, qtbot: QtBot) -> None:
     results: list[str] = []
     jobs.changed.connect(lambda job: seen.append((job, threading.current_thread())))
     cleaned: list[str] = []
-    with qtbot.waitSignal(jobs.finished, timeout=5000):
+    with qtbot.waitSignal(jobs.finished, timeout=GUARD_MS):
         jobs.start("Counting", "psf", lambda: counting(50, cleaned), results.append)
     assert results == ["result"] and cleaned == ["cleaned"]
     assert {thread for _, thread in seen} == {threading.current_thread()}
     states = [job.state for job, _ in seen]
     assert states[0] is JobState.WAITING and states[-1] is JobState.DONE
-    assert jobs.running_stages() == set()
+    assert jobs.running_pages() == set()
 
 
 def test_cancelling_closes_the_work(jobs: Jobs, qtbot: QtBot) -> None:
     cleaned: list[str] = []
-    with qtbot.waitSignal(jobs.finished, timeout=5000) as end:
+    with qtbot.waitSignal(jobs.finished, timeout=GUARD_MS) as end:
         number = jobs.start("Counting", "psf", lambda: counting(100_000, cleaned))
-        assert jobs.running_stages() == {"psf"}
-        qtbot.waitUntil(lambda: jobs.jobs()[0].state is JobState.RUNNING)
+        assert jobs.running_pages() == {"psf"}
+        qtbot.waitUntil(lambda: jobs.jobs()[0].state is JobState.RUNNING, timeout=GUARD_MS)
         jobs.cancel(number)
     assert end.args[0].state is JobState.CANCELLED and cleaned == ["cleaned"]
 
@@ -61,7 +62,7 @@ def failing() -> Generator[Progress, None, None]:
 
 def test_errors_come_in_words_with_details(jobs: Jobs, qtbot: QtBot) -> None:
     failed: list[Job] = []
-    with qtbot.waitSignal(jobs.finished, timeout=5000):
+    with qtbot.waitSignal(jobs.finished, timeout=GUARD_MS):
         jobs.start("Failing", "psf", failing, on_failed=failed.append)
     job = failed[0]
     assert job.state is JobState.FAILED
@@ -72,23 +73,25 @@ def test_errors_come_in_words_with_details(jobs: Jobs, qtbot: QtBot) -> None:
 def test_only_the_newest_of_a_group_reports(jobs: Jobs, qtbot: QtBot) -> None:
     shown: list[int] = []
     calls: list[int] = []
+    all_asked = threading.Event()
 
     def work(k: int) -> int:
         calls.append(k)
-        time.sleep(0.02)
+        all_asked.wait()
         return k
 
     for k in range(40):
         jobs.compute("scrub", lambda k=k: work(k), shown.append)
-    qtbot.waitUntil(lambda: shown[-1:] == [39], timeout=5000)
-    assert len(calls) < 10, "stale requests are dropped, not computed"
+    all_asked.set()
+    qtbot.waitUntil(lambda: shown[-1:] == [39], timeout=GUARD_MS)
+    assert len(calls) <= 4, "stale requests are dropped, not computed"
     assert shown == [39]
 
 
 def test_errors_of_computations(jobs: Jobs, qtbot: QtBot) -> None:
     words: list[str] = []
     jobs.compute("x", lambda: 1 / 0, lambda _: None, words.append)
-    qtbot.waitUntil(lambda: bool(words), timeout=5000)
+    qtbot.waitUntil(lambda: bool(words), timeout=GUARD_MS)
     assert words == ["ZeroDivisionError: division by zero"]
 
 

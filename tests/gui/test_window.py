@@ -4,7 +4,6 @@ import gc
 import random
 import sys
 import weakref
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,24 +25,14 @@ from pytestqt.qtbot import QtBot
 
 from gui.app import make_window, parse
 from gui.jobs import JobState
-from gui.models.session import Session
-from gui.models.stages import StageState
+from gui.models.page import PAGES, PageState
+from gui.models.project import Project, ProjectState
+from gui.pages.frames.model import FrameSettings
 from gui.theme import DARK, LIGHT, current_theme
 from gui.window import MainWindow
 from lfcal.camera import preset
 from tests.cli.conftest import SHAPE, small_plan, true_frame
-
-
-@pytest.fixture
-def window(qapp: QApplication, place: Path, qtbot: QtBot) -> Iterator[MainWindow]:
-    made = make_window(qapp, parse([]), folder=place)
-    made.show()
-    qtbot.waitExposed(made)
-    made.activateWindow()
-    yield made
-    made.shut_down()
-    made.close()
-    made.deleteLater()
+from tests.gui.waiting import GUARD_MS, idle
 
 
 @pytest.fixture
@@ -65,90 +54,85 @@ def recorded(tmp_path: Path) -> Path:
     return folder
 
 
-def idle(window: MainWindow, qtbot: QtBot) -> None:
-    """Wait until nothing is computed."""
-    qtbot.waitUntil(lambda: not window.jobs.busy, timeout=20_000)
-
-
 def test_a_whole_sitting(window: MainWindow, qtbot: QtBot, recorded: Path, tmp_path: Path) -> None:
     """Frames in by drag and drop, corrections, H assembled, HT looked at, exported, saved, reopened."""
     window.take_files([str(recorded)])
-    frames = window.page("frames")
+    frames: Any = window.page("frames")
     assert window.stack.currentWidget() is frames
-    idle(window, qtbot)
-    assert frames.opened is not None and frames.loaded is not None  # type: ignore[attr-defined]
-    np.testing.assert_array_equal(frames.loaded.raw, true_frame(0, 0, 0) + 100)  # type: ignore[attr-defined]
-    np.testing.assert_allclose(frames.loaded.fixed, true_frame(0, 0, 0), atol=0.5)  # type: ignore[attr-defined]
-    left, right = (v for v in frames.view.cutout.getData()[0][:2])  # type: ignore[attr-defined]
+    idle(window.jobs, qtbot)
+    assert frames.opened is not None and frames.loaded is not None
+    np.testing.assert_array_equal(frames.loaded.raw, true_frame(0, 0, 0) + 100)
+    np.testing.assert_allclose(frames.loaded.fixed, true_frame(0, 0, 0), atol=0.5)
+    left, right = (v for v in frames.panel.view.cutout.getData()[0][:2])
     qtbot.keyClick(frames, Qt.Key.Key_Right)
-    idle(window, qtbot)
-    assert frames.position == (0, 0, 1)  # type: ignore[attr-defined]
-    assert frames.view.cutout.getData()[0][0] == left + 1, "the cutout moves one pixel with the point"  # type: ignore[attr-defined]
+    idle(window.jobs, qtbot)
+    assert frames.position == (0, 0, 1)
+    assert frames.panel.view.cutout.getData()[0][0] == left + 1, "the cutout moves one pixel with the point"
     assert right > left
-    frames.boxes["use_dark"].setChecked(False)  # type: ignore[attr-defined]
-    assert not window.session.state.frames.use_dark
-    window.session.undo()
-    assert frames.boxes["use_dark"].isChecked()  # type: ignore[attr-defined]
-    idle(window, qtbot)
+    frames.panel.boxes["use_dark"].setChecked(False)
+    assert not FrameSettings.of(window.project.state).use_dark
+    window.project.undo()
+    assert frames.panel.boxes["use_dark"].isChecked()
+    idle(window.jobs, qtbot)
     target = tmp_path / "H.h5"
-    with qtbot.waitSignal(window.jobs.finished, timeout=20_000) as end:
-        frames.assemble(str(target))  # type: ignore[attr-defined]
+    with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
+        frames.assemble(str(target))
     assert end.args[0].state is JobState.DONE, end.args[0].error
-    assert window.session.state.psf == str(target)
+    assert window.project.state.psf == str(target)
     window.go("psf", (1, 2, 3))
     psf: Any = window.page("psf")
-    idle(window, qtbot)
-    np.testing.assert_allclose(psf.main_view.image.max(), 20000, rtol=0.01)
+    idle(window.jobs, qtbot)
+    np.testing.assert_allclose(psf.panel.main_view.image.max(), 20000, rtol=0.01)
     qtbot.keyClick(psf, Qt.Key.Key_T)
     assert psf.intent.transposed
-    np.testing.assert_array_equal(psf.main_view.image, psf.matrix.T[1, 2, 3])
-    with qtbot.waitSignal(window.jobs.finished, timeout=20_000) as end:
+    np.testing.assert_array_equal(psf.panel.main_view.image, psf.matrix.T[1, 2, 3])
+    with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
         psf.export(str(tmp_path / "H.npy"))
     assert end.args[0].state is JobState.DONE and (tmp_path / "H.npy").exists()
-    window.session.save(tmp_path / "s.lfcal")
-    other = Session()
+    window.project.save(tmp_path / "s.lfcal")
+    other = Project()
     other.open(tmp_path / "s.lfcal")
-    assert other.state == window.session.state
+    assert other.state == window.project.state
 
 
-def test_only_existing_stages_and_their_states(window: MainWindow) -> None:
-    keys = [stage.key for stage in window.stages]
+def test_only_existing_pages_and_their_states(window: MainWindow) -> None:
+    keys = [spec.key for spec in window.specs]
     assert keys[:2] == ["camera", "plan"] and "psf" in keys
-    for row, stage in enumerate(window.stages):
-        assert window.rail.item(row).text().startswith(stage.title)
-        assert any(state.value in window.rail.item(row).toolTip() for state in StageState)
+    for row, spec in enumerate(window.specs):
+        assert window.rail.item(row).text().startswith(spec.title)
+        assert any(state.value in window.rail.item(row).toolTip() for state in PageState)
 
 
 def test_every_page_opens_without_anything(window: MainWindow, qtbot: QtBot) -> None:
-    for stage in window.stages:
-        window.go(stage.key)
-        idle(window, qtbot)
-        assert window.stack.currentWidget() is window.page(stage.key)
+    for spec in window.specs:
+        window.go(spec.key)
+        idle(window.jobs, qtbot)
+        assert window.stack.currentWidget() is window.page(spec.key)
 
 
 def test_undo_through_the_menu(window: MainWindow) -> None:
     camera: Any = window.page("camera")
-    editor = camera.forms["MainLens"].editor("optics.f_number")
+    editor = camera.panel.forms["MainLens"].editor("optics.f_number")
     editor.setText("8")
     editor.textEdited.emit("8")
-    assert window.session.state.camera.optics.f_number == 8  # type: ignore[union-attr]
+    assert window.project.state.camera.optics.f_number == 8  # type: ignore[union-attr]
     assert window.undo_action.isEnabled() and "f number" in window.undo_action.text()
     window.undo_action.trigger()
-    assert window.session.state.camera == preset("bench") and editor.text() == "4"
+    assert window.project.state.camera == preset("bench") and editor.text() == "4"
     window.redo_action.trigger()
     assert editor.text() == "8"
 
 
 def test_what_does_not_pass_is_marked_and_not_taken(window: MainWindow) -> None:
     camera: Any = window.page("camera")
-    form = camera.forms["MainLens"]
+    form = camera.panel.forms["MainLens"]
     editor = form.editor("optics.f_number")
     for text in ("-1", "abc", "", "1e999", "nan"):
         editor.setText(text)
         editor.textEdited.emit(text)
         assert editor.property("invalid"), text
         assert form.error and "\n" not in form.error
-    assert window.session.state.camera == preset("bench")
+    assert window.project.state.camera == preset("bench")
     editor.setText("5.6")
     editor.textEdited.emit("5.6")
     assert not editor.property("invalid") and not form.error
@@ -165,19 +149,17 @@ def test_theme_and_sizes(window: MainWindow, qtbot: QtBot) -> None:
     assert window.minimumSizeHint().width() <= 1280 and window.minimumSizeHint().height() <= 800
 
 
-@pytest.mark.parametrize("stage", ["camera", "plan", "acquire", "frames", "psf", "quality", "simulate", "reconstruct"])
-def test_pages_fit_a_small_screen(window: MainWindow, qtbot: QtBot, stage: str) -> None:
-    if stage not in [s.key for s in window.stages]:
-        pytest.skip("this stage is not part of the installation")
-    window.session.update("plan", plan=None)
-    window.go(stage)
-    idle(window, qtbot)
-    assert window.page(stage).body.minimumSizeHint().width() <= 1280 - 178
-    assert window.page(stage).body.minimumSizeHint().height() <= 640
+@pytest.mark.parametrize("key", PAGES.names())
+def test_pages_fit_a_small_screen(window: MainWindow, qtbot: QtBot, key: str) -> None:
+    window.project.update("plan", plan=None)
+    window.go(key)
+    idle(window.jobs, qtbot)
+    assert window.page(key).body.minimumSizeHint().width() <= 1280 - 178
+    assert window.page(key).body.minimumSizeHint().height() <= 640
 
 
 def test_closing_asks_about_unsaved_work(window: MainWindow, monkeypatch: pytest.MonkeyPatch) -> None:
-    window.session.update("rename", name="changed")
+    window.project.update("rename", name="changed")
     buttons = QMessageBox.StandardButton
     asked: list[str] = []
 
@@ -195,17 +177,17 @@ def test_closing_asks_about_unsaved_work(window: MainWindow, monkeypatch: pytest
     assert event.isAccepted()
 
 
-def test_autosave_and_bad_session_files(window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    window.session.update("rename", name="kept")
-    window.autosave()
-    assert window.autosave_path.is_file()
+def test_autosave_and_bad_project_files(window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    window.project.update("rename", name="kept")
+    window.files.autosave()
+    assert window.files.autosave_path.is_file()
     told: list[str] = []
     monkeypatch.setattr(QMessageBox, "warning", lambda *args: told.append(args[2]))
     monkeypatch.setattr(QMessageBox, "question", lambda *_: QMessageBox.StandardButton.Discard)
     (tmp_path / "bad.lfcal").write_text("nothing")
-    window.open_session(tmp_path / "bad.lfcal")
-    assert len(told) == 1 and "session" in told[0]
-    assert window.session.state.name == "kept"
+    window.files.open(tmp_path / "bad.lfcal")
+    assert len(told) == 1 and "project" in told[0]
+    assert window.project.state.name == "kept"
 
 
 def test_dropped_files_find_their_page(window: MainWindow, tmp_path: Path, qtbot: QtBot) -> None:
@@ -216,19 +198,19 @@ def test_dropped_files_find_their_page(window: MainWindow, tmp_path: Path, qtbot
         QPoint(5, 5), Qt.DropAction.CopyAction, data, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
     )
     window.dropEvent(event)
-    assert window.session.state.psf.endswith("H.npy")
-    idle(window, qtbot)
+    assert window.project.state.psf.endswith("H.npy")
+    idle(window.jobs, qtbot)
     window.take_files([str(tmp_path / "unknown.xyz")])
-    assert "no stage takes" in window.log_view.toPlainText()
+    assert "no page takes" in window.log_view.toPlainText()
 
 
 def test_a_failing_job_speaks_in_words(window: MainWindow, qtbot: QtBot) -> None:
-    np.save(window.autosave_path.parent / "H.npy", np.ones((1, 2, 2, 3, 3), np.float32))
-    window.session.update("open", psf=str(window.autosave_path.parent / "H.npy"))
+    np.save(window.files.autosave_path.parent / "H.npy", np.ones((1, 2, 2, 3, 3), np.float32))
+    window.project.update("open", psf=str(window.files.autosave_path.parent / "H.npy"))
     psf: Any = window.page("psf")
-    idle(window, qtbot)
-    with qtbot.waitSignal(window.jobs.finished, timeout=10_000) as end:
-        psf.export("/nowhere/at/all\0/H.mat" if False else str(window.autosave_path.parent / "H.npy" / "H.mat"))
+    idle(window.jobs, qtbot)
+    with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
+        psf.export("/nowhere/at/all\0/H.mat" if False else str(window.files.autosave_path.parent / "H.npy" / "H.mat"))
     assert end.args[0].state is JobState.FAILED
     assert "\n" not in end.args[0].error and end.args[0].details
     assert end.args[0].error in window.log_view.toPlainText()
@@ -257,6 +239,27 @@ SAFE = (
 )
 
 
+TEXTS = ("", "0", "-1", "1", "1e9", "nan", "inf", "3, 4", "3,4", "abc", "0.5", "17")
+
+
+def use(widget: QWidget, rng: random.Random) -> None:
+    """Do with a control what a user may do, at the ends of its range."""
+    if isinstance(widget, QLineEdit):
+        text = rng.choice(TEXTS)
+        widget.setText(text)
+        widget.textEdited.emit(text)
+    elif isinstance(widget, QComboBox) and widget.count():
+        index = rng.choice([0, widget.count() - 1])
+        widget.setCurrentIndex(index)
+        widget.activated.emit(index)
+    elif isinstance(widget, QCheckBox):
+        widget.toggle()
+    elif isinstance(widget, QSlider):
+        widget.setValue(rng.choice([widget.minimum(), widget.maximum()]))
+    elif isinstance(widget, QPushButton) and not any(word in widget.text() for word in SAFE):
+        widget.click()
+
+
 def test_a_random_walk_over_all_controls(
     window: MainWindow, qtbot: QtBot, recorded: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -268,49 +271,33 @@ def test_a_random_walk_over_all_controls(
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: "")
     window.take_files([str(recorded)])
     np.save(recorded / "H.npy", np.random.default_rng(0).random((2, 3, 4, 9, 11)).astype(np.float32))
-    window.session.update("open", psf=str(recorded / "H.npy"))
+    window.project.update("open", psf=str(recorded / "H.npy"))
     rng = random.Random(7)
-    texts = ["", "0", "-1", "1", "1e9", "nan", "inf", "3, 4", "abc", "0.5", "17"]
     raised: list[Any] = []
     monkeypatch.setattr(sys, "excepthook", lambda *args: raised.append(args))
     for step in range(220):
-        stage = rng.choice(window.stages)
-        window.go(stage.key)
-        page = window.page(stage.key)
+        spec = rng.choice(window.specs)
+        window.go(spec.key)
+        page = window.page(spec.key)
         choices = controls(page)
         if not choices:
             continue
         widget = rng.choice(choices)
-        if isinstance(widget, QLineEdit):
-            text = rng.choice(texts)
-            widget.setText(text)
-            widget.textEdited.emit(text)
-        elif isinstance(widget, QComboBox) and widget.count():
-            index = rng.choice([0, widget.count() - 1])
-            widget.setCurrentIndex(index)
-            widget.activated.emit(index)
-        elif isinstance(widget, QCheckBox):
-            widget.toggle()
-        elif isinstance(widget, QSlider):
-            widget.setValue(rng.choice([widget.minimum(), widget.maximum()]))
-        elif isinstance(widget, QPushButton) and not any(word in widget.text() for word in SAFE):
-            widget.click()
+        use(widget, rng)
         QApplication.processEvents()
         if step % 40 == 0:
-            window.session.undo()
-            idle(window, qtbot)
-    idle(window, qtbot)
+            window.project.undo()
+            idle(window.jobs, qtbot)
+    idle(window.jobs, qtbot)
     assert raised == []
-    from gui.models.session import SessionState
-
-    assert SessionState.from_json(window.session.state.to_json()) == window.session.state
+    assert ProjectState.from_json(window.project.state.to_json()) == window.project.state
 
 
 def test_no_window_is_left_behind(qapp: QApplication, place: Path) -> None:
     window = make_window(qapp, parse([]), folder=place)
     window.show()
-    for stage in window.stages:
-        window.go(stage.key)
+    for spec in window.specs:
+        window.go(spec.key)
     QApplication.processEvents()
     seen = weakref.ref(window.context)
     window.shut_down()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -59,6 +60,7 @@ class RecordingSource(Frames):
             self._stack.close()
             raise
         self._folder = folder
+        self._finalizer = weakref.finalize(self, self._stack.close)  # a source that is let go closes its files
 
     def _newest(self, planes: Sequence[int] | None) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return file, slot and flat position of the newest frame of every position there is."""
@@ -140,7 +142,7 @@ class RecordingSource(Frames):
 
     def close(self) -> None:
         """Close the files; may be called twice."""
-        self._stack.close()
+        self._finalizer()
 
 
 def _part_of(plan: ScanPlan, planes: Sequence[int]) -> ScanPlan:

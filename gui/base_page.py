@@ -1,0 +1,131 @@
+"""What all pages have: title, hint, body, empty state."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+
+from gui.context import Context
+from gui.models.page import PageSpec
+from gui.models.project import ProjectState
+
+__all__ = ["BasePage", "EmptyState", "page_class"]
+
+
+class EmptyState(QWidget):
+    """What is shown where there is nothing yet: what to do next, and the button that does it."""
+
+    def __init__(self, text: str, buttons: dict[str, Any] | None = None, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        layout = QVBoxLayout(self)
+        layout.addStretch()
+        self.label = QLabel(text)
+        self.label.setProperty("role", "hint")
+        self.label.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.label.setWordWrap(True)
+        layout.addWidget(self.label)
+        row = QHBoxLayout()
+        row.addStretch()
+        for k, (title, action) in enumerate((buttons or {}).items()):
+            button = QPushButton(title)
+            if k == 0:
+                button.setProperty("role", "primary")
+            button.clicked.connect(lambda _=False, action=action: action())
+            row.addWidget(button)
+        row.addStretch()
+        layout.addLayout(row)
+        layout.addStretch()
+
+
+class BasePage(QWidget):
+    """A page: a header with title, hint and tools, and a body that is replaced by an empty state if need be."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__()
+        self.spec, self.context = spec, context
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(16, 12, 16, 12)
+        outer.setSpacing(10)
+        header = QHBoxLayout()
+        title = QLabel(spec.title)
+        title.setProperty("role", "title")
+        self.hint = QLabel(spec.hint)
+        self.hint.setProperty("role", "hint")
+        header.addWidget(title)
+        header.addSpacing(12)
+        header.addWidget(self.hint, 1, Qt.AlignmentFlag.AlignBottom)
+        self.tools = QHBoxLayout()
+        header.addLayout(self.tools)
+        outer.addLayout(header)
+        self._stack = QStackedWidget()
+        self.body = QWidget()
+        self._stack.addWidget(self.body)
+        self.empty: EmptyState | None = None
+        outer.addWidget(self._stack, 1)
+        context.state_changed.connect(self._follow_project)
+
+    def show_empty(self, text: str, buttons: dict[str, Any] | None = None) -> None:
+        """Show what to do next in place of the body."""
+        self.show_body()
+        self.empty = EmptyState(text, buttons)
+        self._stack.addWidget(self.empty)
+        self._stack.setCurrentWidget(self.empty)
+
+    def show_body(self) -> None:
+        """Show the body."""
+        self._stack.setCurrentWidget(self.body)
+        if self.empty is not None:
+            self._stack.removeWidget(self.empty)
+            self.empty.deleteLater()
+            self.empty = None
+
+    def tool_button(self, text: str, tip: str, action: Any, *, primary: bool = False) -> QPushButton:
+        """Add a button to the header."""
+        button = QPushButton(text)
+        button.setToolTip(tip)
+        if primary:
+            button.setProperty("role", "primary")
+        button.clicked.connect(lambda _=False: action())
+        self.tools.addWidget(button)
+        return button
+
+    def set_panel(self, panel: QWidget) -> None:
+        """Make ``panel`` the body."""
+        layout = QVBoxLayout(self.body)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(panel)
+
+    def shortcut(self, keys: str, action: Callable[[], object]) -> None:
+        """Do ``action`` when ``keys`` are pressed while the page is looked at."""
+        shortcut = QShortcut(QKeySequence(keys), self)
+        shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+        shortcut.activated.connect(action)
+
+    def _follow_project(self, old: ProjectState, new: ProjectState) -> None:
+        self.state_changed(old, new)
+
+    # -- what pages override -----------------------------------------------------------------------------
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Follow a change of the project."""
+
+    def entered(self) -> None:
+        """Prepare what is costly when the page is first looked at."""
+
+    def receive(self, payload: Any) -> None:
+        """Show what another page sent, e.g. a position."""
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take dropped files; False: not for this page."""
+        return False
+
+
+def page_class(spec: PageSpec) -> type[BasePage]:
+    """Return the class of a page; imported only now, so that widgets and libraries of pages do not slow the start."""
+    found: type[BasePage] = importlib.import_module(f"{spec.package}.page").Page
+    return found

@@ -1,0 +1,78 @@
+"""Fields of forms: what is shown of a value, and what a typed text means. Pure functions, no Qt."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from lfcal.errors import InputError
+
+__all__ = ["Field", "parse", "text_of"]
+
+_WANTED = {"float": "a number", "int": "a whole number", "floats": "numbers separated by ', ' or ';'"}
+
+
+@dataclass(frozen=True)
+class Field:
+    """One entry of a form.
+
+    Attributes
+    ----------
+    key
+        Name of the value.
+    label, unit, tip
+        What is shown: name, unit, and what the quantity means.
+    kind
+        ``"float"``, ``"int"``, ``"choice"``, ``"text"``, ``"bool"``, or ``"floats"`` (a list of numbers).
+    scale
+        Shown value = stored value / scale: 1000 shows µm as mm.
+    choices
+        For ``"choice"``: pairs of stored value and shown text.
+    optional
+        An empty entry is None.
+    """
+
+    key: str
+    label: str
+    unit: str = ""
+    tip: str = ""
+    kind: str = "float"
+    scale: float = 1.0
+    choices: tuple[tuple[str, str], ...] = ()
+    optional: bool = False
+
+
+def text_of(field: Field, value: Any) -> str:
+    """Return the text that shows ``value``; `parse` reads it back."""
+    if value is None:
+        return ""
+    if field.kind == "float":
+        return f"{value / field.scale:.10g}"
+    if field.kind == "floats":
+        return ", ".join(f"{v / field.scale:.10g}" for v in value)
+    return str(value)
+
+
+def parse(field: Field, text: str) -> Any:
+    """Return the stored value that ``text`` means; raise `InputError` in one line where it means none.
+
+    A comma directly between digits is refused everywhere: "2,5" may be 2.5 or two numbers, "1,000" one or a thousand,
+    and no guess is right for everybody.
+    """
+    text = text.strip()
+    if not text and field.optional:
+        return None
+    if field.kind not in _WANTED:
+        return text
+    if re.search(r"\d,\d", text):
+        wanted = "a decimal point" + (", and a space after a comma between numbers" * (field.kind == "floats"))
+        raise InputError.expected(field.label, wanted, repr(text), "write 2.5 instead of 2,5")
+    try:
+        if field.kind == "float":
+            return float(text) * field.scale
+        if field.kind == "int":
+            return int(text)
+        return tuple(float(part) * field.scale for part in text.replace(";", ",").split(",") if part.strip())
+    except ValueError:
+        raise InputError.expected(field.label, _WANTED[field.kind], repr(text), "correct it") from None

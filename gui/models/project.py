@@ -1,0 +1,232 @@
+"""The project a window works on: what the user described and which files belong to it. No Qt, no arrays."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from lfcal.camera import Camera, ScanPlan, preset
+from lfcal.errors import FileFormatError, LfcalError
+from lfcal.files import replace_whole, storage_errors
+
+__all__ = ["Project", "ProjectState", "RecentProjects"]
+
+FORMAT = "lfcal-project"
+VERSION = 1
+OLD_FORMAT = "lfcal-session"
+"""Files of this format, version 1, are read and written anew as projects."""
+
+FILES = ("frames", "psf", "reference", "recording", "light_field", "volume")
+UNDO_STEPS = 200
+
+
+@dataclass(frozen=True)
+class ProjectState:
+    """Everything a saved project holds.
+
+    Attributes
+    ----------
+    name
+        For people.
+    camera, plan
+        What the user described; the plan is None until it is first made.
+    settings
+        Settings of each page by its key, as plain JSON types; see `gui.models.settings.PageSettings`.
+    frames, psf, reference, recording, light_field, volume
+        Files and folders that belong to the project: imported frames, H, an H to compare with, a recorded session,
+        a light field to reconstruct and its reconstruction. Empty: none yet.
+    redo
+        Positions (z, y, x) to be recorded again.
+    """
+
+    name: str = "untitled"
+    camera: Camera = field(default_factory=lambda: preset("bench"))
+    plan: ScanPlan | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    frames: str = ""
+    psf: str = ""
+    reference: str = ""
+    recording: str = ""
+    light_field: str = ""
+    volume: str = ""
+    redo: tuple[tuple[int, int, int], ...] = ()
+
+    def to_json(self) -> str:
+        """Return the state as JSON text."""
+        data: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        data["camera"] = self.camera.to_dict()
+        data["plan"] = None if self.plan is None else self.plan.to_dict()
+        data["settings"] = dict(self.settings)
+        return json.dumps({"format": FORMAT, "version": VERSION, **data}, indent=2, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> ProjectState:
+        """Return the state described by JSON ``text``; raise `FileFormatError` in one line if it is none."""
+        data = _parsed(text)
+        try:
+            if data["format"] == OLD_FORMAT:
+                data = _modern(data)
+            return cls(
+                name=str(data["name"]),
+                camera=Camera.from_dict(data["camera"]),
+                plan=None if data["plan"] is None else ScanPlan.from_dict(data["plan"]),
+                settings=dict(data["settings"]),
+                redo=tuple((int(z), int(y), int(x)) for z, y, x in data["redo"]),
+                **{name: str(data[name]) for name in FILES},
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            if isinstance(error, LfcalError):
+                raise
+            raise FileFormatError.expected("project", "every entry", f"{error}", "the file is incomplete") from None
+
+
+def _parsed(text: str) -> dict[str, Any]:
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError.expected("project", "JSON text", str(error), "choose another file") from None
+    known = ((FORMAT, VERSION), (OLD_FORMAT, 1))
+    if not isinstance(data, dict) or (data.get("format"), data.get("version")) not in known:
+        raise FileFormatError.expected("project", f"format {FORMAT} version {VERSION}", "another", "check it")
+    return data
+
+
+def _modern(data: dict[str, Any]) -> dict[str, Any]:
+    """Return the entries of an old file as they are named now: settings of two pages stood beside the others."""
+    frames = dict(data["frames"])
+    folder = frames.pop("folder")
+    settings = {**data["extra"], "frames": frames, "simulate": dict(data["simulate"])}
+    return {**data, "frames": folder, "settings": settings}
+
+
+Listener = Callable[[ProjectState, ProjectState], None]
+
+
+class Project:
+    """The current state with undo, saving and listeners; one per window."""
+
+    def __init__(self, state: ProjectState | None = None, path: Path | None = None) -> None:
+        self._state = state or ProjectState()
+        self._saved = self._state
+        self.path = path
+        self._past: list[tuple[str, ProjectState]] = []
+        self._future: list[tuple[str, ProjectState]] = []
+        self._listeners: list[Listener] = []
+
+    # -- state -----------------------------------------------------------------------------------------
+    @property
+    def state(self) -> ProjectState:
+        """The current state."""
+        return self._state
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether something changed since the project was saved or opened."""
+        return self._state != self._saved
+
+    def listen(self, listener: Listener) -> None:
+        """Call ``listener(old, new)`` after every change."""
+        self._listeners.append(listener)
+
+    def update(self, label: str, **changes: Any) -> None:
+        """Change the state as a new step of undo; ``label`` names it in the menu."""
+        new = replace(self._state, **changes)
+        if new == self._state:
+            return
+        self._past.append((label, self._state))
+        del self._past[:-UNDO_STEPS]
+        self._future.clear()
+        self._set(new)
+
+    def merge(self, label: str, **changes: Any) -> None:
+        """Change the state as part of the last change of the same label (a drag is one step of undo)."""
+        if self._past and self._past[-1][0] == label and not self._future:
+            new = replace(self._state, **changes)
+            if new != self._state:
+                self._set(new)
+        else:
+            self.update(label, **changes)
+
+    def _set(self, new: ProjectState) -> None:
+        old, self._state = self._state, new
+        for listener in list(self._listeners):
+            listener(old, new)
+
+    # -- undo ------------------------------------------------------------------------------------------
+    @property
+    def undo_label(self) -> str:
+        """What undo would take back; empty: nothing."""
+        return self._past[-1][0] if self._past else ""
+
+    @property
+    def redo_label(self) -> str:
+        """What redo would bring back; empty: nothing."""
+        return self._future[-1][0] if self._future else ""
+
+    def undo(self) -> None:
+        """Take back the last change."""
+        if self._past:
+            label, state = self._past.pop()
+            self._future.append((label, self._state))
+            self._set(state)
+
+    def redo(self) -> None:
+        """Bring back the change taken back last."""
+        if self._future:
+            label, state = self._future.pop()
+            self._past.append((label, self._state))
+            self._set(state)
+
+    # -- files -----------------------------------------------------------------------------------------
+    def save(self, path: Path | None = None) -> None:
+        """Write the project to its file, whole or not at all."""
+        target = path or self.path
+        if target is None:
+            raise FileFormatError("project: it has no file yet; choose a name")
+        with replace_whole(target) as part:
+            part.write_text(self._state.to_json(), encoding="utf-8")
+        self.path, self._saved = target, self._state
+
+    def autosave(self, path: Path) -> None:
+        """Write the state to ``path`` without calling it saved."""
+        with replace_whole(path) as part:
+            part.write_text(self._state.to_json(), encoding="utf-8")
+
+    def open(self, path: Path) -> None:
+        """Replace the state by that of a project file; the old one stays if the file cannot be read."""
+        with storage_errors(path):
+            text = path.read_text(encoding="utf-8", errors="replace")
+        self.start(ProjectState.from_json(text), path)
+
+    def start(self, state: ProjectState, path: Path | None = None) -> None:
+        """Begin with ``state``: nothing to undo, nothing unsaved."""
+        self._past.clear()
+        self._future.clear()
+        self.path, self._saved = path, state
+        self._set(state)
+
+
+class RecentProjects:
+    """Projects opened lately, newest first, kept in a small file."""
+
+    def __init__(self, store: Path, limit: int = 8) -> None:
+        self.store, self.limit = store, limit
+
+    def paths(self) -> list[Path]:
+        """Return the projects that still exist."""
+        try:
+            listed = json.loads(self.store.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return []
+        found = [Path(p) for p in listed if isinstance(p, str)] if isinstance(listed, list) else []
+        return [p for p in found if p.is_file()][: self.limit]
+
+    def add(self, path: Path) -> None:
+        """Put ``path`` first."""
+        path = path.absolute()
+        listed = [str(path), *(str(p) for p in self.paths() if p != path)][: self.limit]
+        with replace_whole(self.store) as part:
+            part.write_text(json.dumps(listed), encoding="utf-8")

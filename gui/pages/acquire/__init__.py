@@ -1,0 +1,40 @@
+"""Acquire: set the devices up, record a session, see at once whether it is good.
+
+- ``page``: two tabs over one set of devices
+- ``setup_tab``, ``record_tab``: what each tab does; ``panel``, ``setup_panel``, ``record_panel``, ``device_panel``,
+  ``stage_panel``: its widgets
+- ``model``: settings; ``model_live``: the live view; ``model_findings``: what a few moves tell;
+  ``model_station``: the devices; ``model_recorder``: a recording as it grows
+"""
+
+from __future__ import annotations
+
+from gui.models.page import PageSpec, PageState, Sketch, file_state
+from gui.models.project import ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return whether a session is recorded, and whether positions of it are to be recorded again."""
+    if project.redo:
+        return PageState.ATTENTION
+    return file_state(project.recording, ready=project.plan is not None)
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw a record button."""
+    sketch.circle(11, 11, 8)
+    sketch.circle(11, 11, 3, filled=True)
+
+
+PAGE = PageSpec(
+    "acquire",
+    "Acquire",
+    "Record the point source at every position",
+    order=30,
+    package=__name__,
+    state=state,
+    needs="lfcal.acquire",
+    icon=icon,
+)

@@ -1,0 +1,169 @@
+"""What the user chooses on the Acquire page. No Qt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from gui.models.form import Field
+from gui.models.settings import PageSettings
+from lfcal.acquire.options import Options
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError
+
+__all__ = ["FIELDS", "AcquireSettings", "target_of"]
+
+ORDERS = (("serpentine", "serpentine"), ("raster", "raster"), ("coarse", "coarse grid first"))
+
+FIELDS = (
+    Field(
+        "order",
+        "Order",
+        kind="choice",
+        choices=ORDERS,
+        tip="Serpentine has no long return moves; raster scans every row in the same direction; coarse "
+        "records all planes on a coarse grid first and the rest afterwards",
+    ),
+    Field("frames_averaged", "Frames averaged", "", "Exposures averaged at each position", kind="int"),
+    Field(
+        "bracket",
+        "Exposures",
+        "× plane's",
+        "Factors of each plane's exposure, 1 among them, merged to a high dynamic range; 1 alone: no merging",
+        kind="floats",
+    ),
+    Field(
+        "darks", "Dark frames", "", "Exposures averaged into each dark frame, light off; 0: no dark frames", kind="int"
+    ),
+    Field(
+        "dark_every",
+        "Dark every",
+        "pos.",
+        "Dark frames again after so many positions; 0: at the start only",
+        kind="int",
+    ),
+    Field(
+        "reference_every",
+        "Reference every",
+        "pos.",
+        "A frame at a fixed position every so many positions shows whether the lamp drifts; 0: none",
+        kind="int",
+    ),
+    Field(
+        "controls",
+        "Control frames",
+        "",
+        "Per plane and direction, whole periods away up to the field's edge: shows whether the PSF is periodic",
+        kind="int",
+    ),
+    Field("retries", "Retries", "", "How often a position is tried again after a temporary fault", kind="int"),
+    Field(
+        "margin_px",
+        "Margin",
+        "px",
+        "Recorded around the cutout; empty: what interpolation needs",
+        kind="int",
+        optional=True,
+    ),
+    Field(
+        "tolerance_um",
+        "Tolerance xyz",
+        "µm",
+        "Largest difference of measured and target position; empty: a tenth of a step laterally, one step in depth",
+        kind="floats",
+    ),
+    Field(
+        "overshoot_um",
+        "Approach xyz",
+        "µm",
+        "Moves in the negative direction go this far beyond the "
+        "target first, which takes up the backlash of the drive; 0: none",
+        kind="floats",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class AcquireSettings(PageSettings):
+    """What the user chose on this page; the plan holds the rest.
+
+    Attributes
+    ----------
+    backend, stage
+        Names of the device backend, and of the one whose stage is used with it (empty: its own).
+    device_options
+        Pairs of name and text for the backend.
+    coarse
+        Whether a coarse grid comes first.
+    bracket, darks, dark_every, reference_every, controls, retries, margin_px, tolerance_um, overshoot_um
+        As in `lfcal.acquire.options.Options`; an empty tolerance is the default.
+    """
+
+    page: ClassVar[str] = "acquire"
+
+    backend: str = "sim"
+    stage: str = ""
+    device_options: tuple[tuple[str, str], ...] = ()
+    coarse: bool = False
+    bracket: tuple[float, ...] = DEFAULTS.bracket
+    darks: int = DEFAULTS.darks
+    dark_every: int = DEFAULTS.dark_every
+    reference_every: int = DEFAULTS.reference_every
+    controls: int = DEFAULTS.controls
+    retries: int = DEFAULTS.retries
+    margin_px: int | None = DEFAULTS.margin_px
+    tolerance_um: tuple[float, ...] = ()
+    overshoot_um: tuple[float, ...] = DEFAULTS.overshoot_um
+
+    def usable(self) -> None:
+        """Raise `InputError` where the options do not go together."""
+        self.options()
+        dict(self.device_options)
+
+    def options(self) -> Options:
+        """Return the options of a session; raises `InputError` if they do not go together."""
+        return Options(
+            "coarse" if self.coarse else "plan",
+            self.bracket,
+            self.margin_px,
+            self.darks,
+            self.dark_every,
+            self.reference_every,
+            self.controls,
+            self.retries,
+            self.tolerance_um or None,
+            self.overshoot_um,
+        )
+
+    def values(self, plan: ScanPlan) -> dict[str, Any]:
+        """Return the value of every field of the form."""
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        order = "coarse" if self.coarse else plan.order
+        return {spec.key: own.get(spec.key) for spec in FIELDS} | {
+            "order": order,
+            "frames_averaged": plan.frames_averaged,
+        }
+
+    def changed(self, plan: ScanPlan, key: str, value: Any) -> tuple[AcquireSettings, ScanPlan]:
+        """Return settings and plan with one field changed; raises `LfcalError` if it cannot be."""
+        settings = self
+        if key == "order":
+            settings = replace(self, coarse=value == "coarse")
+            plan = plan if value == "coarse" else replace(plan, order=value)
+        elif key == "frames_averaged":
+            plan = replace(plan, frames_averaged=value)
+        else:
+            settings = replace(self, **{key: value})
+        settings.options().motion(plan)
+        return settings, plan
+
+
+def target_of(plan: ScanPlan, z: int) -> tuple[float, float, float]:
+    """Return the stage position of the middle of the cell in plane ``z`` (µm)."""
+    if not 0 <= z < len(plan.depths_um):
+        raise InputError.expected("depth plane", f"0 to {len(plan.depths_um) - 1}", z, "choose one")
+    ny, nx = plan.period
+    x, y, depth = plan.stage_um(np.array([z, ny // 2, nx // 2])).tolist()
+    return x, y, depth

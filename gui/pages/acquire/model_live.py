@@ -1,0 +1,149 @@
+"""What the live view shows of a frame. No Qt."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.pages.acquire.model_station import Look, cut
+from lfcal.camera import ScanPlan
+from lfcal.errors import LfcalError
+from lfcal.psf import PSFMatrix
+from lfcal.psf.cutout import Cutout
+
+__all__ = ["LivePicture", "live_picture", "predicted_pattern"]
+
+BINS = 256
+
+
+@dataclass(frozen=True, eq=False)
+class LivePicture:
+    """A live frame as it is drawn.
+
+    Attributes
+    ----------
+    frame
+        ``(rows, columns)``; None where none came.
+    edges, counts
+        True histogram of all pixels (counts).
+    numbers, spot
+        Lines for people: levels; place and sharpness of the light.
+    saturated
+        Pixels at the maximum, counted one by one.
+    window, point
+        First pixel and shape of the predicted cutout, and the predicted image (row, column).
+    seen, predicted
+        ``(nt, ns)`` what the camera sees in the predicted cutout, above the background, and what it should
+        see; None where not known.
+    correlation
+        Normalised correlation of the two, NaN where there is none.
+    """
+
+    frame: NDArray[Any] | None
+    edges: NDArray[np.float64]
+    counts: NDArray[np.float64]
+    numbers: str
+    spot: str
+    saturated: int
+    stage_um: tuple[float, float, float]
+    window: tuple[int, int, int, int] | None = None
+    point: tuple[float, float] | None = None
+    seen: NDArray[Any] | None = None
+    predicted: NDArray[Any] | None = None
+    correlation: float = math.nan
+
+
+def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None) -> LivePicture:
+    """Return what to draw of a live frame; ``reference`` is an H that says what a cutout should look like."""
+    state = look.state
+    if look.frame is None or state.levels is None:
+        return LivePicture(None, np.zeros(1), np.zeros(0), state.trouble or "no frame", "", 0, state.stage_um)
+    frame = look.frame.data
+    histogram = state.levels.histogram
+    step = max(1, -(-len(histogram) // BINS))
+    padded = np.pad(histogram, (0, -len(histogram) % step))
+    counts = padded.reshape(-1, step).sum(axis=1).astype(float)
+    edges = np.arange(len(counts) + 1, dtype=np.float64) * step
+    levels = state.levels
+    mean = float((histogram * np.arange(len(histogram))).sum()) / frame.size
+    numbers = f"maximum <b>{levels.maximum}</b>, median <b>{levels.quantile(0.5)}</b>, mean <b>{mean:.1f}</b> counts"
+    made = LivePicture(frame, edges, counts, numbers, _spot_words(look), levels.saturated, state.stage_um)
+    return made if state.expected_px is None else _with_cutout(made, state.expected_px, plan, reference)
+
+
+def _spot_words(look: Look) -> str:
+    spot = look.state.spot
+    if spot is None:
+        return "no light above the background: check lamp, exposure and position"
+    lines = [
+        f"centroid row <b>{spot.row:.2f}</b>, column <b>{spot.column:.2f}</b> px",
+        f"sharpness <b>{spot.sharpness:.3f}</b>, SNR <b>{spot.snr:.0f}</b>",
+    ]
+    offset = look.state.offset_px
+    if offset is not None:
+        lines.append(f"seen − predicted <b>{offset[0]:+.2f}</b>, <b>{offset[1]:+.2f}</b> px")
+    return "<br>".join(lines)
+
+
+def _with_cutout(
+    made: LivePicture, point: tuple[float, float], plan: ScanPlan, reference: PSFMatrix | None
+) -> LivePicture:
+    nt, ns = Cutout.for_plan(plan).reach
+    row, column = math.ceil(point[0] - 0.5) - nt // 2, math.ceil(point[1] - 0.5) - ns // 2
+    window = (row, column, nt, ns)
+    assert made.frame is not None
+    seen = cut(made.frame, row, column, (nt, ns)).astype(np.float32)
+    border = np.concatenate([seen[0], seen[-1], seen[:, 0], seen[:, -1]])
+    seen -= np.median(border)
+    predicted = predicted_pattern(plan, reference, made.stage_um, point)
+    correlation = math.nan
+    if predicted is not None and predicted.shape == seen.shape:
+        power = float(np.linalg.norm(seen)) * float(np.linalg.norm(predicted))
+        correlation = float((seen * predicted).sum()) / power if power > 0 else math.nan
+    return replace(made, window=window, point=point, seen=seen, predicted=predicted, correlation=correlation)
+
+
+_last: list[tuple[Any, NDArray[Any] | None]] = []
+
+
+def predicted_pattern(
+    plan: ScanPlan, reference: PSFMatrix | None, stage_um: tuple[float, float, float], point: tuple[float, float]
+) -> NDArray[Any] | None:
+    """Return what the cutout at ``point`` (row, column) should show, ``(nt, ns)``; None where nothing tells.
+
+    The nearest position of ``reference`` if it belongs to the plan, else rays through the described camera.
+    """
+    depth = float(plan.stage.to_object(np.array(stage_um))[2])
+    if reference is not None and reference.shape == plan.shape:
+        z = int(np.argmin(np.abs(np.array(plan.depths_um) - depth)))
+        steps = [round((p - a) * f) for p, a, f in zip(point, plan.anchor, plan.resample_factors, strict=True)]
+        y, x = (k % n for k, n in zip(steps, plan.period, strict=True))
+        pattern: NDArray[Any] = reference[z, y, x]
+        return pattern
+    key = (id(plan), round(depth, 1), round(point[0], 2), round(point[1], 2))
+    if not _last or _last[0][0] != key:
+        _last[:] = [(key, _rays(plan, depth, point))]
+    return _last[0][1]
+
+
+def _rays(plan: ScanPlan, depth: float, point: tuple[float, float]) -> NDArray[Any] | None:
+    from lfcal.simulate.simulate import simulate_psf
+
+    try:
+        one = replace(
+            plan,
+            depths_um=(depth,),
+            exposure_s=plan.exposures[0],
+            period=(1, 1),
+            anchor=point,
+            resample=False,
+            cutout=Cutout.for_plan(plan).reach,
+        )
+        pattern: NDArray[Any] = simulate_psf(plan.camera, one, (), "geometric", workers=1)[0, 0, 0]
+    except (LfcalError, ZeroDivisionError):
+        return None
+    return pattern

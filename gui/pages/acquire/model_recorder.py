@@ -1,0 +1,228 @@
+"""A recording as the window follows it: run, watched, and turned into pictures. No Qt."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.pages.acquire.model_station import Station
+from lfcal.acquire.blocks import coarse_order
+from lfcal.acquire.control import Control
+from lfcal.acquire.live_quality import LiveQuality, QualityState
+from lfcal.acquire.options import Options
+from lfcal.acquire.preview import Preview
+from lfcal.acquire.runner import Outcome
+from lfcal.acquire.schedule import window_shape
+from lfcal.camera import ScanPlan
+from lfcal.frames.source import Position
+from lfcal.progress import Work
+from lfcal.units import format_seconds
+
+__all__ = ["QUANTITIES", "FolderState", "RecordPicture", "Recorder", "folder_state", "record_picture"]
+
+QUANTITIES = (("energy", "energy (counts)"), ("residual", "position residual (px)"), ("saturated", "saturated (px)"))
+"""What the map and the curves show."""
+
+
+class Recorder:
+    """One run of a session: its requests, its frames, its quality.
+
+    Parameters
+    ----------
+    folder, plan, options
+        The session.
+    resume
+        Whether the folder holds it already.
+    redo
+        Positions (z, y, x) to be recorded again; empty records all.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        plan: ScanPlan,
+        options: Options,
+        *,
+        resume: bool = False,
+        redo: Sequence[tuple[int, int, int]] = (),
+    ) -> None:
+        self.folder, self.plan, self.options, self.resume = folder, plan, options, resume
+        self.redo = tuple(Position(*p) for p in redo)
+        self.control, self.preview = Control(), Preview()
+        self.quality = LiveQuality(plan, window_shape(plan, options))
+        positions = coarse_order(plan) if options.order == "coarse" else plan.order_indices()
+        self.order = np.ravel_multi_index(tuple(positions.T), plan.shape[:3])
+        self.started = time.monotonic()
+
+    def work(self, station: Station) -> Work[Outcome]:
+        """Return the recording, alone on the devices of ``station``."""
+        from lfcal.acquire.session import iter_record
+
+        return station.use(
+            iter_record(
+                self.folder,
+                self.plan,
+                station.rig,
+                self.options,
+                resume=self.resume,
+                redo=self.redo or None,
+                control=self.control,
+                preview=self.preview,
+                observers=(self.quality,),
+            )
+        )
+
+    @property
+    def rate(self) -> float:
+        """Positions per second of this run so far."""
+        seconds = time.monotonic() - self.started
+        return self.quality.state().done / seconds if seconds > 0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class FolderState:
+    """What a session folder holds.
+
+    Attributes
+    ----------
+    there
+        ``(nz, ny, nx)`` which positions are acknowledged; None: the folder holds no session.
+    how
+        How the last run ended.
+    problem
+        Why the folder cannot be read, or empty.
+    """
+
+    there: NDArray[np.bool_] | None = None
+    how: str = ""
+    problem: str = ""
+    plan: ScanPlan | None = None
+    options: Options | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Whether every position is recorded."""
+        return self.there is not None and bool(self.there.all())
+
+    def planes(self) -> tuple[int, ...]:
+        """Return the planes of which every position is recorded."""
+        if self.there is None:
+            return ()
+        return tuple(np.flatnonzero(self.there.reshape(len(self.there), -1).all(axis=1)).tolist())
+
+    def words(self) -> str:
+        """Return the state in a line."""
+        if self.problem:
+            return self.problem
+        if self.there is None:
+            return "a new session"
+        done, total = int(self.there.sum()), self.there.size
+        return f"{done} of {total} positions safe on disk" + (f"; the last run: {self.how}" if self.how else "")
+
+
+def folder_state(folder: str) -> FolderState:
+    """Return what is recorded in ``folder``; never raises."""
+    from lfcal.acquire.recording.reader import RecordingFile
+    from lfcal.acquire.session_file import SessionFile
+    from lfcal.errors import LfcalError
+
+    if not folder or not (Path(folder) / "session.json").exists():
+        return FolderState()
+    try:
+        session = SessionFile.read(Path(folder))
+        shape = session.plan.shape[:3]
+        there = np.zeros(math.prod(shape), np.bool_)
+        for name in session.recordings:
+            with RecordingFile(Path(folder) / name) as file:
+                flat = file.records["index"][file.taken]
+                there[flat[flat < there.size]] = True
+    except (LfcalError, OSError) as error:
+        return FolderState(problem=str(error))
+    how = session.runs[-1].how if session.runs else ""
+    return FolderState(there.reshape(shape), how, "", session.plan, session.options)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordPicture:
+    """A recording at one moment, as it is drawn.
+
+    Attributes
+    ----------
+    values, recorded
+        ``(ny, nx)`` of the plane shown: the quantity, NaN where not known; and which positions are safe.
+    depth_sum
+        ``(rows, columns)`` growing sum of the plane's cutouts above the background (counts).
+    curves
+        For each of `QUANTITIES` number and value of the positions recorded in this run, in their order.
+    alarms
+        What is out of bounds, in words.
+    lamp
+        Words on the lamp's drift, or empty.
+    complete
+        Whether the plane is complete.
+    """
+
+    values: NDArray[np.float64]
+    recorded: NDArray[np.bool_]
+    depth_sum: NDArray[np.float64]
+    curves: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+    alarms: tuple[str, ...]
+    lamp: str
+    complete: bool
+    done: int
+    total: int
+
+
+def record_picture(
+    quality: QualityState, order: NDArray[np.intp], z: int, quantity: str, earlier: NDArray[np.bool_] | None
+) -> RecordPicture:
+    """Return what to draw: pure.
+
+    Parameters
+    ----------
+    quality
+        Of this run.
+    order
+        Flat positions in the order of recording.
+    z, quantity
+        Plane and key of `QUANTITIES` for the map.
+    earlier
+        ``(nz, ny, nx)`` positions that earlier runs recorded.
+    """
+    seen = np.isfinite(quality.energy)
+    arrays = {
+        "energy": quality.energy,
+        "residual": quality.residual_px.astype(float),
+        "saturated": np.where(seen, quality.saturated, np.nan),
+    }
+    curves: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+    for key, values in arrays.items():
+        line = values.ravel()[order]
+        at = np.flatnonzero(np.isfinite(line))
+        curves[key] = (np.asarray(at + 1.0, np.float64), line[at])
+    there = seen if earlier is None or earlier.shape != seen.shape else seen | earlier
+    alarms = tuple(f"{a.what}: {a.value:.3g} (limit {a.limit:g}): {a.advice}" for a in quality.alarms)
+    return RecordPicture(
+        arrays[quantity][z],
+        there[z],
+        quality.depth_sums[z],
+        curves,
+        alarms,
+        _lamp(quality.lamp),
+        bool(there[z].all()),
+        int(there.sum()),
+        there.size,
+    )
+
+
+def _lamp(lamp: NDArray[np.float64]) -> str:
+    if len(lamp) < 2 or lamp[0, 1] <= 0:
+        return ""
+    change = 100 * (lamp[:, 1] / lamp[0, 1] - 1)
+    return f"lamp {change[-1]:+.2f} % after {format_seconds(float(lamp[-1, 0] - lamp[0, 0]))}, {len(lamp)} references"

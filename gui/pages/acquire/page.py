@@ -1,0 +1,60 @@
+"""Acquire: set the devices up, record a session, see at once whether it is good."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gui.base_page import BasePage
+from gui.context import Context
+from gui.models.page import PageSpec
+from gui.models.project import ProjectState
+from gui.pages.acquire.model import AcquireSettings
+from gui.pages.acquire.panel import AcquirePanel
+from gui.pages.acquire.record_tab import RecordTab
+from gui.pages.acquire.setup_tab import SetupTab
+
+__all__ = ["Page"]
+
+FOLLOWED = ("plan", "camera", "recording", "redo")
+
+
+class Page(BasePage):
+    """Two tabs over one set of devices."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.panel = AcquirePanel(context.jobs)
+        self.setup = SetupTab(context, self.panel.setup, self)
+        self.record = RecordTab(context, self.setup, self.panel.record, self)
+        self.set_panel(self.panel)
+        context.theme_changed.connect(self.panel.apply_theme)
+        self._show(context.state, folder=True)
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Follow plan, settings, recording and the list of positions to redo."""
+        same = AcquireSettings.of(old) == AcquireSettings.of(new)
+        if not same or any(getattr(old, key) != getattr(new, key) for key in FOLLOWED):
+            self._show(new, folder=old.recording != new.recording)
+
+    def _show(self, state: ProjectState, *, folder: bool) -> None:
+        if state.plan is None:
+            self.show_empty(
+                "Recording needs a scan plan: which positions, planes and cutout.",
+                {"Plan": lambda: self.context.go.emit("plan", None)},
+            )
+            return
+        self.show_body()
+        self.setup.show_state(state)
+        self.record.show_state(state, folder=folder)
+
+    def entered(self) -> None:
+        """Look for devices the first time."""
+        self.setup.entered()
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take a dropped session folder."""
+        if len(paths) == 1 and (Path(paths[0]) / "session.json").is_file():
+            self.record.set_folder(paths[0])
+            self.panel.setCurrentWidget(self.panel.record)
+            return True
+        return False

@@ -1,0 +1,269 @@
+"""Record: how, the buttons, and the session as it grows."""
+
+from __future__ import annotations
+
+import numpy as np
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QProgressBar,
+    QPushButton,
+    QSlider,
+    QWidget,
+)
+
+from gui.jobs import Jobs
+from gui.pages.acquire.model import FIELDS
+from gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
+from gui.theme import current_theme
+from gui.widgets.cards import card, column_area, line
+from gui.widgets.form import Form
+from gui.widgets.frame_view import FrameView
+from gui.widgets.image_view import ImageView
+from gui.widgets.period_map import PeriodMap
+from gui.widgets.plots import LINES, LinePlot, style_axes
+from lfcal.acquire.preview import LiveFrame
+
+__all__ = ["BUTTONS", "RecordPanel"]
+
+BUTTONS = (
+    (
+        "start",
+        "Start",
+        "Record every position of the plan into the session folder; a frame counts once it is safe on the disk",
+    ),
+    ("pause", "Pause", "Finish the current position, then wait; Resume continues"),
+    ("stop", "Stop", "Finish the current position, then stop; the session can be resumed later"),
+    (
+        "abort",
+        "Abort",
+        "Stop the stage now and discard the current frame; recorded positions are safe and the session can be resumed",
+    ),
+    ("redo", "Record again", "Record the positions listed by the Quality page again; the later frame is used"),
+    ("assemble", "Assemble H …", "Crop and stack what is recorded into H; darks are subtracted where there are any"),
+    ("pack", "Pack", "Compress the finished recording; every frame is checked"),
+)
+"""Key, title and meaning of each button."""
+
+
+FLOORS = {"energy": 1.0, "residual": 0.1, "saturated": 1.0}
+"""The least the curves' axes span, so that noise about zero is not blown up."""
+
+
+class RecordPanel(QWidget):
+    """The tab of the session.
+
+    Signals
+    -------
+    pressed(key)
+        One of `BUTTONS`.
+    folder_edited(path), folder_asked()
+        Another session folder; the dialog to choose one.
+    view_changed()
+        Another plane or quantity is to be shown.
+    plane_asked(z)
+        Open the H of a complete plane.
+    """
+
+    pressed = Signal(str)
+    folder_edited = Signal(str)
+    folder_asked = Signal()
+    view_changed = Signal()
+    plane_asked = Signal(int)
+
+    def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.form = Form(FIELDS)
+        self.map = PeriodMap()
+        self.map.setToolTip("Positions of one period in this plane; dark: not recorded yet")
+        self.map.cross.hide()
+        self.frame = FrameView(jobs, "acquire record frame")
+        style_axes(self.frame.plot, "column in the region read (px)", "row (px)")
+        self.depth_sum = ImageView(value_label="10³ counts")
+        self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it becomes the shape of the aperture")
+        self.curves = {
+            "energy": LinePlot("position in order of recording", "energy (counts)"),
+            "residual": LinePlot("position in order of recording", "residual (px)"),
+            "saturated": LinePlot("position in order of recording", "saturated (px)"),
+        }
+        tips = (
+            "Light of each position above the background: constant except for the pattern of the optics",
+            "Lateral difference of measured and target position, in image pixels: below 0.1 px is good",
+            "Saturated pixels in each cutout: should be 0",
+        )
+        for plot, tip in zip(self.curves.values(), tips, strict=True):
+            plot.setToolTip(tip)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 6, 0, 0)
+        row.setSpacing(8)
+        row.addWidget(column_area(300, self._session_card(), self._how_card()))
+        row.addLayout(self._pictures(), 1)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _session_card(self) -> QWidget:
+        frame, column = card("Session")
+        self.folder = QLineEdit()
+        self.folder.setPlaceholderText("folder of the session")
+        self.folder.setToolTip("A new or empty folder, or that of an interrupted session to resume it")
+        self.folder.editingFinished.connect(lambda: self.folder_edited.emit(self.folder.text().strip()))
+        browse = QPushButton("…")
+        browse.setToolTip("Choose a folder")
+        browse.clicked.connect(lambda: self.folder_asked.emit())
+        column.addLayout(line(self.folder, browse, stretch=0))
+        self.folder_words = QLabel("")
+        self.folder_words.setProperty("role", "hint")
+        self.folder_words.setWordWrap(True)
+        column.addWidget(self.folder_words)
+        grid = QGridLayout()
+        grid.setSpacing(5)
+        self.buttons: dict[str, QPushButton] = {}
+        for k, (key, title, tip) in enumerate(BUTTONS):
+            button = QPushButton(title)
+            button.setToolTip(tip)
+            button.clicked.connect(lambda _=False, key=key: self.pressed.emit(key))
+            self.buttons[key] = button
+            button.setMinimumWidth(60)
+            grid.addWidget(button, k // 2, k % 2)
+        self.buttons["start"].setProperty("role", "primary")
+        column.addLayout(grid)
+        self.why = QLabel("")
+        self.why.setProperty("role", "hint")
+        self.why.setWordWrap(True)
+        column.addWidget(self.why)
+        return frame
+
+    def _how_card(self) -> QWidget:
+        frame, column = card("How it records")
+        for key in self.form.fields:
+            self.form.editor(key).setMinimumWidth(56)
+        column.addWidget(self.form)
+        return frame
+
+    def _pictures(self) -> QGridLayout:
+        grid = QGridLayout()
+        grid.setSpacing(8)
+        grid.addWidget(self._progress_card(), 0, 0, 1, 3)
+        for k, (title, view) in enumerate(
+            (("Period map", self.map), ("Current frame", self.frame), ("Depth-plane sum", self.depth_sum))
+        ):
+            label = QLabel(title)
+            panel, column = card(label)
+            view.setMinimumSize(120, 110)
+            column.addWidget(view, 1)
+            grid.addWidget(panel, 1, k)
+            if view is self.frame:
+                self.frame_title = label
+        for k, plot in enumerate(self.curves.values()):
+            panel, column = card()
+            plot.setMinimumSize(120, 80)
+            column.addWidget(plot)
+            grid.addWidget(panel, 2, k)
+        grid.setRowStretch(1, 5)
+        grid.setRowStretch(2, 3)
+        for k in range(3):
+            grid.setColumnStretch(k, 1)
+        return grid
+
+    def _progress_card(self) -> QWidget:
+        frame, column = card()
+        self.bar = QProgressBar()
+        self.bar.setTextVisible(False)
+        self.status = QLabel("Not recording.")
+        self.status.setProperty("role", "heading")
+        self.detail = QLabel("")
+        self.detail.setProperty("role", "hint")
+        column.addLayout(line(self.status, self.detail, stretch=1))
+        column.addWidget(self.bar)
+        self.alarms = QLabel("")
+        self.alarms.setWordWrap(True)
+        self.alarms.hide()
+        column.addWidget(self.alarms)
+        self.plane = QSlider(Qt.Orientation.Horizontal)
+        self.plane.setToolTip("Depth plane of the map and the sum")
+        self.plane.valueChanged.connect(self._plane_moved)
+        self.plane_label = QLabel("")
+        self.follow = QCheckBox("Follow")
+        self.follow.setChecked(True)
+        self.follow.setToolTip("Show the plane that is being recorded")
+        self.quantity = QComboBox()
+        for key, title in QUANTITIES:
+            self.quantity.addItem(title, key)
+        self.quantity.setToolTip("What the map shows of each position")
+        self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
+        self.open_plane = QPushButton("Open plane")
+        self.open_plane.setToolTip(
+            "Assemble this plane, which is complete, and show its H and HT while recording continues"
+        )
+        self.open_plane.clicked.connect(lambda: self.plane_asked.emit(self.plane.value()))
+        column.addLayout(line(self.plane_label, self.plane, self.follow, self.quantity, self.open_plane, stretch=1))
+        return frame
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def set_planes(self, count: int) -> None:
+        """Offer so many depth planes."""
+        self.plane.blockSignals(True)
+        self.plane.setRange(0, max(0, count - 1))
+        self.plane.setEnabled(count > 1)
+        self.plane.blockSignals(False)
+
+    def set_plane(self, z: int) -> None:
+        """Show plane ``z`` without reporting it."""
+        self.plane.blockSignals(True)
+        self.plane.setValue(z)
+        self.plane.blockSignals(False)
+
+    def show_status(self, words: str, detail: str, fraction: float | None) -> None:
+        """Show how far the session is; None: not known."""
+        self.status.setText(words)
+        self.detail.setText(detail)
+        self.bar.setRange(0, 0 if fraction is None else 1000)
+        if fraction is not None:
+            self.bar.setValue(round(1000 * fraction))
+
+    def show_picture(self, picture: RecordPicture, plane_words: str) -> None:
+        """Show map, sum, curves and alarms."""
+        theme = current_theme()
+        self.plane_label.setText(plane_words)
+        values = picture.values
+        if not np.isfinite(values).any():
+            values = np.where(picture.recorded, 1.0, np.nan) if picture.recorded.any() else np.zeros(values.shape)
+        self.map.set_values(values)
+        self.depth_sum.set_image(picture.depth_sum / 1e3, name="depth_sum")
+        for k, (key, (x, y)) in enumerate(picture.curves.items()):
+            self.curves[key].set_curve(key, x, y, colour=LINES[k])
+            top = float(y.max(initial=0.0))
+            self.curves[key].plot.setYRange(0.0, 1.05 * max(top, FLOORS[key]), padding=0)
+        words = "<br>".join(picture.alarms)
+        self.alarms.setText(f"<b style='color:{theme.bad}'>{words}</b>" if words else "")
+        self.alarms.setVisible(bool(words))
+        self.open_plane.setEnabled(picture.complete)
+
+    def show_frame(self, frame: LiveFrame, point: tuple[float, float] | None) -> None:
+        """Show the frame just recorded, with its cutout."""
+        data = frame.data
+        self.frame.set_frame(data, (float(data.min()), float(max(data.max(), data.min() + 1))))
+        where = frame.position
+        place = "" if where is None else f", z {where.z}, y {where.y}, x {where.x}"
+        self.frame_title.setText(f"Frame: {frame.what}{place}")
+        if frame.cutout is not None:
+            row, column = frame.cutout.row - frame.roi.row, frame.cutout.column - frame.roi.column
+            image = (0.0, 0.0) if point is None else (point[0] - frame.roi.row, point[1] - frame.roi.column)
+            self.frame.set_cutout(row, column, frame.cutout.shape, image)
+        else:
+            self.frame.clear_cutout()
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for widget in (self.map, self.frame, self.depth_sum):
+            widget.apply_theme()
+        for plot in self.curves.values():
+            plot.apply_theme()
+
+    def _plane_moved(self, _: int) -> None:
+        self.follow.setChecked(False)
+        self.view_changed.emit()

@@ -1,0 +1,319 @@
+"""Record: a session run, followed, and assembled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer
+from PySide6.QtWidgets import QFileDialog
+
+from gui.context import Context
+from gui.jobs import Job, JobState
+from gui.models.project import ProjectState
+from gui.pages.acquire.model import AcquireSettings
+from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state, record_picture
+from gui.pages.acquire.record_panel import RecordPanel
+from gui.pages.acquire.setup_tab import SetupTab
+from lfcal.errors import LfcalError
+from lfcal.units import format_length, format_seconds
+
+__all__ = ["RecordTab"]
+
+POLL_MS = 120
+
+
+class RecordTab(QObject):
+    """Run sessions on the devices of a `SetupTab`; frames and quality are fetched by a timer, never pushed."""
+
+    def __init__(self, context: Context, setup: SetupTab, panel: RecordPanel, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.context, self.setup, self.panel = context, setup, panel
+        self.recorder: Recorder | None = None
+        self.folder = FolderState()
+        self._job, self._lamp = 0, ""
+        self.poll_timer = QTimer(self)
+        self.poll_timer.setInterval(POLL_MS)
+        self.poll_timer.timeout.connect(self._poll)
+        panel.form.check = self._check_field
+        panel.form.edited.connect(self._field_edited)
+        panel.folder_edited.connect(self.set_folder)
+        panel.folder_asked.connect(self._choose_folder)
+        panel.view_changed.connect(self._refresh_picture)
+        panel.plane_asked.connect(self.open_plane)
+        panel.pressed.connect(self._pressed)
+        setup.changed.connect(self.show_controls)
+        context.jobs.changed.connect(self._job_changed)
+        context.jobs.finished.connect(self._job_finished)
+
+    @property
+    def recording(self) -> bool:
+        """Whether a session is being recorded."""
+        return bool(self._job)
+
+    def show_state(self, state: ProjectState, *, folder: bool) -> None:
+        """Show plan, settings and folder; ``folder``: it changed."""
+        if state.plan is None:
+            return
+        self.panel.form.set_values(AcquireSettings.of(state).values(state.plan))
+        self.panel.set_planes(len(state.plan.depths_um))
+        self.panel.folder.setText(state.recording)
+        if folder:
+            if not self.recording:
+                self.recorder = None
+            self._look_into_folder()
+        self.show_controls()
+
+    def _check_field(self, key: str, value: Any) -> str:
+        state = self.context.state
+        try:
+            if state.plan is not None:
+                AcquireSettings.of(state).changed(state.plan, key, value)
+        except LfcalError as error:
+            return str(error)
+        return ""
+
+    def _field_edited(self, key: str, value: Any) -> None:
+        state = self.context.state
+        if state.plan is not None:
+            settings, plan = AcquireSettings.of(state).changed(state.plan, key, value)
+            self.context.project.update(f"change of {key.replace('_', ' ')}", plan=plan, settings=settings.into(state))
+
+    # -- session folder --------------------------------------------------------------------------------
+    def _choose_folder(self) -> None:
+        path = QFileDialog.getExistingDirectory(self.panel, "Folder of the session")
+        if path:
+            self.set_folder(path)
+
+    def set_folder(self, path: str) -> None:
+        """Record into (or go on in) another folder."""
+        self.context.project.update("session folder", recording=path)
+
+    def _look_into_folder(self) -> None:
+        path = self.context.state.recording
+        self.context.jobs.compute("acquire folder", lambda: folder_state(path), self._folder_seen)
+
+    def _folder_seen(self, found: FolderState) -> None:
+        self.folder = found
+        self.panel.folder_words.setText(found.words() if self.context.state.recording else "")
+        self.show_controls()
+        if self.recorder is None:
+            self._refresh_picture()
+
+    def show_controls(self) -> None:
+        """Enable what can be pressed now, and say what comes next."""
+        buttons, state, recording = self.panel.buttons, self.context.state, self.recording
+        there, complete = self.folder.there is not None, self.folder.complete
+        free = self.setup.free and not recording
+        held = self.recorder is not None and self.recorder.control.pausing
+        buttons["start"].setText("Resume session" if there and not complete else "Start")
+        buttons["start"].setEnabled(free and not self.setup.connecting and not complete)
+        buttons["pause"].setText("Resume" if recording and held else "Pause")
+        for key in ("pause", "stop", "abort"):
+            buttons[key].setEnabled(recording)
+        count = len(state.redo)
+        buttons["redo"].setText(f"Record again ({count})" if count else "Record again")
+        buttons["redo"].setEnabled(free and bool(count) and complete)
+        buttons["assemble"].setEnabled(there and not recording)
+        buttons["pack"].setEnabled(complete and not recording)
+        for widget in (self.panel.form, self.panel.folder):
+            widget.setEnabled(not recording)
+        self.panel.why.setText(self._advice())
+
+    def _advice(self) -> str:
+        if self.recording:
+            return "Recording continues while you use other pages."
+        if self.folder.complete:
+            return "Complete. Assemble H, or choose another folder for a new session."
+        if self.setup.station is None:
+            name = AcquireSettings.of(self.context.state).backend
+            name = "the simulator" if name == "sim" else name
+            return f"Start connects {name} and asks for a folder if there is none."
+        if "stage" not in self.setup.found:
+            return "The direction of the stage axes is not measured yet: Set up measures it in seconds."
+        return ""
+
+    # -- recording -------------------------------------------------------------------------------------
+    def _pressed(self, key: str) -> None:
+        actions: dict[str, Callable[[], None]] = {
+            "start": self.start,
+            "pause": self.pause,
+            "stop": lambda: self._ask("stop"),
+            "abort": lambda: self._ask("abort"),
+            "redo": lambda: self.start(redo=True),
+            "assemble": self.assemble,
+            "pack": self.pack,
+        }
+        actions[key]()
+
+    def start(self, *, redo: bool = False) -> None:
+        """Record, or go on, or record the named positions again; connects first if need be."""
+        state = self.context.state
+        if state.plan is None or self.recording or not self.setup.free:
+            return
+        if not state.recording:
+            self._choose_folder()
+            if not self.context.state.recording:
+                return
+        if self.setup.station is None:
+            self.setup.connect_devices(lambda: self.start(redo=redo))
+            return
+        folder = Path(self.context.state.recording)
+        self.folder = now = folder_state(str(folder))
+        try:
+            options = now.options or AcquireSettings.of(state).options()
+            resume = now.there is not None and not redo
+            recorder = Recorder(folder, state.plan, options, resume=resume, redo=state.redo if redo else ())
+        except LfcalError as error:
+            self.panel.show_status("Cannot begin.", str(error), 0.0)
+            self.context.message.emit(str(error))
+            return
+        self.recorder, station = recorder, self.setup.station
+        self.context.attention.emit("acquire", False)
+        self._set_job(
+            self.context.jobs.start(
+                f"Record {folder.name}", "acquire", lambda: recorder.work(station), self._recorded, self._failed
+            )
+        )
+        self.poll_timer.start()
+
+    def _set_job(self, number: int) -> None:
+        """Take the devices for a job, or give them back (0)."""
+        self._job, self.setup.reserved = number, bool(number)
+        self.setup.show_controls()
+        self.show_controls()
+
+    def pause(self) -> None:
+        """Hold, or go on."""
+        if self.recorder is not None and self._job:
+            control = self.recorder.control
+            (control.resume if control.pausing else control.pause)()
+            self.show_controls()
+
+    def _ask(self, what: str) -> None:
+        if self.recorder is not None and self._job:
+            getattr(self.recorder.control, what)()
+            self.panel.buttons[what].setEnabled(False)
+
+    def _poll(self) -> None:
+        """Show the newest frame and the quality; the recording thread never waits for this."""
+        if self.recorder is None:
+            return
+        frame = self.recorder.preview.latest()
+        if frame is not None:
+            point = None
+            if frame.position is not None:
+                row, column = self.recorder.plan.image_px(frame.position).tolist()
+                point = (row, column)
+                if self.panel.follow.isChecked():
+                    self.panel.set_plane(frame.position.z)
+            self.panel.show_frame(frame, point)
+        self._refresh_picture()
+
+    def _refresh_picture(self) -> None:
+        plan = self.context.state.plan
+        if plan is None:
+            return
+        recorder, earlier = self.recorder, self.folder.there
+        z, quantity = self.panel.plane.value(), self.panel.quantity.currentData()
+        if recorder is None:
+            recorder = Recorder(Path(), plan, AcquireSettings.of(self.context.state).options())
+        depths, made = recorder.plan.depths_um, recorder
+        self.context.jobs.compute(
+            "acquire quality",
+            lambda: record_picture(made.quality.state(), made.order, z, quantity, earlier),
+            lambda picture: self._show_picture(picture, z, depths),
+        )
+
+    def _show_picture(self, picture: RecordPicture, z: int, depths: tuple[float, ...]) -> None:
+        if z >= len(depths):
+            return
+        words = f"Plane {z} of {len(depths)}: z = {format_length(depths[z])}" + (", complete" * picture.complete)
+        self.panel.show_picture(picture, words)
+        if self.recorder is None:
+            self.panel.show_status("Not recording.", "", picture.done / max(1, picture.total))
+        if picture.alarms and self.recording:
+            self.context.attention.emit("acquire", True)
+        self._lamp = picture.lamp
+
+    def _job_changed(self, job: Job) -> None:
+        if job.number != self._job or job.progress is None or self.recorder is None or not job.active:
+            return
+        record, recorder = job.progress, self.recorder
+        rate = recorder.rate
+        left = (record.total - record.done) / rate if rate > 0 else None
+        words = f"{record.done} of {record.total} positions"
+        pace = f"{rate:.0f} per second, about {format_seconds(left)} to go" if left else ""
+        detail = ", ".join(part for part in (record.note or pace, self._lamp) if part)
+        self.panel.show_status(words, detail, record.fraction)
+
+    def _recorded(self, outcome: Any) -> None:
+        words = f"{outcome.how}: {outcome.acknowledged} of {outcome.total} positions are safe"
+        self.context.message.emit(words)
+        if outcome.how == "complete" and self.recorder is not None and self.recorder.redo:
+            self.context.project.update("positions recorded again", redo=())
+
+    def _failed(self, _: Job) -> None:
+        self.context.attention.emit("acquire", True)
+
+    def _job_finished(self, job: Job) -> None:
+        if job.number != self._job:
+            return
+        self._set_job(0)
+        self.poll_timer.stop()
+        self._poll()
+        self._look_into_folder()
+        words = {JobState.FAILED: "Stopped by a fault.", JobState.CANCELLED: "Interrupted."}.get(job.state, "")
+        fraction = job.progress.fraction if job.progress is not None else 0.0
+        if job.state is JobState.DONE:
+            fraction = job.result.acknowledged / max(1, job.result.total)
+            words = f"{job.result.how.capitalize()}: {job.result.acknowledged} of {job.result.total} positions."
+        self.panel.show_status(words, "", fraction)
+        if job.error:
+            self.panel.why.setText(job.error)
+
+    # -- afterwards ------------------------------------------------------------------------------------
+    def open_plane(self, z: int) -> None:
+        """Assemble a complete plane beside the recording and show it, while others are being recorded."""
+        folder = Path(self.context.state.recording)
+        self._assemble(folder / f"plane-{z:02d}.h5", planes=[z])
+
+    def assemble(self, path: str = "") -> None:
+        """Assemble H as a job."""
+        folder = Path(self.context.state.recording)
+        path = path or QFileDialog.getSaveFileName(self.panel, "Assemble H", str(folder / "H.h5"), "H file (*.h5)")[0]
+        if path:
+            self._assemble(Path(path))
+
+    def _assemble(self, out: Path, planes: list[int] | None = None) -> None:
+        from lfcal.acquire.finish import iter_assemble_session
+
+        folder = Path(self.context.state.recording)
+        self.context.forget(str(out))
+        self.context.jobs.start(
+            f"Assemble {out.name}",
+            "acquire",
+            lambda: iter_assemble_session(folder, out, planes=planes),
+            self._assembled,
+        )
+
+    def _assembled(self, report: Any) -> None:
+        path = report.matrix.path
+        report.matrix.close()
+        for note in report.notes:
+            self.context.message.emit(f"{Path(path).name}: {note}")
+        self.context.project.update("assembly", psf=str(path))
+        self.context.go.emit("psf", None)
+
+    def pack(self) -> None:
+        """Compress the finished recording as a job."""
+        from lfcal.acquire.finish import iter_finish
+
+        folder = Path(self.context.state.recording)
+        self.context.jobs.start(
+            f"Pack {folder.name}",
+            "acquire",
+            lambda: iter_finish(folder),
+            lambda gained: self.context.message.emit(f"packed: {gained / 1e6:.1f} MB gained"),
+        )

@@ -1,0 +1,265 @@
+"""Set up: devices, live view with exact numbers, stage, and what a few moves tell."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+
+from gui.jobs import Jobs
+from gui.models.display import Display
+from gui.pages.acquire.device_panel import DevicePanel
+from gui.pages.acquire.model_live import LivePicture
+from gui.pages.acquire.stage_panel import StagePanel
+from gui.theme import current_theme
+from gui.widgets.cards import card, column_area, heading, line
+from gui.widgets.frame_view import FrameView
+from gui.widgets.image_view import ImageView
+from gui.widgets.plots import LinePlot
+from lfcal.camera import Camera
+
+__all__ = ["FINDINGS", "SetupPanel"]
+
+FINDINGS = (
+    (
+        "stage",
+        "Scale, rotation, sign",
+        "Move to five places and fit how the image follows: with a wrong sign H is useless but looks plausible",
+    ),
+    (
+        "axis",
+        "Optical axis",
+        "Look at 45 places in the first and the last plane, and find where a move in depth does not shift the image",
+    ),
+    (
+        "exposure",
+        "Exposure per plane",
+        "Find for each plane the exposure that uses 70 % of the camera's range without saturation",
+    ),
+)
+"""Key, title and meaning of what can be found."""
+
+
+class SetupPanel(QWidget):
+    """The tab before the session.
+
+    Signals
+    -------
+    live_toggled(on), exposure_edited(seconds)
+        The live view.
+    find_asked(key), use_asked(key)
+        Measure one of `FINDINGS`; take what was found into the plan.
+    overlays_changed()
+        Lattice or cutout were switched.
+    """
+
+    live_toggled = Signal(bool)
+    exposure_edited = Signal(float)
+    find_asked = Signal(str)
+    use_asked = Signal(str)
+    overlays_changed = Signal()
+
+    def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.devices, self.stage = DevicePanel(), StagePanel()
+        self.view = FrameView(jobs, "acquire live frame")
+        self.view.hovered.connect(self._hovered)
+        self.histogram = LinePlot("sample value (counts)", "pixels")
+        self.histogram.plot.setLogMode(False, True)
+        self.seen = ImageView(value_label="counts above background")
+        self.predicted = ImageView(value_label="share of the light")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 6, 0, 0)
+        row.setSpacing(8)
+        row.addWidget(column_area(300, self.devices, self.stage, self._find_card()))
+        row.addWidget(self._view_card(), 3)
+        row.addLayout(self._numbers(), 2)
+        self.set_connected(False)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _view_card(self) -> QWidget:
+        frame, column = card()
+        self.live = QPushButton("Live")
+        self.live.setCheckable(True)
+        self.live.setToolTip("Grab frames one after the other; every pixel of every frame is counted")
+        self.live.toggled.connect(self.live_toggled.emit)
+        self.exposure = QDoubleSpinBox()
+        self.exposure.setRange(0.01, 60_000)
+        self.exposure.setDecimals(2)
+        self.exposure.setSuffix(" ms")
+        self.exposure.setKeyboardTracking(False)
+        self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
+        self.exposure.setToolTip("Exposure of the live view; the plan's exposures stay as they are")
+        self.exposure.valueChanged.connect(lambda ms: self.exposure_edited.emit(ms / 1e3))
+        self.lattice = QCheckBox("Lattice")
+        self.lattice.setToolTip("Micro-image centres of the described camera, coloured by lens type")
+        self.cutout = QCheckBox("Cutout")
+        self.cutout.setChecked(True)
+        self.cutout.setToolTip("Where the plan expects the image (cross) and the cutout around it (square)")
+        self.log = QCheckBox("Log")
+        self.log.setToolTip("Four decades below the brightest pixel instead of a linear scale")
+        for box in (self.lattice, self.cutout):
+            box.toggled.connect(lambda _: self.overlays_changed.emit())
+        self.log.toggled.connect(lambda on: self.view.set_display(Display("log" if on else "linear")))
+        whole, near = QPushButton("Whole"), QPushButton("Near")
+        whole.setToolTip("Show the whole frame")
+        near.setToolTip("Zoom to the predicted cutout")
+        whole.clicked.connect(self.view.show_all)
+        near.clicked.connect(self._zoom)
+        column.addLayout(line(self.live, self.exposure, self.lattice, self.cutout, self.log))
+        column.addWidget(self.view, 1)
+        self.readout = QLabel("Connect devices, then switch the live view on.")
+        self.readout.setProperty("role", "hint")
+        column.addLayout(line(self.readout, whole, near, stretch=0))
+        self._window: tuple[int, int, int, int] | None = None
+        self._waiting = True
+        return frame
+
+    def _find_card(self) -> QWidget:
+        frame, column = card("Find by moving")
+        self.find_buttons: dict[str, QPushButton] = {}
+        self.use_buttons: dict[str, QPushButton] = {}
+        self.results: dict[str, QLabel] = {}
+        for key, title, tip in FINDINGS:
+            button, use, result = QPushButton(title), QPushButton("Use"), QLabel("")
+            button.setToolTip(tip)
+            use.setToolTip("Take this into the plan; undo takes it back")
+            use.hide()
+            result.setWordWrap(True)
+            result.setTextFormat(Qt.TextFormat.RichText)
+            result.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+            result.hide()
+            button.clicked.connect(lambda _=False, k=key: self.find_asked.emit(k))
+            use.clicked.connect(lambda _=False, k=key: self.use_asked.emit(k))
+            self.find_buttons[key], self.use_buttons[key], self.results[key] = button, use, result
+            column.addLayout(line(button, use, stretch=0))
+            column.addWidget(result)
+        return frame
+
+    def _numbers(self) -> QVBoxLayout:
+        column = QVBoxLayout()
+        column.setSpacing(8)
+        column.addWidget(self._levels_card(), 4)
+        column.addWidget(self._spot_card())
+        column.addWidget(self._pair_card(), 4)
+        return column
+
+    def _levels_card(self) -> QWidget:
+        frame, column = card("Every pixel of the frame")
+        self.numbers = QLabel("–")
+        self.saturated = QLabel("")
+        self.saturated.setToolTip("Number of pixels at the camera's highest value; H is wrong there")
+        for label in (self.numbers, self.saturated):
+            label.setTextFormat(Qt.TextFormat.RichText)
+        self.numbers.setWordWrap(True)
+        self.histogram.setMinimumHeight(80)
+        column.addWidget(self.histogram, 1)
+        column.addWidget(self.numbers)
+        column.addWidget(self.saturated)
+        return frame
+
+    def _spot_card(self) -> QWidget:
+        frame, column = card("Light of the source")
+        self.spot = QLabel("–")
+        self.spot.setWordWrap(True)
+        self.spot.setTextFormat(Qt.TextFormat.RichText)
+        self.spot.setToolTip(
+            "Centroid of the light above the background; sharpness compares neighbouring pixels (larger is sharper, "
+            "whatever the brightness); seen − predicted: rows, columns"
+        )
+        column.addWidget(self.spot)
+        return frame
+
+    def _pair_card(self) -> QWidget:
+        frame, column = card()
+        self.correlation = QLabel("")
+        self.correlation.setProperty("role", "hint")
+        self.correlation.setWordWrap(True)
+        self.correlation.setToolTip(
+            "Normalised correlation of the two pictures; 1 for the same pattern, whatever its brightness"
+        )
+        pictures = QHBoxLayout()
+        for title, view, tip in (
+            ("Seen", self.seen, "What the camera sees in the predicted cutout, above the background"),
+            ("Predicted", self.predicted, "The reference H at this position, or rays through the described camera"),
+        ):
+            half = QVBoxLayout()
+            half.addWidget(heading(title))
+            view.setToolTip(tip)
+            view.plot.hideAxis("left")
+            view.plot.hideAxis("bottom")
+            view.graphics.removeItem(view.bar)
+            view.setMinimumHeight(90)
+            half.addWidget(view, 1)
+            pictures.addLayout(half)
+        column.addLayout(pictures, 1)
+        column.addWidget(self.correlation)
+        return frame
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def set_connected(self, connected: bool, *, free: bool = True) -> None:
+        """Enable what needs devices; ``free``: nothing else uses them now."""
+        for widget in (self.live, *self.find_buttons.values()):
+            widget.setEnabled(connected and free)
+        self.stage.set_free(connected and free)
+        self.stage.stop.setEnabled(connected)
+        if not connected:
+            self.live.setChecked(False)
+
+    def set_exposure(self, seconds: float) -> None:
+        """Show the exposure without reporting it (s)."""
+        self.exposure.blockSignals(True)
+        self.exposure.setValue(1e3 * seconds)
+        self.exposure.blockSignals(False)
+
+    def show_live(self, picture: LivePicture, camera: Camera, note: str = "") -> None:
+        """Show a live frame; ``note`` is put beside the correlation."""
+        self.stage.set_position(picture.stage_um)
+        self._window = picture.window
+        if picture.frame is None:
+            self.numbers.setText(picture.numbers)
+            return
+        if self._waiting:
+            self._waiting = False
+            self.readout.setText(" ")
+        low, high = float(picture.frame.min()), float(picture.frame.max())
+        self.view.set_frame(picture.frame, (low, max(high, low + 1)))
+        middle = (picture.edges[1:] + picture.edges[:-1]) / 2
+        self.histogram.set_curve("pixels", middle, np.maximum(picture.counts, 0.5))
+        self.numbers.setText(picture.numbers)
+        colour = current_theme().bad if picture.saturated else current_theme().good
+        self.saturated.setText(f"saturated pixels <b style='color:{colour}'>{picture.saturated}</b>")
+        self.spot.setText(picture.spot)
+        self.view.set_lattice(camera if self.lattice.isChecked() else None)
+        if picture.window is not None and picture.point is not None and self.cutout.isChecked():
+            row, column, nt, ns = picture.window
+            self.view.set_cutout(row, column, (nt, ns), picture.point)
+        else:
+            self.view.clear_cutout()
+        self.seen.set_image(picture.seen, name="seen")
+        self.predicted.set_image(picture.predicted, name="predicted")
+        words = "correlation –" if math.isnan(picture.correlation) else f"correlation {picture.correlation:.2f}"
+        self.correlation.setText(f"{words}; {note}" if note else words)
+
+    def show_result(self, key: str, words: str, *, good: bool = True, usable: bool = False) -> None:
+        """Show what was found; what is bad is red."""
+        label = self.results[key]
+        theme = current_theme()
+        label.setText(words if good else f"<span style='color:{theme.bad}'>{words}</span>")
+        label.setVisible(bool(words))
+        self.use_buttons[key].setVisible(usable)
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for widget in (self.view, self.histogram, self.seen, self.predicted):
+            widget.apply_theme()
+
+    def _zoom(self) -> None:
+        if self._window is not None:
+            row, column, nt, ns = self._window
+            self.view.show_region(row, column, nt, ns)
+
+    def _hovered(self, row: int, column: int, value: float) -> None:
+        self.readout.setText(" " if row < 0 else f"row {row}, column {column}: {value:.5g} counts")

@@ -1,0 +1,311 @@
+"""Set up: devices, live view, moves, and what a few moves tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from PySide6.QtCore import QObject, QTimer, Signal
+
+from gui.context import Context
+from gui.jobs import Job, JobState
+from gui.models.project import ProjectState
+from gui.pages.acquire import model_findings as findings
+from gui.pages.acquire.model import AcquireSettings, target_of
+from gui.pages.acquire.model_live import LivePicture, live_picture
+from gui.pages.acquire.model_station import Station, open_station
+from gui.pages.acquire.setup_panel import FINDINGS, SetupPanel
+from lfcal.errors import LfcalError
+from lfcal.psf import PSFMatrix
+
+__all__ = ["SetupTab"]
+
+LIVE_MS = 30
+QUICK = "the simulator's default spot has no lenslets: set optics under Options"
+MEASURING = "measuring …"
+
+
+class SetupTab(QObject):
+    """Own the devices, and show what they see.
+
+    Signals
+    -------
+    changed()
+        Devices were connected, released, taken or given back.
+    """
+
+    changed = Signal()
+
+    def __init__(self, context: Context, panel: SetupPanel, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.context, self.panel = context, panel
+        self.station: Station | None = None
+        self.found: dict[str, Any] = {}
+        self.reserved = False
+        """Whether a session is being recorded."""
+        self.connecting = False
+        self._job = 0
+        self._moves: list[Callable[[], Any]] = []
+        self._moving = self._looked_for = False
+        self._then: Callable[[], None] | None = None
+        self.live_timer = QTimer(self)
+        self.live_timer.setSingleShot(True)
+        self.live_timer.setInterval(LIVE_MS)
+        self.live_timer.timeout.connect(self._look)
+        panel.devices.edited.connect(self._devices_edited)
+        panel.devices.connect_asked.connect(self.connect_devices)
+        panel.devices.disconnect_asked.connect(self.disconnect_devices)
+        panel.live_toggled.connect(self._live_toggled)
+        panel.find_asked.connect(self.find)
+        panel.use_asked.connect(self.use)
+        panel.stage.jogged.connect(self.jog)
+        panel.stage.plane_asked.connect(self.go_plane)
+        panel.stage.stop_asked.connect(self._stop_move)
+        context.jobs.finished.connect(self._job_finished)
+        context.on_close(self._close_station)
+
+    def entered(self) -> None:
+        """Look for devices the first time."""
+        if not self._looked_for:
+            self._looked_for = True
+            self.context.jobs.compute("acquire backends", _backends, self._backends_found, self.context.message.emit)
+
+    def show_state(self, state: ProjectState) -> None:
+        """Show the plan and the choice of devices."""
+        if state.plan is None:
+            return
+        chosen = AcquireSettings.of(state)
+        self.panel.stage.set_planes(state.plan.depths_um)
+        self.panel.devices.set_choice(chosen.backend, dict(chosen.device_options), chosen.stage)
+        if self.panel.exposure.value() == self.panel.exposure.minimum():
+            self.panel.set_exposure(state.plan.exposures[0])
+
+    @property
+    def free(self) -> bool:
+        """Whether nothing but the live view uses the devices."""
+        return not (self._job or self.reserved)
+
+    def show_controls(self) -> None:
+        """Enable what can be used now."""
+        connected = self.station is not None
+        self.panel.set_connected(connected, free=self.free)
+        if connected:
+            self.panel.devices.set_free(self.free)
+        if self.free and connected:
+            self._look()
+
+    # -- devices ---------------------------------------------------------------------------------------
+    def _devices_edited(self, backend: str, options: tuple[tuple[str, str], ...], stage: str) -> None:
+        state = self.context.state
+        settings = replace(AcquireSettings.of(state), backend=backend, device_options=options, stage=stage)
+        self.context.project.update("choice of devices", settings=settings.into(state))
+
+    def _backends_found(self, found: tuple[Any, Any, Any]) -> None:
+        self.panel.devices.set_backends(*found)
+        self.show_state(self.context.state)
+
+    def connect_devices(self, then: Callable[[], None] | None = None) -> None:
+        """Open the chosen devices in the background, then do ``then`` or switch the live view on."""
+        plan, chosen = self.context.state.plan, AcquireSettings.of(self.context.state)
+        if plan is None or self.station is not None or self.connecting:
+            return
+        self.connecting, self._then = True, then
+        self.panel.devices.set_connected("connecting …", connected=False, busy=True)
+        self.context.jobs.compute(
+            "acquire connect",
+            lambda: open_station(plan, chosen.backend, dict(chosen.device_options), chosen.stage),
+            self._connected,
+            self._not_connected,
+        )
+
+    def _connected(self, station: Station) -> None:
+        self.station, self.connecting = station, False
+        self.panel.devices.set_connected(station.title, connected=True)
+        self.panel.stage.set_limits(station.limits)
+        self._changed()
+        if self._then is not None:
+            then, self._then = self._then, None
+            then()
+        else:
+            self.panel.live.setChecked(True)
+
+    def _not_connected(self, words: str) -> None:
+        self.connecting, self._then = False, None
+        self.panel.devices.set_connected(words, connected=False)
+        self.context.message.emit(words)
+        self._changed()
+
+    def disconnect_devices(self) -> None:
+        """Release the devices."""
+        station, self.station = self.station, None
+        if station is not None:
+            self.context.jobs.compute("acquire connect", station.close, lambda _: None, self.context.message.emit)
+        self.panel.devices.set_connected("", connected=False)
+        self.panel.stage.set_limits(None)
+        self._changed()
+
+    def _close_station(self) -> None:
+        if self.station is not None:
+            self.station.close()
+            self.station = None
+
+    # -- live view -------------------------------------------------------------------------------------
+    def _live_toggled(self, on: bool) -> None:
+        if on:
+            self._look()
+
+    def _look(self) -> None:
+        station, plan = self.station, self.context.state.plan
+        if station is None or plan is None or not self.free or not self.panel.live.isChecked():
+            return
+        exposure, reference = self.panel.exposure.value() / 1e3, self._reference()
+        self.context.jobs.compute(
+            "acquire live",
+            lambda: live_picture(station.look(exposure, plan), plan, reference),
+            self._looked,
+            self._live_failed,
+        )
+
+    def _reference(self) -> PSFMatrix | None:
+        state = self.context.state
+        try:
+            return self.context.matrix(state.reference) or self.context.matrix(state.psf)
+        except LfcalError:
+            return None
+
+    def _looked(self, picture: LivePicture) -> None:
+        chosen = AcquireSettings.of(self.context.state)
+        quick = chosen.backend == "sim" and "optics" not in dict(chosen.device_options)
+        self.panel.show_live(picture, self.context.state.camera, QUICK if quick else "")
+        if self.panel.live.isChecked() and self.free:
+            self.live_timer.start()
+
+    def _live_failed(self, words: str) -> None:
+        if self.station is None:  # the devices were released while a frame was under way
+            return
+        self.panel.live.setChecked(False)
+        self.panel.readout.setText(words)
+        self.context.message.emit(words)
+
+    # -- stage -----------------------------------------------------------------------------------------
+    def jog(self, axis: int, by_um: float) -> None:
+        """Move one axis by a step; steps asked for in a hurry are all made, one after the other."""
+        station = self.station
+        if station is not None:
+            self._queue_move(lambda: station.jog(axis, by_um))
+
+    def go_plane(self, z: int) -> None:
+        """Go to the middle of the cell in plane ``z``."""
+        station, plan = self.station, self.context.state.plan
+        if station is not None and plan is not None:
+            target = target_of(plan, z)
+            self._queue_move(lambda: station.move(target))
+            self.panel.set_exposure(plan.exposures[z])
+
+    def _queue_move(self, move: Callable[[], Any]) -> None:
+        self._moves.append(move)
+        if not self._moving:
+            self._next_move()
+
+    def _next_move(self) -> None:
+        self._moving = bool(self._moves)
+        if self._moves:
+            self.context.jobs.compute("acquire move", self._moves.pop(0), self._moved, self._move_failed)
+
+    def _moved(self, stage_um: tuple[float, float, float]) -> None:
+        self.panel.stage.set_position(stage_um)
+        self._next_move()
+
+    def _move_failed(self, words: str) -> None:
+        self._moves.clear()
+        self._moving = False
+        self.panel.readout.setText(words)
+        self.context.message.emit(words)
+
+    def _stop_move(self) -> None:
+        self._moves.clear()
+        if self.station is not None:
+            self.station.moving.stop()
+
+    # -- finding ---------------------------------------------------------------------------------------
+    def find(self, key: str) -> None:
+        """Measure one of `FINDINGS` as a job."""
+        from lfcal.acquire import setup as library
+
+        station, plan = self.station, self.context.state.plan
+        if station is None or plan is None or not self.free:
+            return
+        options, z = AcquireSettings.of(self.context.state).options(), max(0, self.panel.stage.plane.currentIndex())
+        works: dict[str, Callable[[], Any]] = {
+            "stage": lambda: library.iter_stage_fit(station.rig, plan, z=z, options=options),
+            "axis": lambda: library.iter_optical_axis(station.rig, plan, options=options),
+            "exposure": lambda: library.iter_exposures(station.rig, plan, options=options),
+        }
+        title = {name: text for name, text, _ in FINDINGS}[key]
+        self.panel.show_result(key, MEASURING)
+        self._job = self.context.jobs.start(
+            title,
+            "acquire",
+            lambda: station.use(works[key]()),
+            lambda found: self._found(key, found),
+            lambda job: self.panel.show_result(key, f"<b>{job.error}</b>", good=False),
+        )
+        self._changed()
+
+    def _found(self, key: str, found: Any) -> None:
+        plan = self.context.state.plan
+        if plan is None:
+            return
+        self.found[key] = found
+        if key == "stage":
+            words, good = findings.fit_words(found, plan)
+            self.context.attention.emit("acquire", not good)
+            self.panel.show_result(key, words, good=good, usable=found.axes != plan.stage)
+        elif key == "axis":
+            self.panel.show_result(key, findings.axis_words(found, plan))
+        else:
+            self.panel.show_result(key, findings.exposure_words(found, plan), usable=True)
+
+    def use(self, key: str) -> None:
+        """Take what was found into the plan."""
+        plan, found = self.context.state.plan, self.found.get(key)
+        if plan is None or found is None:
+            return
+        if key == "stage":
+            changed = replace(plan, stage=found.axes)
+            self.context.project.update("stage axes as measured", plan=changed)
+            self.context.attention.emit("acquire", False)
+            self.panel.show_result(key, "Taken into the plan. Measure again to check.")
+        else:
+            self.context.project.update("exposures as measured", plan=replace(plan, exposure_s=found))
+            self.panel.show_result(key, findings.exposure_words(found, plan))
+
+    def _job_finished(self, job: Job) -> None:
+        if job.number != self._job:
+            return
+        self._job = 0
+        if job.state is JobState.CANCELLED:
+            for key, label in self.panel.results.items():
+                if label.text() == MEASURING:
+                    self.panel.show_result(key, "")
+        self._changed()
+
+    def _changed(self) -> None:
+        self.show_controls()
+        self.changed.emit()
+
+
+def _backends() -> tuple[Any, dict[str, Any], dict[str, bool]]:
+    """Return what was found, the options of each backend, and whether it brings a stage."""
+    from lfcal.devices.registry import find_backends, get_backend
+
+    findings = find_backends()
+    options, stages = {}, {}
+    for finding in findings:
+        try:
+            backend = get_backend(finding.name)
+        except LfcalError:
+            continue
+        options[finding.name], stages[finding.name] = dict(backend.options), backend.has_stage
+    return findings, options, stages

@@ -1,0 +1,32 @@
+"""Camera: the description of optics, lenslets and sensor, with a drawing to scale."""
+
+from __future__ import annotations
+
+from gui.models.page import PageSpec, PageState, Sketch
+from gui.models.project import ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return that there is always a camera."""
+    return PageState.DONE
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw a camera body with its lens."""
+    sketch.box(2, 6, 18, 12, radius=2)
+    sketch.circle(11, 12, 3.6)
+    sketch.line((7, 6), (8.5, 3.5), (13.5, 3.5), (15, 6))
+
+
+PAGE = PageSpec(
+    "camera",
+    "Camera",
+    "Describe main lens, lenslets and sensor",
+    order=10,
+    package=__name__,
+    state=state,
+    needs="lfcal.camera",
+    icon=icon,
+)

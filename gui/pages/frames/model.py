@@ -1,0 +1,171 @@
+"""The frames of a project: which are imported, how they are corrected, and what is shown of one. No Qt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.models.frame_view import FrameNumbers, frame_numbers
+from gui.models.settings import PageSettings
+from lfcal.camera import ScanPlan
+from lfcal.frames.source import FrameSource, Position
+from lfcal.progress import Work
+from lfcal.psf.cutout import INTERPOLATIONS, Cutout
+
+if TYPE_CHECKING:
+    from lfcal.psf import AssemblyReport
+
+__all__ = ["CORRECTIONS", "WAYS", "FrameSettings", "Loaded", "Opened", "iter_assembly", "load_frame", "open_imported"]
+
+CORRECTIONS = (
+    ("use_dark", "Dark frame", "Subtract the mean dark frame"),
+    ("use_white", "White frame", "Divide by the relative brightness of the white frame"),
+    ("use_defects", "Defect pixels", "Find defective pixels over all frames and interpolate them"),
+    ("use_background", "Background", "Subtract the median of each frame's border"),
+)
+"""Setting, title and meaning of each correction."""
+
+WAYS = (("", "as the plan needs"), *((name, name) for name in INTERPOLATIONS))
+"""How a cutout between pixels may be taken, with the words shown."""
+
+
+@dataclass(frozen=True)
+class FrameSettings(PageSettings):
+    """How frames are read, corrected and cut; the project says which.
+
+    Attributes
+    ----------
+    manifest, pattern
+        How positions are found where the folder has no manifest of its own.
+    dark, white
+        Folders of dark and white frames, or empty.
+    use_dark, use_white, use_defects, use_background
+        Which corrections are made; see `CORRECTIONS`.
+    interpolation
+        How cutouts between pixels are taken; empty: as the plan needs.
+    """
+
+    page: ClassVar[str] = "frames"
+
+    manifest: str = ""
+    pattern: str = ""
+    dark: str = ""
+    white: str = ""
+    use_dark: bool = True
+    use_white: bool = True
+    use_defects: bool = False
+    use_background: bool = False
+    interpolation: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """The frames of a project, as they are and as they are corrected, and which shows which position.
+
+    Attributes
+    ----------
+    source, view
+        The frames, and the corrected view of them that everything is made from.
+    frames
+        Number of the frame of each position ``(nz, ny, nx)``, -1 where there is none.
+    plan
+        The plan they were recorded by: a recorded session brings its own.
+    interpolation
+        How cutouts between pixels are taken; empty: as the plan needs.
+    """
+
+    source: FrameSource
+    view: FrameSource
+    frames: NDArray[np.int64]
+    plan: ScanPlan
+    interpolation: str = ""
+
+    def place(self, position: Position) -> Position:
+        """Return the position nearest to ``position`` that the plan has."""
+        z, y, x = (min(max(v, 0), n - 1) for v, n in zip(position, self.frames.shape, strict=True))
+        return Position(z, y, x)
+
+    def step(self, position: Position, dy: int, dx: int) -> Position:
+        """Return the position ``(dy, dx)`` further, line after line within its plane."""
+        _, ny, nx = self.frames.shape
+        x = position.x + dx
+        y = position.y + dy + (x // nx if dx else 0)
+        return Position(position.z, y % ny, x % nx)
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded:
+    """One frame ``(rows, columns)``, before and after correction, with its numbers.
+
+    Attributes
+    ----------
+    window
+        First row, first column, rows and columns of the cutout.
+    point
+        Row and column of the paraxial image, where the plan has it.
+    origin
+        Sensor row and column of the frame's first pixel; window and point count from it.
+    """
+
+    position: Position
+    label: str
+    raw: NDArray[Any]
+    fixed: NDArray[np.float32]
+    numbers: FrameNumbers
+    window: tuple[int, int, int, int]
+    point: tuple[float, float]
+    origin: tuple[int, int] = (0, 0)
+
+
+def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opened:
+    """Open frames and corrections as the settings say; raises what opening raises."""
+    from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+
+    source = open_frames(
+        folder,
+        manifest=settings.manifest or None,
+        pattern=settings.pattern or None,
+        plan_shape=plan.shape[:3],
+    )
+    plan = source.metadata.get("plan", plan)
+    recipe = CorrectionRecipe(
+        dark=settings.dark if settings.use_dark else "none",
+        white=settings.white if settings.use_white else "",
+        defects=settings.use_defects,
+        background="border" if settings.use_background else "none",
+    )
+    frames = np.full(plan.shape[:3], -1, np.int64)
+    for index in range(len(source)):
+        frames[source.info(index).position] = index
+    return Opened(source, corrected_view(source, recipe, plan), frames, plan, settings.interpolation)
+
+
+def load_frame(opened: Opened, position: Position) -> Loaded:
+    """Read one frame, correct it, count every pixel of it, and say where its cutout is."""
+    index = int(opened.frames[position])
+    info = opened.source.info(index)
+    raw, fixed = opened.source.read(index), opened.view.samples(index)
+    cutout = Cutout.for_plan(opened.plan)
+    corner = cutout.window(position)
+    row, column = opened.plan.image_px(position).tolist()
+    top, left = info.origin
+    return Loaded(
+        position,
+        info.label,
+        raw,
+        fixed.values,
+        frame_numbers(raw, fixed.saturated),
+        (corner.row - top, corner.column - left, *cutout.reach),
+        (row - top, column - left),
+        info.origin,
+    )
+
+
+def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
+    """Return the work that assembles H from the corrected frames; its result is the report."""
+    from lfcal.psf import AssemblySettings, iter_assemble_plan
+
+    return iter_assemble_plan(opened.view, opened.plan, path, AssemblySettings(interpolation=opened.interpolation))

@@ -1,0 +1,244 @@
+"""Frames: look at them, clean them, see the cutout move with the point, assemble H."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QFileDialog
+
+from gui.base_page import BasePage
+from gui.context import Context
+from gui.models.page import PageSpec
+from gui.models.project import ProjectState
+from gui.pages.frames.model import FrameSettings, Loaded, Opened, iter_assembly, load_frame, open_imported
+from gui.pages.frames.panel import FramesPanel
+from lfcal.camera import ScanPlan
+from lfcal.errors import LfcalError
+from lfcal.frames.source import Position
+
+__all__ = ["Page"]
+
+PLAY_MS = 60
+
+
+class Page(BasePage):
+    """Frames on the left, the frame in the middle, what was found on the right."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.opened: Opened | None = None
+        self.loaded: Loaded | None = None
+        self.position = Position(0, 0, 0)
+        self.tool_button(
+            "Open frames …",
+            "A folder of frames with a manifest, or the folder of a recorded session",
+            self.choose_folder,
+        )
+        self.assemble_button = self.tool_button(
+            "Assemble H", "Correct, crop and stack all frames into H", self.assemble, primary=True
+        )
+        self.play_timer = QTimer(self)
+        self.play_timer.setInterval(PLAY_MS)
+        self.play_timer.timeout.connect(lambda: self._step(0, 1))
+        self.panel = FramesPanel(context.jobs)
+        self.set_panel(self.panel)
+        self._connect_panel()
+        self._add_shortcuts()
+        context.theme_changed.connect(self.panel.apply_theme)
+        self._open()
+
+    def _connect_panel(self) -> None:
+        panel = self.panel
+        panel.plane_asked.connect(lambda z: self.go_to(self.position._replace(z=z)))
+        panel.position_asked.connect(lambda y, x: self.go_to(Position(self.position.z, y, x)))
+        panel.play_toggled.connect(lambda on: self.play_timer.start() if on else self.play_timer.stop())
+        panel.correction_toggled.connect(self._correct)
+        panel.setting_chosen.connect(self._set)
+        panel.before_toggled.connect(lambda _: self._show_pixels())
+        panel.lattice_toggled.connect(lambda _: self._show_overlays())
+
+    def _add_shortcuts(self) -> None:
+        panel, slider = self.panel, self.panel.plane_slider
+        self.shortcut("Left", lambda: self._step(0, -1))
+        self.shortcut("Right", lambda: self._step(0, 1))
+        self.shortcut("Up", lambda: self._step(-1, 0))
+        self.shortcut("Down", lambda: self._step(1, 0))
+        self.shortcut("PgUp", lambda: slider.setValue(self.position.z - 1))
+        self.shortcut("PgDown", lambda: slider.setValue(self.position.z + 1))
+        self.shortcut("Space", panel.play_button.toggle)
+        self.shortcut("L", lambda: panel.toggle_scale("log"))
+        self.shortcut("G", lambda: panel.toggle_scale("gamma"))
+
+    # -- project ---------------------------------------------------------------------------------------
+    @property
+    def settings(self) -> FrameSettings:
+        """What the user chose."""
+        return FrameSettings.of(self.context.state)
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Open what the project names now."""
+        changed = old.frames != new.frames or old.plan != new.plan
+        if changed or FrameSettings.of(old) != FrameSettings.of(new):
+            self._open()
+
+    def _correct(self, key: str, on: bool) -> None:
+        changes: dict[str, Any] = {key: on}
+        settings = replace(self.settings, **changes).into(self.context.state)
+        self.context.project.update(f"{key.removeprefix('use_')} correction", settings=settings)
+
+    def _set(self, key: str, value: str) -> None:
+        changes: dict[str, Any] = {key: value}
+        self.context.project.update(key, settings=replace(self.settings, **changes).into(self.context.state))
+
+    def choose_folder(self) -> None:
+        """Ask for a folder of frames."""
+        path = QFileDialog.getExistingDirectory(self, "Folder of frames")
+        if path:
+            self.open_folder(path)
+
+    def open_folder(self, path: str) -> None:
+        """Take the frames of a folder; dark, white and plan beside it are found. A recorded session brings all."""
+        folder = Path(path)
+        if (folder / "session.json").is_file():
+            self._open_recording(folder)
+            return
+        around = folder if (folder / "frames").is_dir() else folder.parent
+        frames = folder / "frames" if (folder / "frames").is_dir() else folder
+        changes: dict[str, Any] = {}
+        plan = around / "plan.json"
+        if plan.is_file():
+            try:
+                changes["plan"] = ScanPlan.from_json(plan.read_text(encoding="utf-8"))
+                changes["camera"] = changes["plan"].camera
+            except (LfcalError, OSError) as error:
+                self.context.message.emit(str(error))
+        found = {name: str(around / name) for name in ("dark", "white") if (around / name).is_dir()}
+        chosen = replace(
+            self.settings, manifest="", pattern="", dark=found.get("dark", ""), white=found.get("white", "")
+        )
+        settings = chosen.into(self.context.state)
+        self.context.project.update("open frames", frames=str(frames), settings=settings, **changes)
+
+    def _open_recording(self, folder: Path) -> None:
+        from lfcal.acquire import SessionFile
+
+        try:
+            plan = SessionFile.read(folder).plan
+        except LfcalError as error:
+            self.context.message.emit(str(error))
+            return
+        chosen = replace(self.settings, manifest="", pattern="", dark="", white="")
+        settings = chosen.into(self.context.state)
+        self.context.project.update("open frames", frames=str(folder), plan=plan, camera=plan.camera, settings=settings)
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take a dropped folder of frames."""
+        if len(paths) == 1 and Path(paths[0]).is_dir():
+            self.open_folder(paths[0])
+            return True
+        return False
+
+    def receive(self, payload: Any) -> None:
+        """Show a position (z, y, x) another page sent."""
+        if isinstance(payload, tuple) and len(payload) == 3:
+            self.go_to(Position(*payload))
+
+    def _open(self) -> None:
+        state, settings = self.context.state, self.settings
+        self.panel.show_settings(settings)
+        self.opened = None
+        self.assemble_button.setEnabled(False)
+        if not state.frames:
+            self.show_empty(
+                "No frames yet.\nOpen a folder with a manifest (file, z, y, x), or record a session.\n"
+                "Folders named dark and white beside it, and plan.json, are found.",
+                {"Open frames …": self.choose_folder},
+            )
+            return
+        if state.plan is None:
+            self.show_empty(
+                "The frames need a scan plan: which positions, which cutout.",
+                {"Plan": lambda: self.context.go.emit("plan", None)},
+            )
+            return
+        self.show_body()
+        folder, plan = state.frames, state.plan
+        self.panel.position_label.setText("opening frames …")
+        self.context.jobs.compute(
+            "frames open", lambda: open_imported(folder, settings, plan), self._opened, self._failed
+        )
+
+    def _failed(self, words: str) -> None:
+        self.show_empty(words, {"Open frames …": self.choose_folder})
+        self.context.message.emit(words)
+
+    def _opened(self, opened: Opened) -> None:
+        self.opened = opened
+        self.assemble_button.setEnabled(True)
+        rows, columns = opened.source.shape
+        self.hint.setText(f"{len(opened.source)} frames of {columns} × {rows} px")
+        self.position = opened.place(self.position)  # these frames may have fewer planes than those before
+        self.panel.set_planes(opened.frames.shape[0])
+        self._show_map()
+        self.go_to(self.position)
+
+    # -- stepping --------------------------------------------------------------------------------------
+    def go_to(self, position: Position) -> None:
+        """Show the frame of a position."""
+        if self.opened is None:
+            self.position = position
+            return
+        changed_plane = self.opened.place(position).z != self.position.z
+        self.position = where = self.opened.place(position)
+        self.panel.show_position(*where)
+        if changed_plane:
+            self._show_map()
+        opened = self.opened
+        if opened.frames[where] < 0:
+            self.panel.show_missing(f"z {where.z}, y {where.y}, x {where.x}: no frame")
+            return
+        self.context.jobs.compute("frames load", lambda: load_frame(opened, where), self._loaded, self._failed)
+
+    def _step(self, dy: int, dx: int) -> None:
+        if self.opened is not None:
+            self.go_to(self.opened.step(self.position, dy, dx))
+
+    def _show_map(self) -> None:
+        if self.opened is not None:
+            self.panel.show_map(self.opened.frames[self.position.z] >= 0)
+
+    def _loaded(self, loaded: Loaded) -> None:
+        self.loaded = loaded
+        self.panel.show_frame(loaded)
+        self._show_overlays()
+
+    def _show_pixels(self) -> None:
+        if self.loaded is not None:
+            self.panel.show_pixels(self.loaded)
+
+    def _show_overlays(self) -> None:
+        self.panel.show_overlays(self.context.state.camera, None if self.opened is None else self.loaded)
+
+    # -- assembly --------------------------------------------------------------------------------------
+    def assemble(self, path: str = "") -> None:
+        """Assemble H as a job."""
+        if self.opened is None:
+            return
+        path = path or QFileDialog.getSaveFileName(self, "Assemble H", "H.h5", "H file (*.h5)")[0]
+        if not path:
+            return
+        opened = self.opened
+        self.context.forget(path)
+        title = f"Assemble {Path(path).name}"
+        self.context.jobs.start(title, "frames", lambda: iter_assembly(opened, path), self._assembled)
+
+    def _assembled(self, report: Any) -> None:
+        path = report.matrix.path
+        report.matrix.close()
+        for note in report.notes or ("complete: every position once, no saturated pixel",):
+            self.context.message.emit(f"{Path(path).name}: {note}")
+        self.context.attention.emit("frames", bool(report.missing or report.saturated))
+        self.context.project.update("assembly", psf=path)

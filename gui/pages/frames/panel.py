@@ -1,0 +1,273 @@
+"""Frames: positions and corrections on the left, the frame on the right."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QFormLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QScrollArea,
+    QSlider,
+    QVBoxLayout,
+    QWidget,
+)
+
+from gui.jobs import Jobs
+from gui.models.display import Display
+from gui.models.frame_view import FrameNumbers
+from gui.pages.frames.model import CORRECTIONS, WAYS, FrameSettings, Loaded
+from gui.theme import current_theme
+from gui.widgets.cards import card, choice_box, heading
+from gui.widgets.frame_view import FrameView
+from gui.widgets.period_map import PeriodMap
+from gui.widgets.plots import LinePlot
+from lfcal.camera import Camera
+
+__all__ = ["FramesPanel"]
+
+SCALES = (("linear", "linear"), ("gamma", "gamma 0.5"), ("log", "log, 4 decades"))
+
+
+class FramesPanel(QWidget):
+    """The page's widgets.
+
+    Signals
+    -------
+    plane_asked(z), position_asked(y, x)
+        Show another depth plane; another position of the same plane.
+    play_toggled(on)
+        Step through the positions, or stop.
+    correction_toggled(setting, on)
+        One of `gui.pages.frames.model.CORRECTIONS`.
+    setting_chosen(setting, value)
+        How positions are found in file names or a manifest, and how cutouts between pixels are taken.
+    before_toggled(on), lattice_toggled(on)
+        Show the frame as it was recorded; show the lattice.
+    """
+
+    plane_asked = Signal(int)
+    position_asked = Signal(int, int)
+    play_toggled = Signal(bool)
+    correction_toggled = Signal(str, bool)
+    setting_chosen = Signal(str, str)
+    before_toggled = Signal(bool)
+    lattice_toggled = Signal(bool)
+
+    def __init__(self, jobs: Jobs) -> None:
+        super().__init__()
+        self.view = FrameView(jobs, "frame view")
+        self.view.hovered.connect(self._hovered)
+        self.map = PeriodMap()
+        self.map.chosen.connect(self.position_asked.emit)
+        self.map.setFixedHeight(190)
+        self.histogram = LinePlot("sample value (counts)", "pixels")
+        self.histogram.plot.setLogMode(False, True)
+        self.histogram.setFixedHeight(180)
+        self.numbers = QLabel()
+        self.numbers.setTextFormat(Qt.TextFormat.RichText)
+        self.numbers.setWordWrap(True)
+        self.readout = QLabel(" ")
+        self.readout.setProperty("role", "hint")
+        self._window: tuple[int, int, int, int] | None = None
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(10)
+        row.addWidget(self._left())
+        column = QVBoxLayout()
+        column.addLayout(self._bar())
+        column.addWidget(self.view, 1)
+        column.addWidget(self.readout)
+        row.addLayout(column, 1)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _bar(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        self.lattice_box = QCheckBox("Lattice")
+        self.lattice_box.setToolTip("Micro-image centres of the described camera, coloured by lens type")
+        self.before_box = QCheckBox("Before correction")
+        self.before_box.setToolTip("Show the frame as it was recorded")
+        self.lattice_box.toggled.connect(self.lattice_toggled.emit)
+        self.before_box.toggled.connect(self.before_toggled.emit)
+        self.scale_box = choice_box(SCALES, "How intensity becomes colour (L: log, G: gamma)")
+        self.scale_box.currentIndexChanged.connect(
+            lambda _: self.view.set_display(Display(scale=self.scale_box.currentData()))
+        )
+        whole, cutout = QPushButton("Whole frame"), QPushButton("Cutout")
+        whole.clicked.connect(self.view.show_all)
+        cutout.clicked.connect(self._zoom_cutout)
+        for widget in (self.lattice_box, self.before_box, self.scale_box):
+            row.addWidget(widget)
+        row.addStretch()
+        row.addWidget(whole)
+        row.addWidget(cutout)
+        return row
+
+    def _left(self) -> QScrollArea:
+        panel, column = card()
+        self.position_label = heading("")
+        self.position_label.setWordWrap(True)
+        column.addWidget(self.position_label)
+        column.addLayout(self._plane_line())
+        column.addWidget(self.map)
+        column.addWidget(heading("Corrections"))
+        column.addLayout(self._corrections())
+        column.addWidget(heading("Positions and cutout"))
+        column.addLayout(self._reading())
+        column.addWidget(heading("Histogram of the frame as recorded"))
+        column.addWidget(self.histogram)
+        column.addWidget(self.numbers)
+        column.addStretch()
+        area = QScrollArea()
+        area.setWidgetResizable(True)
+        area.setWidget(panel)
+        area.setFixedWidth(320)
+        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        return area
+
+    def _plane_line(self) -> QHBoxLayout:
+        self.plane_slider = QSlider(Qt.Orientation.Horizontal)
+        self.plane_slider.setToolTip("Depth plane (page up, page down)")
+        self.plane_slider.valueChanged.connect(self.plane_asked.emit)
+        self.play_button = QPushButton("Play")
+        self.play_button.setCheckable(True)
+        self.play_button.setToolTip("Step through the positions (space)")
+        self.play_button.toggled.connect(self._play)
+        row = QHBoxLayout()
+        row.addWidget(QLabel("Plane"))
+        row.addWidget(self.plane_slider, 1)
+        row.addWidget(self.play_button)
+        return row
+
+    def _corrections(self) -> QHBoxLayout:
+        self.boxes: dict[str, QCheckBox] = {}
+        grid = QHBoxLayout()
+        for pair in (CORRECTIONS[:2], CORRECTIONS[2:]):
+            part = QVBoxLayout()
+            for key, text, tip in pair:
+                box = QCheckBox(text)
+                box.setToolTip(tip)
+                box.toggled.connect(lambda on, key=key: self.correction_toggled.emit(key, on))
+                self.boxes[key] = box
+                part.addWidget(box)
+            grid.addLayout(part)
+        return grid
+
+    def _reading(self) -> QFormLayout:
+        self.pattern, self.manifest = QLineEdit(), QLineEdit()
+        self.pattern.setPlaceholderText("z{z}_y{y}_x{x}.png")
+        self.pattern.setToolTip("Where the position stands in file names, for folders without a manifest")
+        self.manifest.setPlaceholderText("manifest.csv in the folder")
+        self.manifest.setToolTip("A manifest that lies elsewhere: file, z, y, x, and exposure where it differs")
+        for key, edit in (("pattern", self.pattern), ("manifest", self.manifest)):
+            edit.setAccessibleName(key)
+            edit.editingFinished.connect(lambda key=key, edit=edit: self.setting_chosen.emit(key, edit.text().strip()))
+        self.interpolation = choice_box(WAYS, "How a cutout that lies between pixels is taken")
+        self.interpolation.setAccessibleName("interpolation")
+        self.interpolation.currentIndexChanged.connect(
+            lambda _: self.setting_chosen.emit("interpolation", self.interpolation.currentData())
+        )
+        form = QFormLayout()
+        form.addRow("File names", self.pattern)
+        form.addRow("Manifest", self.manifest)
+        form.addRow("Interpolation", self.interpolation)
+        return form
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_settings(self, settings: FrameSettings) -> None:
+        """Show the settings; a white image is needed to divide by one."""
+        for key, box in self.boxes.items():
+            blocker = QSignalBlocker(box)
+            box.setChecked(getattr(settings, key))
+            blocker.unblock()
+        self.boxes["use_white"].setEnabled(bool(settings.white))
+        blockers = [QSignalBlocker(w) for w in (self.pattern, self.manifest, self.interpolation)]
+        self.pattern.setText(settings.pattern)
+        self.manifest.setText(settings.manifest)
+        self.interpolation.setCurrentIndex(self.interpolation.findData(settings.interpolation))
+        for one in blockers:
+            one.unblock()
+
+    def set_planes(self, count: int) -> None:
+        """Offer so many depth planes."""
+        self.plane_slider.setRange(0, count - 1)
+        self.plane_slider.setEnabled(count > 1)
+
+    def show_position(self, z: int, y: int, x: int) -> None:
+        """Show which position is looked at."""
+        blocker = QSignalBlocker(self.plane_slider)
+        self.plane_slider.setValue(z)
+        blocker.unblock()
+        self.map.set_position(y, x)
+
+    def show_map(self, there: NDArray[np.bool_]) -> None:
+        """Show which positions ``(ny, nx)`` of the plane have a frame."""
+        self.map.set_values(there.astype(float), there.astype(int))
+
+    def show_missing(self, words: str) -> None:
+        """Say that there is no frame."""
+        self.position_label.setText(words)
+        self.view.set_frame(None, (0, 1))
+
+    def show_frame(self, loaded: Loaded) -> None:
+        """Show a frame with its numbers."""
+        position = loaded.position
+        self.position_label.setText(f"{loaded.label}\nz {position.z}, y {position.y}, x {position.x}")
+        numbers = loaded.numbers
+        middle = (numbers.edges[1:] + numbers.edges[:-1]) / 2
+        self.histogram.set_curve("pixels", middle, np.maximum(numbers.counts, 0.5))
+        self.numbers.setText(_number_words(numbers))
+        self.show_pixels(loaded)
+
+    def show_pixels(self, loaded: Loaded) -> None:
+        """Show the frame before or after its correction, as chosen."""
+        frame = loaded.raw if self.before_box.isChecked() else loaded.fixed
+        self.view.set_frame(frame, (float(frame.min()), float(frame.max())))
+
+    def show_overlays(self, camera: Camera, loaded: Loaded | None) -> None:
+        """Show lattice, if chosen, and cutout."""
+        origin = (0, 0) if loaded is None else loaded.origin
+        self.view.set_lattice(camera if self.lattice_box.isChecked() else None, origin)
+        self._window = None if loaded is None else loaded.window
+        if loaded is None:
+            self.view.clear_cutout()
+            return
+        row, column, rows, columns = loaded.window
+        self.view.set_cutout(row, column, (rows, columns), loaded.point)
+
+    def toggle_scale(self, scale: str) -> None:
+        """Change between ``scale`` and linear."""
+        chosen = "linear" if self.scale_box.currentData() == scale else scale
+        self.scale_box.setCurrentIndex(self.scale_box.findData(chosen))
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for widget in (self.view, self.map, self.histogram):
+            widget.apply_theme()
+
+    def _play(self, on: bool) -> None:
+        self.play_button.setText("Stop" if on else "Play")
+        self.play_toggled.emit(on)
+
+    def _zoom_cutout(self) -> None:
+        if self._window is not None:
+            self.view.show_region(*self._window)
+
+    def _hovered(self, row: int, column: int, value: float) -> None:
+        self.readout.setText(" " if row < 0 else f"row {row}, column {column}: {value:.5g} counts")
+
+
+def _number_words(numbers: FrameNumbers) -> str:
+    theme = current_theme()
+    colour = theme.bad if numbers.saturated else theme.text
+    saturated = "unknown" if numbers.saturated is None else f"{numbers.saturated}"
+    return (
+        f"maximum <b>{numbers.high:g}</b> counts<br>minimum <b>{numbers.low:g}</b>, "
+        f"mean <b>{numbers.mean:.1f}</b> counts<br>"
+        f"<span style='color:{colour}'>saturated pixels: <b>{saturated}</b></span>"
+    )

@@ -1,0 +1,36 @@
+"""Multiplexing: filters, masks and lenslets in one language, their noise, and what reconstructs from them.
+
+- ``page``, ``panel``; ``pictures``: the reconstructions side by side; ``matrix_view``: a matrix as a picture
+- ``model``: settings, modulators, gains; ``model_scene``: scenes and their reconstruction
+"""
+
+from __future__ import annotations
+
+from gui.models.page import PageSpec, PageState, Sketch
+from gui.models.project import ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return that it needs nothing of the project."""
+    return PageState.READY
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw a colour filter array."""
+    sketch.box(3, 3, 16, 16)
+    sketch.box(4, 4, 6, 6, filled=True)
+    sketch.box(12, 12, 6, 6, filled=True)
+
+
+PAGE = PageSpec(
+    "multiplex",
+    "Multiplexing",
+    "Compare filters, masks and lenslets",
+    order=90,
+    package=__name__,
+    state=state,
+    needs="lfcal.multiplex",
+    icon=icon,
+)

@@ -1,0 +1,344 @@
+"""What the Multiplexing page asks for and shows of modulators: settings, pictures, numbers, gain curves. No Qt."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.models.form import Field
+from gui.models.settings import PageSettings
+from lfcal.camera import Sensor
+from lfcal.errors import InputError
+from lfcal.multiplex.colour_filters import CFA_PATTERNS, FILTERS, cfa, parse_pattern
+from lfcal.multiplex.filters import SPATIAL_FILTERS
+from lfcal.multiplex.masks import MASKS, mask, mask_pattern
+from lfcal.multiplex.modulator import Modulator
+from lfcal.multiplex.noise import GainCurves, camera_chi2, gain_curves
+from lfcal.multiplex.summary import ModulatorNumbers, describe
+
+__all__ = [
+    "FIELDS",
+    "Comparison",
+    "ModulatorPicture",
+    "MultiplexSettings",
+    "choices_to_compare",
+    "compare",
+    "picture",
+    "used_by",
+]
+
+TYPED = "typed"
+MAX_SIZE = 31
+MAX_ENTRIES = 350_000
+"""Entries of the matrix A of a mask over colour filters."""
+Array = NDArray[np.float64]
+
+
+def _named(names: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    return tuple((name, name.replace("_", " ")) for name in names)
+
+
+FAMILIES = (("cfa", "colour filters"), ("mask", "mask or lenslets"), ("both", "mask over filters"))
+FIELDS = (
+    Field("family", "Family", kind="choice", choices=FAMILIES, tip="What lies in front of the sensor"),
+    Field(
+        "cfa",
+        "Filters",
+        kind="choice",
+        choices=(*_named(tuple(CFA_PATTERNS)), (TYPED, "own pattern")),
+        tip="Colour filter array; own pattern: the letters below",
+    ),
+    Field(
+        "pattern",
+        "Own pattern",
+        kind="text",
+        tip=f"Letters of {''.join(FILTERS)} by rows, such as GRBG or "
+        "RGB/GBR: R G B, C = G + B, M = R + B, Y = R + G, W = all, E = emerald (as C)",
+    ),
+    Field("mask", "Mask", kind="choice", choices=_named(MASKS), tip="Light-field modulator"),
+    Field(
+        "size",
+        "Size",
+        "px",
+        f"Pixels and views along a side, up to {MAX_SIZE}; MURA: odd primes, sum of sinusoids: odd",
+        kind="int",
+    ),
+    Field(
+        "reference_cfa",
+        "Over filters",
+        kind="choice",
+        choices=_named(tuple(CFA_PATTERNS)),
+        tip="Filters of the reference: gains are over it",
+    ),
+    Field(
+        "reference_mask",
+        "Over mask",
+        kind="choice",
+        choices=_named(MASKS),
+        tip="Mask of the reference, of the same size: gains are over it",
+    ),
+    Field("gain", "Amplifier", "×", "Amplifier gain: full scale is reached at full well over gain"),
+    Field(
+        "scene",
+        "Scene",
+        kind="choice",
+        choices=(("edges", "sharp edges"), ("smooth", "smooth"), ("image", "opened image")),
+        tip="What is recorded; an opened grey image is taken as the recorded frame, a colour image as the scene",
+    ),
+    Field(
+        "filter",
+        "Filter",
+        kind="choice",
+        choices=_named(SPATIAL_FILTERS),
+        tip="Interpolation of the spatial route (theorem 1); the Fourier route is a sinc (theorem 2)",
+    ),
+    Field(
+        "noise",
+        "Camera noise",
+        kind="bool",
+        tip="Add shot and read noise of the project's camera to a built-in "
+        "scene; its brightest pixel fills the full well",
+    ),
+)
+
+_USES = {
+    "cfa": lambda s: s.family != "mask",
+    "pattern": lambda s: s.family != "mask" and s.cfa == TYPED,
+    "mask": lambda s: s.family != "cfa",
+    "size": lambda s: s.family != "cfa",
+    "reference_cfa": lambda s: s.family != "mask",
+    "reference_mask": lambda s: s.family != "cfa",
+}
+
+
+def used_by(settings: MultiplexSettings, key: str) -> bool:
+    """Return whether the field ``key`` matters."""
+    return key not in _USES or _USES[key](settings)
+
+
+@dataclass(frozen=True)
+class MultiplexSettings(PageSettings):
+    """What the user chose; see `FIELDS`.
+
+    Attributes
+    ----------
+    compared
+        Names of filter arrays and masks whose gain is drawn beside that of the modulator.
+    image
+        Opened image, or empty.
+    right
+        Third picture: ``"difference"`` of the routes or ``"truth"``.
+    """
+
+    page: ClassVar[str] = "multiplex"
+
+    family: str = "cfa"
+    cfa: str = "CYMG"
+    pattern: str = "GRBG"
+    mask: str = "MURA"
+    size: int = 11
+    reference_cfa: str = "Bayer"
+    reference_mask: str = "pinhole"
+    gain: float = 1.0
+    scene: str = "edges"
+    filter: str = "cubic"
+    noise: bool = False
+    compared: tuple[str, ...] = ("CYMG", "RGBE", "RGBW", "CMYW", "lenslet", "MURA", "sum_of_sinusoids")
+    image: str = ""
+    right: str = "difference"
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        offered = {f.key: tuple(value for value, _ in f.choices) for f in FIELDS if f.kind == "choice"}
+        offered["right"] = ("difference", "truth")
+        for key, values in offered.items():
+            if getattr(self, key) not in values:
+                raise InputError.expected(key.replace("_", " "), " or ".join(values), getattr(self, key), "choose")
+        parse_pattern(self.pattern)
+        if not 1 <= self.size <= MAX_SIZE:
+            raise InputError.expected("size (px)", f"1 to {MAX_SIZE}", self.size, "correct it")
+        mask_pattern(self.mask, self.size)
+        if not 0 < self.gain < 1e6:
+            raise InputError.expected("amplifier gain", "above 0", self.gain, "correct it")
+
+    def changed(self, key: str, value: Any) -> MultiplexSettings:
+        """Return the settings with one field changed; a mask that has no such size takes the next one it has."""
+        if key == "mask":
+            return replace(self, mask=value, size=_fitting(value, self.size))
+        return replace(self, **{key: value})
+
+    def modulator(self) -> Modulator:
+        """Return the chosen modulator; raises `InputError` if there is none."""
+        return self._made(self.pattern if self.cfa == TYPED else self.cfa, self.mask)
+
+    def reference(self) -> Modulator:
+        """Return the reference; raises `InputError` if there is none."""
+        return self._made(self.reference_cfa, self.reference_mask)
+
+    def _made(self, filters: str, kind: str) -> Modulator:
+        if self.family == "cfa":
+            return cfa(filters)
+        if self.family == "mask":
+            return mask(kind, self.size)
+        array = cfa(filters)
+        entries = math.prod(math.lcm(self.size, n) for n in array.side) * self.size**2 * array.count
+        if entries > MAX_ENTRIES:  # the singular values would take minutes
+            raise InputError.expected(
+                f"matrix of {kind} over {array.name}", f"up to {MAX_ENTRIES} entries", entries, "choose a smaller mask"
+            )
+        return mask(kind, self.size) * array
+
+    def others(self) -> tuple[Modulator, ...]:
+        """Return the modulators to be compared with, of the family and the size of the chosen one."""
+        found = []
+        for name in choices_to_compare(self.family):
+            if name in self.compared:
+                try:
+                    mine = self.pattern if self.cfa == TYPED else self.cfa
+                    found.append(self._made(name, name) if self.family != "both" else self._made(mine, name))
+                except InputError:  # no such mask of this size
+                    continue
+        return tuple(found)
+
+
+def _fitting(kind: str, size: int) -> int:
+    """Return the size next to ``size`` of which there is such a mask."""
+    for candidate in sorted(range(1, MAX_SIZE + 1), key=lambda n: abs(n - size)):
+        try:
+            mask_pattern(kind, candidate)
+        except InputError:
+            continue
+        return candidate
+    return size
+
+
+def choices_to_compare(family: str) -> tuple[str, ...]:
+    """Return the names that can be compared within a family."""
+    return tuple(CFA_PATTERNS) if family == "cfa" else MASKS
+
+
+@dataclass(frozen=True, eq=False)
+class ModulatorPicture:
+    """A modulator ready to be drawn.
+
+    Attributes
+    ----------
+    name
+        Its name.
+    pattern, colours
+        Transmission seen by the middle view ``(rows, columns)``, mean over colours; the same ``(rows, columns, 3)``
+        as colours, None for a light field of one colour.
+    spectrum
+        Magnitude of its Fourier weights, mean over colours, zero frequency in the middle.
+    sigma, pi
+        Real parts of Sigma ``(K, J)`` and Pi ``(N, J)``.
+    real
+        Whether the bases are real.
+    """
+
+    name: str
+    pattern: Array = field(repr=False)
+    colours: Array | None = field(repr=False)
+    spectrum: Array = field(repr=False)
+    sigma: Array = field(repr=False)
+    pi: Array = field(repr=False)
+    real: bool = True
+
+
+def picture(settings: MultiplexSettings) -> ModulatorPicture:
+    """Return the chosen modulator as pictures."""
+    modulator = settings.modulator()
+    pattern = modulator.pattern()
+    top = float(pattern.max()) or 1.0
+    sigma, pi = np.asarray(modulator.spatial), np.asarray(modulator.plenoptic)
+    return ModulatorPicture(
+        modulator.name,
+        pattern.mean(-1),
+        pattern / top if pattern.shape[-1] == 3 else None,
+        modulator.pattern_spectrum().mean(-1),
+        sigma.real.astype(float),
+        pi.real.astype(float),
+        not (np.iscomplexobj(sigma) or np.iscomplexobj(pi)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Numbers of the modulator and gains of all.
+
+    Attributes
+    ----------
+    rows
+        Name, value with unit, and meaning of each number.
+    curves
+        Gains over chi^2; the first is the chosen modulator's.
+    left_out
+        Names of modulators that do not recover every sample.
+    chi2
+        Of the user's camera.
+    reason
+        Why there are no curves, or empty.
+    """
+
+    rows: tuple[tuple[str, str, str], ...]
+    curves: GainCurves | None
+    left_out: tuple[str, ...]
+    chi2: float
+    reason: str = ""
+
+
+def compare(settings: MultiplexSettings, sensor: Sensor, camera: str = "camera") -> Comparison:
+    """Return numbers and gain curves of the chosen modulators for a camera."""
+    modulator, reference = settings.modulator(), settings.reference()
+    chi2 = camera_chi2(sensor, gain=settings.gain)
+    try:
+        numbers, reason = describe(modulator, reference, chi2), ""
+    except InputError as error:
+        numbers, reason = describe(modulator), str(error)
+    curves, left_out = None, []
+    if not reason:
+        drawn = {m.name: m for m in (modulator, *settings.others())}
+        high = 4.0 if math.isinf(chi2) or chi2 <= 0 else max(4.0, math.ceil(math.log10(chi2) + 0.5))
+        curves = gain_curves(list(drawn.values()), reference, np.logspace(-4, high, 161), cameras={camera: chi2})
+        left_out = [n for n, gains in zip(curves.names, curves.gains, strict=True) if not np.isfinite(gains).all()]
+    return Comparison(_rows(numbers, reference.name, chi2), curves, tuple(left_out), chi2, reason)
+
+
+def number(value: float | None, form: str = ".4g", unit: str = "") -> str:
+    """Return a number for people; infinite and missing ones in words."""
+    if value is None:
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    return f"{value:{form}} {unit}".strip().replace("-", "−")
+
+
+def _rows(n: ModulatorNumbers, reference: str, chi2: float) -> tuple[tuple[str, str, str], ...]:
+    return (
+        ("Super-pixel", f"{n.side[1]} × {n.side[0]} px", "K pixels that measure the same samples"),
+        ("Samples N", str(n.samples), "Colours, views, or both, that are to be separated"),
+        ("Rank", f"{n.rank} of {n.samples}", "Independent combinations of the samples that are measured"),
+        ("Condition number", number(n.condition), "Largest over smallest singular value of A = Σ Πᵀ"),
+        ("Transmission τ", number(n.transmission), "Mean fraction of the light that reaches the sensor (equation 12)"),
+        ("Amplification α", number(n.amplification), "Rms noise of a sample per noise of a pixel (equation 13)"),
+        (
+            f"Gain at χ² = {number(chi2, '.3g')}",
+            number(n.gain_db, "+.2f", "dB"),
+            f"Signal to noise over {reference} at the project's camera (equation 14), 10 log₁₀",
+        ),
+        ("Gain, additive noise", number(n.gain_additive_db, "+.2f", "dB"), f"Over {reference} at χ² = 0"),
+        ("Gain, photon noise", number(n.gain_photon_db, "+.2f", "dB"), f"Over {reference} at χ² = ∞"),
+        ("Not recoverable", _lost(n.lost), "Samples of which a part is not measured; it is reconstructed as zero"),
+    )
+
+
+def _lost(lost: Mapping[str, float]) -> str:
+    if not lost:
+        return "nothing"
+    named = [f"{name} {100 * share:.3g} %" for name, share in list(lost.items())[:4]]
+    return ", ".join(named) + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")

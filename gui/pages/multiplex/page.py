@@ -1,0 +1,203 @@
+"""Multiplexing: filters, masks and lenslets in one language, their noise, and what reconstructs from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtWidgets import QFileDialog
+
+from gui.base_page import BasePage
+from gui.context import Context
+from gui.jobs import Job, JobState
+from gui.models.page import PageSpec
+from gui.models.project import ProjectState
+from gui.pages.multiplex import model as view
+from gui.pages.multiplex.model import Comparison, ModulatorPicture, MultiplexSettings
+from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct
+from gui.pages.multiplex.panel import MultiplexPanel
+from lfcal.errors import LfcalError
+from lfcal.frames.formats.opening import image_suffixes
+from lfcal.progress import drain
+
+__all__ = ["Page"]
+
+IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
+RECONSTRUCTED = ("family", "cfa", "pattern", "mask", "size", "scene", "filter", "noise", "image", "gain")
+"""Settings that change what is reconstructed; the gain only with noise."""
+
+
+class Page(BasePage):
+    """Settings left; modulator and gain, or reconstructions, on the right."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.panel = MultiplexPanel()
+        self.picture: ModulatorPicture | None = None
+        self.comparison: Comparison | None = None
+        self.found: Reconstructions | None = None
+        self._entered = False
+        self._job = 0
+        self._request = 0
+        self._asked: tuple[Any, ...] = ()
+        self.set_panel(self.panel)
+        for form in (self.panel.form, self.panel.scene_form):
+            form.check = self._check
+            form.edited.connect(self._edited)
+        self.panel.compared.connect(self._compared)
+        self.panel.pictures.right_chosen.connect(lambda name: self._edited("right", name))
+        self.panel.pictures.sample_chosen.connect(lambda _: self._show_found())
+        self.panel.open_asked.connect(self.choose_image)
+        self.panel.tabs.currentChanged.connect(lambda _: self._reconstruct())
+        context.jobs.finished.connect(self._job_finished)
+        context.theme_changed.connect(self._apply_theme)
+        self._show(context.state)
+
+    # -- project ---------------------------------------------------------------------------------------
+    @property
+    def settings(self) -> MultiplexSettings:
+        """What the user chose."""
+        return MultiplexSettings.of(self.context.state)
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Follow the settings and the sensor."""
+        if old.camera != new.camera or MultiplexSettings.of(old) != MultiplexSettings.of(new):
+            self._show(new)
+
+    def entered(self) -> None:
+        """Compute for the first time when the page is looked at."""
+        self._entered = True
+        self._show(self.context.state)
+
+    def _show(self, state: ProjectState) -> None:
+        settings = MultiplexSettings.of(state)
+        for form in (self.panel.form, self.panel.scene_form):
+            form.set_values({key: getattr(settings, key) for key in form.fields})
+            for key in form.fields:
+                form.set_enabled(key, view.used_by(settings, key))
+        self.panel.show_choices(view.choices_to_compare(settings.family), settings.compared)
+        self.panel.pictures.show_right(settings.right)
+        self.panel.file.setText(Path(settings.image).name if settings.image else "no image opened")
+        if not self._entered:
+            return
+        sensor, name = state.camera.sensor, state.camera.name
+        self.context.jobs.compute(
+            "multiplex modulator",
+            lambda: (view.picture(settings), view.compare(settings, sensor, name)),
+            self._computed,
+            self._refused,
+        )
+        self._reconstruct()
+
+    def _computed(self, result: tuple[ModulatorPicture, Comparison]) -> None:
+        self.picture, self.comparison = result
+        self.panel.show_picture(self.picture)
+        self.panel.show_comparison(self.comparison, self.context.state.camera.name)
+
+    def _refused(self, words: str) -> None:
+        self.picture = self.comparison = None
+        self.panel.show_refusal(words)
+        self.context.message.emit(words)
+
+    # -- widgets -> project ----------------------------------------------------------------------------
+    def _check(self, key: str, value: Any) -> str:
+        try:
+            self.settings.changed(key, value)
+        except LfcalError as error:
+            return str(error)
+        return ""
+
+    def _edited(self, key: str, value: Any) -> None:
+        settings = self.settings.changed(key, value).into(self.context.state)
+        self.context.project.update(f"change of {key.replace('_', ' ')}", settings=settings)
+
+    def _compared(self, ticked: tuple[str, ...]) -> None:
+        settings = self.settings
+        here = view.choices_to_compare(settings.family)
+        self._edited("compared", tuple(n for n in settings.compared if n not in here) + ticked)
+
+    def choose_image(self) -> None:
+        """Ask for an image."""
+        path = QFileDialog.getOpenFileName(self, "Open image", "", IMAGES)[0]
+        if path:
+            self.open_image(path)
+
+    def open_image(self, path: str) -> None:
+        """Take an image as recorded frame or as scene."""
+        settings = self.settings.changed("image", path).changed("scene", "image")
+        self.context.project.update("open image", settings=settings.into(self.context.state))
+        self.panel.tabs.setCurrentIndex(1)
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take a dropped image."""
+        if len(paths) == 1 and Path(paths[0]).is_file() and Path(paths[0]).suffix.lower() in image_suffixes():
+            self.open_image(paths[0])
+            return True
+        return False
+
+    # -- reconstruction --------------------------------------------------------------------------------
+    def _reconstruct(self) -> None:
+        """Reconstruct if the tab is looked at and something changed: scenes at once, opened images as a job."""
+        settings, sensor = self.settings, self.context.state.camera.sensor
+        keys = RECONSTRUCTED if settings.noise else RECONSTRUCTED[:-1]
+        asked = (*(getattr(settings, key) for key in keys), sensor if settings.noise else None)
+        if not self._entered or self.panel.tabs.currentIndex() != 1:
+            return
+        if asked == self._asked:
+            self._show_found()
+            return
+        self._asked = asked
+        self._request += 1
+        request = self._request
+        if self._job:
+            self.context.jobs.cancel(self._job)
+            self._job = 0
+        if settings.scene == "image" and not settings.image:
+            self._failed(
+                "Open an image: a frame recorded behind this modulator, or a colour image as the scene.", bad=False
+            )
+            return
+        self.panel.pictures.show_status("reconstructing …")
+        if settings.scene == "image":
+            self._job = self.context.jobs.start(
+                f"Demultiplex {Path(settings.image).name}",
+                "multiplex",
+                lambda: iter_reconstruct(settings, sensor),
+                lambda found: self._reconstructed(request, found),
+            )
+        else:
+            self.context.jobs.compute(
+                "multiplex scene",
+                lambda: drain(iter_reconstruct(settings, sensor)),
+                lambda found: self._reconstructed(request, found),
+                lambda words: self._failed(words) if request == self._request else None,
+            )
+
+    def _reconstructed(self, request: int, found: Reconstructions) -> None:
+        if request == self._request:
+            self.found = found
+            self._show_found()
+
+    def _show_found(self) -> None:
+        if self.found is not None:
+            self.panel.pictures.show_reconstructions(self.found, self.settings.right)
+
+    def _failed(self, words: str, *, bad: bool = True) -> None:
+        self.found = None
+        self.panel.pictures.clear_pictures()
+        self.panel.pictures.show_status(words, bad=bad)
+
+    def _job_finished(self, job: Job) -> None:
+        if job.number != self._job:
+            return
+        self._job = 0
+        if job.state is JobState.FAILED:
+            self._failed(job.error)
+        elif job.state is JobState.CANCELLED:
+            self._asked = ()
+            self._failed("stopped", bad=False)
+
+    def _apply_theme(self) -> None:
+        self.panel.apply_theme()
+        if self.comparison is not None:
+            self.panel.show_comparison(self.comparison, self.context.state.camera.name)

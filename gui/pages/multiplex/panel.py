@@ -1,0 +1,259 @@
+"""Multiplexing: settings on the left; modulator, numbers and gains, or reconstructions, on the right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+
+import pyqtgraph as pg
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QCheckBox,
+    QGridLayout,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QPushButton,
+    QTableWidget,
+    QTableWidgetItem,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from gui.pages.multiplex.matrix_view import MatrixView
+from gui.pages.multiplex.model import FIELDS, Comparison, ModulatorPicture, number
+from gui.pages.multiplex.pictures import MultiplexPictures
+from gui.theme import current_theme
+from gui.widgets.cards import card, column_area
+from gui.widgets.form import Form
+from gui.widgets.plots import LINES, LinePlot
+
+__all__ = ["MultiplexPanel"]
+
+NUMBER_HEIGHT = 22
+SCENE_FIELDS = ("scene", "filter", "noise")
+
+
+class MultiplexPanel(QWidget):
+    """The page's widgets.
+
+    Signals
+    -------
+    compared(names)
+        Modulators ticked for the gain curves.
+    open_asked()
+        Choose an image.
+    """
+
+    compared = Signal(tuple)
+    open_asked = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        specs = {spec.key: spec for spec in FIELDS}
+        self.form = Form(tuple(f for key, f in specs.items() if key not in SCENE_FIELDS))
+        self.scene_form = Form(tuple(specs[key] for key in SCENE_FIELDS))
+        for form in (self.form, self.scene_form):
+            for key in form.fields:
+                form.editor(key).setMinimumWidth(56)
+        self.pictures = MultiplexPictures()
+        self.tabs = QTabWidget()
+        self.tabs.addTab(self._modulator_tab(), "Modulator and gain")
+        self.tabs.addTab(self.pictures, "Reconstruction")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addWidget(column_area(286, self._settings_card(), self._compare_card(), self._scene_card()))
+        row.addWidget(self.tabs, 1)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _settings_card(self) -> QWidget:
+        frame, column = card("Modulator")
+        column.addWidget(self.form)
+        return frame
+
+    def _compare_card(self) -> QWidget:
+        frame, column = card("Compared with")
+        self.boxes: dict[str, QCheckBox] = {}
+        self.box_grid = QGridLayout()
+        self.box_grid.setSpacing(4)
+        column.addLayout(self.box_grid)
+        return frame
+
+    def _scene_card(self) -> QWidget:
+        frame, column = card("Reconstruction")
+        column.addWidget(self.scene_form)
+        self.open = QPushButton("Open image …")
+        self.open.setToolTip(
+            "RAW, TIFF, PNG, …: a grey image is a frame recorded behind this modulator, a colour "
+            "image a scene; files can be dropped here as well"
+        )
+        self.open.clicked.connect(lambda: self.open_asked.emit())
+        self.file = QLabel("")
+        self.file.setProperty("role", "hint")
+        self.file.setWordWrap(True)
+        column.addWidget(self.open)
+        column.addWidget(self.file)
+        return frame
+
+    def _modulator_tab(self) -> QWidget:
+        self.pattern = MatrixView(xlabel="column", ylabel="row", bar_below=True)
+        self.spectrum = MatrixView(xlabel="u", ylabel="v", unit="1/period", bar_below=True)
+        self.sigma = MatrixView(xlabel="j", ylabel="pixel k", unit="index", bar_below=True, signed=True, square=False)
+        self.pi = MatrixView(xlabel="j", ylabel="sample n", unit="index", bar_below=True, signed=True, square=False)
+        tips = (
+            "Transmission of each pixel of a super-pixel for the middle view; colours as seen",
+            "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
+            "Spatial basis: weight of each basis function at each pixel of the super-pixel",
+            "Plenoptic basis: weight of each colour or view in each basis function",
+        )
+        widget = QWidget()
+        row = QHBoxLayout(widget)
+        row.setContentsMargins(0, 8, 0, 0)
+        row.setSpacing(8)
+        grid = QGridLayout()
+        grid.setSpacing(8)
+        self.titles = []
+        views = (self.pattern, self.spectrum, self.sigma, self.pi)
+        for k, (view, tip, title) in enumerate(
+            zip(views, tips, ("Pattern", "Spectrum, magnitude (1)", "Σ", "Π"), strict=True)
+        ):
+            label = QLabel(title)
+            frame, column = card(label)
+            view.setToolTip(tip)
+            column.addWidget(view, 1)
+            self.titles.append(label)
+            grid.addWidget(frame, k // 2, k % 2)
+        for k in range(2):
+            grid.setColumnStretch(k, 1)
+            grid.setRowStretch(k, 1)
+        side = QVBoxLayout()
+        side.setSpacing(8)
+        side.addWidget(self._numbers_card())
+        side.addWidget(self._curve_card(), 1)
+        row.addLayout(grid, 7)
+        row.addLayout(side, 5)
+        return widget
+
+    def _numbers_card(self) -> QWidget:
+        frame, column = card("Numbers")
+        self.table = QTableWidget(0, 2)
+        self.table.horizontalHeader().hide()
+        self.table.verticalHeader().hide()
+        self.table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        self.table.verticalHeader().setMinimumSectionSize(16)
+        self.table.verticalHeader().setDefaultSectionSize(NUMBER_HEIGHT)
+        self.table.setFixedHeight(10 * NUMBER_HEIGHT + 4)
+        self.table.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
+        self.table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
+        self.table.horizontalHeader().setSectionResizeMode(1, QHeaderView.ResizeMode.Stretch)
+        column.addWidget(self.table, 1)
+        return frame
+
+    def _curve_card(self) -> QWidget:
+        self.curve_title = QLabel("Gain of signal to noise")
+        frame, column = card(self.curve_title)
+        self.curve = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
+        self.curve.plot.setLogMode(True, False)
+        self.curve.setToolTip("Left: read noise dominates, right: photon noise; dashed: the project's camera")
+        self.marker = pg.InfiniteLine(angle=90)
+        self.marker.hide()
+        self.curve.plot.addItem(self.marker, ignoreBounds=True)
+        self.curve_hint = QLabel("")
+        self.curve_hint.setProperty("role", "hint")
+        self.curve_hint.setWordWrap(True)
+        column.addWidget(self.curve, 1)
+        column.addWidget(self.curve_hint)
+        return frame
+
+    # -- compared --------------------------------------------------------------------------------------
+    def ticked(self) -> tuple[str, ...]:
+        """Return the names ticked in the list."""
+        return tuple(name for name, box in self.boxes.items() if box.isChecked())
+
+    def show_choices(self, names: Sequence[str], ticked: Sequence[str]) -> None:
+        """Offer the modulators to compare with."""
+        if tuple(self.boxes) != tuple(names):
+            for box in self.boxes.values():
+                box.hide()
+                self.box_grid.removeWidget(box)
+                box.deleteLater()
+            self.boxes = {name: self._box(name) for name in names}
+            for k, box in enumerate(self.boxes.values()):
+                self.box_grid.addWidget(box, k // 2, k % 2)
+        for name, box in self.boxes.items():
+            blocker = QSignalBlocker(box)
+            box.setChecked(name in ticked)
+            blocker.unblock()
+
+    def _box(self, name: str) -> QCheckBox:
+        box = QCheckBox(name.replace("_", " "))
+        box.setToolTip("Draw its gain beside that of the modulator; left out where there is none of this size")
+        box.toggled.connect(lambda _: self.compared.emit(self.ticked()))
+        return box
+
+    # -- modulator -------------------------------------------------------------------------------------
+    def show_picture(self, picture: ModulatorPicture) -> None:
+        """Draw the modulator."""
+        self.pattern.show_array(picture.pattern if picture.colours is None else picture.colours, name="pattern")
+        self.spectrum.show_array(picture.spectrum, name="spectrum")
+        rows, columns = picture.spectrum.shape
+        self.spectrum.set_image(picture.spectrum, origin=(-(rows // 2), -(columns // 2)), keep_view=False)
+        self.sigma.show_array(picture.sigma, name="sigma")
+        self.pi.show_array(picture.pi, name="pi")
+        kind = "" if picture.real else ", real part"
+        shapes = (("Σ", picture.sigma), ("Π", picture.pi))
+        for label, (name, array) in zip(self.titles[2:], shapes, strict=True):
+            label.setText(f"{name}, {array.shape[0]} × {array.shape[1]}{kind}")
+        self.titles[0].setText(f"Pattern of {picture.name.replace('_', ' ')}")
+
+    def show_refusal(self, words: str) -> None:
+        """Show no modulator, and why there is none."""
+        for view in (self.pattern, self.spectrum, self.sigma, self.pi):
+            view.set_image(None)
+        self.table.setRowCount(0)
+        self.curve.clear()
+        self.marker.hide()
+        self.curve_hint.setText(f"<span style='color:{current_theme().bad}'>{escape(words)}</span>")
+
+    def show_comparison(self, found: Comparison, camera: str) -> None:
+        """Show numbers and curves."""
+        self.table.setRowCount(len(found.rows))
+        for k, (name, value, tip) in enumerate(found.rows):
+            for column, text in enumerate((name, value)):
+                item = QTableWidgetItem(text)
+                item.setToolTip(f"{value}\n{tip}")
+                self.table.setItem(k, column, item)
+        self.curve.clear()
+        self.marker.hide()
+        if found.curves is None:
+            self.curve_title.setText("Gain of signal to noise")
+            self.curve_hint.setText(f"No gains: {escape(found.reason)}")
+            return
+        curves = found.curves
+        self.curve_title.setText(f"Gain of signal to noise over {curves.reference.replace('_', ' ')}")
+        legend = []
+        for k, (name, gains) in enumerate(zip(curves.names, curves.gains, strict=True)):
+            if name not in found.left_out:
+                tone, dashed, text = LINES[k % len(LINES)], k >= len(LINES), name.replace("_", " ")
+                self.curve.set_curve(text, curves.chi2, gains, colour=tone, dashed=dashed)
+                legend.append(f"<span style='color:{tone}'>{'╍' if dashed else '━'}</span>&nbsp;{text}")
+        low, high = float(curves.chi2[0]), float(curves.chi2[-1])
+        self.marker.setPos(math.log10(min(max(found.chi2, low), high)))
+        self.marker.setPen(pg.mkPen(current_theme().text, width=1.2, style=Qt.PenStyle.DashLine))
+        self.marker.show()
+        words = f"{' &nbsp; '.join(legend)}<br>┆ {escape(camera)}, χ² = {number(found.chi2, '.3g')} at full scale"
+        if found.left_out:
+            words += f"<br>Not drawn, as samples are lost: {', '.join(found.left_out)}"
+        self.curve_hint.setText(words)
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for view in (self.pattern, self.spectrum, self.sigma, self.pi, self.curve, self.pictures):
+            view.apply_theme()
+        self.marker.setPen(pg.mkPen(current_theme().text, width=1.2, style=Qt.PenStyle.DashLine))

@@ -1,0 +1,102 @@
+"""Plan: planes, cutout and order; the region on the lattice with the scan path; what it costs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtWidgets import QFileDialog
+
+from gui.base_page import BasePage
+from gui.context import Context
+from gui.models.page import PageSpec
+from gui.models.project import ProjectState
+from gui.pages.plan.model import apply_change, default_plan
+from gui.pages.plan.panel import PlanPanel
+from lfcal.camera import ScanPlan
+from lfcal.errors import LfcalError
+from lfcal.files import replace_whole, storage_errors
+
+__all__ = ["Page"]
+
+
+class Page(BasePage):
+    """Every change that passes is an undoable change of the project."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.tool_button("Open …", "A saved plan (.json)", self.open_file)
+        self.tool_button("Save …", "Write this plan as JSON, for lfcal acquire and lfcal assemble", self.save_file)
+        self.tool_button("Default", "Planes, cutout and anchor as the camera's geometry suggests", self.make_default)
+        self.panel = PlanPanel(self._check)
+        self.panel.edited.connect(self._edited)
+        self.set_panel(self.panel)
+        context.theme_changed.connect(self.panel.apply_theme)
+        self._show(context.state)
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Show the plan if it changed."""
+        if old.plan != new.plan or old.camera != new.camera:
+            self._show(new)
+
+    def _show(self, state: ProjectState) -> None:
+        if state.plan is None:
+            self.show_empty(
+                "No plan yet for this camera.\nThe plan says where the point source goes and what it costs.",
+                {"Make a plan": self.make_default, "Open a plan …": self.open_file},
+            )
+            return
+        self.show_body()
+        self.panel.show_plan(state.plan)
+
+    def _check(self, key: str, value: Any) -> str:
+        plan = self.context.state.plan
+        return "" if plan is None else apply_change(plan, key, value)[1]
+
+    def _edited(self, key: str, value: Any) -> None:
+        plan = self.context.state.plan
+        changed = None if plan is None else apply_change(plan, key, value)[0]
+        if changed is not None:
+            self.context.project.update(f"change of {key.replace('_', ' ')}", plan=changed)
+
+    def make_default(self) -> None:
+        """Make the plan that the camera's geometry suggests."""
+        try:
+            self.context.project.update("default plan", plan=default_plan(self.context.state.camera))
+        except LfcalError as error:
+            self.context.message.emit(str(error))
+
+    def open_file(self, path: str = "") -> None:
+        """Take a plan, and its camera, from a file."""
+        path = path or QFileDialog.getOpenFileName(self, "Open plan", "", "Plans (*.json)")[0]
+        if not path:
+            return
+        try:
+            with storage_errors(Path(path)):
+                plan = ScanPlan.from_json(Path(path).read_text(encoding="utf-8", errors="replace"))
+        except LfcalError as error:
+            self.context.message.emit(str(error))
+            return
+        self.context.project.update(f"plan {Path(path).name}", plan=plan, camera=plan.camera)
+
+    def save_file(self, path: str = "") -> None:
+        """Write the plan as JSON."""
+        plan = self.context.state.plan
+        if plan is None:
+            return
+        path = path or QFileDialog.getSaveFileName(self, "Save plan", "plan.json", "Plans (*.json)")[0]
+        if not path:
+            return
+        try:
+            with replace_whole(path) as part:
+                part.write_text(plan.to_json(), encoding="utf-8")
+            self.context.message.emit(f"plan saved as {path}")
+        except LfcalError as error:
+            self.context.message.emit(str(error))
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take a dropped plan."""
+        if len(paths) == 1 and paths[0].endswith(".json"):
+            self.open_file(paths[0])
+            return True
+        return False

@@ -1,0 +1,230 @@
+"""PSF: H and its transpose, at once, for any plane and position."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+from PySide6.QtWidgets import QFileDialog
+
+from gui.base_page import BasePage
+from gui.context import Context
+from gui.models.page import PageSpec
+from gui.models.project import ProjectState
+from gui.pages.psf.model import LoadedPlane, PlaneData, PSFIntent, place_words, read_plane, resolve, unit_of
+from gui.pages.psf.panel import PSFPanel
+from lfcal.errors import LfcalError
+from lfcal.psf import PSFMatrix
+from lfcal.units import format_bytes
+
+if TYPE_CHECKING:
+    from lfcal.psf.aperture import Aperture
+
+__all__ = ["Page"]
+
+SUFFIXES = (".h5", ".mat", ".npy")
+FILES = "PSF matrices (*.h5 *.mat *.npy)"
+EXPORTS = "MATLAB v7.3 with H and Ht (*.mat);;numpy (*.npy);;TIFF stacks (*.tif);;H file (*.h5)"
+
+
+class Page(BasePage):
+    """The heart of the window: intent in, picture out."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.intent = PSFIntent()
+        self.matrix: PSFMatrix | None = None
+        self.reference: PSFMatrix | None = None
+        self.plane: LoadedPlane | None = None
+        self.reference_plane: LoadedPlane | None = None
+        self._held = False
+        self._levels = (0.0, 1.0)
+        self.tool_button("Open H …", "An H file, a MATLAB v7.3 file or an .npy array", self.choose_file)
+        self.tool_button("Reference …", "An H to compare with: simulated or earlier", self.choose_reference)
+        self.tool_button("Export …", "H and HT for a deconvolution code", self.export)
+        self.panel = PSFPanel()
+        self.panel.asked.connect(lambda changes: self.set_intent(**changes))
+        self.panel.display_asked.connect(self._set_display)
+        self.panel.own_scale_toggled.connect(self._show_picture)
+        self.panel.hovered.connect(self._hovered)
+        self.panel.clicked.connect(self._hold)
+        self.set_panel(self.panel)
+        self._add_shortcuts()
+        context.theme_changed.connect(self.panel.apply_theme)
+        self._open()
+
+    def _add_shortcuts(self) -> None:
+        self.shortcut("Left", lambda: self._step(0, -1))
+        self.shortcut("Right", lambda: self._step(0, 1))
+        self.shortcut("Up", lambda: self._step(-1, 0))
+        self.shortcut("Down", lambda: self._step(1, 0))
+        self.shortcut("PgUp", lambda: self.set_intent(z=self.intent.z - 1))
+        self.shortcut("PgDown", lambda: self.set_intent(z=self.intent.z + 1))
+        self.shortcut("T", lambda: self.set_intent(transposed=not self.intent.transposed))
+        self.shortcut("L", lambda: self.panel.toggle_scale("log"))
+        self.shortcut("G", lambda: self.panel.toggle_scale("gamma"))
+
+    # -- files -----------------------------------------------------------------------------------------
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Open what the project names now."""
+        if (old.psf, old.reference) != (new.psf, new.reference):
+            self._open()
+
+    def _open(self) -> None:
+        state = self.context.state
+        self.plane = self.reference_plane = None
+        try:
+            self.matrix = self.context.matrix(state.psf)
+            self.reference = self.context.matrix(state.reference)
+        except LfcalError as error:
+            self.matrix = None
+            self.context.message.emit(str(error))
+        matrix = self.matrix
+        if self.reference is not None and matrix is not None and self.reference.shape != matrix.shape:
+            self.context.message.emit(f"the reference has shape {self.reference.shape}, H {matrix.shape}: not compared")
+            self.reference = None
+        if matrix is None:
+            self._show_none()
+            return
+        self.show_body()
+        self.hint.setText(f"{Path(state.psf).name}: (z, y, x, t, s) = {matrix.shape}, {format_bytes(matrix.nbytes)}")
+        self.panel.show_matrix(matrix.depths, unit_of(matrix), reference=self.reference is not None)
+        self._load_sums(matrix)
+        self.set_intent(z=len(matrix) // 2, y=matrix.period[0] // 2, x=matrix.period[1] // 2, pixel=None)
+
+    def _show_none(self) -> None:
+        self.show_empty(
+            "No PSF yet.\nAssemble frames, simulate one, or open an H file, a MATLAB v7.3 file or an .npy array.",
+            {
+                "Open H …": self.choose_file,
+                "Frames": lambda: self.context.go.emit("frames", None),
+                "Simulate": lambda: self.context.go.emit("simulate", None),
+            },
+        )
+
+    def _load_sums(self, matrix: PSFMatrix) -> None:
+        """Compute what is known of each plane in the background, one plane after the other."""
+
+        def load(z: int) -> None:
+            if z < len(matrix) and matrix is self.matrix:
+                self.context.jobs.compute("psf sums", lambda: matrix.depth_sum(z), lambda image: done(z, image))
+
+        def done(z: int, image: NDArray[Any]) -> None:
+            if matrix is self.matrix:
+                self.panel.strip.set_sum(z, image)
+                load(z + 1)
+
+        load(0)
+
+    def choose_file(self) -> None:
+        """Ask for an H file."""
+        path = QFileDialog.getOpenFileName(self, "Open H", "", FILES)[0]
+        if path:
+            self.context.project.update("open H", psf=path)
+
+    def choose_reference(self) -> None:
+        """Ask for a reference."""
+        path = QFileDialog.getOpenFileName(self, "Open reference", "", FILES)[0]
+        if path:
+            self.context.project.update("open reference", reference=path)
+
+    def export(self, path: str = "") -> None:
+        """Export H (and Ht) as a job."""
+        from lfcal.psf import iter_export
+
+        matrix = self.matrix
+        if matrix is None:
+            return
+        path = path or QFileDialog.getSaveFileName(self, "Export H", "H.mat", EXPORTS)[0]
+        if path:
+            self.context.jobs.start(
+                f"Export {Path(path).name}",
+                "psf",
+                lambda: iter_export(matrix, path),
+                lambda out: self.context.message.emit(f"exported {out}"),
+            )
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take a dropped H file."""
+        if len(paths) == 1 and Path(paths[0]).suffix.lower() in SUFFIXES:
+            self.context.project.update("open H", psf=paths[0])
+            return True
+        return False
+
+    def receive(self, payload: Any) -> None:
+        """Show a position (z, y, x) another page sent."""
+        if isinstance(payload, tuple) and len(payload) == 3:
+            self.set_intent(z=payload[0], y=payload[1], x=payload[2])
+
+    # -- intent ----------------------------------------------------------------------------------------
+    def set_intent(self, **changes: Any) -> None:
+        """Change what is asked for, and show it."""
+        if self.matrix is None:
+            return
+        self.intent = replace(self.intent, **changes).clamped(self.matrix.shape)
+        self.panel.show_intent(self.intent, *place_words(self.matrix, self.intent))
+        if self.plane is None or self.plane.z != self.intent.z:
+            self._load_plane()
+        else:
+            self._show_picture()
+
+    def _set_display(self, changes: dict[str, Any]) -> None:
+        self.intent = replace(self.intent, display=replace(self.intent.display, **changes))
+        self.panel.set_display(self.intent.display, sum_only=self.intent.show == "difference")
+
+    def _step(self, dy: int, dx: int) -> None:
+        if self.matrix is not None:
+            moved = self.intent.moved(dy, dx, self.matrix.period)
+            self.set_intent(y=moved.y, x=moved.x)
+
+    def _hovered(self, row: int, column: int, value: float) -> None:
+        if self._held or self.plane is None:
+            return
+        pixel = None if row < 0 else (row, column)
+        if pixel != self.intent.pixel:
+            self.set_intent(pixel=pixel)
+        if pixel is not None:
+            self.panel.readout.setText(f"t {row}, s {column}: {value:.5g} counts")
+
+    def _hold(self, row: int, column: int) -> None:
+        self._held = not self._held
+        self.set_intent(pixel=(row, column))
+
+    # -- data --------------------------------------------------------------------------------------------
+    def _load_plane(self) -> None:
+        """Read the plane in the background; the newest wish wins."""
+        matrix, reference, z = self.matrix, self.reference, self.intent.z
+        assert matrix is not None
+        self.plane = None
+        self.panel.readout.setText(f"reading plane {z} …")
+        self.context.jobs.compute(
+            "psf plane", lambda: read_plane(matrix, reference, z), self._plane_read, self.context.message.emit
+        )
+
+    def _plane_read(self, loaded: PlaneData) -> None:
+        self.plane, self.reference_plane, self._levels = loaded.plane, loaded.reference, loaded.levels
+        matrix = self.matrix
+        if matrix is None or self.plane.z != self.intent.z:
+            return
+        self.panel.show_plane(loaded, matrix.recorded[self.plane.z])
+        self.context.jobs.compute(
+            "psf aperture",
+            lambda: matrix.aperture(loaded.plane.z),
+            self._show_aperture,
+            self.panel.aperture_text.setText,
+        )
+        self._show_picture()
+
+    def _show_picture(self) -> None:
+        if self.plane is None:
+            return
+        # all positions of a plane share its levels, but the reference and the difference have others
+        own = self.intent.show != "measured" or self.panel.own_scale.isChecked()
+        picture = resolve(self.intent, self.plane, self.reference_plane)
+        self.panel.show_picture(picture, self.intent, None if own else self._levels)
+
+    def _show_aperture(self, aperture: Aperture) -> None:
+        if self.matrix is not None:
+            self.panel.show_aperture(aperture, self.matrix.cutout)

@@ -1,0 +1,254 @@
+"""PSF: controls on the left, the picture and its linked one, profile and aperture, the strip of planes below."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QFrame,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QScrollArea,
+    QSizePolicy,
+    QSlider,
+    QVBoxLayout,
+    QWidget,
+)
+
+from gui.models.display import COLOUR_MAPS, Display
+from gui.pages.psf.depth_strip import DepthStrip
+from gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, aperture_words
+from gui.widgets.cards import card, choice_box
+from gui.widgets.image_view import ImageView
+from gui.widgets.period_map import PeriodMap
+from gui.widgets.plots import LinePlot
+
+if TYPE_CHECKING:
+    from lfcal.psf.aperture import Aperture
+
+__all__ = ["PSFPanel"]
+
+SHOWN = (("measured", "measured"), ("reference", "reference"), ("difference", "difference"))
+SCALES = (("linear", "linear"), ("log", "log, 4 decades"), ("gamma", "gamma 0.5"))
+Levels = tuple[float, float] | None
+
+
+class PSFPanel(QWidget):
+    """The page's widgets.
+
+    Signals
+    -------
+    asked(changes)
+        Entries of `gui.pages.psf.model.PSFIntent` that are to change.
+    display_asked(changes)
+        Entries of `gui.models.display.Display` that are to change.
+    own_scale_toggled()
+        Each picture is to fill the scale, or all are to share one.
+    hovered(row, column, value), clicked(row, column)
+        The pointer in the main picture; row -1: outside.
+    """
+
+    asked = Signal(dict)
+    display_asked = Signal(dict)
+    own_scale_toggled = Signal()
+    hovered = Signal(int, int, float)
+    clicked = Signal(int, int)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._make_pictures()
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setSpacing(8)
+        grid.addWidget(self._controls(), 0, 0, 2, 1)
+        grid.addWidget(_titled(self.main_title, self.main_view), 0, 1)
+        grid.addWidget(_titled(self.linked_title, self.linked_view), 0, 2)
+        grid.addWidget(_titled(QLabel("Line profiles through the pixel under the pointer"), self.profile), 1, 1)
+        grid.addWidget(self._aperture_card(), 1, 2)
+        grid.addWidget(self.strip, 2, 0, 1, 3)
+        grid.setColumnStretch(1, 1)
+        grid.setColumnStretch(2, 1)
+        grid.setRowStretch(0, 3)
+        grid.setRowStretch(1, 2)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _make_pictures(self) -> None:
+        self.main_view, self.linked_view, self.sum_view = ImageView(), ImageView(), ImageView()
+        self.main_title, self.linked_title = QLabel(), QLabel()
+        self.main_view.hovered.connect(self.hovered.emit)
+        self.main_view.clicked.connect(self.clicked.emit)
+        self.map = PeriodMap()
+        self.map.chosen.connect(lambda y, x: self.asked.emit({"y": y, "x": x}))
+        self.strip = DepthStrip(64)
+        self.strip.chosen.connect(lambda z: self.asked.emit({"z": z}))
+        self.profile = LinePlot("pixel from the cutout's centre (px)", "intensity (counts)", legend=True)
+        self.outline = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=2))
+        self.sum_view.add_overlay(self.outline)
+        self.aperture_text = QLabel()
+        self.aperture_text.setTextFormat(Qt.TextFormat.RichText)
+        self.aperture_text.setWordWrap(True)
+
+    def _controls(self) -> QWidget:
+        panel, column = card()
+        panel.setFixedWidth(244)
+        column.setSpacing(7)
+        column.addLayout(self._transposition())
+        self.plane_label = QLabel()
+        self.plane_label.setWordWrap(True)
+        self.plane_slider = QSlider(Qt.Orientation.Horizontal)
+        self.plane_slider.setToolTip("Depth plane (page up, page down)")
+        self.plane_slider.valueChanged.connect(lambda z: self.asked.emit({"z": z}))
+        self.position_label = QLabel()
+        for widget in (self.plane_label, self.plane_slider, self.position_label):
+            column.addWidget(widget)
+        column.addWidget(self.map, 1)
+        self._add_choices(column)
+        self.own_scale = QCheckBox("Each picture fills the scale")
+        self.own_scale.setToolTip("Off: all positions of a plane share one scale, so that they can be compared")
+        self.own_scale.toggled.connect(lambda _: self.own_scale_toggled.emit())
+        column.addWidget(self.own_scale)
+        self.readout = QLabel(" ")
+        self.readout.setProperty("role", "hint")
+        self.readout.setWordWrap(True)
+        self.readout.setMinimumHeight(50)
+        column.addWidget(self.readout)
+        return panel
+
+    def _transposition(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        self.h_button, self.ht_button = QPushButton("H"), QPushButton("HT")
+        for button, transposed, tip in (
+            (self.h_button, False, "Pattern on the sensor of one source position (T)"),
+            (self.ht_button, True, "Pattern in the volume seen by one pixel: the transposed matrix (T)"),
+        ):
+            button.setCheckable(True)
+            button.setToolTip(tip)
+            button.clicked.connect(lambda _=False, t=transposed: self.asked.emit({"transposed": t}))
+            row.addWidget(button)
+        return row
+
+    def _add_choices(self, column: QVBoxLayout) -> None:
+        self.show_box = choice_box(SHOWN, "Measured H, the reference, or measured - reference at equal energy")
+        self.scale_box = choice_box(SCALES, "How intensity becomes colour (L: log, G: gamma)")
+        self.map_box = choice_box([(name, name) for name in COLOUR_MAPS], "Colour map; all are perceptually uniform")
+        self.show_box.currentIndexChanged.connect(lambda _: self.asked.emit({"show": self.show_box.currentData()}))
+        self.scale_box.currentIndexChanged.connect(
+            lambda _: self.display_asked.emit({"scale": self.scale_box.currentData()})
+        )
+        self.map_box.currentIndexChanged.connect(
+            lambda _: self.display_asked.emit({"colour_map": self.map_box.currentData()})
+        )
+        for text, box in (("Show", self.show_box), ("Scaling", self.scale_box), ("Colours", self.map_box)):
+            line = QHBoxLayout()
+            line.addWidget(QLabel(text))
+            line.addWidget(box, 1)
+            column.addLayout(line)
+
+    def _aperture_card(self) -> QWidget:
+        panel, column = card("Aperture from the depth-plane sum")
+        row = QHBoxLayout()
+        row.addWidget(self.sum_view, 1)
+        self.aperture_text.setAlignment(Qt.AlignmentFlag.AlignVCenter)
+        # in a scroll area: a label that wraps would ask the grid for height, and the pictures above would shrink
+        area = QScrollArea()
+        area.setWidgetResizable(True)
+        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        area.setWidget(self.aperture_text)
+        self.aperture_text.setAutoFillBackground(False)
+        area.setFixedWidth(168)
+        row.addWidget(area)
+        column.addLayout(row, 1)
+        return panel
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_matrix(self, depths: NDArray[np.float64], unit: str, *, reference: bool) -> None:
+        """Offer the planes at ``depths`` (µm) of an H with values in ``unit``; ``reference``: there is one."""
+        self.plane_slider.setRange(0, len(depths) - 1)
+        self.plane_slider.setEnabled(len(depths) > 1)
+        self.strip.set_planes(depths)
+        self.show_box.setEnabled(reference)
+        for view in (self.main_view, self.linked_view, self.sum_view):
+            view.set_value_label(unit)
+        self.profile.set_labels("pixel from the cutout's centre (px)", unit)
+
+    def show_intent(self, intent: PSFIntent, plane_words: str, position_words: str) -> None:
+        """Show what was asked for."""
+        self.plane_label.setText(plane_words)
+        self.position_label.setText(position_words)
+        blocker = QSignalBlocker(self.plane_slider)
+        self.plane_slider.setValue(intent.z)
+        blocker.unblock()
+        self.strip.set_current(intent.z)
+        self.map.set_position(intent.y, intent.x)
+        self.h_button.setChecked(not intent.transposed)
+        self.ht_button.setChecked(intent.transposed)
+
+    def show_plane(self, loaded: PlaneData, recorded: NDArray[Any]) -> None:
+        """Show what holds for a whole plane: energy of each position and whether it was recorded, depth sum."""
+        self.readout.setText("Hover a pixel to see the voxel pattern it belongs to; click to hold it.")
+        self.map.set_values(loaded.energy, recorded)
+        nt, ns = loaded.depth_sum.shape
+        self.sum_view.set_image(loaded.depth_sum, name="depth_sum", origin=(-(nt // 2), -(ns // 2)))
+        self.outline.setData([], [])
+        self.aperture_text.setText("fitting the aperture …")
+
+    def show_picture(self, picture: PSFPicture, intent: PSFIntent, levels: Levels) -> None:
+        """Show the main and the linked picture; ``levels`` None: each fills the scale."""
+        for view, image, cursor in (
+            (self.main_view, picture.main, picture.main_cursor),
+            (self.linked_view, picture.linked, picture.linked_cursor),
+        ):
+            if picture.signed != view.signed:
+                view.set_signed(picture.signed, intent.display)
+            view.set_image(image, name="psf", levels=levels)
+            view.set_cursor(*(cursor or (None, None)))
+        self.main_title.setText(picture.main_title)
+        self.linked_title.setText(picture.linked_title)
+        self._show_profile(picture.main, intent, levels)
+
+    def _show_profile(self, image: NDArray[Any], intent: PSFIntent, levels: Levels) -> None:
+        ct, cs = (n // 2 for n in image.shape)
+        t, s = intent.pixel or (ct, cs)
+        if levels is not None:
+            self.profile.plot.setYRange(*levels, padding=0.02)
+        else:
+            self.profile.plot.enableAutoRange("y")
+        self.profile.set_curve("along the row", np.arange(image.shape[1]) - cs, image[t])
+        self.profile.set_curve("along the column", np.arange(image.shape[0]) - ct, image[:, s])
+
+    def show_aperture(self, aperture: Aperture, cutout: tuple[int, int]) -> None:
+        """Show the fitted aperture over the depth sum, and its numbers."""
+        outline = aperture.outline()
+        self.outline.setData(outline[:, 1] - cutout[1] // 2, outline[:, 0] - cutout[0] // 2)
+        self.aperture_text.setText(aperture_words(aperture))
+
+    def set_display(self, display: Display, *, sum_only: bool) -> None:
+        """Use scaling and colours; ``sum_only``: the pictures show a difference, which has colours of its own."""
+        for view in (self.sum_view,) if sum_only else (self.main_view, self.linked_view, self.sum_view):
+            view.set_display(display)
+
+    def toggle_scale(self, scale: str) -> None:
+        """Change between ``scale`` and linear."""
+        chosen = "linear" if self.scale_box.currentData() == scale else scale
+        self.scale_box.setCurrentIndex(self.scale_box.findData(chosen))
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for widget in (self.main_view, self.linked_view, self.sum_view, self.map, self.profile):
+            widget.apply_theme()
+
+
+def _titled(title: QLabel, content: QWidget) -> QFrame:
+    frame, column = card(title)
+    title.setSizePolicy(
+        QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred
+    )  # a long title must not widen a column
+    column.addWidget(content, 1)
+    return frame

@@ -1,0 +1,32 @@
+"""Quality: is the PSF good, what is wrong if not, and what to record again."""
+
+from __future__ import annotations
+
+from gui.models.page import PageSpec, PageState, Sketch, file_state
+from gui.models.project import ProjectState
+
+__all__ = ["PAGE"]
+
+
+def state(project: ProjectState) -> PageState:
+    """Return whether there is an H to judge; that it was judged is not kept."""
+    there = file_state(project.psf, ready=False) is PageState.DONE
+    return PageState.READY if there else PageState.NOTHING
+
+
+def icon(sketch: Sketch) -> None:
+    """Draw a tick in a circle."""
+    sketch.circle(11, 11, 8.5)
+    sketch.line((6.5, 11.5), (10, 15), (16, 7.5))
+
+
+PAGE = PageSpec(
+    "quality",
+    "Quality",
+    "Judge the PSF and find what to record again",
+    order=60,
+    package=__name__,
+    state=state,
+    needs="lfcal.psf.quality",
+    icon=icon,
+)

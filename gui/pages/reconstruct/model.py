@@ -1,0 +1,268 @@
+"""What the Reconstruct page asks for and shows: settings, forecast, light fields made by itself. No Qt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.models.form import Field
+from gui.models.settings import PageSettings
+from lfcal.errors import InputError
+from lfcal.files import replace_whole
+from lfcal.psf import PSFMatrix
+from lfcal.reconstruct.projectors.forecast import METHODS
+from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
+from lfcal.reconstruct.solvers.solver import OPTIONS
+from lfcal.units import format_bytes, format_seconds
+
+__all__ = [
+    "FIELDS",
+    "ReconstructSettings",
+    "Synthetic",
+    "forecast_words",
+    "light_field",
+    "make_light_field",
+    "projector_for",
+    "synthetic_shape",
+    "used_by",
+]
+
+LARGEST = 640
+COUNTS = 2000.0
+
+FIELDS = (
+    Field(
+        "solver",
+        "Solver",
+        kind="choice",
+        choices=tuple((name, name) for name in SOLVERS.names()),
+        tip="; ".join(f"{solver.name}: {solver.title}" for solver in SOLVERS),
+    ),
+    Field("iterations", "Iterations", "", "Number of iterations; Continue adds as many", kind="int"),
+    Field("background", "Background", "counts", "Expected value of a pixel without any source"),
+    Field("read_noise", "Read noise", "counts", "Rms noise of the sensor; Richardson-Lucy variants use it"),
+    Field("saturation", "Saturation", "counts", "Pixels at or above are left out; empty: none", optional=True),
+    Field(
+        "strength",
+        "Strength",
+        "",
+        "Weight of the penalty (rl-tv: 0.002 is mild; rl-tikhonov: 0.01), damping of cg; empty: the default",
+        optional=True,
+    ),
+    Field(
+        "subsets",
+        "Subsets",
+        "",
+        "osem: number of subsets; phase-space: blocks of views per axis; empty: the default",
+        kind="int",
+        optional=True,
+    ),
+    Field(
+        "method",
+        "Projector",
+        kind="choice",
+        choices=tuple((m, m) for m in ("auto", *METHODS)),
+        tip="How H is applied; auto takes the cheapest by the forecast",
+    ),
+    Field(
+        "threshold",
+        "Crop H below",
+        "% of peak",
+        "Entries of H below this share of their plane's peak count as zero: faster, less exact",
+        scale=0.01,
+    ),
+    Field("double", "Double precision", kind="bool", tip="float64 instead of float32: twice the memory"),
+    Field("region", "Region", "px", "row, column, rows, columns of the light field; empty: all of it", kind="floats"),
+    Field(
+        "anchor", "Anchor", "px", "row, column at which H's position (0, 0) is imaged; empty: that of H", kind="floats"
+    ),
+)
+
+
+def used_by(solver: str, key: str) -> bool:
+    """Return whether the field ``key`` matters to ``solver``."""
+    return key not in OPTIONS or key in SOLVERS.get(solver).honours
+
+
+@dataclass(frozen=True)
+class ReconstructSettings(PageSettings):
+    """What the user chose.
+
+    Attributes
+    ----------
+    solver, iterations, background, read_noise, saturation, strength, subsets
+        As in `lfcal.reconstruct.solvers.choice.SolverChoice`.
+    method, threshold, double
+        As in `lfcal.reconstruct.Projector`.
+    region
+        First row and column, rows and columns of the light field; empty: all.
+    anchor
+        Pixel (row, column) of the whole light field at which H's position (0, 0) is imaged; empty: that of H.
+    """
+
+    page: ClassVar[str] = "reconstruct"
+
+    solver: str = "rl"
+    iterations: int = 20
+    background: float = 0.0
+    read_noise: float = 0.0
+    saturation: float | None = None
+    strength: float | None = None
+    subsets: int | None = None
+    method: str = "auto"
+    threshold: float = 0.0
+    double: bool = False
+    region: tuple[float, ...] = ()
+    anchor: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check what no library call would find before the work begins."""
+        if not 1 <= self.iterations <= 100_000:
+            raise InputError.expected("iterations", "1 to 100000", self.iterations, "correct it")
+        if not 0 <= self.threshold < 1:
+            raise InputError.expected("crop H below", "0 to 100 % of the peak", self.threshold, "correct it")
+        if self.subsets is not None and self.subsets < 1:
+            raise InputError.expected("subsets", "at least 1", self.subsets, "correct it")
+        for name in ("background", "read_noise"):
+            if not 0 <= getattr(self, name) < 1e12:
+                raise InputError.expected(
+                    name.replace("_", " "), "not negative (counts)", getattr(self, name), "correct it"
+                )
+        if len(self.region) not in (0, 4) or any(v < 0 or v != int(v) for v in self.region) or 0 in self.region[2:]:
+            raise InputError.expected(
+                "region", "row, column, rows, columns in whole pixels", self.region, "for example 0, 0, 400, 400"
+            )
+        if len(self.anchor) not in (0, 2):
+            raise InputError.expected("anchor", "row, column in pixels", self.anchor, "for example 12, 7")
+
+    def usable(self) -> None:
+        """Raise `InputError` where solver and settings do not go together."""
+        self.choice()
+
+    def choice(self) -> SolverChoice:
+        """Return the solver with the settings it uses; those the page greys out stay as they are, for another one."""
+        options = ("background", "read_noise", "saturation", "strength", "subsets")
+        used = {key: getattr(self, key) for key in options if used_by(self.solver, key)}
+        return SolverChoice(self.solver, self.iterations, **used)
+
+    def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
+        """Return rows and columns of a light field of ``shape`` to be used; raises `InputError` if outside."""
+        if not self.region:
+            return slice(0, shape[0]), slice(0, shape[1])
+        row, column, rows, columns = (int(v) for v in self.region)
+        if row + rows > shape[0] or column + columns > shape[1]:
+            raise InputError.expected(
+                "region",
+                f"inside the light field of {shape[0]} × {shape[1]} px",
+                (row, column, rows, columns),
+                "correct it",
+            )
+        return slice(row, row + rows), slice(column, column + columns)
+
+    def changed(self, key: str, value: Any) -> ReconstructSettings:
+        """Return the settings with one field changed; raises `InputError` if it cannot be."""
+        return replace(self, **{key: value})
+
+
+# -- projector ---------------------------------------------------------------------------------------------
+def projector_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSettings) -> Any:
+    """Return the projector of the used region of a light field of ``shape``."""
+    from lfcal.reconstruct.projectors.projector import Projector
+
+    rows, columns = settings.window(shape)
+    row, column = settings.anchor or H.anchor
+    return Projector(
+        H,
+        (rows.stop - rows.start, columns.stop - columns.start),
+        (row - rows.start, column - columns.start),
+        settings.method,
+        dtype="float64" if settings.double else "float32",
+        threshold=settings.threshold,
+    )
+
+
+def forecast_words(P: Any, iterations: int) -> str:
+    """Return what the reconstruction will cost, as rich text."""
+    found = P.forecast()
+    cost = found.chosen
+    nz, ny, nx = P.volume_shape
+    total = cost.prepare_s + iterations * cost.pair_s
+    rows = [
+        ("Volume", f"{nx} × {ny} × {nz} voxels"),
+        ("Projector", cost.method + ("" if cost.resident else ", prepared each time")),
+        ("Set-up", format_seconds(cost.prepare_s)),
+        ("Forward, adjoint", f"{format_seconds(cost.forward_s)}, {format_seconds(cost.adjoint_s)}"),
+        (f"{iterations} iterations", f"about {format_seconds(total)}"),
+        ("Memory", f"{format_bytes(cost.memory_bytes)} of {format_bytes(found.memory_limit)}"),
+    ]
+    others = [f"{o.method} {format_seconds(o.pair_s)}" for o in found.options if o.method != cost.method]
+    if others:
+        rows.append(("Other projectors", ", ".join(others) + " a pair"))
+    cells = "".join(f"<tr><td style='padding-right:8px'>{a}</td><td><b>{b}</b></td></tr>" for a, b in rows)
+    return f"<table cellspacing='1'>{cells}</table>"
+
+
+# -- light fields ------------------------------------------------------------------------------------------
+def light_field(path: str) -> NDArray[Any]:
+    """Return the light field in an image file, ``(rows, columns)``."""
+    from lfcal.frames.formats.opening import read_image
+
+    return read_image(Path(path))
+
+
+@dataclass(frozen=True, eq=False)
+class Synthetic:
+    """A light field that was made: its file, and the volume it shows."""
+
+    path: str
+    truth: NDArray[np.float32]
+
+
+def synthetic_shape(H: PSFMatrix) -> tuple[int, int]:
+    """Return a size for a made light field: several periods and two cutouts, no more than is quick to solve."""
+    rows, columns = (int(min(LARGEST, max(4 * n, 2 * c))) for n, c in zip(H.shape[1:3], H.shape[3:], strict=True))
+    return rows, columns
+
+
+def make_light_field(
+    H: PSFMatrix, name: str, path: str, *, shape: tuple[int, int] | None = None, counts: float = COUNTS, seed: int = 0
+) -> Synthetic:
+    """Project the phantom ``name`` through ``H``, add photon noise, and write it as a 16-bit TIFF.
+
+    Parameters
+    ----------
+    H
+        The matrix to project with.
+    name
+        One of `lfcal.reconstruct.phantoms.PHANTOMS`.
+    path
+        Image file to write (.tif).
+    shape
+        Rows and columns; by default `synthetic_shape`.
+    counts
+        Brightest pixel; each count is taken as one photon.
+    seed
+        Of phantom and noise.
+    """
+    import tifffile
+
+    from lfcal.reconstruct.phantoms import phantom
+    from lfcal.reconstruct.projectors.projector import Projector
+
+    if not path.lower().endswith((".tif", ".tiff")):
+        raise InputError.expected("light field", "a .tif file", Path(path).name, "use that suffix")
+    P = Projector(H, shape or synthetic_shape(H))
+    volume = phantom(name, P.volume_shape, seed)
+    image = P.forward(volume)
+    top = float(image.max())
+    if not top > 0:
+        raise InputError.expected("light field", "light", "none", "H is empty: assemble it again")
+    scale = counts / top
+    noisy = np.random.default_rng(seed).poisson(np.maximum(image * scale, 0))
+    with replace_whole(Path(path)) as part:
+        tifffile.imwrite(part, np.minimum(noisy, 65535).astype(np.uint16), photometric="minisblack")
+    return Synthetic(path, (volume * scale).astype(np.float32))

@@ -1,0 +1,142 @@
+"""A reconstruction as the window runs it: begun, watched, stopped, gone on with. No Qt."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gui.pages.reconstruct.model import ReconstructSettings, projector_for
+from lfcal.progress import Work
+from lfcal.psf import PSFMatrix
+from lfcal.reconstruct.metrics import nrmse
+from lfcal.reconstruct.solvers.choice import iter_reconstruct
+from lfcal.reconstruct.solvers.records import SolverProgress, SolverState
+from lfcal.units import format_seconds
+
+__all__ = ["Solving"]
+
+
+class Solving:
+    """One light field, one projector, and how far the solver is.
+
+    `history` and `state` are replaced as a whole by the thread that solves, so that any thread may read them.
+
+    Parameters
+    ----------
+    psf
+        H file; opened by the work itself, which reads it while others do.
+    image
+        The whole light field ``(rows, columns)``.
+    settings
+        What to do.
+    truth
+        The volume ``(nz, rows, columns)`` behind the whole light field, where it was made from one.
+    """
+
+    def __init__(
+        self, psf: str, image: NDArray[Any], settings: ReconstructSettings, truth: NDArray[np.float32] | None = None
+    ) -> None:
+        self.psf, self.image, self.settings, self._truth = psf, image, settings, truth
+        self.history: tuple[SolverProgress, ...] = ()
+        self.state: SolverState | None = None
+        self.notes: tuple[str, ...] = ()
+        self.depths: NDArray[np.float64] | None = None
+        self.voxel_um: float | None = None
+        self._projector: Any = None
+        self._matrix: PSFMatrix | None = None
+        self._stop = threading.Event()
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the light field that are used."""
+        return self.settings.window((self.image.shape[0], self.image.shape[1]))
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels used."""
+        return int(self.image[self.window].size)
+
+    @property
+    def truth(self) -> NDArray[np.float32] | None:
+        """What the volume should be, or None where nobody knows."""
+        if self._truth is None or self.state is None:
+            return None
+        cropped: NDArray[np.float32] = self._truth[(slice(None), *self.window)]
+        return cropped if cropped.shape == self.state.volume.shape else None
+
+    def words(self) -> str:
+        """Return how it went, in lines of rich text; empty before the first iteration."""
+        if not self.history or self.state is None:
+            return ""
+        last, truth = self.history[-1], self.truth
+        lines = [
+            f"{last.iteration} iterations in {format_seconds(last.seconds)}",
+            f"residual {100 * last.residual:.3g} % of the image",
+        ]
+        if truth is not None and truth.any():
+            lines.append(f"error against the truth: NRMSE {nrmse(self.state.volume, truth):.3f}")
+        return "<br>".join((*lines, *self.notes))
+
+    def stop(self) -> None:
+        """End after the iteration under way; what there is stays, and `work` goes on from it."""
+        self._stop.set()
+
+    def fits(self, psf: str, settings: ReconstructSettings) -> bool:
+        """Return whether one can go on with ``settings``: all but the number of iterations is the same."""
+        return psf == self.psf and settings.changed("iterations", self.settings.iterations) == self.settings
+
+    def work(self, iterations: int | None = None) -> Work[SolverState | None]:
+        """Iterate; goes on where an earlier call stopped."""
+        self._stop.clear()
+        count = self.settings.iterations if iterations is None else iterations
+        yield from self._prepare()
+        choice = self.settings.changed("iterations", count).choice()
+        running = iter_reconstruct(self._projector, self.image[self.window], choice, resume=self.state)
+        try:
+            while True:
+                record = next(running)
+                if isinstance(record, SolverProgress):
+                    self.history = (*self.history, record)
+                    self.state = record.state
+                yield record
+                if self._stop.is_set():
+                    break
+        except StopIteration as end:
+            self.notes = end.value.notes
+        finally:
+            running.close()
+        return self.state
+
+    def _prepare(self) -> Work[None]:
+        if self._projector is not None:
+            return
+        from lfcal.psf import open_psf
+
+        self._matrix = open_psf(self.psf)
+        projector = projector_for(self._matrix, (self.image.shape[0], self.image.shape[1]), self.settings)
+        yield from projector.iter_prepare()
+        if projector.camera is not None:
+            self.depths = projector.depths
+            self.voxel_um = float(projector.camera.step_um(float(np.median(projector.depths))))
+        self._projector = projector
+
+    def details(self) -> dict[str, Any]:
+        """Return what a saved volume keeps of how it came to be."""
+        last = self.history[-1] if self.history else None
+        return {
+            "psf": self.psf,
+            "settings": {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self.settings).items()},
+            "iterations": 0 if last is None else last.iteration,
+            "residual": None if last is None else last.residual,
+            "notes": list(self.notes),
+        }
+
+    def close(self) -> None:
+        """Close H; the volume stays."""
+        if self._matrix is not None:
+            self._matrix.close()
+            self._matrix, self._projector = None, None

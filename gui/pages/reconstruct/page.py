@@ -1,0 +1,357 @@
+"""Reconstruct: what the PSF is worth: a light field becomes a volume."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+from PySide6.QtWidgets import QFileDialog
+
+from gui.base_page import BasePage
+from gui.context import Context
+from gui.jobs import Job, JobState
+from gui.models.page import PageSpec
+from gui.models.project import ProjectState
+from gui.pages.reconstruct import model as view
+from gui.pages.reconstruct.model import ReconstructSettings, Synthetic
+from gui.pages.reconstruct.model_solving import Solving
+from gui.pages.reconstruct.panel import ReconstructPanel
+from lfcal.errors import LfcalError
+from lfcal.psf import PSFMatrix
+from lfcal.units import format_seconds
+
+__all__ = ["Page"]
+
+IMAGES = "Light fields (*.tif *.tiff *.png *.pgm *.npy *.raw *.nef *.cr2 *.dng);;All files (*)"
+VOLUMES = "TIFF stack, opens in ImageJ (*.tif);;HDF5 (*.h5);;numpy (*.npy)"
+FOLLOWED = ("psf", "light_field", "volume")
+
+
+class Page(BasePage):
+    """Light field and H in, volume out; stopped and gone on with as one likes."""
+
+    def __init__(self, spec: PageSpec, context: Context) -> None:
+        super().__init__(spec, context)
+        self.panel = ReconstructPanel()
+        self.image: NDArray[Any] | None = None
+        self.solving: Solving | None = None
+        self.synthetic: Synthetic | None = None
+        self.saved: NDArray[Any] | None = None
+        self._opened = ""
+        self._job = 0
+        self._shown_iteration = -1
+        self.set_panel(self.panel)
+        self.panel.form.check = self._check
+        self.panel.form.edited.connect(self._edited)
+        self.panel.pressed.connect(self._pressed)
+        self.panel.open_asked.connect(self.choose_light_field)
+        self.panel.make_asked.connect(self.make_light_field)
+        self.panel.shown_changed.connect(lambda _: self._show_volume())
+        context.jobs.changed.connect(self._job_changed)
+        context.jobs.finished.connect(self._job_finished)
+        context.theme_changed.connect(self.panel.apply_theme)
+        context.on_close(self._close)
+        self._show(context.state)
+        self._load()
+        self._load_volume()
+
+    # -- project ---------------------------------------------------------------------------------------
+    @property
+    def settings(self) -> ReconstructSettings:
+        """What the user chose."""
+        return ReconstructSettings.of(self.context.state)
+
+    def state_changed(self, old: ProjectState, new: ProjectState) -> None:
+        """Follow H, light field and settings."""
+        same = ReconstructSettings.of(old) == ReconstructSettings.of(new)
+        if not same or any(getattr(old, key) != getattr(new, key) for key in FOLLOWED):
+            self._show(new)
+            if old.light_field != new.light_field:
+                self._load()
+            else:
+                self._forecast()
+            if old.volume != new.volume:
+                self._load_volume()
+
+    def _matrix(self) -> PSFMatrix | None:
+        try:
+            return self.context.matrix(self.context.state.psf)
+        except LfcalError as error:
+            self.context.message.emit(str(error))
+            return None
+
+    def _show(self, state: ProjectState) -> None:
+        matrix = self._matrix()
+        if matrix is None:
+            self.show_empty(
+                "A reconstruction needs an H: assemble one, simulate one, or open one on the PSF page.",
+                {
+                    "PSF": lambda: self.context.go.emit("psf", None),
+                    "Simulate": lambda: self.context.go.emit("simulate", None),
+                },
+            )
+            return
+        self.show_body()
+        nz, ny, nx, nt, ns = matrix.shape
+        self.hint.setText(f"H: {Path(state.psf).name}, {nz} planes, period {nx} × {ny} px, cutout {ns} × {nt} px")
+        settings = self.settings
+        values = {key: getattr(settings, key) for key in self.panel.form.fields}
+        self.panel.form.set_values(values)
+        self.panel.show_solver(settings.solver)
+        self.panel.file.setText(Path(state.light_field).name if state.light_field else "none yet")
+        self._show_region()
+        self._show_controls()
+
+    def _check(self, key: str, value: Any) -> str:
+        try:
+            self.settings.changed(key, value)
+        except LfcalError as error:
+            return str(error)
+        return ""
+
+    def _edited(self, key: str, value: Any) -> None:
+        settings = self.settings.changed(key, value).into(self.context.state)
+        self.context.project.update(f"change of {key.replace('_', ' ')}", settings=settings)
+
+    def _show_controls(self) -> None:
+        running, ready = bool(self._job), self.image is not None
+        state, buttons = self.context.state, self.panel.buttons
+        done = self.solving is not None and self.solving.state is not None
+        same = self.solving is not None and self.solving.fits(state.psf, self.settings)
+        same = same and self._opened == state.light_field
+        buttons["start"].setEnabled(ready and not running)
+        buttons["stop"].setEnabled(running)
+        buttons["more"].setEnabled(done and same and not running)
+        buttons["save"].setEnabled(done)
+        for widget in (self.panel.form, self.panel.open, self.panel.make):
+            widget.setEnabled(not running)
+        if not running:
+            self.panel.show_solver(self.settings.solver)
+        if not done and not running and self.saved is None:
+            self.panel.show_hint(
+                "Press Reconstruct."
+                if ready
+                else "Open a light field recorded behind the same optics, or make one: "
+                "Make one … projects a phantom through this H."
+            )
+
+    # -- light field -----------------------------------------------------------------------------------
+    def choose_light_field(self) -> None:
+        """Ask for a light field."""
+        path = QFileDialog.getOpenFileName(self, "Open light field", "", IMAGES)[0]
+        if path:
+            self.open_light_field(path)
+
+    def open_light_field(self, path: str) -> None:
+        """Take an image as the light field."""
+        self.context.project.update("open light field", light_field=path)
+
+    def accept_drop(self, paths: list[str]) -> bool:
+        """Take a dropped image."""
+        from lfcal.frames.formats.opening import image_suffixes
+
+        if len(paths) == 1 and Path(paths[0]).is_file() and Path(paths[0]).suffix.lower() in image_suffixes():
+            self.open_light_field(paths[0])
+            return True
+        return False
+
+    def _load(self) -> None:
+        path = self.context.state.light_field
+        self.image = None
+        self.panel.light_field.set_image(None)
+        self._show_controls()
+        if path:
+            self.context.jobs.compute(
+                "reconstruct load",
+                lambda: view.light_field(path),
+                lambda image: self._loaded(path, image),
+                self._not_loaded,
+            )
+
+    def _loaded(self, path: str, image: NDArray[Any]) -> None:
+        self.image, self._opened = image, path
+        self.panel.file.setText(f"{Path(path).name}, {image.shape[1]} × {image.shape[0]} px")
+        self.panel.light_field.set_image(image, name="light_field", keep_view=False)
+        self._show_region()
+        self._show_controls()
+        self._forecast()
+
+    def _not_loaded(self, words: str) -> None:
+        self.panel.file.setText(words)
+        self.context.message.emit(words)
+
+    def _show_region(self) -> None:
+        if self.image is None:
+            self.panel.show_region(None)
+            return
+        try:
+            rows, columns = self.settings.window((self.image.shape[0], self.image.shape[1]))
+        except LfcalError as error:
+            self.panel.forecast.setText(str(error))
+            return
+        self.panel.show_region((rows.start, rows.stop, columns.start, columns.stop))
+
+    def make_light_field(self, phantom: str, path: str = "", shape: tuple[int, int] | None = None) -> None:
+        """Project a phantom through H and take the result as the light field."""
+        matrix = self._matrix()
+        if matrix is None or self._job:
+            return
+        if not path:
+            name = Path(self.context.state.psf).with_name(f"{phantom}.tif")
+            path = QFileDialog.getSaveFileName(self, "Light field to make", str(name), "TIFF (*.tif)")[0]
+        if path:
+            self.panel.file.setText(f"making {Path(path).name} …")
+            self.context.jobs.compute(
+                "reconstruct make",
+                lambda: view.make_light_field(matrix, phantom, path, shape=shape),
+                self._made,
+                self._not_loaded,
+            )
+
+    def _made(self, synthetic: Synthetic) -> None:
+        self.synthetic = synthetic
+        if self.context.state.light_field == synthetic.path:
+            self._load()  # the same file holds something else now
+        else:
+            self.open_light_field(synthetic.path)
+
+    # -- forecast --------------------------------------------------------------------------------------
+    def _forecast(self) -> None:
+        matrix, image, settings = self._matrix(), self.image, self.settings
+        if matrix is None or image is None or self._job:
+            return
+        shape = (image.shape[0], image.shape[1])
+        self.panel.forecast.setText("forecasting …")
+        self.context.jobs.compute(
+            "reconstruct forecast",
+            lambda: view.forecast_words(view.projector_for(matrix, shape, settings), settings.iterations),
+            self.panel.forecast.setText,
+            self.panel.forecast.setText,
+        )
+
+    # -- solving ---------------------------------------------------------------------------------------
+    def _pressed(self, key: str) -> None:
+        actions: dict[str, Callable[[], None]] = {
+            "start": self.start,
+            "stop": self.stop,
+            "more": self.go_on,
+            "save": self.save,
+        }
+        actions[key]()
+
+    def start(self) -> None:
+        """Reconstruct anew."""
+        if self.image is None or self._job:
+            return
+        self._close()
+        made = self.synthetic
+        truth = made.truth if made is not None and made.path == self._opened else None
+        self.solving = Solving(self.context.state.psf, self.image, self.settings, truth)
+        self._shown_iteration = -1
+        self._run()
+
+    def go_on(self) -> None:
+        """As many iterations again."""
+        if self.solving is not None and not self._job:
+            self._run()
+
+    def stop(self) -> None:
+        """End after the iteration under way."""
+        if self.solving is not None:
+            self.solving.stop()
+
+    def _run(self) -> None:
+        solving, count = self.solving, self.settings.iterations
+        assert solving is not None
+        self._job = self.context.jobs.start(
+            f"Reconstruct by {solving.settings.solver}", "reconstruct", lambda: solving.work(count)
+        )
+        self.panel.show_status("setting up …", None)
+        self._show_controls()
+
+    def _job_changed(self, job: Job) -> None:
+        if job.number != self._job or job.progress is None or self.solving is None or not job.active:
+            return
+        record = job.progress
+        self.panel.show_status(f"{record.stage}: {record.done} of {record.total}<br>{record.note}", record.fraction)
+        self._show_progress()
+
+    def _show_progress(self) -> None:
+        solving = self.solving
+        if solving is None or not solving.history or solving.history[-1].iteration == self._shown_iteration:
+            return
+        self._shown_iteration = solving.history[-1].iteration
+        self.panel.show_history(solving.history, solving.pixels)
+        self._show_volume()
+
+    def _show_volume(self) -> None:
+        solving = self.solving
+        if solving is None or solving.state is None:
+            return
+        truth = solving.truth
+        self.panel.shown.setVisible(truth is not None)
+        if truth is not None and self.panel.shown.currentData() == "truth":
+            self.panel.show_volume(truth, solving.depths, "True volume of the light field")
+            return
+        title = f"Volume after {solving.state.iteration} iterations, {format_seconds(solving.state.seconds)}"
+        self.panel.show_volume(solving.state.volume, solving.depths, title)
+
+    def _job_finished(self, job: Job) -> None:
+        if job.number != self._job:
+            return
+        self._job = 0
+        solving = self.solving
+        self._show_progress()
+        if job.state is JobState.FAILED:
+            self.panel.show_status(job.error, 0.0, bad=True)
+        elif solving is not None and solving.history:
+            self.panel.show_status(solving.words(), 1.0)
+        else:
+            self.panel.show_status("stopped", 0.0)
+        self._show_controls()
+
+    def save(self, path: str = "") -> None:
+        """Write the volume."""
+        from lfcal.reconstruct.volumes import save_volume
+
+        solving = self.solving
+        if solving is None or solving.state is None:
+            return
+        path = path or QFileDialog.getSaveFileName(self, "Save volume", "volume.tif", VOLUMES)[0]
+        if not path:
+            return
+        volume, depths, voxel, details = solving.state.volume, solving.depths, solving.voxel_um, solving.details()
+
+        def write() -> str:
+            save_volume(path, volume, depths_um=depths, voxel_um=voxel, details=details)
+            return path
+
+        self.context.jobs.compute("reconstruct save", write, self._saved, self.context.message.emit)
+
+    def _saved(self, path: str) -> None:
+        self.context.message.emit(f"volume saved as {path}")
+        self.context.project.update("reconstruction", volume=path)
+
+    def _load_volume(self) -> None:
+        """Show the volume of the project until there is a newer one."""
+        from lfcal.reconstruct.volumes import load_volume
+
+        path = self.context.state.volume
+        if path and Path(path).is_file() and self.solving is None:
+            self.context.jobs.compute(
+                "reconstruct volume",
+                lambda: load_volume(path),
+                lambda volume: self._volume_loaded(path, volume),
+                self.context.message.emit,
+            )
+
+    def _volume_loaded(self, path: str, volume: NDArray[Any]) -> None:
+        if self.solving is None:
+            self.saved = volume
+            self.panel.show_volume(volume, None, f"Volume {Path(path).name}")
+
+    def _close(self) -> None:
+        if self.solving is not None:
+            self.solving.close()

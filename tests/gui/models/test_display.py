@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gui.models.display import Display, bin_max, colour_table, levels_of, to_uint8
+from lfcal.errors import InputError
+
+
+@pytest.mark.parametrize("scale", ["linear", "log", "gamma"])
+def test_scaling_is_monotonic_and_total(scale: str) -> None:
+    values = np.array([[-np.inf, np.nan, 0, 1e-5, 0.01, 0.5, 1, np.inf]], np.float32)
+    shown = to_uint8(values, Display(scale), (0.0, 1.0))[0]
+    assert shown[1] == 0 and shown[0] == 0 and shown[-1] == 255 and shown[6] == 255
+    assert (np.diff(shown[2:7].astype(int)) >= 0).all()
+    assert levels_of(np.zeros((2, 2))) == (0.0, 1.0)
+    assert levels_of(np.array([[np.nan]])) == (0.0, 1.0)
+    assert levels_of(np.array([[-3.0, 1.0]]), signed=True) == (-3.0, 3.0)
+
+
+def test_bad_displays() -> None:
+    for options in ({"scale": "cube"}, {"colour_map": "jet"}):
+        with pytest.raises(InputError):
+            Display(**options)
+    assert colour_table("viridis").shape == (256, 4)
+
+
+@pytest.mark.parametrize("step", [1, 2, 3, 4, 7])
+@pytest.mark.parametrize("dtype", ["uint16", "float32", "uint8"])
+def test_binning_keeps_every_point_source(step: int, dtype: str) -> None:
+    image = (np.random.default_rng(1).random((29, 31)) * 200).astype(dtype)
+    binned = bin_max(image, step)
+    rows, columns = 29 // step, 31 // step
+    blocks = image[: rows * step, : columns * step].reshape(rows, step, columns, step)
+    np.testing.assert_array_equal(binned, blocks.max((1, 3)))
+    assert bin_max(image, 100) is image

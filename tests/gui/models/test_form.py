@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from gui.models.form import Field, parse, text_of
+from lfcal.errors import InputError
+
+NUMBER = Field("a", "Exposure", "ms", scale=1e-3)
+COUNT = Field("n", "Darks", kind="int")
+LIST = Field("v", "Planes", kind="floats")
+
+
+@pytest.mark.parametrize(
+    ("field", "text", "value"),
+    [
+        (NUMBER, "2.5", 2.5e-3),
+        (NUMBER, " 1e3 ", 1.0),
+        (COUNT, "12", 12),
+        (LIST, "2.5, 3", (2.5, 3.0)),
+        (LIST, "2; 5", (2.0, 5.0)),
+        (LIST, "2;5", (2.0, 5.0)),
+        (LIST, "2 , 5", (2.0, 5.0)),
+        (LIST, "2,", (2.0,)),
+        (LIST, "", ()),
+        (Field("o", "Saturation", optional=True), "", None),
+        (Field("t", "Pattern", kind="text"), "R,G", "R,G"),
+    ],
+)
+def test_texts_and_what_they_mean(field: Field, text: str, value: Any) -> None:
+    assert parse(field, text) == pytest.approx(value) if isinstance(value, float) else parse(field, text) == value
+
+
+@pytest.mark.parametrize("field", [NUMBER, COUNT, LIST])
+@pytest.mark.parametrize("text", ["2,5", "1,000", "-1,5e3", "2,5; 3,5", "1, 2,5"])
+def test_a_decimal_comma_is_refused_everywhere_in_one_line(field: Field, text: str) -> None:
+    with pytest.raises(InputError, match="decimal point") as error:
+        parse(field, text)
+    assert field.label in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("field", "text"), [(NUMBER, "abc"), (NUMBER, ""), (COUNT, "2.5"), (LIST, "2, x"), (NUMBER, "1, 2")]
+)
+def test_what_is_no_number_is_said(field: Field, text: str) -> None:
+    with pytest.raises(InputError, match="number") as error:
+        parse(field, text)
+    assert field.label in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [(NUMBER, 0.0123), (COUNT, 7), (LIST, (2.0, 2.5, 1e6)), (LIST, (math.inf,))]
+)
+def test_what_is_shown_is_read_back(field: Field, value: Any) -> None:
+    assert parse(field, text_of(field, value)) == pytest.approx(value)

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gui.models.page import PAGES, PageSpec, PageState, available_pages, file_state, page_registry, page_states
+from gui.models.project import ProjectState
+from gui.pages.plan.model import default_plan
+from lfcal.camera import preset
+
+OWN = ("camera", "plan", "acquire", "frames", "psf", "quality", "simulate", "reconstruct", "multiplex")
+
+
+def ready(project: ProjectState) -> PageState:
+    return PageState.READY
+
+
+def test_the_pages_of_the_window_in_the_order_of_the_data() -> None:
+    assert PAGES.names() == OWN
+    assert tuple(spec.key for spec in available_pages()) == OWN
+    for spec in PAGES:
+        assert spec.package == f"gui.pages.{spec.key}" and spec.title and spec.hint
+
+
+def test_finding_the_pages_loads_no_window() -> None:
+    code = (
+        "import sys; from gui.models.page import PAGES, page_states; from gui.models.project import ProjectState\n"
+        "page_states(ProjectState()); "
+        "print([m for m in ('PySide6', 'pyqtgraph', 'numba', 'gui.base_page') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_page_whose_library_part_is_missing_is_left_out() -> None:
+    specs = [
+        PageSpec(f"p{k}", "P", "", k, "p", ready, needs)
+        for k, needs in enumerate(("", "lfcal.none.at_all", "lfcal.psf"))
+    ]
+    assert [spec.key for spec in available_pages(specs)] == ["p0", "p2"]
+
+
+def point(name: str, value: str) -> metadata.EntryPoint:
+    return metadata.EntryPoint(name, value, "lfcal.pages")
+
+
+NOTES = PageSpec("notes", "Notes", "Keep notes", 45, "notes", ready)
+NO_PAGE: Any = type("NoPage", (), {"name": "no_page"})()
+
+
+def test_pages_of_other_distributions(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = [
+        point("notes", f"{__name__}:NOTES"),
+        point("bad", f"{__name__}:NO_PAGE"),
+        point("gone", "no_such_module:PAGE"),
+    ]
+    monkeypatch.setattr(metadata, "entry_points", lambda group: points if group == "lfcal.pages" else [])
+    found = page_registry()
+    assert found.names() == (*OWN[:4], "notes", *OWN[4:]), "its order puts it behind Frames"
+    failures = found.failures()
+    assert set(failures) == {"bad", "gone"} and "PageSpec" in failures["bad"] and "no_such_module" in failures["gone"]
+
+
+def test_states_follow_from_the_project(tmp_path: Path) -> None:
+    file = tmp_path / "H.h5"
+    file.write_text("")
+    states = page_states(ProjectState())
+    assert set(states) == set(OWN)
+    assert states == {
+        "camera": PageState.DONE,
+        "plan": PageState.READY,
+        "acquire": PageState.NOTHING,
+        "frames": PageState.READY,
+        "psf": PageState.NOTHING,
+        "quality": PageState.NOTHING,
+        "simulate": PageState.READY,
+        "reconstruct": PageState.NOTHING,
+        "multiplex": PageState.READY,
+    }
+    plan = default_plan(preset("bench"))
+    full = ProjectState(plan=plan, psf=str(file), frames=str(tmp_path), reference="R.h5", redo=((0, 0, 0),))
+    states = page_states(full, running={"simulate"}, attention={"frames", "not installed"})
+    assert states["plan"] is states["psf"] is PageState.DONE
+    assert states["quality"] is states["reconstruct"] is PageState.READY
+    assert states["simulate"] is PageState.RUNNING
+    assert states["frames"] is PageState.ATTENTION
+    assert states["acquire"] is PageState.ATTENTION, "positions are to be recorded again"
+    assert set(states) == set(OWN)
+    gone = page_states(ProjectState(psf=str(tmp_path / "gone.h5")))
+    assert gone["psf"] is PageState.ATTENTION and gone["quality"] is PageState.NOTHING
+
+
+def test_states_of_files(tmp_path: Path) -> None:
+    assert file_state("", ready=True) is PageState.READY
+    assert file_state("", ready=False) is PageState.NOTHING
+    assert file_state(str(tmp_path), ready=False) is PageState.DONE
+    assert file_state(str(tmp_path / "gone"), ready=True) is PageState.ATTENTION

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gui.models.project import Project, ProjectState, RecentProjects
+from gui.pages.frames.model import FrameSettings
+from gui.pages.plan.model import default_plan
+from gui.pages.simulate.model import SimulateSettings
+from lfcal.camera import preset
+from lfcal.errors import FileFormatError, LfcalError, StorageError
+
+
+def full_state() -> ProjectState:
+    camera = preset("bench")
+    return ProjectState(
+        "all of it",
+        camera,
+        default_plan(camera),
+        {"multiplex": {"filter": "CYMG"}, "frames": FrameSettings("m", "p", "d", "w", False).to_dict()},
+        "f",
+        "a.h5",
+        "b.h5",
+        "rec",
+        "lf.tif",
+        "v.h5",
+        ((0, 1, 2), (3, 4, 5)),
+    )
+
+
+@pytest.mark.parametrize("state", [ProjectState(), full_state()])
+def test_json_round_trip(state: ProjectState) -> None:
+    assert ProjectState.from_json(state.to_json()) == state
+
+
+def test_files_of_the_old_format_open() -> None:
+    """As written by the first version, when two pages' settings stood beside the others'."""
+    camera = preset("bench")
+    old = {
+        "format": "lfcal-session",
+        "version": 1,
+        "name": "old",
+        "camera": camera.to_dict(),
+        "plan": None,
+        "frames": {
+            "folder": "/data/frames",
+            "manifest": "",
+            "pattern": "",
+            "dark": "/data/dark",
+            "white": "",
+            "use_dark": True,
+            "use_white": False,
+            "use_defects": False,
+            "use_background": True,
+            "interpolation": "nearest",
+        },
+        "simulate": {"tolerance": 0.01, "level": "wave", "overrides": [["coma", "on"]]},
+        "psf": "H.h5",
+        "reference": "",
+        "recording": "rec",
+        "light_field": "",
+        "volume": "",
+        "redo": [[0, 1, 2]],
+        "extra": {"acquire": {"darks": 3}},
+    }
+    state = ProjectState.from_json(json.dumps(old))
+    assert (state.name, state.camera, state.psf, state.recording) == ("old", camera, "H.h5", "rec")
+    assert state.frames == "/data/frames" and state.redo == ((0, 1, 2),)
+    expected = FrameSettings(dark="/data/dark", use_white=False, use_background=True)
+    assert FrameSettings.of(state) == expected
+    assert SimulateSettings.of(state) == SimulateSettings(0.01, "wave", (("coma", "on"),))
+    assert state.settings["acquire"] == {"darks": 3}
+    assert json.loads(state.to_json())["format"] == "lfcal-project"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"format": "lfcal-project", "version": 1}',
+        '{"format": "lfcal-project", "version": 99}',
+        '{"format": "lfcal-session", "version": 1, "frames": 3}',
+        "{" * 2000,
+        "null",
+    ],
+)
+def test_bad_files_get_one_line(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.lfcal"
+    path.write_text(text)
+    project = Project(full_state())
+    with pytest.raises(FileFormatError) as error:
+        project.open(path)
+    assert "\n" not in str(error.value)
+    assert project.state == full_state(), "the old project stays"
+
+
+def test_undo_redo_and_unsaved() -> None:
+    project = Project()
+    seen: list[tuple[str, str]] = []
+    project.listen(lambda old, new: seen.append((old.name, new.name)))
+    project.update("rename", name="a")
+    project.update("rename", name="b")
+    assert seen == [("untitled", "a"), ("a", "b")]
+    assert project.unsaved and project.undo_label == "rename"
+    project.undo()
+    assert project.state.name == "a" and project.redo_label == "rename"
+    project.undo()
+    assert project.state.name == "untitled" and not project.unsaved and project.undo_label == ""
+    project.undo()
+    project.redo()
+    project.redo()
+    project.redo()
+    assert project.state.name == "b"
+    project.undo()
+    project.update("other", psf="x.h5")
+    assert project.redo_label == "", "a new change ends what could be redone"
+
+
+def test_a_change_to_the_same_is_none() -> None:
+    project = Project()
+    project.update("nothing", name="untitled")
+    assert project.undo_label == "" and not project.unsaved
+
+
+def test_a_drag_is_one_step_of_undo() -> None:
+    project = Project()
+    for k in range(10):
+        settings = SimulateSettings(tolerance=0.01 * (k + 1))
+        project.merge("tolerance", settings=settings.into(project.state))
+    project.undo()
+    assert project.state == ProjectState() and project.undo_label == ""
+
+
+def test_save_open_autosave(tmp_path: Path) -> None:
+    project = Project(full_state())
+    project.update("rename", name="saved")
+    project.save(tmp_path / "s.lfcal")
+    assert not project.unsaved
+    project.update("rename", name="later")
+    project.autosave(tmp_path / "auto.lfcal")
+    assert project.unsaved, "an autosave is not a save"
+    other = Project()
+    other.open(tmp_path / "s.lfcal")
+    assert other.state.name == "saved" and other.path == tmp_path / "s.lfcal"
+    with pytest.raises(FileFormatError, match="name"):
+        Project().save()
+    with pytest.raises(StorageError):
+        other.save(tmp_path)
+    with pytest.raises(LfcalError):
+        other.open(tmp_path / "none.lfcal")
+
+
+def test_recent_projects(tmp_path: Path) -> None:
+    recent = RecentProjects(tmp_path / "recent.json", limit=3)
+    assert recent.paths() == []
+    for name in "abcd":
+        (tmp_path / name).write_text("")
+        recent.add(tmp_path / name)
+    recent.add(tmp_path / "b")
+    assert [p.name for p in recent.paths()] == ["b", "d", "c"]
+    (tmp_path / "d").unlink()
+    assert [p.name for p in recent.paths()] == ["b", "c"]
+    recent.store.write_text("broken")
+    assert recent.paths() == []

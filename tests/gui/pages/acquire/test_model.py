@@ -1,0 +1,197 @@
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.models.project import ProjectState
+from gui.pages.acquire import model_findings, model_live
+from gui.pages.acquire.model import FIELDS, AcquireSettings, target_of
+from gui.pages.acquire.model_recorder import Recorder, folder_state, record_picture
+from gui.pages.acquire.model_station import Station, cut, open_station
+from lfcal.acquire.control import Control
+from lfcal.acquire.options import Options
+from lfcal.acquire.setup import OpticalAxis, fit_stage
+from lfcal.camera import StageAxes
+from lfcal.devices.simulated.backend import simulated_rig
+from lfcal.errors import InputError
+from lfcal.progress import drain
+from lfcal.psf import PSFMatrix
+from tests.acquire.rigs import small_plan
+
+PLAN = small_plan((3, 4), 2)
+
+
+@pytest.fixture
+def station() -> Station:
+    return Station(simulated_rig(PLAN), "sim", PLAN.camera.sensor.shape)
+
+
+def test_settings_go_through_json_and_survive_damage() -> None:
+    settings = AcquireSettings(
+        backend="micromanager",
+        device_options=(("config", "demo"), ("light", "S")),
+        bracket=(1.0, 0.25),
+        darks=8,
+        margin_px=3,
+        tolerance_um=(1.0, 2.0, 3.0),
+        coarse=True,
+    )
+    state = ProjectState(settings=settings.into(ProjectState(settings={"other": 1})))
+    again = ProjectState.from_json(state.to_json())
+    assert AcquireSettings.of(again) == settings and again.settings["other"] == 1
+    for damaged in (None, 7, {"bracket": [2.0]}, {"darks": -1}, {"device_options": [["a"]]}, {"backend": []}):
+        found = AcquireSettings.from_dict(json.loads(json.dumps(damaged)))
+        assert isinstance(found, AcquireSettings)
+        found.options()
+
+
+def test_every_field_changes_one_thing() -> None:
+    values = AcquireSettings().values(PLAN)
+    assert set(values) == {spec.key for spec in FIELDS}
+    changes = {
+        "order": "coarse",
+        "frames_averaged": 4,
+        "bracket": (1.0, 0.5),
+        "darks": 5,
+        "dark_every": 7,
+        "reference_every": 9,
+        "controls": 1,
+        "retries": 0,
+        "margin_px": 2,
+        "tolerance_um": (1.0, 1.0, 2.0),
+        "overshoot_um": (0.0, 0.0, 0.0),
+    }
+    for key, value in changes.items():
+        settings, plan = AcquireSettings().changed(PLAN, key, value)
+        assert settings.values(plan) == values | {key: value}
+    assert AcquireSettings(coarse=True).options().order == "coarse"
+    settings, plan = AcquireSettings(coarse=True).changed(PLAN, "order", "raster")
+    assert (settings.coarse, plan.order) == (False, "raster")
+    for key, bad in (("bracket", (0.5,)), ("darks", -1), ("overshoot_um", (1.0,)), ("frames_averaged", 0)):
+        with pytest.raises(InputError):
+            AcquireSettings().changed(PLAN, key, bad)
+
+
+def test_a_live_picture_counts_every_pixel_and_predicts_the_cutout(station: Station) -> None:
+    station.move(target_of(PLAN, 1))
+    picture = model_live.live_picture(station.look(PLAN.exposures[1], PLAN), PLAN, None)
+    assert picture.frame is not None and picture.counts.sum() == picture.frame.size
+    assert picture.saturated == int((picture.frame >= 4095).sum()) == 0
+    assert picture.window is not None and picture.seen is not None and picture.point is not None
+    nt, ns = PLAN.cutout
+    assert picture.seen.shape == (nt, ns)
+    expected = PLAN.image_px(np.array([1, 1, 2]))
+    assert picture.point == pytest.approx(tuple(expected), abs=0.05)
+    row, column = picture.window[:2]
+    np.testing.assert_array_equal(
+        picture.seen - picture.seen.min(),
+        cut(picture.frame, row, column, (nt, ns)) * 1.0 - cut(picture.frame, row, column, (nt, ns)).min(),
+    )
+    assert "centroid" in picture.spot and picture.predicted is not None and -1 <= picture.correlation <= 1
+    bright = model_live.live_picture(station.look(10.0, PLAN), PLAN, None)
+    assert bright.frame is not None and bright.saturated == int((bright.frame >= 4095).sum()) > 0
+
+
+def test_the_prediction_is_the_nearest_position_of_the_reference(station: Station) -> None:
+    rng = np.random.default_rng(0)
+    reference = PSFMatrix(rng.random(PLAN.shape).astype(np.float32))
+    stage = PLAN.stage_um(np.array([1, 2, 3]))
+    point = PLAN.image_px(np.array([1, 2, 3]))
+    found = model_live.predicted_pattern(PLAN, reference, tuple(stage), tuple(point))
+    np.testing.assert_array_equal(found, reference[1, 2, 3])
+    there = (float(point[0]) + PLAN.period[0], float(point[1]) - PLAN.period[1])
+    found = model_live.predicted_pattern(PLAN, reference, tuple(stage), there)
+    np.testing.assert_array_equal(found, reference[1, 2, 3], err_msg="whole periods away it is the same")
+
+
+def test_cut_fills_with_zeros_beyond_the_frame() -> None:
+    frame = np.arange(12).reshape(3, 4)
+    padded = np.pad(frame, 5)
+    for row, column in ((-2, -1), (0, 0), (2, 3), (-9, 0), (1, -2)):
+        expected = padded[max(row, -5) + 5 :, max(column, -5) + 5 :][:3, :3] if row >= -5 else np.zeros((3, 3))
+        np.testing.assert_array_equal(cut(frame, row, column, (3, 3)), expected)
+
+
+def test_a_wrong_sign_is_said() -> None:
+    positions = np.array([[0, 0, 0], [0, 0, 3], [0, 2, 0], [0, 2, 3]])
+    stage, image = PLAN.stage_um(positions), PLAN.image_px(positions)
+    words, good = model_findings.fit_words(fit_stage(PLAN, 0, stage, image), PLAN)
+    assert good and "as the plan says" in words
+    mirrored = image.copy()
+    mirrored[:, 1] = 2 * mirrored[:, 1].mean() - mirrored[:, 1]
+    words, good = model_findings.fit_words(fit_stage(PLAN, 0, stage, mirrored), PLAN)
+    assert not good and "wrong way" in words and "mirrored" in words
+
+
+def test_other_words_have_their_units() -> None:
+    assert "px rms" in model_findings.axis_words(OpticalAxis((1.0, -2.0), (40.0, 50.0), 0.1), PLAN)
+    words = model_findings.exposure_words((0.01, 0.02), PLAN)
+    assert "10 ms" in words and "20 ms" in words
+    with pytest.raises(InputError):
+        target_of(PLAN, 9)
+
+
+def test_moves_stay_within_the_limits(station: Station) -> None:
+    before = station.position()
+    with pytest.raises(InputError, match="nothing was moved"):
+        station.move((1e9, 0.0, 0.0))
+    with pytest.raises(InputError):
+        station.move((math.nan, 0.0, 0.0))
+    assert station.position() == before
+    after = station.jog(1, 25.0)
+    assert after[1] - before[1] == pytest.approx(25, abs=0.1)
+
+
+def test_stations_open_and_refuse() -> None:
+    found = open_station(PLAN, "sim", {"axes": "-x,+y,+z"})
+    assert "96 × 96 px" in found.title
+    found.close()
+    with pytest.raises(InputError):
+        open_station(PLAN, "sim", {"nonsense": "1"})
+
+
+def test_a_recording_becomes_pictures(station: Station, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    assert folder_state(str(folder)).words() == "a new session"
+    recorder = Recorder(folder, PLAN, Options(order="coarse", reference_every=8, keep_free_bytes=0))
+    recorder.control = Control()
+    work = recorder.work(station)
+    for record in work:
+        if record.done >= 3:
+            recorder.control.stop()
+    part = folder_state(str(folder))
+    assert part.there is not None and 3 <= part.there.sum() < 24 and not part.complete
+    assert "of 24 positions safe" in part.words() and "stopped" in part.words()
+
+    again = Recorder(folder, PLAN, Options(order="coarse", reference_every=8, keep_free_bytes=0), resume=True)
+    drain(again.work(station))
+    whole = folder_state(str(folder))
+    assert whole.complete and whole.planes() == (0, 1)
+    quality = again.quality.state()
+    picture = record_picture(quality, again.order, 1, "energy", part.there)
+    assert picture.complete and picture.done == picture.total == 24
+    assert record_picture(quality, again.order, 1, "energy", None).done == 24 - part.there.sum()
+    x, y = picture.curves["energy"]
+    assert len(x) == quality.done and x.min() > part.there.sum() - 1, "the order of recording, not of the plan"
+    expected = quality.energy.ravel()[again.order]
+    np.testing.assert_array_equal(y, expected[np.isfinite(expected)])
+    assert picture.depth_sum.shape == quality.depth_sums.shape[1:]
+    assert "references" in picture.lamp
+    assert set(picture.curves) == {"energy", "residual", "saturated"}
+
+
+def test_a_damaged_session_is_said(tmp_path: Path) -> None:
+    (tmp_path / "session.json").write_text("{")
+    found = folder_state(str(tmp_path))
+    assert found.there is None and "session.json" in found.words()
+    assert folder_state("").words() == "a new session"
+
+
+def test_another_axis_is_another_plan() -> None:
+    other = replace(PLAN, stage=StageAxes("-x", "+y", "+z"))
+    assert target_of(other, 0)[0] == pytest.approx(-target_of(PLAN, 0)[0])

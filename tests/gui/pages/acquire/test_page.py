@@ -1,0 +1,275 @@
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit, QWidget
+from pytestqt.qtbot import QtBot
+
+from gui.context import Context
+from gui.models.project import ProjectState
+from gui.pages.acquire.model import AcquireSettings
+from gui.pages.acquire.model_recorder import folder_state
+from gui.pages.acquire.page import Page
+from gui.theme import DARK, LIGHT, apply_theme
+from lfcal.acquire import Options
+from lfcal.acquire.recording.source import RecordingSource
+from lfcal.psf import open_psf
+from tests.acquire.rigs import small_plan
+from tests.gui.conftest import OpenPage
+from tests.gui.waiting import GUARD_MS
+
+PLAN = small_plan((3, 4), 2, settle_s=0.0)
+
+
+@pytest.fixture
+def state() -> ProjectState:
+    return ProjectState(camera=PLAN.camera, plan=PLAN)
+
+
+@pytest.fixture
+def page(open_page: OpenPage, qtbot: QtBot) -> Page:
+    made: Page = open_page("acquire")
+    made.entered()
+    qtbot.waitUntil(lambda: made.panel.setup.devices.backend.count() > 0, timeout=GUARD_MS)
+    return made
+
+
+def connect(page: Page, qtbot: QtBot) -> None:
+    button = page.panel.setup.devices.button
+    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
+
+
+def test_without_a_plan_it_says_what_is_missing(context: Context, open_page: OpenPage) -> None:
+    context.project.update("none", plan=None)
+    page = open_page("acquire")
+    assert page.empty is not None and "scan plan" in page.empty.label.text()
+    went: list[str] = []
+    context.go.connect(lambda key, _: went.append(key))
+    context.project.update("plan", plan=PLAN)
+    assert page.empty is None and went == []
+
+
+def test_backends_say_why_they_are_absent(page: Page, qtbot: QtBot, context: Context) -> None:
+    devices = page.panel.setup.devices
+    names = [devices.backend.itemData(k) for k in range(devices.backend.count())]
+    assert {"sim", "micromanager", "aravis", "gentl", "folder"} <= set(names)
+    for k in range(devices.backend.count()):
+        assert devices.backend.itemData(k, Qt.ItemDataRole.ToolTipRole)
+    devices.set_backends(
+        [type("F", (), {"name": "gone", "title": "gone", "version": "", "reason": "gone: not installed; install it"})],
+        {"gone": {}},
+        {"gone": False},
+    )
+    devices.set_choice("gone", {}, "")
+    assert "not installed" in devices.reason.text() and not devices.button.isEnabled()
+
+
+def test_device_options_go_into_the_project_and_back(page: Page, context: Context) -> None:
+    devices = page.panel.setup.devices
+    editor = devices.options_form.itemAt(0, devices.options_form.ItemRole.FieldRole).widget()
+    assert isinstance(editor, QLineEdit) and editor.accessibleName() == "optics"
+    editor.setText("geometric")
+    editor.editingFinished.emit()
+    assert AcquireSettings.of(context.state).device_options == (("optics", "geometric"),)
+    context.project.undo()
+    assert editor.text() == ""
+
+
+def test_a_wrong_option_is_said_in_words(page: Page, context: Context, qtbot: QtBot) -> None:
+    page.setup._devices_edited("sim", (("velocity", "fast"),), "")
+    page.setup.connect_devices()
+    qtbot.waitUntil(lambda: "velocity" in page.panel.setup.devices.reason.text(), timeout=GUARD_MS)
+    assert page.setup.station is None and page.panel.setup.devices.button.isEnabled()
+
+
+def test_live_view_moves_and_numbers(page: Page, qtbot: QtBot, context: Context) -> None:
+    panel = page.panel.setup
+    assert not panel.live.isEnabled()
+    connect(page, qtbot)
+    qtbot.waitUntil(lambda: "maximum" in panel.numbers.text(), timeout=GUARD_MS)
+    assert panel.live.isChecked(), "the live view starts by itself"
+    assert "saturated pixels" in panel.saturated.text() and "centroid" in panel.spot.text()
+    before = panel.stage.values[0].text()
+    panel.stage.step.setValue(50.0)
+    for _ in range(3):
+        qtbot.mouseClick(panel.stage.buttons[1], Qt.MouseButton.LeftButton)
+    station = page.setup.station
+    assert station is not None
+    qtbot.waitUntil(lambda: abs(station.position()[0] - 150) < 0.5, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: panel.stage.values[0].text() != before, timeout=GUARD_MS)
+    panel.lattice.setChecked(True)
+    panel.exposure.setValue(5000.0)
+    qtbot.waitUntil(
+        lambda: "<b style" in panel.saturated.text() and ">0<" not in panel.saturated.text(), timeout=GUARD_MS
+    )
+    panel.cutout.setChecked(False)
+    panel.live.setChecked(False)
+    qtbot.mouseClick(panel.devices.button, Qt.MouseButton.LeftButton)
+    assert page.setup.station is None and not panel.live.isEnabled()
+
+
+def test_a_wrong_sign_is_caught_in_red_and_corrected(page: Page, qtbot: QtBot, context: Context) -> None:
+    page.setup._devices_edited("sim", (("axes", "-x,+y,+z"),), "")
+    connect(page, qtbot)
+    page.panel.setup.live.setChecked(False)
+    seen: list[tuple[str, bool]] = []
+    context.attention.connect(lambda key, flag: seen.append((key, flag)))
+
+    def measure() -> str:
+        page.setup.find("stage")
+        assert not page.panel.setup.live.isEnabled(), "the devices are at work"
+        qtbot.waitUntil(lambda: page.setup.free, timeout=GUARD_MS)
+        return page.panel.setup.results["stage"].text()
+
+    words = measure()
+    assert LIGHT.bad in words and "wrong way" in words and seen[-1] == ("acquire", True)
+    qtbot.mouseClick(page.panel.setup.use_buttons["stage"], Qt.MouseButton.LeftButton)
+    plan = context.state.plan
+    assert plan is not None and (plan.stage.right, plan.stage.down) == ("-x", "+y")
+    words = measure()
+    assert LIGHT.bad not in words and "as the plan says" in words and seen[-1] == ("acquire", False)
+
+
+def test_exposures_are_found_and_used(page: Page, qtbot: QtBot, context: Context) -> None:
+    connect(page, qtbot)
+    page.panel.setup.live.setChecked(False)
+    page.setup.find("exposure")
+    qtbot.waitUntil(lambda: page.setup.free, timeout=GUARD_MS)
+    page.setup.use("exposure")
+    plan = context.state.plan
+    assert plan is not None and plan.exposures == page.setup.found["exposure"] != PLAN.exposures
+    page.setup.find("axis")
+    qtbot.waitUntil(lambda: page.setup.free, timeout=GUARD_MS)
+    assert "Optical axis" in page.panel.setup.results["axis"].text() or "magnification" in (
+        page.panel.setup.results["axis"].text()
+    )
+
+
+def test_form_and_project_follow_each_other(page: Page, context: Context) -> None:
+    form = page.panel.record.form
+    darks = form.editor("darks")
+    assert isinstance(darks, QLineEdit)
+    darks.setText("4")
+    darks.textEdited.emit("4")
+    assert AcquireSettings.of(context.state).darks == 4
+    context.project.undo()
+    assert darks.text() == str(Options().darks)
+    darks.textEdited.emit("-3")
+    darks.setText("-3")
+    darks.textEdited.emit("-3")
+    assert form.error and AcquireSettings.of(context.state).darks == Options().darks
+    order: Any = form.editor("order")
+    order.setCurrentIndex(order.findData("raster"))
+    assert context.state.plan is not None and context.state.plan.order == "raster"
+    order.setCurrentIndex(order.findData("coarse"))
+    assert AcquireSettings.of(context.state).coarse and context.state.plan.order == "raster"
+
+
+def test_a_session_from_start_to_h(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    """Start, pause, stop, resume, open a plane, assemble, record again: all by the page's own buttons."""
+    panel, buttons, folder = page.panel.record, page.panel.record.buttons, tmp_path / "session"
+    options = AcquireSettings(darks=2, reference_every=6)
+    context.project.update("settings", settings=options.into(context.state), recording=str(folder))
+    threads: set[threading.Thread] = set()
+    context.jobs.changed.connect(lambda _: threads.add(threading.current_thread()))
+    page.panel.setCurrentWidget(panel)
+    qtbot.mouseClick(buttons["start"], Qt.MouseButton.LeftButton)  # connects first
+    qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
+    page.record.pause()
+    recorder = page.record.recorder
+    assert recorder is not None and buttons["pause"].text() == "Resume"
+    assert not panel.form.isEnabled() and not buttons["assemble"].isEnabled()
+    qtbot.waitUntil(lambda: recorder.control.held == "paused" or not page.record.recording, timeout=GUARD_MS)
+    page.record.pause()
+    qtbot.mouseClick(buttons["stop"], Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: not page.record.recording, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: page.record.folder.there is not None, timeout=GUARD_MS)
+    if not page.record.folder.complete:
+        assert buttons["start"].text() == "Resume session"
+        qtbot.mouseClick(buttons["start"], Qt.MouseButton.LeftButton)
+        qtbot.waitUntil(lambda: not page.record.recording, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: page.record.folder.complete, timeout=GUARD_MS)
+    assert "Complete: 24 of 24" in panel.status.text()
+    qtbot.waitUntil(lambda: panel.open_plane.isEnabled(), timeout=GUARD_MS)
+    assert "complete" in panel.plane_label.text() and panel.depth_sum.image is not None
+    assert threads == {threading.main_thread()}, "the recording thread never reaches the window"
+
+    went: list[str] = []
+    context.go.connect(lambda key, _: went.append(key))
+    page.record.open_plane(1)
+    qtbot.waitUntil(lambda: context.state.psf.endswith("plane-01.h5"), timeout=GUARD_MS)
+    page.record.assemble(str(folder / "H.h5"))
+    qtbot.waitUntil(lambda: context.state.psf.endswith("H.h5"), timeout=GUARD_MS)
+    assert went == ["psf", "psf"]
+    with open_psf(folder / "H.h5") as H:
+        assert H.shape == PLAN.shape and H.recorded.all()
+        with open_psf(folder / "plane-01.h5") as one:
+            np.testing.assert_allclose(one[0], H[1], rtol=1e-6)
+
+    context.project.update("redo", redo=((0, 1, 2), (1, 0, 0)))
+    assert buttons["redo"].text() == "Record again (2)" and buttons["redo"].isEnabled()
+    qtbot.mouseClick(buttons["redo"], Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: context.state.redo == (), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: page.record.folder.complete and not page.record.recording, timeout=GUARD_MS)
+    with RecordingSource(folder) as source:
+        assert len(source) == 24 and len(source.session.recordings) == 2
+    page.record.pack()
+    qtbot.waitUntil(lambda: not context.jobs.running_pages(), timeout=GUARD_MS)
+    assert folder_state(str(folder)).complete
+
+
+def test_a_fault_stops_safely_and_is_said(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    page.setup._devices_edited("sim", (("faults", "vanishes@19"),), "")
+    connect(page, qtbot)
+    context.project.update("folder", recording=str(tmp_path / "s"))
+    page.panel.setup.live.setChecked(False)
+    page.record.start()
+    qtbot.waitUntil(lambda: "fault" in page.panel.record.status.text(), timeout=GUARD_MS)
+    assert "resume" in page.panel.record.detail.text() or "resume" in page.panel.record.why.text()
+    qtbot.waitUntil(lambda: page.record.folder.there is not None, timeout=GUARD_MS)
+    there = page.record.folder.there
+    assert there is not None and 0 < there.sum() < 24
+
+
+def test_a_dropped_session_is_shown(page: Page, context: Context, tmp_path: Path, qtbot: QtBot) -> None:
+    assert not page.accept_drop([str(tmp_path)])
+    (tmp_path / "session.json").write_text("{}")
+    assert page.accept_drop([str(tmp_path)])
+    assert context.state.recording == str(tmp_path)
+    qtbot.waitUntil(lambda: "session.json" in page.panel.record.folder_words.text(), timeout=GUARD_MS)
+
+
+def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qapp: QApplication) -> None:
+    assert page.minimumSizeHint().width() <= 1280 - 178 and page.minimumSizeHint().height() <= 620
+    apply_theme(qapp, DARK)
+    context.theme_changed.emit()
+    apply_theme(qapp, LIGHT)
+    context.theme_changed.emit()
+
+
+def test_dialogs_choose_folder_and_file(
+    page: Page, context: Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
+) -> None:
+    asked: list[Any] = []
+
+    def answer(parent: Any, *_: Any) -> Any:
+        assert isinstance(parent, QWidget)
+        asked.append(parent)
+        return ""
+
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", answer)
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *a: (answer(*a), ""))
+    page.record.start()
+    assert len(asked) == 1 and not page.record.recording, "no folder chosen: nothing begins"
+    page.panel.record.folder_asked.emit()
+    page.record.assemble()
+    assert len(asked) == 3 and context.state.recording == ""
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path / "chosen"))
+    page.panel.record.folder_asked.emit()
+    assert context.state.recording == str(tmp_path / "chosen")

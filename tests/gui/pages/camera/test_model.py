@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from gui.pages.camera import model as camera_form
+from lfcal.camera import PRESETS, Camera, Microscope, preset
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_field_of_every_camera_goes_both_ways(name: str) -> None:
+    camera = preset(name)
+    values = camera_form.values_of(camera)
+    for key, value in values.items():
+        again, error = camera_form.apply_change(camera, key, value)
+        assert not error and isinstance(again, Camera)
+        got = camera_form.values_of(again)
+        for other, expected in values.items():
+            if isinstance(expected, float):
+                assert got[other] == pytest.approx(expected, rel=1e-8)
+            elif isinstance(expected, tuple):
+                assert got[other] == pytest.approx(expected, rel=1e-7)
+            else:
+                assert got[other] == expected
+
+
+CHANGES: tuple[tuple[str, Any, Any], ...] = (
+    ("optics.f_number", 8.0, lambda c: c.optics.f_number == 8.0),
+    ("optics.blades", 5, lambda c: c.optics.blades == 5),
+    ("optics.kind", "Microscope", lambda c: isinstance(c.optics, Microscope)),
+    ("lattice.pitch_um", 70.0, lambda c: c.lattice.pitch_um == 70.0),
+    ("lattice.offset_y", -4.0, lambda c: c.lattice.offset_um == (0.0, -4.0)),
+    ("lattice.focus", (3.0,), lambda c: len(c.lattice.types) == 1),
+    ("lattice.focus", (math.inf,), lambda c: c.lattice.types[0].focal_length_um == c.lattice.gap_um),
+    ("lattice.kind", "square", lambda c: len(c.lattice.types) == 1 and c.lattice.kind == "square"),
+    ("sensor.rows", 100, lambda c: c.sensor.shape == (100, 320)),
+    ("sensor.cfa", "GRBG", lambda c: c.sensor.cfa == "GRBG"),
+    ("camera.wavelength_um", 0.6, lambda c: c.wavelength_um == 0.6),
+)
+
+
+@pytest.mark.parametrize(("key", "value", "holds"), CHANGES)
+def test_changes(key: str, value: Any, holds: Any) -> None:
+    camera, error = camera_form.apply_change(preset("bench"), key, value)
+    assert not error and camera is not None and holds(camera)
+
+
+def test_types_keep_what_they_have_in_focus_when_the_gap_changes() -> None:
+    camera, _ = camera_form.apply_change(preset("bench"), "lattice.gap_um", 300.0)
+    assert camera is not None
+    assert camera_form.values_of(camera)["lattice.focus"] == pytest.approx((2, 3, 5))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("optics.f_number", 0.0),
+        ("optics.f_number", -1.0),
+        ("optics.blades", 2),
+        ("optics.working_distance_um", 1.0),
+        ("lattice.pitch_um", math.nan),
+        ("lattice.focus", ()),
+        ("lattice.focus", (2.0, 3.0)),
+        ("lattice.focus", (1.0,)),
+        ("sensor.rows", 0),
+        ("sensor.bit_depth", 99),
+        ("sensor.cfa", "XY"),
+        ("camera.wavelength_um", 0.0),
+    ],
+)
+def test_refusals_are_one_line(key: str, value: Any) -> None:
+    camera, error = camera_form.apply_change(preset("bench"), key, value)
+    assert camera is None and error and "\n" not in error

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gui.pages.frames.model import FrameSettings, Opened, iter_assembly, load_frame, open_imported
+from gui.pages.plan.model import default_plan
+from lfcal.camera import preset
+from lfcal.cli.sample import sample_recording
+from lfcal.frames.source import Position
+from lfcal.progress import drain
+
+
+def opened(shape: tuple[int, int, int]) -> Opened:
+    source: Any = None
+    return Opened(source, source, np.zeros(shape, np.int64), default_plan(preset("bench")))
+
+
+def test_positions_stay_within_the_frames_there_are() -> None:
+    """A project with fewer planes than the one shown before."""
+    frames = opened((2, 3, 4))
+    assert frames.place(Position(5, 9, -1)) == (1, 2, 0)
+    assert frames.place(Position(1, 2, 3)) == (1, 2, 3)
+
+
+def test_steps_go_line_after_line() -> None:
+    frames = opened((2, 3, 4))
+    assert frames.step(Position(1, 0, 3), 0, 1) == (1, 1, 0)
+    assert frames.step(Position(1, 0, 0), 0, -1) == (1, 2, 3)
+    assert frames.step(Position(0, 2, 1), 1, 0) == (0, 0, 1)
+    seen = {Position(0, 0, 0)}
+    position = Position(0, 0, 0)
+    for _ in range(11):
+        position = frames.step(position, 0, 1)
+        seen.add(position)
+    assert len(seen) == 12
+
+
+def test_a_recorded_session_opens_with_its_own_plan_and_place() -> None:
+    """The sample recording: cutouts that know where they lie, darks of their own, a plan of one plane."""
+    other = default_plan(preset("bench"))
+    opened = open_imported(str(sample_recording()), FrameSettings(), other)
+    with opened.source:
+        assert opened.plan != other and opened.frames.shape == (1, 19, 33) and opened.frames.min() >= 0
+        loaded = load_frame(opened, Position(0, 9, 16))
+        rows, columns = opened.source.shape
+        top, left, nt, ns = loaded.window
+        assert (top, left) == (0, 0) and (nt, ns) == (rows, columns), "the frame is the cutout"
+        assert loaded.point == (rows // 2, columns // 2) and loaded.origin != (0, 0)
+        assert abs(float(np.median(loaded.fixed))) < 5 < float(np.median(loaded.raw)), "its darks are subtracted"
+        assert loaded.numbers.saturated == 0
+        raw = open_imported(str(sample_recording()), FrameSettings(use_dark=False), other)
+        np.testing.assert_array_equal(load_frame(raw, Position(0, 9, 16)).fixed, loaded.raw)
+        raw.source.close()
+
+
+def test_interpolation_reaches_the_assembly(tmp_path: Path) -> None:
+    opened = open_imported(str(sample_recording()), FrameSettings(interpolation="cubic"), default_plan(preset("bench")))
+    with opened.source:
+        report = drain(iter_assembly(opened, str(tmp_path / "H.h5")))
+    with report.matrix as H:
+        assert H.provenance["cutout"]["interpolation"] == "cubic"

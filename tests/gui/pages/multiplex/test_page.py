@@ -1,0 +1,165 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from gui.context import Context
+from gui.pages.multiplex.model import MultiplexSettings
+from gui.pages.multiplex.page import Page
+from gui.theme import DARK, LIGHT, apply_theme
+from lfcal.multiplex import cfa, demultiplex, mask, multiplex
+from lfcal.multiplex.scenes import colour_edges
+from tests.gui.conftest import OpenPage
+from tests.gui.waiting import idle
+
+
+@pytest.fixture
+def page(open_page: OpenPage, qtbot: QtBot) -> Page:
+    made: Page = open_page("multiplex", height=640)
+    made.entered()
+    settle(made, qtbot)
+    return made
+
+
+def settle(page: Page, qtbot: QtBot) -> None:
+    idle(page.context.jobs, qtbot)
+
+
+def choose(page: Page, key: str, value: str) -> None:
+    form = page.panel.form if key in page.panel.form.fields else page.panel.scene_form
+    editor: Any = form.editor(key)
+    editor.setCurrentIndex(editor.findData(value))
+
+
+def type_in(page: Page, key: str, text: str) -> None:
+    editor: Any = page.panel.form.editor(key)
+    editor.setText(text)
+    editor.textEdited.emit(text)
+
+
+def cells(page: Page) -> dict[str, str]:
+    table = page.panel.table
+    found = {}
+    for row in range(table.rowCount()):
+        name, value = table.item(row, 0), table.item(row, 1)
+        assert name is not None and value is not None and name.toolTip()
+        found[name.text()] = value.text()
+    return found
+
+
+def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, qtbot: QtBot) -> None:
+    assert page.body.minimumSizeHint().width() <= 1100 and page.minimumSizeHint().height() <= 640
+    assert cells(page)["Transmission τ"] == "0.5833" and cells(page)["Rank"] == "3 of 3"
+    np.testing.assert_array_equal(page.panel.sigma.image, cfa("CYMG").spatial)
+    np.testing.assert_array_equal(page.panel.pi.image, cfa("CYMG").plenoptic)
+    assert page.panel.pattern.coloured is not None
+    type_in(page, "size", "5")
+    choose(page, "family", "mask")
+    settle(page, qtbot)
+    assert cells(page)["Samples N"] == "25" and page.panel.pattern.coloured is None
+    assert page.panel.pattern.image is not None and page.panel.pattern.image.shape == (5, 5)
+    assert "real part" in page.panel.titles[2].text() and "over pinhole" in page.panel.curve_title.text()
+    settings = MultiplexSettings(family="both", mask="lenslet", size=4, right="truth")
+    context.project.update("all", settings=settings.into(context.state))
+    settle(page, qtbot)
+    size: Any = page.panel.form.editor("size")
+    assert size.text() == "4" and tuple(page.panel.boxes) == ("pinhole", "lenslet", "MURA", "sum_of_sinusoids")
+    assert page.panel.pictures.right.currentData() == "truth"
+    assert "No gains" in page.panel.curve_hint.text() and cells(page)["Rank"] == "16 of 48"
+    type_in(page, "size", "31")
+    settle(page, qtbot)
+    assert "smaller mask" in page.panel.curve_hint.text() and page.panel.sigma.image is None
+
+
+def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot: QtBot, qapp: QApplication) -> None:
+    assert set(page.panel.curve._curves) == {"CYMG", "RGBE", "RGBW", "CMYW"}
+    page.panel.boxes["X-Trans"].click()
+    settle(page, qtbot)
+    assert "X-Trans" in page.panel.curve._curves and "lenslet" in page.settings.compared
+    context.project.undo()
+    settle(page, qtbot)
+    assert "X-Trans" not in page.panel.curve._curves and not page.panel.boxes["X-Trans"].isChecked()
+    camera = context.state.camera
+    sensor = replace(camera.sensor, full_well_e=1e4, read_noise_e=10.0)
+    context.project.update("sensor", camera=replace(camera, sensor=sensor))
+    settle(page, qtbot)
+    assert page.panel.marker.value() == pytest.approx(2) and "Gain at χ² = 100" in cells(page)
+    type_in(page, "gain", "10")
+    settle(page, qtbot)
+    assert page.panel.marker.value() == pytest.approx(1)
+    for theme in (DARK, LIGHT):
+        apply_theme(qapp, theme)
+        context.theme_changed.emit()
+        assert page.panel.marker.pen.color().name() == theme.text
+
+
+def test_a_bad_pattern_is_marked_with_its_reason(page: Page, context: Context, qtbot: QtBot) -> None:
+    choose(page, "cfa", "typed")
+    assert page.panel.form.editor("pattern").isEnabled()
+    type_in(page, "pattern", "RGX")
+    assert "colour filter pattern" in page.panel.form.error and page.panel.form.editor("pattern").property("invalid")
+    assert page.settings.pattern == "GRBG"
+    type_in(page, "pattern", "RG/RG")
+    settle(page, qtbot)
+    assert page.panel.form.error == "" and page.settings.pattern == "RG/RG"
+    assert cells(page)["Not recoverable"] == "B 100 %" and "Not drawn" in page.panel.curve_hint.text()
+    context.project.undo()
+    editor: Any = page.panel.form.editor("pattern")
+    assert editor.text() == "GRBG"
+
+
+def test_reconstructions_equal_the_library_s_and_zoom_together(page: Page, qtbot: QtBot) -> None:
+    shown = page.panel.pictures
+    page.panel.tabs.setCurrentIndex(1)
+    settle(page, qtbot)
+    truth = colour_edges((240, 240))
+    frame = multiplex(truth, cfa("CYMG"))
+    shown.sample.setCurrentIndex(shown.sample.findData(1))
+    spatial, fourier = (demultiplex(frame, cfa("CYMG"), route=r)[1] for r in ("spatial", "fourier"))
+    for view, expected in zip(shown.views, (spatial, fourier, spatial - fourier, frame), strict=True):
+        assert view.image is not None
+        np.testing.assert_allclose(view.image, expected, atol=1e-9)
+    assert "% rms" in shown.heads[0].text() and "Fourier" in shown.heads[1].text()
+    shown.right.setCurrentIndex(1)
+    np.testing.assert_array_equal(shown.views[2].image, truth[1])
+    assert not shown.views[2].signed and page.settings.right == "truth"
+    box = shown.views[1].plot.vb
+    box.setRange(xRange=(50, 90), yRange=(60, 100), padding=0)
+    box.sigRangeChangedManually.emit([True, True])
+    for view in shown.views:
+        (left, right), (top, bottom) = view.plot.vb.viewRange()
+        assert (left + right) / 2 == pytest.approx(70) and (top + bottom) / 2 == pytest.approx(80)
+    shown.views[0].hovered.emit(3, 4, 0.0)
+    assert f"{spatial[3, 4]:.4g}" in shown.readout.text()
+
+
+def test_an_opened_frame_is_demultiplexed_as_a_job(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    shown = page.panel.pictures
+    type_in(page, "size", "5")
+    choose(page, "mask", "lenslet")
+    choose(page, "family", "mask")
+    page.panel.tabs.setCurrentIndex(1)
+    choose(page, "scene", "image")
+    settle(page, qtbot)
+    assert "Open an image" in shown.status.text() and shown.views[0].image is None
+    frame = np.random.default_rng(0).random((40, 50)).astype(np.float32)
+    np.save(tmp_path / "frame.npy", frame)
+    assert page.accept_drop([str(tmp_path / "frame.npy")]) and not page.accept_drop([str(tmp_path)])
+    settle(page, qtbot)
+    assert page.settings.image.endswith("frame.npy") and context.jobs.jobs()[0].page == "multiplex"
+    assert shown.views[0].image is not None and shown.sample.currentText() == "view 2,2"
+    np.testing.assert_allclose(shown.views[0].image, demultiplex(frame, mask("lenslet", 5))[12], rtol=1e-5)
+    bad = tmp_path / "bad.tif"
+    bad.write_bytes(b"nothing")
+    page.open_image(str(bad))
+    settle(page, qtbot)
+    assert "bad.tif" in shown.status.text() and LIGHT.bad in shown.status.text() and shown.views[0].image is None
+    context.project.undo()
+    settle(page, qtbot)
+    assert shown.views[0].image is not None

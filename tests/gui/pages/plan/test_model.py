@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import pytest
+
+from gui.pages.plan import model as plan_form
+from lfcal.camera import PRESETS, MainLens, preset
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_plan_fields_go_both_ways(name: str) -> None:
+    plan = plan_form.default_plan(preset(name))
+    for key, value in plan_form.values_of(plan).items():
+        again, error = plan_form.apply_change(plan, key, value)
+        assert not error, (key, error)
+        assert again is not None and again.shape == plan.shape
+
+
+def test_plan_changes() -> None:
+    plan = plan_form.default_plan(preset("bench"))
+    changed, _ = plan_form.apply_change(plan, "virtual_depths", (2.0, 3.0))
+    assert changed is not None and changed.virtual_depths == pytest.approx((2, 3))
+    changed, _ = plan_form.apply_change(plan, "right", "-y")
+    assert changed is not None
+    assert (changed.stage.right, changed.stage.down, changed.stage.away) == ("-y", "+x", "+z")
+    for key, value in (("cutout_rows", 10), ("virtual_depths", ()), ("exposure_s", -1.0), ("anchor_row", 1e6)):
+        nothing, error = plan_form.apply_change(plan, key, value)
+        assert nothing is None and "\n" not in error and error
+
+
+def test_region_drawing_and_forecast() -> None:
+    plan = plan_form.default_plan(preset("bench"))
+    drawing = plan_form.region_drawing(plan)
+    assert drawing.size == (19, 33) and len(drawing.path) == 19 * 33
+    assert tuple(drawing.path[0]) == plan.anchor
+    assert set(drawing.types) == {0, 1, 2}
+    rows = dict(plan_form.forecast_rows(plan))
+    assert rows["Positions"] == str(plan.n_positions) and rows["H, float32"].endswith("B")
+    assert isinstance(plan.camera.optics, MainLens)

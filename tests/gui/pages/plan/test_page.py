@@ -1,0 +1,35 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from gui.window import MainWindow
+from lfcal.camera import ScanPlan, preset
+
+
+def test_plan_both_ways(window: MainWindow, tmp_path: Path) -> None:
+    window.go("plan")
+    page: Any = window.page("plan")
+    assert page.empty is not None, "no plan yet: the page says what to do"
+    page.make_default()
+    plan = window.project.state.plan
+    assert plan is not None and page.empty is None
+    editor = page.panel.form.editor("cutout_rows")
+    assert editor.text() == str(plan.cutout[0])
+    editor.setText("41")
+    editor.textEdited.emit("41")
+    changed = window.project.state.plan
+    assert changed is not None and changed.cutout == (41, plan.cutout[1])
+    before = page.panel.forecast.text()
+    editor.setText("40")
+    editor.textEdited.emit("40")
+    assert "odd" in page.panel.form.error and window.project.state.plan == changed
+    window.project.update("planes", plan=replace(changed, depths_um=changed.depths_um[:2], exposure_s=0.01))
+    assert page.panel.forecast.text() != before
+    page.save_file(str(tmp_path / "plan.json"))
+    assert ScanPlan.from_json((tmp_path / "plan.json").read_text()) == window.project.state.plan
+    window.project.update("camera", camera=preset("r29"), plan=None)
+    assert page.empty is not None
+    page.open_file(str(tmp_path / "plan.json"))
+    assert window.project.state.camera == preset("bench")

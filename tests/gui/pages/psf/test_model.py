@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gui.pages.psf.model import LoadedPlane, PSFIntent, linked_pixel, resolve, turn_pixel
+from lfcal.psf import transpose
+
+SHAPE = (3, 4, 5, 7, 9)
+
+
+def plane() -> LoadedPlane:
+    return LoadedPlane(1, np.random.default_rng(0).random(SHAPE[1:]).astype(np.float32))
+
+
+@given(st.tuples(*(st.integers(0, n - 1) for n in SHAPE[1:])))
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_linked_pixels_hold_the_same_entry(index: tuple[int, int, int, int]) -> None:
+    y, x, t, s = index
+    H = plane().values
+    HT = transpose(H[None])[0]
+    there, mark = linked_pixel((y, x), (t, s), SHAPE[1:3], SHAPE[3:])
+    assert HT[there][mark] == H[index]
+    assert linked_pixel(there, mark, SHAPE[1:3], SHAPE[3:]) == ((y, x), (t, s))
+    wrong = (there[1] % 4, there[0] % 5)
+    assert wrong == there or HT[wrong][mark] != H[index]
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_the_picture_follows_the_intent(transposed: bool) -> None:
+    loaded = plane()
+    H, HT = loaded.values, transpose(loaded.values[None])[0]
+    main, other = (HT, H) if transposed else (H, HT)
+    intent = PSFIntent(1, 2, 3, transposed)
+    picture = resolve(intent, loaded)
+    np.testing.assert_array_equal(picture.main, main[2, 3])
+    np.testing.assert_array_equal(picture.linked, other[2, 3])
+    assert picture.main_cursor is None and picture.linked_cursor is None
+    picture = resolve(replace(intent, pixel=(1, 4)), loaded)
+    assert picture.linked_cursor is not None
+    assert picture.linked[picture.linked_cursor] == picture.main[1, 4]
+    np.testing.assert_array_equal(picture.linked, other[picture.linked_position])
+
+
+def test_differences_are_at_equal_energy() -> None:
+    loaded = plane()
+    twice = LoadedPlane(1, 2 * loaded.values)
+    picture = resolve(PSFIntent(show="difference"), loaded, twice)
+    assert picture.signed and np.abs(picture.main).max() < 1e-6
+    np.testing.assert_array_equal(resolve(PSFIntent(show="reference"), loaded, twice).main, twice.values[0, 0])
+
+
+def test_intents_stay_inside() -> None:
+    intent = PSFIntent(99, -3, 77, pixel=(7, 0)).clamped(SHAPE)
+    assert (intent.z, intent.y, intent.x, intent.pixel) == (2, 0, 4, None)
+    assert PSFIntent(0, 0, 0).moved(-1, -1, (4, 5)).y == 3
+    assert turn_pixel((0, 0), (7, 9)) == (6, 8)

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pytestqt.qtbot import QtBot
+
+from gui.pages.quality.model import map_of, rows_of, words_of, worst_positions
+from gui.window import MainWindow
+from lfcal.psf import PSFMatrix, save
+from tests.gui.waiting import GUARD_MS, idle
+
+
+def faulty(path: Path) -> Path:
+    """Write a small H in which one frame is missing."""
+    r, c = np.mgrid[-10:11, -10:11]
+    values = np.zeros((2, 5, 6, 21, 21), np.float32)
+    for z, y, x in np.ndindex(2, 5, 6):
+        lens = np.cos(np.pi * (r + y) / 5) ** 2 * np.cos(np.pi * (c + x) / 6) ** 2
+        values[z, y, x] = 1000 * lens * np.exp(-(r**2 + c**2) / (18.0 + 10 * z))
+    values[1, 2, 3] = 0
+    recorded = np.ones((2, 5, 6))
+    recorded[1, 2, 3] = 0
+    save(PSFMatrix(values, recorded=recorded, depths=[-1000, 1000]), path)
+    return path
+
+
+def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    window.project.update("open", psf=str(faulty(tmp_path / "H.h5")))
+    with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
+        window.go("quality")
+    assert not end.args[0].error
+    page: Any = window.page("quality")
+    report = page.report
+    assert page.panel.table.rowCount() == len(report.metrics) == len(rows_of(report))
+    assert page.panel.verdict.text() == report.verdict
+    assert (1, 2, 3) in worst_positions(report)
+    missing = next(k for k, m in enumerate(report.metrics) if "issing" in m.spec.title)
+    page.panel.table.selectRow(missing)
+    assert "What to do" in words_of(report.metrics[missing]) and page.panel.words.text()
+    page.panel.slider.setValue(1)
+    mapped = [m for m in report.metrics if map_of(m, 1) is not None]
+    assert mapped and map_of(mapped[0], 99) is None
+    page.send()
+    assert (1, 2, 3) in window.project.state.redo
+    page.panel.position_clicked.emit(2, 3)
+    assert window.stack.currentWidget() is window.page("psf")
+    idle(window.jobs, qtbot)
+    assert window.page("psf").intent.z == 1  # type: ignore[attr-defined]
+
+
+def test_nothing_to_judge(window: MainWindow) -> None:
+    window.go("quality")
+    page: Any = window.page("quality")
+    assert page.report is None and not page.report_button.isEnabled()
+    assert "No PSF" in page.empty.label.text()
+
+
+def test_a_damaged_h_says_so(window: MainWindow, tmp_path: Path) -> None:
+    (tmp_path / "H.h5").write_bytes(b"no hdf5")
+    window.project.update("open", psf=str(tmp_path / "H.h5"))
+    page: Any = window.page("quality")
+    page.write_report(str(tmp_path / "report"))
+    page.measure()
+    assert window.log_view.toPlainText().count("HDF5") >= 2 and not window.jobs.busy

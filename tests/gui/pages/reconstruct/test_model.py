@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.models.project import ProjectState
+from gui.pages.reconstruct.model import (
+    FIELDS,
+    ReconstructSettings,
+    forecast_words,
+    light_field,
+    make_light_field,
+    projector_for,
+    synthetic_shape,
+    used_by,
+)
+from gui.pages.reconstruct.model_solving import Solving
+from gui.pages.reconstruct.model_volume import VolumeIntent, resolve
+from lfcal.errors import InputError
+from lfcal.progress import drain
+from lfcal.psf import PSFMatrix
+from lfcal.psf.store import save
+from lfcal.reconstruct.solvers.choice import SolverChoice
+
+PERIOD, CUTOUT = (3, 4), (7, 9)
+
+
+def matrix_file(path: Path, planes: int = 2) -> str:
+    """Write an H of blurred spots."""
+    rng = np.random.default_rng(0)
+    t, s = np.indices(CUTOUT)
+    spot = np.exp(-((t - 3) ** 2 + (s - 4) ** 2) / 3.0)
+    H = (spot * rng.uniform(0.5, 1, (planes, *PERIOD, *CUTOUT))).astype(np.float32)
+    save(PSFMatrix(H), path)
+    return str(path)
+
+
+@pytest.fixture
+def psf(tmp_path: Path) -> str:
+    return matrix_file(tmp_path / "H.h5")
+
+
+def opened(path: str) -> PSFMatrix:
+    from lfcal.psf import open_psf
+
+    return open_psf(path)
+
+
+def test_settings_go_through_json_and_survive_damage() -> None:
+    settings = ReconstructSettings("rl-tv", 7, 1.0, 2.0, 4000.0, 0.01, None, "fft", 0.02, True, (0, 1, 20, 30), (1, 2))
+    again = ProjectState.from_json(ProjectState(settings=settings.into(ProjectState())).to_json())
+    assert ReconstructSettings.of(again) == settings
+    for damaged in (None, 3, {"solver": "magic"}, {"iterations": 0}, {"region": [1]}, {"background": "x"}):
+        assert ReconstructSettings.of(ProjectState(settings={"reconstruct": damaged})) == ReconstructSettings()
+    assert {spec.key for spec in FIELDS} == {f.name for f in fields(ReconstructSettings)}
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("iterations", 0),
+        ("threshold", 1.0),
+        ("threshold", -0.1),
+        ("subsets", 0),
+        ("background", -1.0),
+        ("read_noise", float("nan")),
+        ("region", (0, 0, 0, 5)),
+        ("region", (1, 2)),
+        ("region", (0.5, 0, 3, 3)),
+        ("anchor", (1,)),
+    ],
+)
+def test_refusals_are_one_line(key: str, value: object) -> None:
+    with pytest.raises(InputError) as error:
+        ReconstructSettings().changed(key, value)
+    assert "\n" not in str(error.value)
+
+
+def test_fields_that_matter() -> None:
+    assert used_by("cg", "strength") and not used_by("rl", "strength")
+    assert ReconstructSettings("cg", read_noise=3.0, subsets=2).choice() == SolverChoice("cg"), "greyed out: left alone"
+    assert used_by("osem", "subsets") and not used_by("cg", "read_noise") and used_by("rl", "iterations")
+
+
+def test_a_region_moves_the_anchor_with_it(psf: str) -> None:
+    with opened(psf) as H:
+        whole = projector_for(H, (24, 28), ReconstructSettings())
+        part = projector_for(H, (24, 28), ReconstructSettings(region=(5, 6, 14, 15)))
+        volume = np.zeros(whole.volume_shape, np.float32)
+        volume[1, 11, 13] = 1
+        image = whole.forward(volume)
+        np.testing.assert_allclose(part.forward(volume[:, 5:19, 6:21]), image[5:19, 6:21], atol=1e-6)
+        wrong = projector_for(H, (14, 15), ReconstructSettings())
+        assert np.abs(wrong.forward(volume[:, 5:19, 6:21]) - image[5:19, 6:21]).max() > 0.01
+        with pytest.raises(InputError, match="region"):
+            projector_for(H, (20, 20), ReconstructSettings(region=(5, 6, 16, 15)))
+        words = forecast_words(whole, 5)
+        assert "28 × 24 × 2 voxels" in words and "5 iterations" in words
+
+
+@pytest.mark.parametrize("name", ["points", "vesicle", "plume"])
+def test_made_light_fields_follow_h(psf: str, tmp_path: Path, name: str) -> None:
+    path = str(tmp_path / f"{name}.tif")
+    with opened(psf) as H:
+        made = make_light_field(H, name, path, shape=(24, 28))
+        image = light_field(path)
+        assert image.shape == (24, 28) and image.dtype == np.uint16
+        model = projector_for(H, (24, 28), ReconstructSettings()).forward(made.truth)
+    sigma = (image - model) / np.sqrt(np.maximum(model, 1))
+    assert np.abs(sigma).max() < 6, "photon noise alone is between them"
+    assert model.max() == pytest.approx(2000, rel=1e-3)
+    rows, columns = synthetic_shape(PSFMatrix(np.zeros((1, 200, 4, 9, 9), np.float32)))
+    assert (rows, columns) == (640, 18)
+
+
+def test_only_tiff_is_made(psf: str, tmp_path: Path) -> None:
+    with opened(psf) as H, pytest.raises(InputError, match="tif"):
+        make_light_field(H, "points", str(tmp_path / "x.png"))
+    assert not list(tmp_path.glob("x*"))
+
+
+def test_stopped_and_gone_on_is_the_same_as_at_once(psf: str, tmp_path: Path) -> None:
+    with opened(psf) as H:
+        made = make_light_field(H, "vesicle", str(tmp_path / "a.tif"), shape=(24, 28))
+    image = light_field(made.path)
+    settings = ReconstructSettings(iterations=6)
+    at_once = Solving(psf, image, settings, made.truth)
+    drain(at_once.work())
+    halves = Solving(psf, image, settings)
+    for record in halves.work():
+        if halves.history and halves.history[-1].iteration == 2:
+            halves.stop()
+        assert record.done <= 24
+    assert halves.state is not None and halves.state.iteration == 2
+    drain(halves.work(4))
+    assert at_once.state is not None
+    np.testing.assert_allclose(halves.state.volume, at_once.state.volume, rtol=1e-6)
+    assert [r.iteration for r in halves.history] == [1, 2, 3, 4, 5, 6]
+    assert "NRMSE" in at_once.words() and "NRMSE" not in halves.words()
+    assert halves.fits(psf, settings.changed("iterations", 99)) and not halves.fits(
+        psf, settings.changed("solver", "cg")
+    )
+    assert at_once.details()["iterations"] == 6
+    for one in (at_once, halves):
+        one.close()
+        one.close()
+
+
+def test_cancelled_work_keeps_its_state(psf: str) -> None:
+    solving = Solving(psf, np.ones((24, 28), np.uint16), ReconstructSettings(iterations=50, region=(2, 2, 20, 20)))
+    work = solving.work()
+    while not solving.history:
+        next(work)
+    work.close()
+    assert solving.state is not None and solving.state.volume.shape == (2, 20, 20)
+    assert solving.pixels == 400 and solving.truth is None
+    solving.close()
+
+
+VOLUME = np.random.default_rng(1).random((3, 5, 7)).astype(np.float32)
+
+
+def test_slices_and_projections() -> None:
+    intent = VolumeIntent(1, 2, 3)
+    picture = resolve(intent, VOLUME, (0.0, 1.0))
+    np.testing.assert_array_equal(picture.xy, VOLUME[1])
+    np.testing.assert_array_equal(picture.xz, VOLUME[:, 2])
+    np.testing.assert_array_equal(picture.yz, VOLUME[:, :, 3].T)
+    assert picture.value == VOLUME[1, 2, 3] and picture.levels == (0.0, 1.0)
+    assert picture.xy[2, 3] == picture.xz[1, 3] == picture.yz[2, 1] == picture.value
+    most = resolve(VolumeIntent(projection=True, own_scale=True), VOLUME, (0.0, 1.0))
+    np.testing.assert_array_equal(most.xy, VOLUME.max(0))
+    np.testing.assert_array_equal(most.xz, VOLUME.max(1))
+    np.testing.assert_array_equal(most.yz, VOLUME.max(2).T)
+    assert most.levels == (VOLUME.max(0).min(), VOLUME.max(0).max())
+    assert VolumeIntent(9, -1, 99).clamped(VOLUME.shape) == VolumeIntent(2, 0, 6)
+    assert VolumeIntent.middle(VOLUME.shape) == VolumeIntent(1, 2, 3)

@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication, QLineEdit
+from pytestqt.qtbot import QtBot
+
+from gui.context import Context
+from gui.models.project import ProjectState
+from gui.pages.reconstruct.model import ReconstructSettings
+from gui.pages.reconstruct.page import Page
+from gui.pages.reconstruct.volume_view import VolumeView
+from gui.theme import DARK, LIGHT, apply_theme
+from lfcal.reconstruct.volumes import load_volume
+from tests.gui.conftest import OpenPage
+from tests.gui.pages.reconstruct.test_model import matrix_file
+from tests.gui.waiting import GUARD_MS
+
+
+@pytest.fixture
+def state(tmp_path: Path) -> ProjectState:
+    return ProjectState(psf=matrix_file(tmp_path / "H.h5"))
+
+
+@pytest.fixture
+def page(open_page: OpenPage) -> Page:
+    made: Page = open_page("reconstruct")
+    return made
+
+
+def make(page: Page, qtbot: QtBot, path: Path, name: str = "vesicle") -> None:
+    page.make_light_field(name, str(path), (24, 28))
+    qtbot.waitUntil(lambda: page.image is not None and page._opened == str(path), timeout=GUARD_MS)
+
+
+def test_empty_states_say_what_comes_next(page: Page, context: Context) -> None:
+    assert "Make one" in page.panel.hint.text() and not page.panel.buttons["start"].isEnabled()
+    context.project.update("none", psf="")
+    assert page.empty is not None and "needs an H" in page.empty.label.text()
+
+
+def test_a_made_light_field_is_reconstructed_and_judged(
+    page: Page, context: Context, open_page: OpenPage, qtbot: QtBot, tmp_path: Path
+) -> None:
+    make(page, qtbot, tmp_path / "v.tif")
+    assert context.state.light_field.endswith("v.tif") and "28 × 24 px" in page.panel.file.text()
+    qtbot.waitUntil(lambda: "Memory" in page.panel.forecast.text(), timeout=GUARD_MS)
+    context.project.update("n", settings=ReconstructSettings(iterations=5).into(context.state))
+    qtbot.mouseClick(page.panel.buttons["start"], Qt.MouseButton.LeftButton)
+    assert not page.panel.form.isEnabled() and page.panel.buttons["stop"].isEnabled()
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    words = page.panel.status.text()
+    assert "5 iterations" in words and "residual" in words and "NRMSE" in words
+    assert page.panel.volume.volume is not None and page.panel.volume.volume.shape == (2, 24, 28)
+    first = page.solving
+    assert first is not None and len(first.history) == 5
+    qtbot.mouseClick(page.panel.buttons["more"], Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    assert [r.iteration for r in first.history] == list(range(1, 11)) and page.solving is first
+    x, y = page.panel.residual._curves["residual"].getData()
+    assert len(x) == 10 and (np.diff(y) < 0).all()
+    assert page.panel.shown.isVisibleTo(page)
+    page.panel.shown.setCurrentIndex(1)
+    assert page.synthetic is not None
+    np.testing.assert_array_equal(page.panel.volume.volume, page.synthetic.truth)
+    page.panel.shown.setCurrentIndex(0)
+
+    for name in ("out.tif", "out.h5"):
+        page.save(str(tmp_path / name))
+        qtbot.waitUntil(lambda name=name: context.state.volume.endswith(name), timeout=GUARD_MS)
+        assert first.state is not None
+        np.testing.assert_allclose(load_volume(tmp_path / name), first.state.volume, rtol=1e-6)
+
+    context.project.update("solver", settings=ReconstructSettings("cg").into(context.state))
+    assert not page.panel.buttons["more"].isEnabled(), "another solver begins anew"
+    again = open_page("reconstruct")
+    qtbot.waitUntil(lambda: again.saved is not None and again.image is not None, timeout=GUARD_MS)
+    assert "out.h5" in again.panel.title.text() and again.panel.stack.currentWidget() is again.panel.volume
+
+
+def test_stop_keeps_what_there_is(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    make(page, qtbot, tmp_path / "v.tif")
+    context.project.update("n", settings=ReconstructSettings(iterations=100_000).into(context.state))
+    page.start()
+    solving = page.solving
+    assert solving is not None
+    qtbot.waitUntil(lambda: len(solving.history) > 2, timeout=GUARD_MS)
+    qtbot.mouseClick(page.panel.buttons["stop"], Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    assert page.panel.buttons["more"].isEnabled() and page.panel.buttons["save"].isEnabled()
+    assert page.panel.stack.currentWidget() is page.panel.volume
+    page.start()
+    qtbot.waitUntil(lambda: page.solving is not None and len(page.solving.history) > 2, timeout=GUARD_MS)
+    context.jobs.cancel(page._job)  # the stop button of the status area
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    assert "residual" in page.panel.status.text()
+
+
+def test_faults_come_in_words(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    make(page, qtbot, tmp_path / "v.tif")
+    context.project.update("n", settings=ReconstructSettings(region=(0, 0, 99, 5)).into(context.state))
+    qtbot.waitUntil(lambda: "region" in page.panel.forecast.text(), timeout=GUARD_MS)
+    page.start()
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    assert "region" in page.panel.status.text() and LIGHT.bad in page.panel.status.text()
+    bad = tmp_path / "bad.tif"
+    bad.write_bytes(b"nothing")
+    assert page.accept_drop([str(bad)])
+    qtbot.waitUntil(lambda: "bad.tif" in page.panel.file.text() and ":" in page.panel.file.text(), timeout=GUARD_MS)
+    assert not page.panel.buttons["start"].isEnabled()
+    assert not page.accept_drop([str(tmp_path)])
+
+
+def test_form_and_project_follow_each_other(page: Page, context: Context) -> None:
+    form = page.panel.form
+    editor: Any = form.editor("iterations")
+    assert isinstance(editor, QLineEdit)
+    editor.setText("7")
+    editor.textEdited.emit("7")
+    assert page.settings.iterations == 7
+    context.project.undo()
+    assert editor.text() == "20"
+    editor.setText("0")
+    editor.textEdited.emit("0")
+    assert "iterations" in form.error and page.settings.iterations == 20
+    solver: Any = form.editor("solver")
+    solver.setCurrentIndex(solver.findData("rl-tv"))
+    assert page.settings.solver == "rl-tv" and "total variation" in page.panel.solver_words.text()
+    assert form.editor("strength").isEnabled() and not form.editor("subsets").isEnabled()
+    percent: Any = form.editor("threshold")
+    percent.setText("2")
+    percent.textEdited.emit("2")
+    assert page.settings.threshold == pytest.approx(0.02)
+
+
+def test_the_cross_hair_links_the_slices(qtbot: QtBot) -> None:
+    view = VolumeView()
+    qtbot.addWidget(view)
+    volume = np.random.default_rng(0).random((3, 20, 30)).astype(np.float32)
+    places: list[tuple[int, int, int]] = []
+    view.moved.connect(lambda *place: places.append(place))
+    view.set_volume(volume, np.array([1e3, 2e3, 3e3]))
+    assert (view.intent.z, view.intent.y, view.intent.x) == (1, 10, 15)
+    view.lines["xy", "x"].setValue(22)
+    view.lines["xy", "x"].sigDragged.emit(view.lines["xy", "x"])
+    assert places == [(1, 10, 22)] and view.lines["xz", "x"].value() == 22
+    assert view.picture is not None
+    np.testing.assert_array_equal(view.picture.yz, volume[:, :, 22].T)
+    view.lines["yz", "z"].setValue(2)
+    view.lines["yz", "z"].sigDragged.emit(view.lines["yz", "z"])
+    assert view.slider.value() == 2 and view.lines["xz", "z"].value() == 2 and "3 mm" in view.readout.text()
+    view.slider.setValue(0)
+    assert places[-1] == (0, 10, 22)
+    view.mode.setCurrentIndex(1)
+    np.testing.assert_array_equal(view.picture.xy, volume.max(0))
+    view.own.setChecked(True)
+    view.scale.setCurrentIndex(2)
+    view.colours.setCurrentIndex(1)
+    assert view.intent.display.scale == "log" and view.intent.display.colour_map == "cividis"
+    view.set_volume(volume[:1])
+    assert view.intent.z == 0 and not view.slider.isEnabled()
+    view.set_volume(None)
+    view.set_cross(z=1)
+    assert view.volume is None and view.readout.text() == "–"
+
+
+def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qapp: QApplication) -> None:
+    assert page.minimumSizeHint().width() <= 1280 - 178 and page.minimumSizeHint().height() <= 620
+    apply_theme(qapp, DARK)
+    context.theme_changed.emit()
+    apply_theme(qapp, LIGHT)
+    context.theme_changed.emit()

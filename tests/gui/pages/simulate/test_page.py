@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pytestqt.qtbot import QtBot
+
+import gui.pages.simulate.page as simulate_page
+from gui.jobs import JobState
+from gui.pages.simulate.model import SimulateSettings, Verdict, preview, tolerance_of, verdict_of
+from gui.window import MainWindow
+from lfcal.camera import ScanPlan
+from lfcal.psf import open_psf
+from tests.gui.pages.simulate.test_model import small_plan
+from tests.gui.waiting import GUARD_MS, idle
+
+
+def test_simulate_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    small = replace(small_plan(), period=(3, 4))
+    window.project.update("plan", plan=small)
+    window.go("simulate")
+    page: Any = window.page("simulate")
+    idle(window.jobs, qtbot)
+    assert page.panel.table.rowCount() == len(page.verdict.rows) > 20
+    assert page.panel.view.image is not None and page.panel.view.image.shape == (41, 41)
+    names = [row.name for row in page.verdict.rows]
+    row = names.index("bandwidth")
+    box = page.panel.table.cellWidget(row, 1)
+    box.setCurrentIndex(box.findData("on"))
+    box.activated.emit(box.currentIndex())
+    assert SimulateSettings.of(window.project.state).override("bandwidth") == "on"
+    idle(window.jobs, qtbot)
+    assert page.verdict.rows[row].on and page.panel.table.cellWidget(row, 1).currentData() == "on"
+    page.panel.table.selectRow(row)
+    assert "bandwidth" in page.panel.why.text()
+    window.project.undo()
+    idle(window.jobs, qtbot)
+    assert not page.verdict.rows[row].on
+    page.panel.tolerance_slider.setValue(page.panel.tolerance_slider.minimum())
+    assert SimulateSettings.of(window.project.state).tolerance == tolerance_of(0)
+    page.panel.tolerance_slider.setValue(page.panel.tolerance_slider.maximum())
+    idle(window.jobs, qtbot)
+    page.panel.level_box.setCurrentIndex(page.panel.level_box.findData("geometric"))
+    page.panel.level_box.currentIndexChanged.emit(page.panel.level_box.currentIndex())
+    idle(window.jobs, qtbot)
+    with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
+        page.simulate(str(tmp_path / "sim.h5"))
+    assert end.args[0].state is JobState.DONE, end.args[0].error
+    assert window.project.state.psf == str(tmp_path / "sim.h5")
+    with open_psf(tmp_path / "sim.h5") as H:
+        assert H.shape == small.shape
+
+
+@pytest.fixture
+def answer(window: MainWindow) -> Iterator[threading.Event]:
+    """Return what a slow planner waits for; the window cannot close before."""
+    event = threading.Event()
+    yield event
+    event.set()
+
+
+def test_before_the_planner_answers_nothing_uses_its_last_answer(
+    window: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: threading.Event
+) -> None:
+    window.project.update("plan", plan=replace(small_plan(), resample=False))
+    window.go("simulate")
+    page: Any = window.page("simulate")
+    page.panel.level_box.setCurrentIndex(page.panel.level_box.findData("geometric"))
+    idle(window.jobs, qtbot)
+    asked: list[tuple[tuple[str, ...], str]] = []
+
+    def slow_planner(plan: ScanPlan, settings: SimulateSettings) -> Verdict:
+        answer.wait()
+        return verdict_of(plan, settings)
+
+    def watched(plan: ScanPlan, z: float, effects: tuple[Any, ...], level: str, tolerance: float) -> Any:
+        asked.append((tuple(e.name for e in effects), level))
+        return preview(plan, z, effects, level, tolerance)
+
+    monkeypatch.setattr(simulate_page, "verdict_of", slow_planner)
+    monkeypatch.setattr(simulate_page, "preview", watched)
+    assert "vignetting" not in {e.name for e in page.verdict.effects}
+    page.panel.choice_asked.emit("vignetting", "on")
+    with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
+        page.simulate(str(tmp_path / "sim.h5"))
+    assert end.args[0].state is JobState.DONE, end.args[0].error
+    with open_psf(tmp_path / "sim.h5") as H:
+        assert "vignetting" in {effect["name"] for effect in H.provenance["simulated"]["effects"]}
+    page.panel.z_slider.setValue(30)
+    qtbot.waitUntil(lambda: bool(asked), timeout=GUARD_MS)
+    answer.set()
+    idle(window.jobs, qtbot)
+    assert asked[0] == ((), "geometric"), "rays, which need no planner"
+    assert all("vignetting" in names for names, _ in asked[1:]) and len(asked) > 1

@@ -1,0 +1,96 @@
+"""The page shown in the documentation is complete: it appears, works, and is saved."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from gui.help import cheat_sheet
+from gui.models.page import PageSpec, PageState, available_pages, page_registry
+from gui.models.project import Project
+from gui.window import MainWindow
+from tests.gui.waiting import GUARD_MS, idle
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "adding_a_page.md"
+
+
+@pytest.fixture
+def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[PageSpec, ...]]:
+    """Write the four files as the document names them; find the page by its entry point."""
+    text = DOCUMENT.read_text(encoding="utf-8")
+    blocks = re.findall(r"`(notes/\w+\.py)`.*?```python\n(.*?)```", text, re.DOTALL)
+    assert [name for name, _ in blocks] == [f"notes/{name}.py" for name in ("__init__", "model", "panel", "page")]
+    for name, code in blocks:
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(code)
+    declared = re.search(r'\[project\.entry-points\."([\w.]+)"\]\n(\w+) = "([\w:]+)"', text)
+    assert declared is not None
+    group, name, value = declared.groups()
+    points = [metadata.EntryPoint(name, value, group)]
+    monkeypatch.setattr(metadata, "entry_points", lambda group: [p for p in points if p.group == group])
+    monkeypatch.syspath_prepend(str(tmp_path))
+    registry = page_registry()
+    yield available_pages(registry)
+    for module in [m for m in sys.modules if m.split(".")[0] == "notes"]:
+        del sys.modules[module]
+
+
+@pytest.fixture
+def window(qapp: QApplication, place: Path, qtbot: QtBot, pages: tuple[PageSpec, ...]) -> Iterator[MainWindow]:
+    made = MainWindow(Project(), place, pages=pages)
+    made.show()
+    qtbot.waitExposed(made, timeout=GUARD_MS)
+    yield made
+    made.shut_down()
+    made.close()
+    made.deleteLater()
+
+
+def test_the_documented_page_works(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    row = [spec.key for spec in window.specs].index("notes")
+    item = window.rail.item(row)
+    assert row == len(window.specs) - 1 and item.text().startswith("Notes")
+    assert PageState.NOTHING.value in item.toolTip() and not item.icon().isNull()
+    assert "Ctrl+Return" in cheat_sheet(window.specs)
+    window.go("notes")
+    page: Any = window.page("notes")
+    assert window.stack.currentWidget() is page
+    page.panel.editor.setPlainText("the lamp was warm")
+    idle(window.jobs, qtbot)
+    assert page.panel.count.text() == "4 words"
+    assert PageState.DONE.value in window.rail.item(row).toolTip()
+    qtbot.keyClick(page, Qt.Key.Key_Return, Qt.KeyboardModifier.ControlModifier)
+    assert "4 words" in window.log_view.toPlainText()
+    window.project.undo()
+    idle(window.jobs, qtbot)
+    assert page.panel.editor.toPlainText() == ""
+    window.project.redo()
+    window.project.save(tmp_path / "p.lfcal")
+    other = Project()
+    other.open(tmp_path / "p.lfcal")
+    assert other.state.settings["notes"] == {"text": "the lamp was warm"}
+
+
+def test_a_folder_in_the_window_s_own_package_is_found_too(
+    pages: tuple[PageSpec, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One new folder is all: nothing else names the page."""
+    import gui.pages
+
+    monkeypatch.setattr(metadata, "entry_points", lambda group: [])
+    monkeypatch.setattr(gui.pages, "__path__", [*gui.pages.__path__, str(tmp_path)])
+    try:
+        spec = page_registry().get("notes")
+        assert spec.package == "gui.pages.notes"
+    finally:
+        sys.modules.pop("gui.pages.notes", None)

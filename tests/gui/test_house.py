@@ -1,0 +1,97 @@
+"""The shape of the window's code: what each page folder has, and what may import what."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+GUI = ROOT / "gui"
+FILES = sorted(GUI.rglob("*.py"))
+PAGES = sorted(path.parent for path in (GUI / "pages").glob("*/__init__.py"))
+QT = ("PySide6", "pyqtgraph")
+
+
+def imports(path: Path) -> set[str]:
+    """Return the names of modules that a file imports, anywhere in it."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            module = str(node.module)
+            found |= {module} | {f"{module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def page_of(path: Path) -> str:
+    """Return the page whose folder a file is in, or an empty string."""
+    parts = path.relative_to(GUI).parts
+    return parts[1] if parts[0] == "pages" and len(parts) > 2 else ""
+
+
+@pytest.mark.parametrize("folder", PAGES, ids=lambda p: p.name)
+def test_every_page_has_one_shape(folder: Path) -> None:
+    assert {"__init__.py", "page.py", "panel.py", "model.py"} <= {path.name for path in folder.glob("*.py")}
+    text = (folder / "page.py").read_text(encoding="utf-8")
+    assert "Layout" not in text, "page.py has no layout code"
+
+
+def test_models_and_specs_have_no_qt() -> None:
+    free = [
+        *(GUI / "models").glob("*.py"),
+        *(GUI / "pages").glob("*/model*.py"),
+        *(GUI / "pages").glob("*/__init__.py"),
+    ]
+    assert len(free) > 20
+    for path in free:
+        bad = {n for n in imports(path) if n.split(".")[0] in QT or n.startswith(("gui.widgets", "gui.theme"))}
+        assert not bad, f"{path.relative_to(ROOT)} imports {bad}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(GUI)))
+def test_nothing_reaches_into_another_page_s_folder(path: Path) -> None:
+    used = {name.split(".")[2] for name in imports(path) if name.startswith("gui.pages.")}
+    # the demo project is a project of the sample session's frames, whose settings it sets
+    allowed = {"frames"} if path.name == "demo.py" else {page_of(path)}
+    assert used <= allowed, f"{path.relative_to(ROOT)} imports pages {used - allowed}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(GUI)))
+def test_no_private_name_crosses_a_module(path: Path) -> None:
+    private = {
+        n
+        for n in imports(path)
+        if n.startswith(("gui.", "lfcal.")) and any(p[0] == "_" and p[:2] != "__" for p in n.split("."))
+    }
+    assert not private, f"{path.relative_to(ROOT)} imports {private}"
+
+
+def test_files_import_each_other_in_one_direction() -> None:
+    names = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in FILES}
+    arrows = {
+        name: {other for other in imports(path) if other in names and other != name} for name, path in names.items()
+    }
+    for name in names:  # a package named on the way to its module is no arrow
+        arrows[name] -= {
+            other for other in arrows[name] if any(deeper.startswith(f"{other}.") for deeper in arrows[name])
+        }
+    left = dict(arrows)
+    while ground := {name for name, others in left.items() if not others & left.keys()}:
+        left = {name: others for name, others in left.items() if name not in ground}
+    assert not left, f"circle among {sorted(left)}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(GUI)))
+def test_files_and_functions_are_short(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert text.count("\n") <= 400
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef):
+            lines = (node.end_lineno or 0) - node.lineno + 1
+            if ast.get_docstring(node):
+                first = node.body[0]
+                lines -= (first.end_lineno or 0) - first.lineno + 1
+            assert lines <= 40, f"{path.relative_to(ROOT)}: {node.name} has {lines} lines"

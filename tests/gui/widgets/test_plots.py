@@ -1,0 +1,24 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pytestqt.qtbot import QtBot
+
+from gui.widgets.plots import LinePlot
+from tests.gui.waiting import GUARD_MS
+
+
+@pytest.mark.parametrize("top", [1e-6, 0.5, 2000.0, 2e9])
+def test_axes_show_the_values_themselves_after_new_labels(qtbot: QtBot, top: float) -> None:
+    plot = LinePlot("depth z (mm)", "value")
+    qtbot.addWidget(plot)
+    plot.show()
+    qtbot.waitExposed(plot, timeout=GUARD_MS)
+    plot.set_curve("value", np.arange(3.0), np.array([0.0, top / 2, top]))
+    plot.plot.setYRange(0, top)
+    qtbot.waitUntil(lambda: plot.plot.getAxis("left").range[1] >= top, timeout=GUARD_MS)
+    plot.set_labels("depth z (mm)", "another (px)")
+    axis = plot.plot.getAxis("left")
+    spacing = top / 5
+    shown = axis.tickStrings([spacing], axis.autoSIPrefixScale * axis.scale, spacing)
+    assert axis.autoSIPrefixScale == 1.0 and float(shown[0]) == pytest.approx(spacing, rel=0.05)
