@@ -84,6 +84,9 @@ FIELDS = (
     ),
 )
 
+DEFAULTS = Options()
+"""What a session does unless it is told otherwise."""
+
 
 @dataclass(frozen=True)
 class AcquireSettings(PageSettings):

@@ -68,7 +68,7 @@ def test_files_of_the_old_format_open() -> None:
     state = ProjectState.from_json(json.dumps(old))
     assert (state.name, state.camera, state.psf, state.recording) == ("old", camera, "H.h5", "rec")
     assert state.frames == "/data/frames" and state.redo == ((0, 1, 2),)
-    expected = FrameSettings(dark="/data/dark", use_white=False, use_background=True)
+    expected = FrameSettings(dark="/data/dark", use_white=False, use_background=True, interpolation="nearest")
     assert FrameSettings.of(state) == expected
     assert SimulateSettings.of(state) == SimulateSettings(0.01, "wave", (("coma", "on"),))
     assert state.settings["acquire"] == {"darks": 3}

@@ -12,7 +12,7 @@ from tests.gui.waiting import GUARD_MS
 
 
 def test_a_recorded_session_opens_by_dropping_it(qtbot: QtBot, context: Context, open_page: Any) -> None:
-    page = open_page("frames", context)
+    page = open_page("frames")
     assert page.accept_drop([str(sample_recording())])
     qtbot.waitUntil(lambda: page.loaded is not None, timeout=GUARD_MS)
     assert context.state.plan is not None and context.state.plan.shape[:3] == (1, 19, 33)
@@ -25,7 +25,7 @@ def test_a_recorded_session_opens_by_dropping_it(qtbot: QtBot, context: Context,
 
 
 def test_what_the_settings_say_is_what_the_widgets_show(qtbot: QtBot, context: Context, open_page: Any) -> None:
-    page = open_page("frames", context)
+    page = open_page("frames")
     pattern: QLineEdit = page.panel.pattern
     box: QComboBox = page.panel.interpolation
     pattern.setText("z{z}_y{y}_x{x}.tif")
