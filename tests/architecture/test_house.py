@@ -1,0 +1,134 @@
+"""The house in numbers: no circle of files, no private name across packages, files and functions of a size."""
+
+from __future__ import annotations
+
+import ast
+import statistics
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FILES = sorted(p for package in ("lfcal", "gui") for p in (ROOT / package).rglob("*.py"))
+
+MEDIAN_LINES, MOST_LINES = 150, 450
+LONG_BODY = 40
+MOST_POSITIONAL = 6
+
+
+def name_of(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {name_of(path): path for path in FILES}
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def imports(path: Path) -> set[tuple[str, str]]:
+    """Return (module, name) of every import anywhere in a file; the name is empty where a module is imported."""
+    found: set[tuple[str, str]] = set()
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            found |= {(alias.name, "") for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                found.add((whole, "") if whole in MODULES else (node.module, alias.name))
+    return found
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Return the strongly connected parts of more than one node (Tarjan's algorithm)."""
+    number: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(node: str) -> None:
+        number[node] = low[node] = len(number)
+        stack.append(node)
+        for other in graph[node]:
+            if other not in number:
+                visit(other)
+                low[node] = min(low[node], low[other])
+            elif other in stack:
+                low[node] = min(low[node], number[other])
+        if low[node] == number[node]:
+            part = stack[stack.index(node) :]
+            del stack[stack.index(node) :]
+            if len(part) > 1:
+                found.append(sorted(part))
+
+    for node in graph:
+        if node not in number:
+            visit(node)
+    return found
+
+
+def test_no_circle_of_files() -> None:
+    """Also not through functions or type checking: a reader must be able to begin somewhere."""
+    graph = {name: {m for m, _ in imports(path) if m in MODULES} - {name} for name, path in MODULES.items()}
+    assert circles(graph) == []
+
+
+def test_circles_are_found() -> None:
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
+    assert circles({"a": {"b"}, "b": set()}) == []
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_no_private_name_crosses_a_package(path: Path) -> None:
+    here = name_of(path) if path.name == "__init__.py" else name_of(path).rpartition(".")[0]
+    for module, name in imports(path):
+        if not module.startswith(("lfcal", "gui")):
+            continue
+        home, _, last = module.rpartition(".")
+        if last.startswith("_") and not last.startswith("__"):
+            assert home == here, f"{path.name} imports the private module {module}"
+        if name.startswith("_") and not name.startswith("__"):
+            assert module.rpartition(".")[0] == here or module == here, f"{path.name} imports {name} from {module}"
+
+
+def test_no_qt_where_the_window_keeps_its_models() -> None:
+    for path in (p for p in FILES if p.is_relative_to(ROOT / "gui")):
+        if "models" in path.parts or path.stem.startswith("model"):
+            assert not {m for m, _ in imports(path) if m.split(".")[0] in ("PySide6", "pyqtgraph")}, path
+
+
+def functions() -> list[tuple[str, int, int]]:
+    """Return name, lines without the docstring, and positional parameters (self left out) of every function."""
+    found = []
+    for path in FILES:
+        for node in ast.walk(tree(path)):
+            if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                continue
+            lines = (node.end_lineno or node.lineno) - node.lineno + 1
+            first = node.body[0]
+            if ast.get_docstring(node) is not None:
+                lines -= (first.end_lineno or first.lineno) - first.lineno + 1
+            given = [*node.args.posonlyargs, *node.args.args]
+            bound = bool(given) and given[0].arg in ("self", "cls")
+            found.append((f"{path.relative_to(ROOT)}:{node.name}", lines, len(given) - bound))
+    return found
+
+
+def test_files_and_functions_of_a_size() -> None:
+    lengths = [len(path.read_text(encoding="utf-8").splitlines()) for path in FILES]
+    assert statistics.median(lengths) <= MEDIAN_LINES
+    assert max(lengths) <= MOST_LINES
+    found = functions()
+    long = [name for name, lines, _ in found if lines > LONG_BODY]
+    assert len(long) <= 0.01 * len(found), long
+    many = [name for name, _, given in found if given > MOST_POSITIONAL]
+    assert len(many) <= 0.01 * len(found), many
+
+
+def test_the_formatter_is_never_told_to_look_away() -> None:
+    for path in FILES:
+        assert "# fmt:" not in path.read_text(encoding="utf-8"), path
