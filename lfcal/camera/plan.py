@@ -109,7 +109,12 @@ class ScanPlan:
         virtual_depths: Iterable[float] | None = None,
         cutout: int | tuple[int, int] | None = None,
         anchor: tuple[float, float] | None = None,
-        **options: Any,
+        stage: StageAxes | None = None,
+        order: str = "serpentine",
+        exposure_s: float | tuple[float, ...] = 0.02,
+        settle_s: float = 0.05,
+        frames_averaged: int = 1,
+        resample: bool = False,
     ) -> ScanPlan:
         """Return the plan that covers the camera's representative cell.
 
@@ -124,8 +129,8 @@ class ScanPlan:
             depth with a margin for the lenslets' diffraction.
         anchor
             By default the cell lies at the sensor's centre, on whole pixels.
-        **options
-            The other attributes of `ScanPlan`.
+        stage, order, exposure_s, settle_s, frames_averaged, resample
+            As in `ScanPlan`.
 
         Raises
         ------
@@ -140,7 +145,19 @@ class ScanPlan:
             row, column = camera.sensor.centre_px
             anchor = (float(round(row - (ny - 1) / 2)), float(round(column - (nx - 1) / 2)))
         window = (cutout, cutout) if isinstance(cutout, int) else cutout
-        return cls(camera, (ny, nx), window, depths, anchor, **options)
+        return cls(
+            camera,
+            (ny, nx),
+            window,
+            depths,
+            anchor,
+            stage=stage or StageAxes(),
+            order=order,
+            exposure_s=exposure_s,
+            settle_s=settle_s,
+            frames_averaged=frames_averaged,
+            resample=resample,
+        )
 
     # -- sizes -----------------------------------------------------------------------------------------
     @property

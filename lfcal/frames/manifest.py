@@ -141,7 +141,9 @@ class Manifest:
         return missing, several
 
     @classmethod
-    def from_names(cls, names: Iterable[str], pattern: str | NamePattern, **expected: Any) -> Manifest:
+    def from_names(
+        cls, names: Iterable[str], pattern: str | NamePattern, *, plan_shape: tuple[int, int, int] | None = None
+    ) -> Manifest:
         """Return the manifest of the relative paths ``names`` that fit ``pattern``; others are not frames.
 
         Raises
@@ -158,12 +160,10 @@ class Manifest:
             raise InputError.expected(
                 "files", f"names like {form.template!r}", example, "give the pattern of these names"
             )
-        return cls(entries, **expected)
+        return cls(entries, plan_shape=plan_shape)
 
     @classmethod
-    def from_order(
-        cls, pages: Iterable[tuple[str, int]], plan_shape: tuple[int, int, int], order: str, **expected: Any
-    ) -> Manifest:
+    def from_order(cls, pages: Iterable[tuple[str, int]], plan_shape: tuple[int, int, int], order: str) -> Manifest:
         """Return the manifest of ``pages`` (file, page) recorded in scan order.
 
         Raises
@@ -181,7 +181,7 @@ class Manifest:
                 "write a manifest that says which are there",
             )
         entries = tuple(FrameEntry(file, p, page) for (file, page), p in zip(pages, positions, strict=True))
-        return cls(entries, plan_shape=plan_shape, **expected)
+        return cls(entries, plan_shape=plan_shape)
 
 
 def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[str, Path]:

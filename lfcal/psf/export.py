@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from lfcal.psf.matlab import iter_write_mat
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.store import iter_save
 
-__all__ = ["SUFFIXES", "export", "iter_export"]
+__all__ = ["WRITERS", "ExportOptions", "export", "iter_export"]
 
 
 def iter_write_npy(matrix: PSFMatrix, path: str | os.PathLike[str]) -> Work[Path]:
@@ -69,27 +70,124 @@ def iter_write_tiff(
     return target
 
 
-SUFFIXES: dict[str, Callable[..., Work[Path]]] = {
-    ".h5": iter_save,
-    ".mat": iter_write_mat,
-    ".npy": iter_write_npy,
-    ".tif": iter_write_tiff,
-    ".tiff": iter_write_tiff,
+@dataclass(frozen=True)
+class ExportOptions:
+    """What may be said of an export; None leaves it to the format.
+
+    Attributes
+    ----------
+    compress
+        ``.h5``, ``.mat``: compressed, or not.
+    dtype
+        ``.h5``: stored type.
+    include_transpose, rows_first
+        ``.mat``: as in `lfcal.psf.matlab.iter_write_mat`.
+    position
+        TIFF: position (y, x) of which a stack over depth is written, instead of one stack per plane.
+    """
+
+    compress: bool | None = None
+    dtype: str | None = None
+    include_transpose: bool | None = None
+    rows_first: bool | None = None
+    position: tuple[int, int] | None = None
+
+    def given(self) -> dict[str, Any]:
+        """Return what was said, by name."""
+        found = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        return {name: value for name, value in found.items() if value is not None}
+
+
+def _write_h5(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> Work[Path]:
+    return iter_save(matrix, path, dtype=options.dtype, compression="none" if options.compress is False else "gzip")
+
+
+def _write_mat(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> Work[Path]:
+    return iter_write_mat(
+        matrix,
+        path,
+        include_transpose=options.include_transpose is not False,
+        rows_first=bool(options.rows_first),
+        compress=options.compress is not False,
+    )
+
+
+def _write_npy(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> Work[Path]:
+    return iter_write_npy(matrix, path)
+
+
+def _write_tiff(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> Work[Path]:
+    return iter_write_tiff(matrix, path, position=options.position)
+
+
+class _Writer(NamedTuple):
+    """How a format is written, and the options it uses."""
+
+    write: Callable[[PSFMatrix, str | os.PathLike[str], ExportOptions], Work[Path]]
+    uses: frozenset[str]
+
+
+_TIFF = _Writer(_write_tiff, frozenset({"position"}))
+WRITERS = {
+    ".h5": _Writer(_write_h5, frozenset({"compress", "dtype"})),
+    ".mat": _Writer(_write_mat, frozenset({"compress", "include_transpose", "rows_first"})),
+    ".npy": _Writer(_write_npy, frozenset()),
+    ".tif": _TIFF,
+    ".tiff": _TIFF,
 }
-"""File suffix to writer."""
+"""Formats by suffix."""
 
 
-def iter_export(matrix: PSFMatrix, path: str | os.PathLike[str], **options: Any) -> Work[Path]:
-    """Write ``matrix`` in the format of the suffix; options are those of its writer.
+def iter_export(
+    matrix: PSFMatrix,
+    path: str | os.PathLike[str],
+    *,
+    compress: bool | None = None,
+    dtype: str | None = None,
+    include_transpose: bool | None = None,
+    rows_first: bool | None = None,
+    position: tuple[int, int] | None = None,
+) -> Work[Path]:
+    """Write ``matrix`` in the format of the suffix.
 
-    ``.h5`` H file, ``.mat`` MATLAB v7.3 (H, Ht, Nnum, CAindex, x3objspace), ``.npy``, ``.tif`` stacks.
+    ``.h5`` H file, ``.mat`` MATLAB v7.3 (H, Ht, Nnum, CAindex, x3objspace), ``.npy``, ``.tif`` stacks. For the options
+    see `ExportOptions`.
+
+    Raises
+    ------
+    InputError
+        For an unknown suffix, or an option that its format does not use.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError.expected("export format", " ".join(SUFFIXES), suffix or "no suffix", "name the file so")
-    return SUFFIXES[suffix](matrix, path, **options)
+    if suffix not in WRITERS:
+        raise InputError.expected("export format", " ".join(WRITERS), suffix or "no suffix", "name the file so")
+    options = ExportOptions(compress, dtype, include_transpose, rows_first, position)
+    for name in options.given():
+        if name not in WRITERS[suffix].uses:
+            used = ", ".join(sorted(WRITERS[suffix].uses)) or "none"
+            raise InputError.expected(f"options of {suffix} files", used, name, "leave it out")
+    return WRITERS[suffix].write(matrix, path, options)
 
 
-def export(matrix: PSFMatrix, path: str | os.PathLike[str], **options: Any) -> Path:
+def export(
+    matrix: PSFMatrix,
+    path: str | os.PathLike[str],
+    *,
+    compress: bool | None = None,
+    dtype: str | None = None,
+    include_transpose: bool | None = None,
+    rows_first: bool | None = None,
+    position: tuple[int, int] | None = None,
+) -> Path:
     """Write ``matrix`` at once; see `iter_export`."""
-    return drain(iter_export(matrix, path, **options))
+    return drain(
+        iter_export(
+            matrix,
+            path,
+            compress=compress,
+            dtype=dtype,
+            include_transpose=include_transpose,
+            rows_first=rows_first,
+            position=position,
+        )
+    )

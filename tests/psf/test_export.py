@@ -130,3 +130,18 @@ def test_import_of_other_codes_files(tmp_path: Path) -> None:
         file["PSF"] = values
     with pytest.raises(FileFormatError, match="only PSF"):
         open_psf(tmp_path / "none.mat")
+
+
+def test_options_of_another_format_are_refused(tmp_path: Path) -> None:
+    for name, options in {
+        "H.npy": {"compress": False},
+        "H.mat": {"position": (0, 0)},
+        "H.h5": {"rows_first": True},
+        "H.tif": {"include_transpose": False},
+    }.items():
+        with pytest.raises(InputError, match=f"options of {Path(name).suffix} files: expected .*leave it out"):
+            export(matrix(), tmp_path / name, **options)  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+    export(matrix(), tmp_path / "H.h5", compress=False, dtype="uint16")
+    with h5py.File(tmp_path / "H.h5") as file:
+        assert file["H"].dtype == np.uint16 and file["H"].compression is None

@@ -64,7 +64,7 @@ def iter_write_session(
     return len(source)
 
 
-def write_session(source: SimulatedCamera, folder: str | os.PathLike[str], **options: int) -> int:
+def write_session(source: SimulatedCamera, folder: str | os.PathLike[str], *, darks: int = 8, whites: int = 4) -> int:
     """Write a simulated session and return the number of frames.
 
     16-bit PNG frames in ``frames/`` with ``manifest.csv`` (file, z, y, x), ``dark/``, ``white/``, and
@@ -86,7 +86,7 @@ def write_session(source: SimulatedCamera, folder: str | os.PathLike[str], **opt
     StorageError
         If they cannot be written.
     """
-    return drain(iter_write_session(source, folder, **options))
+    return drain(iter_write_session(source, folder, darks=darks, whites=whites))
 
 
 def _write_png(path: Path, frame: NDArray[Any]) -> None:
