@@ -28,6 +28,7 @@ __all__ = ["CENTRE_RULE", "COMPRESSIONS", "STORED_TYPES", "MatrixGroup", "Matrix
 
 CENTRE_RULE = "(n - 1) // 2"
 COMPRESSIONS = ("gzip", "zstd", "none")
+Convert = Callable[[NDArray[Any]], NDArray[Any]]
 STORED_TYPES = ("float32", "uint16", "float64", "uint8")
 
 
@@ -102,9 +103,10 @@ class MatrixGroup:
             raise InputError.expected(
                 f"plane {z}", "finite values", "NaN or infinity", "find the frame and record it again"
             )
-        self._sums[z] = sums
         self._used[z] = _used_window(sums)
         convert, error = self._rounding(z, plane)
+        # the sums in the file are those of the values in the file
+        self._sums[z] = sums if convert is None or error == 0 else self._rounded_sums(z, plane, convert)
         each = np.zeros(shape[1:3], "<u4")
         parallel_write(self._data, z, plane, convert=convert, checksums=each, workers=self._header.workers)
         self._checksum[z] = zlib.crc32(each.data)
@@ -142,6 +144,20 @@ class MatrixGroup:
             return np.rint(moved, out=moved).astype(dtype)
 
         return rounded, (scale / 4 * plane.size / total if total > 0 and high > low else 0.0)
+
+    def _rounded_sums(self, z: int, plane: NDArray[Any], convert: Convert) -> NDArray[np.float64]:
+        """Return the sum over all positions of what plane ``z`` reads back as."""
+
+        def rows(start: int, stop: int) -> NDArray[np.int64]:
+            total = np.zeros(plane.shape[2:], np.int64)
+            for pattern in plane[start:stop].reshape(-1, *plane.shape[2:]):
+                total += convert(pattern)
+            return total
+
+        steps = np.sum(for_each_chunk(rows, plane.shape[0], self._header.workers), axis=0)
+        count = plane.shape[0] * plane.shape[1]
+        sums: NDArray[np.float64] = steps * self._scale[z] + count * self._offset[z]
+        return sums
 
     def complete(self) -> None:
         """Write everything but the values; every plane must be there."""

@@ -266,6 +266,13 @@ def test_rounding_is_stated_as_error_and_holds(tmp_path: Path) -> None:
         np.testing.assert_allclose(H.facts.error, real, rtol=0.2)
 
 
+def test_stored_sums_are_those_of_the_stored_values(tmp_path: Path) -> None:
+    save(PSFMatrix(values()), tmp_path / "H.h5", dtype="uint16")
+    with open_psf(tmp_path / "H.h5") as H:
+        for z in range(len(H)):
+            np.testing.assert_allclose(H.depth_sum(z), H.plane(z).sum(axis=(0, 1), dtype=float), rtol=1e-6)
+
+
 def test_a_changed_plane_fails_its_checksum(tmp_path: Path) -> None:
     path = tmp_path / "H.h5"
     save(PSFMatrix(values()), path, compression="none")
