@@ -85,7 +85,7 @@ def test_unknown_is_unknown_in_json(report: QualityReport) -> None:
 
 
 def test_unknown_is_unknown_for_people(report: QualityReport, tmp_path_factory: pytest.TempPathFactory) -> None:
-    from gui.models.quality_view import rows_of
+    from gui.pages.quality.model import rows_of
 
     rows = {row.key: row for row in rows_of(report)}
     assert (rows["saturation"].value, rows["saturation"].merit, rows["saturation"].cost) == ("unknown", "unknown", "–")
