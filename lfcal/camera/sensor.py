@@ -91,8 +91,3 @@ class Sensor:
     def electrons_per_count(self) -> float:
         """Electrons per sample value."""
         return self.full_well_e / (self.max_value - self.black_level)
-
-    @property
-    def cfa_side(self) -> int:
-        """Side of the colour filter pattern in pixels (0: monochrome)."""
-        return {0: 0, 1: 1, 4: 2, 16: 4, 36: 6}[len(self.cfa)]

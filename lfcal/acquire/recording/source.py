@@ -22,7 +22,7 @@ from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, Frames, Position, Samples, check_index
 from lfcal.frames.sources.base import FrameOptions, SourceKind
 
-__all__ = ["SOURCE", "CheckFrame", "RecordingSource", "complete_planes", "read_checks", "read_darks"]
+__all__ = ["SOURCE", "CheckFrame", "RecordingSource", "read_checks", "read_darks"]
 
 
 class RecordingSource(Frames):
@@ -221,15 +221,3 @@ def read_checks(folder: Path) -> list[CheckFrame]:
                     )
                 )
     return found
-
-
-def complete_planes(folder: Path) -> tuple[int, ...]:
-    """Return the depth planes of which every position is acknowledged; they can be assembled meanwhile."""
-    session = SessionFile.read(folder)
-    nz, ny, nx = session.plan.shape[:3]
-    there = np.zeros(nz * ny * nx, np.bool_)
-    for name in session.recordings:
-        with RecordingFile(folder / name) as file:
-            flat = file.records["index"][file.taken]
-            there[flat[flat < there.size]] = True
-    return tuple(np.flatnonzero(there.reshape(nz, -1).all(axis=1)).tolist())

@@ -127,8 +127,24 @@ class TiffImage(ImageFile):
         check_declared(self.path, (*self.shape, self._samples), self.dtype.itemsize, self._size)
         self._virtual = self._imagej_pages()
         self.pages = max(self.pages, self._virtual)
-        if bits not in (8, 16, 32, 64):
-            self.metadata = {"bit_depth": bits}
+        known: dict[str, Any] = {} if bits in (8, 16, 32, 64) else {"bit_depth": bits}
+        axes = self._scan_axes()
+        self.metadata = known | ({"scan_axes": axes} if axes else {})
+
+    def _scan_axes(self) -> tuple[str, tuple[int, ...]] | None:
+        """Return names and lengths of the axes that the pages run over, as OME or ImageJ metadata state them."""
+        import tifffile
+
+        if not (self._tiff.is_ome or self._tiff.is_imagej) or self._samples != 1:
+            return None
+        # series are asked of a file of their own: they turn its pages into frames without tags
+        with tifffile.TiffFile(self.path) as again:
+            series = again.series[0]
+            names, lengths = str(series.axes), tuple(int(n) for n in series.shape)
+        if not names.endswith("YX") or int(np.prod(lengths[:-2])) != self.pages:
+            return None
+        lead = [(name, n) for name, n in zip(names[:-2], lengths[:-2], strict=True) if n > 1]
+        return ("".join(name for name, _ in lead), tuple(n for _, n in lead)) if len(lead) > 1 else None
 
     def _imagej_pages(self) -> int:
         """Return the number of images that ImageJ stores behind a single page in files above 4 GB, else 0."""

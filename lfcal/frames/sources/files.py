@@ -6,6 +6,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lfcal.errors import FileFormatError, InputError
 from lfcal.files import storage_errors
 from lfcal.frames.formats.opening import image_suffixes, open_image
@@ -102,6 +104,12 @@ def _from_file(path: Path, options: FrameOptions, shape: tuple[int, int, int] | 
     image = open_image(path, colour=options.colour, dataset=options.dataset)
     image.close()
     pages = [(path.name, k) for k in range(image.pages)]
+    axes = image.metadata.get("scan_axes")
+    if axes is not None:
+        scanned, found = _along_axes(path, pages, *axes)
+        if not options.order and found is not None:
+            return Manifest.from_order(scanned, found, "raster")
+        pages = scanned
     if options.order:
         if shape is None:
             raise _where_from(path)
@@ -111,6 +119,28 @@ def _from_file(path: Path, options: FrameOptions, shape: tuple[int, int, int] | 
     if image.metadata.get("positions") is None:
         raise _where_from(path)
     return _from_tables(path, image.metadata, shape)
+
+
+def _along_axes(
+    path: Path, pages: list[tuple[str, int]], names: str, lengths: tuple[int, ...]
+) -> tuple[list[tuple[str, int]], tuple[int, int, int] | None]:
+    """Return the pages with depth planes (axis Z) slowest, and the scan's shape where the axes tell it.
+
+    Three axes are depth plane, row and column of positions; two without Z are row and column of one plane; Z and one
+    other are planes of positions in some order, which has to be said.
+    """
+    if len(lengths) > 3:
+        raise FileFormatError.expected(
+            f"{path}, axes of the pages", "three or fewer", names, "write a manifest that says which page is where"
+        )
+    number = np.arange(len(pages)).reshape(lengths)
+    depth = names.find("Z")
+    if depth > 0:
+        number = np.moveaxis(number, depth, 0)
+    scanned = [pages[k] for k in number.ravel().tolist()]
+    if len(lengths) == 3:
+        return scanned, (number.shape[0], number.shape[1], number.shape[2])
+    return scanned, (1, *lengths) if depth < 0 else None  # type: ignore[return-value]  # two lengths are left
 
 
 def _from_tables(path: Path, metadata: Any, shape: tuple[int, int, int] | None) -> Manifest:

@@ -1,0 +1,99 @@
+"""The common ground: parts of the library loaded when asked for, kernels compiled at their first call, registries."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lfcal
+from lfcal.compiled import Kernel, njit
+from lfcal.errors import InputError, LfcalError, StorageError
+from lfcal.registry import Registry
+from tests.distribution import install
+
+
+def test_parts_are_loaded_when_they_are_asked_for() -> None:
+    code = "import sys, lfcal; assert 'lfcal.psf' not in sys.modules; print(lfcal.psf.PSFMatrix.__name__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "PSFMatrix"
+    assert {"camera", "frames", "psf", "simulate", "acquire"} <= set(dir(lfcal))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = lfcal.nothing
+
+
+@njit()
+def _square(x: float) -> float:
+    return x * x
+
+
+@njit()
+def sum_of_squares(values: np.ndarray) -> float:
+    """Add the squares."""
+    total = 0.0
+    for v in values:
+        total += _square(v)
+    return total
+
+
+def test_kernels_compile_at_their_first_call_and_call_each_other() -> None:
+    kernel = sum_of_squares
+    assert isinstance(kernel, Kernel) and kernel.__doc__ == "Add the squares."
+    assert kernel(np.arange(4.0)) == 14.0
+    assert kernel.compiled().nopython_signatures, "it was compiled, not interpreted"
+
+
+def test_errors_say_what_was_expected() -> None:
+    error = InputError.expected("gap", "a length", -3, "correct it")
+    assert str(error) == "gap: expected a length, got -3; correct it"
+    assert isinstance(error, InputError) and isinstance(StorageError.expected("a", "b", "c", "d"), LfcalError)
+
+
+@dataclass(frozen=True)
+class Part:
+    name: str
+    rank: int = 0
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    name = "kinds_" + "".join(c for c in tmp_path.name if c.isalnum())  # modules are loaded once in a process
+    folder = tmp_path / name
+    folder.mkdir()
+    (folder / "__init__.py").write_text("PART = 'not searched'\n")
+    head = "from tests.architecture.test_ground import Part\n"
+    (folder / "one.py").write_text(f"{head}PART = Part('one', 2)\n")
+    (folder / "more.py").write_text(f"{head}PART = (Part('two', 1), Part('three', 3))\n")
+    (folder / "_private.py").write_text(f"{head}PART = Part('hidden')\n")
+    (folder / "nothing.py").write_text("X = 1\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return name
+
+
+def test_parts_are_found_in_modules_and_distributions(
+    package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = (
+        "from tests.architecture.test_ground import Part\nGOOD = Part('four')\nCLASH = Part('one', 9)\nBAD = object()\n"
+    )
+    point = "four = others:GOOD\nclash = others:CLASH\nbad = others:BAD\ngone = others:MISSING"
+    install(monkeypatch, tmp_path, "others", source, {"lfcal.kinds": point})
+    found: Registry[Part] = Registry("kind", package, "PART", "lfcal.kinds", order=lambda part: part.rank)
+    assert found.names() == ("four", "two", "one", "three"), "in order; private modules are not searched"
+    assert found.get("one").rank == 2, "others cannot hide lfcal's own"
+    assert set(found.failures()) == {"bad", "gone"} and "it has no name" in found.failures()["bad"]
+    assert "two" in found and len(found) == 4 and [part.name for part in found][1] == "two"
+    with pytest.raises(InputError, match="kind: expected four or two or one or three, got 'five'; choose one of these"):
+        found.get("five")
+
+
+def test_two_parts_of_one_name_are_a_mistake_of_ours(package: str, tmp_path: Path) -> None:
+    (tmp_path / package / "again.py").write_text(
+        "from tests.architecture.test_ground import Part\nPART = Part('one')\n"
+    )
+    with pytest.raises(ValueError, match="two kinds are called 'one'"):
+        Registry("kind", package, "PART", "lfcal.kinds").names()
