@@ -5,19 +5,28 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.errors import FileFormatError, StorageError, UnsafeFileError
+from lfcal.errors import FileFormatError, InputError, StorageError, UnsafeFileError
 from lfcal.units import format_bytes
 
 if TYPE_CHECKING:
     import h5py
     import numpy as np
 
-__all__ = ["check_dataset", "open_h5", "replace_whole", "require_space", "storage_errors"]
+__all__ = [
+    "check_dataset",
+    "check_other_file",
+    "check_regular",
+    "open_h5",
+    "replace_whole",
+    "require_space",
+    "storage_errors",
+]
 
 MAX_BYTES = 1 << 44
 """No dataset above this declared size (17.6 TB) is believed."""
@@ -95,6 +104,25 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
                 part.unlink()
 
 
+def check_regular(path: Path) -> None:
+    """Raise `StorageError` unless ``path`` is a file: pipes and devices may never come to an end."""
+    with storage_errors(path):
+        kind = path.stat().st_mode
+    if stat.S_ISDIR(kind):
+        raise StorageError(f"{path}: is a folder; name a file in it")
+    if not stat.S_ISREG(kind):
+        raise StorageError(f"{path}: is a pipe or a device; name a file on a disk")
+
+
+def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
+    """Raise `InputError` where the output ``target`` would replace the input ``source``, links followed."""
+    if not str(source):
+        return
+    with suppress(OSError):  # what is not there yet is another file
+        if os.path.samefile(source, target):
+            raise InputError.expected("output", "another file than the input", str(target), "choose another name")
+
+
 def _flush(path: Path) -> None:
     descriptor = os.open(path, os.O_RDONLY)
     try:
@@ -124,8 +152,7 @@ def open_h5_file(path: str | os.PathLike[str]) -> h5py.File:
     source = Path(path)
     if not source.exists():
         raise StorageError(f"{source}: no such file; check the path")
-    if source.is_dir():
-        raise StorageError(f"{source}: is a folder; name a file in it")
+    check_regular(source)
     with storage_errors(source):
         source.open("rb").close()
     try:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lfcal.errors import InputError
-from lfcal.files import replace_whole, require_space, storage_errors
+from lfcal.files import check_other_file, replace_whole, require_space, storage_errors
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.matlab import iter_write_mat
 from lfcal.psf.matrix import PSFMatrix
@@ -166,6 +166,7 @@ def iter_export(
         if name not in WRITERS[suffix].uses:
             used = ", ".join(sorted(WRITERS[suffix].uses)) or "none"
             raise InputError.expected(f"options of {suffix} files", used, name, "leave it out")
+    check_other_file(matrix.path, path)
     return WRITERS[suffix].write(matrix, path, options)
 
 

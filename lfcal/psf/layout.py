@@ -98,6 +98,10 @@ class MatrixGroup:
             raise InputError.expected(f"plane {z}", f"shape {shape[1:]}", plane.shape, "check the assembly")
         if not 0 <= z < shape[0] or self._written[z]:
             raise InputError.expected("plane number", "each of them once", z, "write every plane once")
+        if plane.dtype.kind == "c":
+            raise InputError.expected(
+                f"plane {z}", "real numbers", f"{plane.dtype}", "export a complex H as .npy, or store its parts"
+            )
         sums = depth_sum(plane, workers=self._header.workers)
         if not np.isfinite(sums).all():
             raise InputError.expected(

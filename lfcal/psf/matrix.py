@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from lfcal.axes import check_psf_shape
 from lfcal.errors import InputError
 from lfcal.psf.facts import Facts, fitting, unpack_valid
-from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, Planes, ScaledPlanes
+from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, Planes, ScaledPlanes, TransposedPlanes
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
@@ -208,8 +208,10 @@ class PSFMatrix:
 
     @property
     def path(self) -> str:
-        """The file behind H; empty for an array in memory."""
-        planes = self._planes.base if isinstance(self._planes, ScaledPlanes) else self._planes
+        """The file behind H, or behind the H that HT is computed from; empty for an array in memory."""
+        planes = self._planes
+        while isinstance(planes, ScaledPlanes | TransposedPlanes):
+            planes = planes.base
         return str(planes.dataset.file.filename) if isinstance(planes, DatasetPlanes) else ""
 
     @property

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lfcal.axes import check_psf_shape
 from lfcal.camera import Camera
 from lfcal.errors import FileFormatError, InputError, StorageError
-from lfcal.files import check_dataset, open_h5, open_h5_file
+from lfcal.files import check_dataset, check_regular, open_h5, open_h5_file
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import plane_checksum
@@ -146,6 +146,7 @@ def _small(file: Any, name: str) -> NDArray[Any]:
 def _map_npy(path: Path) -> NDArray[Any]:
     if not path.exists():
         raise StorageError(f"{path}: no such file; check the path")
+    check_regular(path)
     try:
         mapped: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.axes import check_psf_shape
 from lfcal.camera import Camera
 from lfcal.errors import InputError
-from lfcal.files import replace_whole, require_space, storage_errors
+from lfcal.files import check_other_file, replace_whole, require_space, storage_errors
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.chunk_codec import chunk_pipeline, parallel_write
 from lfcal.psf.facts import Facts
@@ -211,6 +211,7 @@ def iter_save(
     workers: int | None = None,
 ) -> Work[Path]:
     """Write ``matrix`` (H, or the view ``H.T``) to an H file, one plane in memory at a time."""
+    check_other_file(matrix.path, path)
     stored = dtype or (matrix.dtype.name if matrix.dtype.name in STORED_TYPES else "float32")
     clock = Clock("write planes", len(matrix))
     with PSFWriter(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from lfcal.files import check_other_file
 from lfcal.progress import Clock, Work
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.store import STORED_TYPES, PSFWriter, facts_of, iter_save
@@ -25,6 +26,7 @@ def iter_transpose_file(
 
     ``method`` is that of `lfcal.psf.transpose`.
     """
+    check_other_file(matrix.path, out)
     if method == "exact":
         return (yield from iter_save(matrix.T, out, compression=compression, workers=workers))
     clock = Clock("transpose planes", len(matrix))

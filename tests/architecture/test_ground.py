@@ -26,6 +26,11 @@ def test_parts_are_loaded_when_they_are_asked_for() -> None:
         _ = lfcal.nothing
 
 
+def test_the_package_runs_as_a_module() -> None:
+    done = subprocess.run([sys.executable, "-m", "lfcal", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == f"lfcal {lfcal.__version__}"
+
+
 @njit()
 def _square(x: float) -> float:
     return x * x

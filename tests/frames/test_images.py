@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.errors import FileFormatError, InputError
+from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames import open_image, read_image
 from lfcal.frames.formats.tiff import count_pages
 from tests.frames.scenes import session
@@ -170,3 +171,10 @@ def test_import_of_the_package_loads_no_reader() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.png")
+    with pytest.raises(StorageError, match="is a pipe or a device"):
+        read_image(tmp_path / "a.png")

@@ -10,8 +10,11 @@ import pytest
 
 from lfcal.camera import preset
 from lfcal.errors import FileFormatError, InputError, LfcalError, StorageError, UnsafeFileError
+from lfcal.progress import drain
 from lfcal.psf import Facts, PSFMatrix, PSFWriter, iter_save, open_psf, regions_of, save, save_regions
+from lfcal.psf.export import export
 from lfcal.psf.facts import pack_valid
+from lfcal.psf.transpose_file import iter_transpose_file
 
 SHAPE = (2, 3, 4, 5, 7)
 
@@ -346,3 +349,36 @@ def test_regions_of_the_field_share_a_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="regions of the field"):
         save_regions({"a/b": centre}, tmp_path / "bad.h5")
     assert not (tmp_path / "bad.h5").exists()
+
+
+def test_a_file_is_never_replaced_by_its_own_transpose_or_copy(tmp_path: Path) -> None:
+    path = tmp_path / "H.h5"
+    save(PSFMatrix(values()), path)
+    (tmp_path / "link.h5").symlink_to(path)
+    before = path.read_bytes()
+    with open_psf(path) as H:
+        for work in (
+            iter_save(H.T, path),
+            iter_transpose_file(H, path),
+            iter_transpose_file(H, tmp_path / "link.h5", method="paper"),
+            iter_save(H, tmp_path / "." / "link.h5"),
+        ):
+            with pytest.raises(InputError, match="output: expected another file than the input"):
+                drain(work)
+        with pytest.raises(InputError, match="another file than the input"):
+            export(H, path)
+    assert path.read_bytes() == before and len(list(tmp_path.iterdir())) == 2
+
+
+def test_complex_h_is_refused_not_cut_to_its_real_part(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="plane 0: expected real numbers, got complex64"):
+        save(PSFMatrix(values().astype(np.complex64)), tmp_path / "H.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+@pytest.mark.parametrize("name", ["H.h5", "H.npy", "H.mat"])
+def test_pipes_are_refused_instead_of_waited_for(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(StorageError, match="is a pipe or a device; name a file on a disk"):
+        open_psf(tmp_path / name)

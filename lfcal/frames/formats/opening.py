@@ -8,8 +8,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, InputError, StorageError
-from lfcal.files import storage_errors
+from lfcal.errors import FileFormatError, InputError
+from lfcal.files import check_regular, storage_errors
 from lfcal.frames.formats.image_file import Format, ImageFile
 from lfcal.registry import Registry
 
@@ -73,8 +73,7 @@ def read_image(path: str | os.PathLike[str], page: int = 0, *, colour: str | Non
 
 
 def _head(path: Path) -> bytes:
-    if path.is_dir():
-        raise StorageError(f"{path}: is a folder; name a file in it")
+    check_regular(path)
     with storage_errors(path), path.open("rb") as file:
         head = file.read(16)
     if not head:
