@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import typer
 
+from lfcal.cli.options import JsonOption
+
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
 
@@ -22,10 +24,11 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
+    *,
     folder: Path = typer.Option(None, "--folder", help="Disk to write to; that of temporary files by default."),
     cutout: int = typer.Option(257, "--cutout", help="Side of the cutout (pixels)."),
     rounds: int = typer.Option(5, "--rounds", min=1, help="Rounds; the median ratio counts."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Time planning, and simulator, runner and journal against a bare loop of pwrite and fdatasync.
 

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import typer
 
+from lfcal.cli.options import JsonOption
+
 
 def register(app: typer.Typer) -> None:
     """Add ``assemble`` and ``transpose-file`` to the benchmarks."""
@@ -20,12 +22,13 @@ def register(app: typer.Typer) -> None:
 
 
 def assemble_command(
+    *,
     rows: int = typer.Option(19, help="Positions down."),
     columns: int = typer.Option(55, help="Positions across."),
     size: int = typer.Option(512, help="Side of a frame (px)."),
     cutout: int = typer.Option(181, help="Side of the cutout (px)."),
     repeats: int = typer.Option(3, help="Repetitions; medians are printed."),
-    json: bool = typer.Option(False, "--json", help="Print JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Assemble H from 16-bit PNG files; how much of the time is more than decoding them.
 
@@ -114,9 +117,10 @@ def _assemble(folder: Path, rows: int, columns: int, cutout: int) -> float:
 
 
 def transpose_command(
+    *,
     gigabytes: float = typer.Option(2.0, help="Size of H (GB)."),
     planes: int = typer.Option(11, help="Depth planes."),
-    json: bool = typer.Option(False, "--json", help="Print JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Transpose an H file to an HT file in a process of its own; its time and peak memory.
 

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.options import JsonOption, WorkersOption
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -38,6 +40,7 @@ class Row:
 
 
 def command(
+    *,
     image: int = typer.Option(1001, min=32, help="Side of the image (px)."),
     period: int = typer.Option(11, min=1, help="Period (px), odd."),
     cutout: int = typer.Option(111, min=3, help="Side of the cutout (px), odd."),
@@ -48,8 +51,8 @@ def command(
     side: int = typer.Option(2000, "--side", help="With --r29: side of the image region (px)."),
     density: float = typer.Option(1.0, "--density", help="With --r29: share of H that is not zero."),
     folder: Path = typer.Option(None, "--folder", help="With --r29: where the synthetic H (up to 4 GB) may lie."),
-    workers: int = typer.Option(None, "--workers", help="Threads; every processor by default."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    workers: WorkersOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Time one forward and one back projection of the same H by every method, with their errors.
 

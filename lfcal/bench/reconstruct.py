@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.options import JsonOption, WorkersOption
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -72,6 +74,7 @@ class Curve:
 
 
 def command(
+    *,
     image: int = typer.Option(320, min=64, help="Side of the image (px)."),
     iterations: int = typer.Option(60, "--iterations", "-n", min=2, help="Iterations of each setting."),
     photons: float = typer.Option(2000.0, help="Photons in the brightest pixel."),
@@ -79,8 +82,8 @@ def command(
     psf: Path = typer.Option(None, "--psf", help="H file; by default the bench preset is simulated, 5 planes."),
     chart: Path = typer.Option(Path("bench_reconstruct.png"), "--chart", help="Where to draw error against seconds."),
     two_point: bool = typer.Option(False, "--two-point", help="Resolution of two points against depth instead."),
-    workers: int = typer.Option(None, "--workers", help="Threads; every processor by default."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    workers: WorkersOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Reconstruct a known volume in many ways; print and draw the error against the seconds it took.
 

@@ -58,6 +58,7 @@ def build_app() -> typer.Typer:
 
     @app.callback()
     def _root(
+        *,
         version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
     ) -> None:
         """PSF calibration and acquisition for plenoptic (light-field) cameras."""

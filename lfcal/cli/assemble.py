@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.cli.options import CompressionOption, JsonOption, WorkersOption
+
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
-    from lfcal.frames import Frames
+    from lfcal.frames import CorrectionRecipe, Frames
     from lfcal.psf.assemble import AssemblyReport
+    from lfcal.psf.assemble_plan import AssemblySettings
 
 
 def register(app: typer.Typer) -> None:
@@ -23,6 +27,7 @@ def command(
         help="Folder of frames, manifest (.csv, .json), one file of many frames, a recorded session, or a scan plan "
         "(.json), which the simulated camera then records."
     ),
+    *,
     out: Path = typer.Option(..., "--out", "-o", help="H file to write (.h5)."),
     plan: Path = typer.Option(
         None, "--plan", "-p", help="Scan plan (.json); the session's own, or plan.json beside the frames, by default."
@@ -58,21 +63,17 @@ def command(
         False, "--keep-pedestal", help="Accept frames whose black level nothing subtracts."
     ),
     dtype: str = typer.Option("uint16", "--dtype", help="Stored type: uint16 with a scale per plane, or float32."),
-    compression: str = typer.Option("gzip", "--compression", help="gzip, zstd or none."),
-    workers: int = typer.Option(None, "--workers", help="Threads; every processor by default."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    compression: CompressionOption = "gzip",
+    workers: WorkersOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Correct and crop point-source frames with the shifting cutout, and assemble them into H.
 
     Example: `lfcal assemble session/frames --dark session/dark --white session/white -o H.h5`
     """
-    import time
+    from lfcal.frames import CorrectionRecipe
+    from lfcal.psf.assemble_plan import AssemblySettings
 
-    from lfcal.cli.console import run_work
-    from lfcal.frames import CorrectionRecipe, corrected_view
-    from lfcal.psf.assemble_plan import AssemblySettings, iter_assemble_plan
-
-    start = time.perf_counter()
     recipe = CorrectionRecipe(
         dark=dark,
         black_level=black_level,
@@ -98,9 +99,21 @@ def command(
         workers=workers,
     )
     source, scan = open_scan(frames, plan, manifest=manifest, pattern=pattern, order=order)
+    _assemble(source, scan, recipe, settings, out=out, json=json)
+
+
+def _assemble(
+    source: Frames, plan: ScanPlan, recipe: CorrectionRecipe, settings: AssemblySettings, *, out: Path, json: bool
+) -> None:
+    """Correct, crop and write H; print what was made."""
+    from lfcal.cli.console import run_work
+    from lfcal.frames import corrected_view
+    from lfcal.psf.assemble_plan import iter_assemble_plan
+
+    start = time.perf_counter()
     with source:
-        view = corrected_view(source, recipe, scan)
-        report = run_work(iter_assemble_plan(view, scan, out, settings), quiet=json)
+        view = corrected_view(source, recipe, plan)
+        report = run_work(iter_assemble_plan(view, plan, out, settings), quiet=json)
     with report.matrix:
         show_report(report, out, time.perf_counter() - start, json)
 

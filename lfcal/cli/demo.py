@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.options import JsonOption
+
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.frames import Frames
@@ -39,7 +41,7 @@ class _Steps:
 
 def command(
     out: Path = typer.Argument(Path("demo_out"), help="Folder to write into."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Run the main job on the sample session: frames, H, its transpose, pictures, a report, a MATLAB file.
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from lfcal.cli.options import JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -15,9 +18,14 @@ if TYPE_CHECKING:
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.resample import Resampling
     from lfcal.reconstruct.series import FrameResult
+    from lfcal.reconstruct.solvers.choice import SolverChoice
     from lfcal.reconstruct.solvers.records import Reconstruction
 
 Reader = Callable[[], "NDArray[Any]"]
+"""Reads a frame when its turn comes."""
+
+Cleaner = Callable[["NDArray[Any]"], "NDArray[Any]"]
+"""What is done to a frame before it is reconstructed."""
 
 
 def register(app: typer.Typer) -> None:
@@ -28,6 +36,7 @@ def register(app: typer.Typer) -> None:
 def command(
     psf: Path = typer.Argument(help="H file (.h5), or one of another code (.mat, .npy)."),
     frame: Path = typer.Argument(None, help="Light-field frame; leave out with --batch."),
+    *,
     out: Path = typer.Option(None, "--out", "-o", help="Volume to write: .tif, .h5 or .npy; a folder with --batch."),
     batch: Path = typer.Option(None, "--batch", help="Folder of frames, or a stack: a time series."),
     suffix: str = typer.Option(".tif", "--format", help="With --batch: .tif, .h5 or .npy."),
@@ -48,20 +57,16 @@ def command(
     warm: bool = typer.Option(False, "--warm", help="With --batch: start each frame from the last volume."),
     double: bool = typer.Option(False, "--double", help="Compute in double precision."),
     memory: float = typer.Option(None, "--memory", help="Most memory for projections (GB); half of what is free."),
-    workers: int = typer.Option(None, "--workers", help="Threads; every processor by default."),
+    workers: WorkersOption = None,
     forecast: bool = typer.Option(False, "--forecast", help="Say what it will cost, and stop."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Reconstruct the volume behind a light-field frame, or those behind a time series, with H.
 
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
-    from dataclasses import asdict
-
-    from lfcal.cli.console import report, run_work
     from lfcal.psf import open_psf
     from lfcal.reconstruct.projectors.projector import Projector
-    from lfcal.reconstruct.series import check_warm, iter_series
     from lfcal.reconstruct.solvers.choice import SolverChoice
     from lfcal.reconstruct.volumes import check_suffix
 
@@ -69,17 +74,13 @@ def command(
         _list_solvers()
         return
     choice = SolverChoice(solver, iterations, background, read_noise, saturation, strength, subsets, tolerance)
-    if warm:
-        check_warm(choice)
     _check_paths(frame, out, batch, forecast)
-    frames = list(_frames(batch or frame))
-    _check_names([name for name, _ in frames])
+    task = _Task(list(_frames(batch or frame)), choice, warm, json)
     with open_psf(psf) as H:
         view = _view(H, white) if resample else None
-        shape = view.shape if view is not None else frames[0][1]().shape
         P = Projector(
             H,
-            shape,
+            task.shape if view is None else view.shape,
             _anchor(anchor, view, H),
             method,
             dtype="float64" if double else "float32",
@@ -88,20 +89,61 @@ def command(
             workers=workers,
         )
         if forecast:
-            _show_forecast(P, choice, len(frames), json)
+            _show_forecast(P, choice, len(task.frames), json)
             return
-        targets = {name: check_suffix(out / f"{name}{suffix}" if batch else out) for name, _ in frames}
-        details = {"psf": psf.name, "solver": asdict(choice), "method": P.method, "anchor": P.grid.anchor}
-        save = partial(_save, P, targets, details)
-        clean = _cleaner(dark, white, view)
-        weights = None if view is None else view.inside(frames[0][1]().shape)
-        cleaned = [(name, partial(_cleaned, read, clean)) for name, read in frames]
-        work = iter_series(P, cleaned, len(frames), choice, save, weights=weights, warm=warm)
-        if not json:
-            report(str(P.forecast()))
-        run_work(P.iter_prepare(), quiet=json)
-        results = run_work(work, quiet=json)
+        targets = {name: check_suffix(out / f"{name}{suffix}" if batch else out) for name, _ in task.frames}
+        save = partial(_save, P, targets, {"psf": psf.name, **task.details(P)})
+        results = _solve(task, P, _cleaner(dark, white, view), view, save)
     _show_results(P, results, targets, json)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Frames by name, and how the volumes behind them are sought.
+
+    Raises
+    ------
+    InputError
+        If two frames have the same name, or a warm start is asked of a solver that knows none.
+    """
+
+    frames: list[tuple[str, Reader]]
+    choice: SolverChoice
+    warm: bool
+    quiet: bool
+
+    def __post_init__(self) -> None:
+        from lfcal.reconstruct.series import check_warm
+
+        if self.warm:
+            check_warm(self.choice)
+        _check_names([name for name, _ in self.frames])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the first frame, as recorded."""
+        rows, columns = self.frames[0][1]().shape
+        return rows, columns
+
+    def details(self, P: Projector) -> dict[str, Any]:
+        """Return what is written into the volume about how it was made."""
+        return {"solver": asdict(self.choice), "method": P.method, "anchor": P.grid.anchor}
+
+
+def _solve(
+    task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, save: Callable[[str, Reconstruction], None]
+) -> tuple[FrameResult, ...]:
+    """Reconstruct and save frame by frame; one volume is in memory at a time."""
+    from lfcal.cli.console import report, run_work
+    from lfcal.reconstruct.series import iter_series
+
+    weights = None if view is None else view.inside(task.shape)
+    frames = [(name, partial(_cleaned, read, clean)) for name, read in task.frames]
+    work = iter_series(P, frames, len(frames), task.choice, save, weights=weights, warm=task.warm)
+    if not task.quiet:
+        report(str(P.forecast()))
+    run_work(P.iter_prepare(), quiet=task.quiet)
+    return run_work(work, quiet=task.quiet)
 
 
 def _list_solvers() -> None:
@@ -125,8 +167,6 @@ def _save(P: Projector, targets: dict[str, Path], details: dict[str, Any], name:
 
 
 def _show_results(P: Projector, results: tuple[FrameResult, ...], targets: dict[str, Path], json: bool) -> None:
-    from dataclasses import asdict
-
     from lfcal.cli.console import print_json
 
     if json:
@@ -208,7 +248,7 @@ def _view(H: Any, white: Path | None) -> Resampling:
     return Resampling.of_fit(fit, H.period, lattice_anchor_of(H), types)
 
 
-def _cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> Callable[[NDArray[Any]], NDArray[Any]]:
+def _cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> Cleaner:
     """Return what is done to each frame: dark, white, resampling."""
     import numpy as np
 
@@ -228,7 +268,7 @@ def _cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> 
     return clean
 
 
-def _cleaned(read: Reader, clean: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
+def _cleaned(read: Reader, clean: Cleaner) -> NDArray[Any]:
     return clean(read())
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.cli.console import print_json, print_table, report, run_work
+from lfcal.cli.options import CutoutOption, DepthsOption, JsonOption, VirtualDepthsOption, WorkersOption
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,9 +28,10 @@ def register(app: typer.Typer) -> None:
 
 def command(
     camera: str = typer.Argument(..., help="Preset, camera JSON, Raytrix XML, or the JSON of a scan plan."),
-    depths: str = typer.Option("", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
-    virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B."),
-    cutout: str = typer.Option("", help="Pixels kept, odd: 181 or ROWS,COLUMNS; by default by geometry."),
+    depths: DepthsOption = "",
+    virtual_depths: VirtualDepthsOption = "",
+    cutout: CutoutOption = "",
+    *,
     effects: list[str] = typer.Option([], help="NAME=on, NAME=off or NAME=auto; may be repeated."),
     tolerance: float = typer.Option(0.03, help="Relative L1 error allowed for what is left out."),
     level: str = typer.Option("auto", help="auto, geometric, wave, microscope or reference."),
@@ -37,9 +39,9 @@ def command(
     frames: Path | None = typer.Option(None, help="Folder for the frames of a simulated session."),
     seed: int = typer.Option(0, help="Seed of noise and stage errors in frames."),
     peak: float = typer.Option(0.8, help="Share of the full well that the brightest pixel reaches in frames."),
-    workers: int | None = typer.Option(None, help="Threads; by default all processors."),
-    plan_only: bool = typer.Option(False, help="Only show which effects matter and what they cost."),
-    json: bool = typer.Option(False, "--json", help="Print JSON."),
+    workers: WorkersOption = None,
+    plan_only: bool = typer.Option(False, "--plan-only", help="Only show which effects matter and what they cost."),
+    json: JsonOption = False,
 ) -> None:
     """Simulate the PSF matrix of a camera, with the effects that matter for it and no others.
 
@@ -82,22 +84,15 @@ class _Task:
 
 def _plan(camera: str, depths: str, virtual_depths: str, cutout: str) -> ScanPlan:
     from lfcal.camera import ScanPlan
-    from lfcal.cli.plan import load_camera, parse_depths, parse_pair
+    from lfcal.cli.plan import load_camera, parse_cutout, parse_planes
 
     if camera.endswith(".json") and (ready := _ready_plan(Path(camera))) is not None:
         if depths or virtual_depths or cutout:
             raise InputError("planes and cutout: expected those of the plan, got others; leave the options out")
         return ready
-    if bool(depths) == bool(virtual_depths):
-        raise InputError("planes: give --depths (µm) or --virtual-depths, for example --virtual-depths 2:5.5:0.5")
-    window = parse_pair(cutout, "cutout") if cutout else None
-    if window is not None and not all(value.is_integer() for value in window):
-        raise InputError.expected("cutout", "whole numbers of pixels", cutout, "correct it")
+    lengths, virtual = parse_planes(depths, virtual_depths)
     return ScanPlan.for_camera(
-        load_camera(camera),
-        depths_um=parse_depths(depths, lengths=True) if depths else None,
-        virtual_depths=parse_depths(virtual_depths, lengths=False) if virtual_depths else None,
-        cutout=(int(window[0]), int(window[1])) if window else None,
+        load_camera(camera), depths_um=lengths, virtual_depths=virtual, cutout=parse_cutout(cutout)
     )
 
 
@@ -165,9 +160,9 @@ def _write_h(task: _Task, out: Path, workers: int | None) -> dict[str, Any]:
     from lfcal.units import format_seconds
 
     plan = task.planned
-    foretold = predict_seconds(plan, task.found, task.level, tolerance=task.tolerance)
+    predicted = predict_seconds(plan, task.found, task.level, tolerance=task.tolerance)
     if not task.quiet:
-        report(f"about {format_seconds(foretold)} of processor time ahead")
+        report(f"about {format_seconds(predicted)} of processor time ahead")
     work: Work[Any] = iter_simulate_psf(
         plan.camera,
         plan,
@@ -185,7 +180,7 @@ def _write_h(task: _Task, out: Path, workers: int | None) -> dict[str, Any]:
         "what": f"H {shape}",
         "shape": shape,
         "level": task.found.level,
-        "predicted_seconds": foretold,
+        "predicted_seconds": predicted,
         "effects": [e.name for e in task.found.effects],
     }
 
