@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import typer
 
-from lfcal.cli.options import JsonOption
+from lfcal.cli.options import FolderOption, JsonOption
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -25,7 +25,7 @@ def register(app: typer.Typer) -> None:
 
 def command(
     *,
-    folder: Path = typer.Option(None, "--folder", help="Disk to write to; that of temporary files by default."),
+    folder: FolderOption = None,
     cutout: int = typer.Option(257, "--cutout", help="Side of the cutout (pixels)."),
     rounds: int = typer.Option(5, "--rounds", min=1, help="Rounds; the median ratio counts."),
     json: JsonOption = False,

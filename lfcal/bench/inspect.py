@@ -6,6 +6,7 @@ import multiprocessing
 import resource
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.cli.console import print_json, print_table, seconds
-from lfcal.cli.options import CompressionOption, JsonOption, WorkersOption
+from lfcal.cli.options import CompressionOption, FolderOption, JsonOption, WorkersOption
 from lfcal.units import format_bytes
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def command(
     planes: int = typer.Option(1, min=1, help="Planes."),
     noise: float = typer.Option(0.003, help="Noise of a pixel over the brightest one; a noisy file packs badly."),
     compression: CompressionOption = "gzip",
-    folder: Path | None = typer.Option(None, help="Where to write the H file; a temporary folder by default."),
+    folder: FolderOption = None,
     workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -72,9 +73,8 @@ def command(
     with tempfile.TemporaryDirectory(prefix="lfcal_inspect_", dir=folder) as place:
         path = Path(place) / "H.h5"
         # In a process of its own, so that its memory does not count.
-        child = multiprocessing.get_context("spawn").Process(target=write, args=(path, problem))
-        child.start()
-        child.join()
+        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as child:
+            child.submit(write, path, problem).result()
         found = measure(path, workers)
     if json:
         print_json(found)
@@ -141,7 +141,7 @@ def write(path: Path, problem: Problem) -> None:
     ) as writer:
         for z, depth in enumerate(depths):
             one = ScanPlan.for_camera(camera, virtual_depths=[depth], cutout=plan.shape[3:])
-            values = simulate_psf(camera, one, (), workers=workers).plane(0)
+            values = simulate_psf(camera, one, (), workers=workers).plane(0).copy()  # a plane is read-only
             top = float(values.max())
             for row in values:
                 row += np.float32(problem.noise * top) * rng.standard_normal(row.shape, np.float32)

@@ -6,12 +6,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import JsonOption, WorkersOption
+from lfcal.cli.options import FolderOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,7 +49,7 @@ def command(
     full: bool = typer.Option(False, "--full", help="With --r29: all 11 planes instead of one, scaled."),
     side: int = typer.Option(2000, "--side", help="With --r29: side of the image region (px)."),
     density: float = typer.Option(1.0, "--density", help="With --r29: share of H that is not zero."),
-    folder: Path = typer.Option(None, "--folder", help="With --r29: where the synthetic H (up to 4 GB) may lie."),
+    folder: FolderOption = None,
     workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> None:

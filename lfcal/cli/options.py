@@ -13,6 +13,7 @@ __all__ = [
     "CompressionOption",
     "CutoutOption",
     "DepthsOption",
+    "FolderOption",
     "GainOption",
     "JsonOption",
     "MatrixArgument",
@@ -20,6 +21,12 @@ __all__ = [
     "VirtualDepthsOption",
     "WorkersOption",
 ]
+
+FolderOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--folder", exists=True, file_okay=False, help="Where to write; the temporary files' by default."),
+]
+"""Disk that a benchmark writes to and cleans up."""
 
 JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 """Plain values for other programs in place of text."""
