@@ -53,7 +53,7 @@ def command(
     saturation: float = typer.Option(None, "--saturation", help="Leave out pixels at or above this value (counts)."),
     strength: float = typer.Option(None, "--strength", help="Weight of the penalty (rl-tv, rl-tikhonov, cg)."),
     subsets: int = typer.Option(None, "--subsets", help="Subsets of osem; view blocks per axis of phase-space."),
-    tolerance: float = typer.Option(0.0, "--tolerance", help="Stop when the relative change falls below."),
+    tolerance: float = typer.Option(0.0, "--tolerance", min=0, help="Stop when the relative change falls below."),
     warm: bool = typer.Option(False, "--warm", help="With --batch: start each frame from the last volume."),
     double: bool = typer.Option(False, "--double", help="Compute in double precision."),
     memory: float = typer.Option(None, "--memory", help="Most memory for projections (GB); half of what is free."),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.checks import check_number
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.options import CutoutOption, DepthsOption, JsonOption, VirtualDepthsOption, WorkersOption
 from lfcal.errors import InputError
@@ -52,6 +53,7 @@ def command(
 
     for reason in known.CATALOGUE.failures().values():
         report(f"left out: {reason}")
+    check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1000)
     planned = _plan(camera, depths, virtual_depths, cutout)
     found = plan_effects(planned.camera, planned, tolerance, _settings(effects), frames=frames is not None, peak=peak)
     if plan_only:
