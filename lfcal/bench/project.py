@@ -95,6 +95,7 @@ def measure(image: int, period: int, cutout: int, planes: int, repeats: int, wor
     def ours(method: str, dtype: Any, anchor: tuple[int, int] = (0, 0)) -> Projector:
         return Projector(H, shape, anchor, method, dtype=dtype, workers=workers).prepare()
 
+    # Double precision is the truth that the others are held against.
     exact = ours("polyphase", np.float64)
     truth = exact.adjoint(data[1])
     rows = [_row("polyphase, float64", lambda: ours("polyphase", np.float64), data, truth, 1)]
@@ -102,6 +103,7 @@ def measure(image: int, period: int, cutout: int, planes: int, repeats: int, wor
         rows.append(_row(f"{kind}, float32", partial(ours, kind, np.float32), data, truth, repeats))
     rows.append(_row("per-position FFT, scipy", lambda: LeanFFT(H, workers), data, truth, 1))
     if pyolaf_version():
+        # pyolaf places position (0, 0) elsewhere: its truth is computed for its own anchor.
         there = ours("polyphase", np.float64, PyolafPair(H, shape).anchor).adjoint(data[1])
         rows.append(_row(f"pyolaf {pyolaf_version()}", lambda: PyolafPair(H, shape), data, there, 1))
     return rows
@@ -120,6 +122,7 @@ def _row(
     ahead, forward = _best(lambda: pair.forward(g), repeats)
     back, adjoint = _best(lambda: pair.adjoint(f), repeats)
     left, right = np.vdot(ahead.astype(float), f), np.vdot(g.astype(float), back)
+    # <Hg, f> = <g, HTf> holds for an exact pair; solvers rely on it.
     mismatch = abs(float(left - right)) / abs(float(left))
     return Row(name, setup, forward, adjoint, float(np.abs(back - truth).max() / np.abs(truth).max()), mismatch)
 

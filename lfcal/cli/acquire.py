@@ -41,24 +41,28 @@ def command(
     stage: str = typer.Option("", "--stage", help="Backend of the stage, if it is another one."),
     option: list[str] = typer.Option([], "--option", help="Option of the backend, NAME=VALUE; may be repeated."),
     resume: bool = typer.Option(False, "--resume", help="Go on where an interrupted session was."),
-    redo: Path = typer.Option(None, "--redo", help="Record these positions again (list from lfcal inspect)."),
-    order: str = typer.Option(None, "--order", help="plan, or coarse for a first look at all planes."),
-    bracket: str = typer.Option(None, "--bracket", help="Exposures as factors, merged to HDR, e.g. 1,0.25."),
-    margin: int = typer.Option(None, "--margin", help="Pixels kept around the cutout."),
-    darks: int = typer.Option(None, "--darks", help="Frames averaged into each dark frame (default 8); 0: none."),
-    dark_every: int = typer.Option(None, "--dark-every", help="Darks every so many positions; 0: at the start."),
+    redo: Path | None = typer.Option(None, "--redo", help="Record these positions again (list from lfcal inspect)."),
+    order: str | None = typer.Option(None, "--order", help="plan, or coarse for a first look at all planes."),
+    bracket: str | None = typer.Option(None, "--bracket", help="Exposures as factors, merged to HDR, e.g. 1,0.25."),
+    margin: int | None = typer.Option(None, "--margin", help="Pixels kept around the cutout."),
+    darks: int | None = typer.Option(
+        None, "--darks", help="Frames averaged into each dark frame (default 8); 0: none."
+    ),
+    dark_every: int | None = typer.Option(None, "--dark-every", help="Darks every so many positions; 0: at the start."),
     cover: bool = typer.Option(False, "--cover", help="Ask to cover the lens for dark frames: no light to switch."),
-    reference_every: int = typer.Option(
+    reference_every: int | None = typer.Option(
         None, "--reference-every", help="Lamp-drift frame every so many positions (default 100); 0: none."
     ),
-    controls: int = typer.Option(None, "--controls", help="Control frames per plane and direction."),
-    retries: int = typer.Option(None, "--retries", help="Further attempts after a transient fault."),
-    tolerance: str = typer.Option(None, "--tolerance", help="Position tolerance X,Y,Z (µm)."),
-    overshoot: str = typer.Option(None, "--overshoot", help="Approach from one side, X,Y,Z (µm); 0,0,0 for none."),
+    controls: int | None = typer.Option(None, "--controls", help="Control frames per plane and direction."),
+    retries: int | None = typer.Option(None, "--retries", help="Further attempts after a transient fault."),
+    tolerance: str | None = typer.Option(None, "--tolerance", help="Position tolerance X,Y,Z (µm)."),
+    overshoot: str | None = typer.Option(
+        None, "--overshoot", help="Approach from one side, X,Y,Z (µm); 0,0,0 for none."
+    ),
     origin: str = typer.Option("", "--origin", help="Stage coordinates of the sensor's centre X,Y,Z (µm)."),
     check_stage: bool = typer.Option(True, help="Measure sign, scale and rotation of the stage first."),
     check_origin: bool = typer.Option(True, help="On resume, compare the last position with its frame."),
-    assemble: Path = typer.Option(None, "--assemble", help="Assemble H into this file at the end (.h5)."),
+    assemble: Path | None = typer.Option(None, "--assemble", help="Assemble H into this file at the end (.h5)."),
     pack: bool = typer.Option(True, help="Compress the finished recording."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Check everything and say what it will cost; move nothing."),
     json: JsonOption = False,
@@ -86,10 +90,12 @@ def command(
         "tolerance_um": _numbers(tolerance, "--tolerance"),
         "overshoot_um": _numbers(overshoot, "--overshoot"),
     }
+    # A session that goes on keeps the options it began with; those given now replace single ones.
     options = _options(out if resume or redo is not None else None, given, check_origin)
     positions = RedoList.read(redo) if redo is not None else None
     task = _Task(out, scan, options, resume, positions, json)
     with open_rig(scan, backend, _pairs(option), stage=stage) as rig:
+        # A light that can be switched needs nobody to cover the lens, whatever was asked for.
         if cover and rig.light is None:
             rig = replace(rig, light=_Cover())
         if dry_run:
@@ -201,6 +207,7 @@ class _Cover:
         from lfcal.devices import DeviceError
 
         report(f"{'uncover' if on else 'cover'} the lens, then press Enter")
+        # End of input: without a person, the frames would be taken of a lens that is not covered.
         if not sys.stdin.readline():
             raise DeviceError("lens cover: nobody answered; run in a terminal, or record without darks (--darks 0)")
 
@@ -290,6 +297,7 @@ def _finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[s
 
     result: dict[str, Any] = {}
     if assemble is not None:
+        # A complete session has every position once: a gap would be a defect, and is not to be filled quietly.
         settings = AssemblySettings(strict=True)
         made = run_work(iter_assemble_session(out, assemble, settings=settings), quiet=quiet)
         with made.matrix as matrix:
@@ -315,4 +323,5 @@ def _report(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> 
         if outcome.how != "complete":
             typer.echo("  resume with --resume")
     if outcome.how != "complete":
+        # A session that was stopped is not a success: scripts must be able to see it.
         raise typer.Exit(130)

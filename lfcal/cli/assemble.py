@@ -29,19 +29,21 @@ def command(
     ),
     *,
     out: Path = typer.Option(..., "--out", "-o", help="H file to write (.h5)."),
-    plan: Path = typer.Option(
+    plan: Path | None = typer.Option(
         None, "--plan", "-p", help="Scan plan (.json); the session's own, or plan.json beside the frames, by default."
     ),
-    manifest: Path = typer.Option(None, "--manifest", help="Manifest of the frames, if it does not lie with them."),
+    manifest: Path | None = typer.Option(
+        None, "--manifest", help="Manifest of the frames, if it does not lie with them."
+    ),
     pattern: str = typer.Option("", "--pattern", help="Positions from file names, e.g. 'z{z}_y{y}_x{x}.png'."),
     order: str = typer.Option("", "--order", help="Positions from the order of names: serpentine or raster."),
     dark: str = typer.Option(
         "", "--dark", help="Dark frame, or a folder of them to average; none: not even those recorded with the frames."
     ),
-    black_level: float = typer.Option(
+    black_level: float | None = typer.Option(
         None, "--black-level", help="Sample value of no light, where there is no dark frame; 0 says there is none."
     ),
-    white: Path = typer.Option(None, "--white", help="White image, or a folder of them to average."),
+    white: Path | None = typer.Option(None, "--white", help="White image, or a folder of them to average."),
     white_mode: str = typer.Option(
         "field", "--white-mode", help="field: the smooth fall of light, micro-images stay; pixels: pixel by pixel."
     ),
@@ -51,7 +53,7 @@ def command(
     exposure: str = typer.Option(
         "auto", "--exposure", help="auto: scale frames of unequal known exposure to one; none; or seconds to scale to."
     ),
-    saturation: float = typer.Option(None, "--saturation", help="Sample value of saturation."),
+    saturation: float | None = typer.Option(None, "--saturation", help="Sample value of saturation."),
     shift: int = typer.Option(0, "--shift", help="Bits by which left-aligned samples are moved down."),
     channel: str = typer.Option("", "--channel", help="Colour channel of a mosaic: R, G1, G2, B …"),
     cutout: str = typer.Option("", "--cutout", help="Odd number of pixels, ROWS,COLUMNS, or 'auto' by energy."),
@@ -141,6 +143,7 @@ def open_scan(
         raise InputError.expected(
             "scan plan", f"plan.json in {folder} or above", "none", "make one with lfcal plan, or name it"
         )
+    # A plan that is named replaces the recorded one: its cutout and anchor may have been corrected since.
     if own is None or plan is None:
         return source, own or found  # type: ignore[return-value]  # one of them is there
     assert found is not None
@@ -158,6 +161,7 @@ def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
     from lfcal.files import storage_errors
 
     folder = frames if frames.is_dir() else frames.parent
+    # Beside the frames, or one folder above: where lfcal simulate puts it.
     places = [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]
     if not places:
         return None
@@ -208,6 +212,7 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
     for note in report.notes:
         line(f"note: {note}")
     size = format_bytes(out.stat().st_size)
+    # What the cutout, by whole pixels, leaves of the fractional shifts of the micro-images.
     rows, columns = report.residual_px
     typer.echo(f"{out}: H {matrix.shape} from {report.frames} frames, {size} in {format_seconds(seconds)}")
     typer.echo(f"sub-pixel residual left by the cutout: {rows:.2f} rows, {columns:.2f} columns (px)")

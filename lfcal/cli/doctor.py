@@ -99,6 +99,7 @@ def broken_plugins() -> list[dict[str, str]]:
     from lfcal.reconstruct.solvers.choice import SOLVERS
     from lfcal.simulate.effects import CATALOGUE
 
+    # In the order of the data, as the commands are.
     registries: tuple[Registry[Any], ...] = (FORMATS, SOURCES, CATALOGUE, SOLVERS, METRICS, BACKENDS)
     return [
         {"kind": registry.what, "name": name, "reason": reason}
@@ -123,6 +124,7 @@ def _memory_bytes() -> int:
     if sys.platform == "win32":
         import ctypes
 
+        # GlobalMemoryStatusEx fills eight 64-bit fields, of which the first holds two of 32 bits.
         status = (ctypes.c_ulonglong * 8)(64)  # MEMORYSTATUSEX: its length, then the sizes
         ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status))
         return int(status[1])
@@ -134,6 +136,7 @@ def _numba_cache() -> str:
     import lfcal
 
     folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(lfcal.__file__).parent / "__pycache__")
+    # numba makes the folder when it first writes: until then its parent decides.
     place = folder if folder.exists() else folder.parent
     if os.access(place, os.W_OK):
         return str(folder)

@@ -54,6 +54,7 @@ def command(
         written = run_work(iter_export(matrix.T if transposed else matrix, out, **options), quiet=json)
         shape = matrix.shape
     seconds = time.perf_counter() - start
+    # A TIFF of many stacks is written under other names: one per plane.
     size = written.stat().st_size if written.exists() else 0
     if json:
         print_json({"out": written, "shape": shape, "file_bytes": size, "seconds": seconds})

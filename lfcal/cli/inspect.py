@@ -31,7 +31,9 @@ def command(
     report: Path | None = typer.Option(None, "--report", help="Folder for an HTML report with redo.json."),
     reference: Path | None = typer.Option(None, "--reference", help="H of the same shape to compare with."),
     session: Path | None = typer.Option(
-        None, "--session", help="Session folder with control frames: how true the tiling is over the field."
+        None,
+        "--session",
+        help="Session folder with control frames: how well one period of H stands for the whole field.",
     ),
     strict: bool = typer.Option(False, "--strict", help="End with exit code 1 when a metric is bad."),
     workers: WorkersOption = None,
@@ -49,6 +51,7 @@ def command(
     _check_before(report)
     with ExitStack() as files:
         H = files.enter_context(open_psf(source))
+        # The metrics are about the images of points: an HT file is inspected as the H it came from.
         H = H.T if H.is_transposed else H
         other = None if reference is None else files.enter_context(open_psf(reference))
         comparison = None
@@ -91,7 +94,9 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
     for check in read_checks(session):
         if check.kind != Kind.CONTROL or check.position.z >= len(H):
             continue
+        # Control frames may have a margin around the cutout: the same pixels as in H are compared.
         top, left = ((n - m) // 2 for n, m in zip(check.frame.shape, H.cutout, strict=True))
+        # Smaller frames cannot have been recorded with this H; padding them would invent light.
         if min(top, left) < 0:
             raise InputError.expected(
                 "control frames",
@@ -101,6 +106,7 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
             )
         frames, places = found.setdefault(check.position.z, ([], []))
         frames.append(check.frame[top : top + H.cutout[0], left : left + H.cutout[1]])
+        # Where the source was, in periods from H's own cell: the tiling is tested far from it.
         places.append(np.array(H.anchor) + check.position[1:] + np.array(check.periods) * H.period)
     if not found:
         raise InputError.expected(

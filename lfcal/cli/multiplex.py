@@ -66,7 +66,7 @@ def compare(
     out: Path | None = typer.Option(None, "--out", "-o", help="Draw the gain over chi^2 as PNG."),
     json: JsonOption = False,
 ) -> None:
-    """Tell transmission, noise amplification, rank and gain of modulators.
+    """Show transmission, noise amplification, rank and gain of modulators.
 
     Example: `lfcal multiplex compare Bayer CYMG RGBW X-Trans --camera r29 -o gain.png`
     """
@@ -92,10 +92,13 @@ def _measured(modulator: Modulator, base: Modulator, trials: int) -> list[float 
 
     from lfcal.multiplex import monte_carlo_gain
 
+    # Gains are ratios of noise: both must recover all channels, and as many.
     if not modulator.rank() == modulator.count == base.count:
         return [None, None]
     return [
-        monte_carlo_gain(modulator, base, chi2, rng=np.random.default_rng(1), trials=trials) for chi2 in (0.0, math.inf)
+        # The same seed for every modulator: differences between them are not those of the draw.
+        monte_carlo_gain(modulator, base, chi2, rng=np.random.default_rng(1), trials=trials)
+        for chi2 in (0.0, math.inf)
     ]
 
 
@@ -180,6 +183,7 @@ def demosaic(
     mosaic = pattern or str(image.metadata.get("cfa", ""))
     if not mosaic:
         raise InputError.expected(f"colour filters of {frame}", "a pattern", "none", "give --pattern, e.g. GRBG")
+    # A RAW file may state a level for each colour filter.
     levels = image.metadata.get("black_level", 0) if dark is None else dark
     light = pictures.without_dark(image.read(page), levels)
     image.close()
@@ -211,6 +215,7 @@ def views(
     if modulator is not None:
         found = demultiplex_lattice(light, lattice, modulator_of(modulator), filter=filter)
     else:
+        # An odd number of views has one in the middle, through the centre of the pupil.
         count = size or max(1, (int(min(lattice.pitch_px)) - 1) // 2 * 2 + 1)
         found = lattice_channels(light, lattice, count, filter=filter)
         found = found.reshape(-1, *found.shape[2:])

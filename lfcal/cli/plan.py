@@ -33,6 +33,7 @@ def load_camera(name: str) -> Camera:
     if path.suffix.lower() == ".xml":
         return read_raytrix_xml(path)
     with storage_errors(path), path.open("rb") as file:
+        # Read up to a limit: a path to a device or a large frame must not fill the memory.
         data = file.read(MAX_JSON + 1)
     if len(data) > MAX_JSON:
         raise InputError.expected(str(path), "a camera description of a few kB", "a large file", "check the path")
@@ -51,6 +52,7 @@ def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:
     if "," in text or len(values) != 3 or values[2] == 0:
         raise InputError.expected("planes", "a,b,c or start:stop:step", repr(text), "for example 2:5.5:0.5")
     start, stop, step = values
+    # Rounded generously: 0.1:0.7:0.1 means seven planes, though 0.6 / 0.1 is below 6 in floating point.
     count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
     if not 1 <= count <= MAX_PLANES:
         raise InputError.expected(
@@ -62,6 +64,7 @@ def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:
 def _number(field: str, lengths: bool) -> float:
     match = re.fullmatch(r"\s*([-+−]?[0-9.]+(?:[eE][-+]?\d+)?)\s*(um|µm|mm)?\s*", field)
     try:
+        # Virtual depths are ratios: a unit shows that the wrong option was used.
         if match is None or (match[2] and not lengths):
             raise ValueError
         return float(match[1].replace("−", "-")) * UNITS[match[2] or ""]

@@ -35,28 +35,34 @@ def register(app: typer.Typer) -> None:
 
 def command(
     psf: Path = typer.Argument(help="H file (.h5), or one of another code (.mat, .npy)."),
-    frame: Path = typer.Argument(None, help="Light-field frame; leave out with --batch."),
+    frame: Path | None = typer.Argument(None, help="Light-field frame; leave out with --batch."),
     *,
-    out: Path = typer.Option(None, "--out", "-o", help="Volume to write: .tif, .h5 or .npy; a folder with --batch."),
-    batch: Path = typer.Option(None, "--batch", help="Folder of frames, or a stack: a time series."),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="Volume to write: .tif, .h5 or .npy; a folder with --batch."
+    ),
+    batch: Path | None = typer.Option(None, "--batch", help="Folder of frames, or a stack: a time series."),
     suffix: str = typer.Option(".tif", "--format", help="With --batch: .tif, .h5 or .npy."),
     solver: str = typer.Option("rl", "--solver", help="Solver; --solver list shows all."),
     iterations: int = typer.Option(20, "--iterations", "-n", help="Iterations."),
     method: str = typer.Option("auto", "--method", help="Projection: auto, polyphase, direct, sparse or fft."),
     threshold: float = typer.Option(0.0, "--threshold", help="Take entries of H below this share of the peak as 0."),
-    dark: Path = typer.Option(None, "--dark", help="Dark frame, or a folder of them to average."),
-    white: Path = typer.Option(None, "--white", help="White frame, or a folder of them to average."),
+    dark: Path | None = typer.Option(None, "--dark", help="Dark frame, or a folder of them to average."),
+    white: Path | None = typer.Option(None, "--white", help="White frame, or a folder of them to average."),
     resample: bool = typer.Option(False, "--resample", help="Resample to H's period by the lattice in --white."),
     anchor: str = typer.Option("", "--anchor", help="Pixel ROW,COLUMN of H's position (0, 0); H's own by default."),
     background: float = typer.Option(0.0, "--background", help="Counts of a pixel without any source."),
     read_noise: float = typer.Option(0.0, "--read-noise", help="Rms read noise (counts)."),
-    saturation: float = typer.Option(None, "--saturation", help="Leave out pixels at or above this value (counts)."),
-    strength: float = typer.Option(None, "--strength", help="Weight of the penalty (rl-tv, rl-tikhonov, cg)."),
-    subsets: int = typer.Option(None, "--subsets", help="Subsets of osem; view blocks per axis of phase-space."),
+    saturation: float | None = typer.Option(
+        None, "--saturation", help="Leave out pixels at or above this value (counts)."
+    ),
+    strength: float | None = typer.Option(None, "--strength", help="Weight of the penalty (rl-tv, rl-tikhonov, cg)."),
+    subsets: int | None = typer.Option(None, "--subsets", help="Subsets of osem; view blocks per axis of phase-space."),
     tolerance: float = typer.Option(0.0, "--tolerance", min=0, help="Stop when the relative change falls below."),
     warm: bool = typer.Option(False, "--warm", help="With --batch: start each frame from the last volume."),
     double: bool = typer.Option(False, "--double", help="Compute in double precision."),
-    memory: float = typer.Option(None, "--memory", help="Most memory for projections (GB); half of what is free."),
+    memory: float | None = typer.Option(
+        None, "--memory", help="Most memory for projections (GB); half of what is free."
+    ),
     workers: WorkersOption = None,
     forecast: bool = typer.Option(False, "--forecast", help="Say what it will cost, and stop."),
     json: JsonOption = False,
@@ -74,8 +80,7 @@ def command(
         _list_solvers()
         return
     choice = SolverChoice(solver, iterations, background, read_noise, saturation, strength, subsets, tolerance)
-    _check_paths(frame, out, batch, forecast)
-    task = _Task(list(_frames(batch or frame)), choice, warm, json)
+    task = _Task(list(_frames(_source(frame, batch, wanted=out is not None or forecast))), choice, warm, json)
     with open_psf(psf) as H:
         view = _view(H, white) if resample else None
         P = Projector(
@@ -88,7 +93,7 @@ def command(
             memory_limit=None if memory is None else int(memory * 1e9),
             workers=workers,
         )
-        if forecast:
+        if forecast or out is None:
             _show_forecast(P, choice, len(task.frames), json)
             return
         targets = {name: check_suffix(out / f"{name}{suffix}" if batch else out) for name, _ in task.frames}
@@ -140,6 +145,7 @@ def _solve(
     weights = None if view is None else view.inside(task.shape)
     frames = [(name, partial(_cleaned, read, clean)) for name, read in task.frames]
     work = iter_series(P, frames, len(frames), task.choice, save, weights=weights, warm=task.warm)
+    # The forecast goes to standard error, before the wait that it is about.
     if not task.quiet:
         report(str(P.forecast()))
     run_work(P.iter_prepare(), quiet=task.quiet)
@@ -162,6 +168,7 @@ def _save(P: Projector, targets: dict[str, Path], details: dict[str, Any], name:
 
     known = P.camera is not None
     more = {**details, "frame": name, "notes": result.notes, "residual": result.history[-1].residual}
+    # H has one position per voxel: its side is the lateral step of the source at depth 0.
     voxel = P.camera.step_um(0.0) if known else None
     save_volume(targets[name], result.volume, depths_um=P.depths if known else None, voxel_um=voxel, details=more)
 
@@ -177,16 +184,18 @@ def _show_results(P: Projector, results: tuple[FrameResult, ...], targets: dict[
         _show(result, targets[result.name], P.volume_shape)
 
 
-def _check_paths(frame: Path | None, out: Path | None, batch: Path | None, forecast: bool) -> None:
+def _source(frame: Path | None, batch: Path | None, *, wanted: bool) -> Path:
+    """Return where the frames lie; raise unless there is one such place, and something is ``wanted`` of them."""
     from lfcal.errors import InputError, StorageError
 
-    if (frame is None) == (batch is None):
-        raise InputError.expected("frames", "a frame or --batch FOLDER", "none or both", "give one of them")
-    if out is None and not forecast:
-        raise InputError.expected("--out", "where to write", "nothing", "name a file, or a folder with --batch")
     source = batch or frame
-    if source is not None and not source.exists():
+    if source is None or (frame is not None and batch is not None):
+        raise InputError.expected("frames", "a frame or --batch FOLDER", "none or both", "give one of them")
+    if not wanted:
+        raise InputError.expected("--out", "where to write", "nothing", "name a file, or a folder with --batch")
+    if not source.exists():
         raise StorageError(f"{source}: no such file or folder; check the path")
+    return source
 
 
 def _check_names(names: list[str]) -> None:
@@ -210,6 +219,7 @@ def _frames(path: Path) -> Iterator[tuple[str, Reader]]:
     if not files:
         raise InputError.expected(f"frames in {path}", "at least one image", "none", "check the folder")
     for file in files:
+        # Opened for the number of pages alone; each page is read when its turn comes.
         image = open_image(file)
         image.close()
         for page in range(image.pages):
@@ -243,6 +253,7 @@ def _view(H: Any, white: Path | None) -> Resampling:
     from lfcal.frames.corrections.recipe import read_average
     from lfcal.lattice.fit import fit_lattice
 
+    # With several lens types the period of H spans that many lenslets.
     types = len(H.camera.lattice.types) if H.camera is not None else 1
     fit = fit_lattice(read_average(white), kind=None if H.camera is None else H.camera.lattice.kind)
     return Resampling.of_fit(fit, H.period, lattice_anchor_of(H), types)

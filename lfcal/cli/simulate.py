@@ -104,6 +104,7 @@ def _ready_plan(path: Path) -> ScanPlan | None:
     from lfcal.files import storage_errors
 
     with storage_errors(path):
+        # A camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
         text = path.read_text(encoding="utf-8", errors="replace")[: 1 << 24]
     return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None
 
@@ -163,6 +164,7 @@ def _write_h(task: _Task, out: Path, workers: int | None) -> dict[str, Any]:
 
     plan = task.planned
     predicted = predict_seconds(plan, task.found, task.level, tolerance=task.tolerance)
+    # Told before the work begins, while there is still time to choose a larger tolerance.
     if not task.quiet:
         report(f"about {format_seconds(predicted)} of processor time ahead")
     work: Work[Any] = iter_simulate_psf(
@@ -191,6 +193,7 @@ def _write_frames(task: _Task, folder: Path, seed: int, peak: float) -> dict[str
     from lfcal.simulate.sensor.camera_source import SimulatedCamera
     from lfcal.simulate.sensor.session import iter_write_session
 
+    # Frames of two sessions in one folder would be read as one.
     if folder.exists() and any(folder.iterdir()):
         raise InputError.expected(str(folder), "a new or empty folder", "one with files in it", "choose another")
     source = SimulatedCamera(task.planned, task.found, level=task.level, tolerance=task.tolerance, seed=seed, peak=peak)

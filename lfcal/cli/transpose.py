@@ -36,6 +36,7 @@ def command(
 
     start = time.perf_counter()
     with open_psf(source) as matrix:
+        # File to file by planes: H may be far larger than the memory.
         run_work(iter_transpose_file(matrix, out, method=method, compression=compression, workers=workers), quiet=json)
         shape, nbytes = matrix.shape, matrix.nbytes
     seconds = time.perf_counter() - start

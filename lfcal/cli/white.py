@@ -116,6 +116,7 @@ def _shown(image: NDArray[np.float32], times: int) -> NDArray[np.float32]:
     """Return ``image`` between its 0.5 and 99.7 percentiles, each pixel ``times`` as wide and high."""
     import numpy as np
 
+    # Hot pixels and dead lenslets would otherwise decide the scale of the picture.
     low, high = np.percentile(image, (0.5, 99.7))
     clipped = np.clip(image - low, 0, max(high - low, 1e-30))
     result: NDArray[np.float32] = clipped.repeat(times, axis=0).repeat(times, axis=1)
@@ -162,8 +163,8 @@ def command(
     *,
     dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
     camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML) whose lattice is measured."),
-    kind: str = typer.Option("", help="square or hexagonal; by default found out, or the camera's."),
-    pitch: float = typer.Option(0.0, help="Nominal pitch (px), right within 10 %; by default found out."),
+    kind: str = typer.Option("", help="square or hexagonal; by default detected, or the camera's."),
+    pitch: float = typer.Option(0.0, help="Nominal pitch (px), right within 10 %; by default detected."),
     types: bool = typer.Option(True, help="Find the three lens types, where the camera has them."),
     views: Path | None = typer.Option(None, help="Light-field frame to make views and a focal stack of."),
     slopes: str = typer.Option("-6:6:2", help="Planes of the focal stack as slopes (about virtual depths)."),
