@@ -96,43 +96,48 @@ def run_r29(side: int, density: float, full: bool, folder: Path | None, workers:
         planes = PLANES if full else 1
         before = _peak()
         P = Projector(_Repeated(stored, planes), (side, side), workers=workers, memory_limit=LIMIT)
-        rng = np.random.default_rng(0)
-        start = time.perf_counter()
-        P.prepare()
-        prepare = time.perf_counter() - start
-        volume = rng.random((1, side, side), np.float32).repeat(planes, axis=0)
-        start = time.perf_counter()
-        image = P.forward(volume)
-        forward = time.perf_counter() - start
-        start = time.perf_counter()
-        P.adjoint(image)
-        adjoint = time.perf_counter() - start
-        scale = PLANES / planes
-        cost = P.forecast().chosen
-        lines = [
-            str(
-                Projector(
-                    _Repeated(stored, PLANES), size, method=P.method, workers=workers, memory_limit=LIMIT
-                ).forecast()
-            )
-            for size in ((side, side), FRAME)
-        ]
+        # One after the other: the peak of memory is that of all three.
+        seconds = _time(P)
+        peak = max(0, _peak() - before)
+        cost, scale = P.forecast().chosen, PLANES / planes
+        whole = [_forecast(stored, size, P.method, workers) for size in ((side, side), FRAME)]
         return R29Result(
-            side,
-            planes,
-            density,
-            P.method,
-            scale * cost.forward_s,
-            scale * cost.adjoint_s,
-            scale * forward,
-            scale * adjoint,
-            scale * prepare,
-            cost.memory_bytes,
-            max(0, _peak() - before),
-            *lines,
+            side=side,
+            planes_measured=planes,
+            density=density,
+            method=P.method,
+            forecast_forward_s=scale * cost.forward_s,
+            forecast_adjoint_s=scale * cost.adjoint_s,
+            forward_s=scale * seconds[1],
+            adjoint_s=scale * seconds[2],
+            prepare_s=scale * seconds[0],
+            forecast_bytes=cost.memory_bytes,
+            peak_bytes=peak,
+            all_planes=whole[0],
+            whole_frame=whole[1],
         )
     finally:
         shutil.rmtree(place, ignore_errors=True)
+
+
+def _time(P: Projector) -> tuple[float, float, float]:
+    """Return the seconds to prepare, to project forward, and to project back."""
+    nz, side, _ = P.volume_shape
+    start = time.perf_counter()
+    P.prepare()
+    prepared = time.perf_counter()
+    volume = np.random.default_rng(0).random((1, side, side), np.float32).repeat(nz, axis=0)
+    ready = time.perf_counter()
+    image = P.forward(volume)
+    projected = time.perf_counter()
+    P.adjoint(image)
+    return prepared - start, projected - ready, time.perf_counter() - projected
+
+
+def _forecast(stored: NDArray[Any], shape: tuple[int, int], method: str, workers: int) -> str:
+    """Return the forecast of all 11 planes for an image of ``shape``, in words."""
+    H = _Repeated(stored, PLANES)
+    return str(Projector(H, shape, method=method, workers=workers, memory_limit=LIMIT).forecast())
 
 
 def _write_plane(path: Path, density: float) -> None:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import typer
 
+from lfcal.cli.options import FolderOption, JsonOption
+
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
 
@@ -22,10 +24,11 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    folder: Path = typer.Option(None, "--folder", help="Disk to write to; that of temporary files by default."),
+    *,
+    folder: FolderOption = None,
     cutout: int = typer.Option(257, "--cutout", help="Side of the cutout (pixels)."),
     rounds: int = typer.Option(5, "--rounds", min=1, help="Rounds; the median ratio counts."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Time planning, and simulator, runner and journal against a bare loop of pwrite and fdatasync.
 
@@ -36,6 +39,7 @@ def command(
     planning = time_planning()
     plan = bench_plan(cutout)
     with tempfile.TemporaryDirectory(prefix="lfcal-bench-", dir=folder) as place:
+        # Pair by pair, so that a slow moment of the disk falls on both; the median leaves outliers out.
         pairs = [(time_session(plan, Path(place)), time_bare_loop(plan, Path(place))) for _ in range(rounds)]
     ratio = float(np.median([session / bare for session, bare in pairs]))
     session, bare = (float(np.median(times)) for times in zip(*pairs, strict=True))
@@ -58,7 +62,7 @@ def command(
         ["session: simulator, checks, journal", f"{session * 1e3:.3f}", f"{megabytes / session:.0f}", f"{ratio:.2f}"],
     ]
     print_table([f"{cutout} x {cutout} px, uint16", "ms per frame", "MB/s", "ratio"], rows)
-    typer.echo(f"57,475 positions of the R29 planned and gone through in {planning:.2f} s")
+    typer.echo(f"57,475 positions of the R29 planned and stepped through in {planning:.2f} s")
 
 
 def time_planning() -> float:
@@ -111,6 +115,7 @@ def time_bare_loop(plan: ScanPlan, folder: Path) -> float:
     descriptor = os.open(folder / "bare", os.O_RDWR | os.O_CREAT)
     try:
         first = count * len(record)
+        # The recording reserves its space too: growing a file costs more than writing into it.
         reserve(descriptor, first + count * len(frame))
         os.pwrite(descriptor, bytes(first), 0)
         os.fsync(descriptor)

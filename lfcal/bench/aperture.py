@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import typer
 
+from lfcal.cli.options import JsonOption
+
 BLADES = (5, 6, 7, 8, 9, 10, 11)
 CURVATURES = (0.0, 0.3, 0.6)
 SNRS = (0.5, 1.0, 2.0, 5.0, 20.0)
@@ -78,10 +80,11 @@ def run(trial: Trial) -> Outcome:
 
 
 def command(
+    *,
     per_cell: int = typer.Option(8, "--trials", min=1, help="Trials per blade count, curvature and SNR; 8 make 840."),
     side: int = typer.Option(187, min=63, help="Side of the depth-plane sum (px)."),
     workers: int | None = typer.Option(None, help="Processes; every processor by default."),
-    json: bool = typer.Option(False, "--json", help="Print every outcome as JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Recover irises of 5 to 11 blades from noisy depth-plane sums and print how well it went.
 
@@ -97,6 +100,7 @@ def command(
     run(work[0])  # compile once, into the cache that the processes share
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(worker_count(workers), mp_context=spawn, initializer=warm_up) as pool:
+        # Trials depend on their seeds alone: any number of processes gives the same result.
         outcomes = list(pool.map(run, work, chunksize=4))
     if json:
         print_json(outcomes)

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import typer
 
+from lfcal.cli.options import JsonOption
+
 
 def register(app: typer.Typer) -> None:
     """Add ``assemble`` and ``transpose-file`` to the benchmarks."""
@@ -20,12 +22,13 @@ def register(app: typer.Typer) -> None:
 
 
 def assemble_command(
+    *,
     rows: int = typer.Option(19, help="Positions down."),
     columns: int = typer.Option(55, help="Positions across."),
     size: int = typer.Option(512, help="Side of a frame (px)."),
     cutout: int = typer.Option(181, help="Side of the cutout (px)."),
     repeats: int = typer.Option(3, help="Repetitions; medians are printed."),
-    json: bool = typer.Option(False, "--json", help="Print JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Assemble H from 16-bit PNG files; how much of the time is more than decoding them.
 
@@ -38,6 +41,7 @@ def assemble_command(
         folder = Path(name)
         _write_session(folder, rows, columns, size, cutout)
         decode, whole = [], []
+        # The first round compiles kernels and fills the disk cache, and is not counted.
         for _ in range(repeats + 1):
             decode.append(_decode(folder))
             whole.append(_assemble(folder, rows, columns, cutout))
@@ -69,6 +73,7 @@ def _write_session(folder: Path, rows: int, columns: int, size: int, cutout: int
     top, left = (size - cutout - rows) // 2, (size - cutout - columns) // 2
     for y in range(rows):
         for x in range(columns):
+            # Shifted rather than drawn anew: quick to make, and no two frames are equal.
             frame = np.roll(noise, (7 * y, 5 * x), (0, 1))
             frame[top + y : top + y + cutout, left + x : left + x + cutout] += spots
             cv2.imwrite(str(folder / "frames" / f"y{y}_x{x}.png"), np.rint(frame).astype(np.uint16))
@@ -114,9 +119,10 @@ def _assemble(folder: Path, rows: int, columns: int, cutout: int) -> float:
 
 
 def transpose_command(
+    *,
     gigabytes: float = typer.Option(2.0, help="Size of H (GB)."),
     planes: int = typer.Option(11, help="Depth planes."),
-    json: bool = typer.Option(False, "--json", help="Print JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Transpose an H file to an HT file in a process of its own; its time and peak memory.
 
@@ -150,6 +156,7 @@ def _transpose_file(folder: Path, gigabytes: float, planes: int) -> dict[str, An
     nx = max(1, round(gigabytes * 1e9 / (4 * planes * ny * nt * nt)))
     shape = (planes, ny, nx, nt, nt)
     rng = np.random.default_rng(0)
+    # 70 % zeros: H is dark between the micro-images, which decides what packing costs.
     row = rng.random((nx, nt, nt), np.float32) * (rng.random((nx, nt, nt), np.float32) > 0.7)
     with PSFWriter(folder / "H.h5", shape) as writer:
         for z in range(planes):
@@ -169,6 +176,7 @@ def _transpose_file(folder: Path, gigabytes: float, planes: int) -> dict[str, An
         capture_output=True,
     )
     seconds = time.perf_counter() - start
+    # Kilobytes on Linux, bytes on macOS.
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     plane = 4 * ny * nx * nt * nt
     return {"bytes": plane * planes, "plane_bytes": plane, "seconds": seconds, "peak_bytes": peak}

@@ -15,7 +15,10 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from lfcal.cli.console import print_json, print_table
+from lfcal.cli.options import JsonOption
 from lfcal.errors import InputError
+from lfcal.units import format_seconds
 
 __all__ = ["Row", "measure", "register"]
 
@@ -46,42 +49,45 @@ class Row:
     positions: int
 
 
-def register(app: typer.Typer) -> None:
-    """Add ``debye``."""
+def register(bench: typer.Typer) -> None:
+    """Add ``debye`` to the benchmarks."""
+    bench.command("debye")(command)
 
-    @app.command()
-    def debye(
-        depth: float = typer.Option(25.0, help="Plane in µm away from the objective."),
-        cutout: int = typer.Option(151, help="Pixels of the cutout, odd."),
-        repeat: int = typer.Option(3, min=1, help="Runs of each; the best counts."),
-        json: bool = typer.Option(False, "--json", help="Print JSON."),
-    ) -> None:
-        """Time the 20x/0.5 microscope's plane; beside pyolaf 0.2.1 where it is installed.
 
-        Example: `lfcal bench debye --depth 25 --cutout 151`
-        """
-        from lfcal.cli.console import print_json, print_table
-        from lfcal.units import format_seconds
+def command(
+    *,
+    depth: float = typer.Option(25.0, help="Plane in µm away from the objective."),
+    cutout: int = typer.Option(151, help="Pixels of the cutout, odd."),
+    repeat: int = typer.Option(3, min=1, help="Runs of each; the best counts."),
+    json: JsonOption = False,
+) -> None:
+    """Time the 20x/0.5 microscope's plane; beside pyolaf 0.2.1 where it is installed.
 
-        rows = measure(depth, cutout, repeat)
-        if json:
-            print_json([asdict(row) for row in rows])
-            return
-        theirs = next((row for row in rows if row.name.startswith("pyolaf")), None)
-        table = [
-            [
-                r.name,
-                format_seconds(r.seconds),
-                f"{100 * r.error:.2g} %",
-                str(r.positions),
-                f"{theirs.seconds / r.seconds:.3g}" if theirs else "—",
-            ]
-            for r in rows
+    Example: `lfcal bench debye --depth 25 --cutout 151`
+    """
+    rows = measure(depth, cutout, repeat)
+    if json:
+        print_json([asdict(row) for row in rows])
+    else:
+        _show(rows, f"lfm_20x05, z = {depth:g} µm, {cutout} x {cutout} px")
+
+
+def _show(rows: list[Row], title: str) -> None:
+    theirs = next((row for row in rows if row.name.startswith("pyolaf")), None)
+    table = [
+        [
+            r.name,
+            format_seconds(r.seconds),
+            f"{100 * r.error:.2g} %",
+            str(r.positions),
+            f"{theirs.seconds / r.seconds:.3g}" if theirs else "—",
         ]
-        headers = ["code", "processor time", "L1 error", "positions", "pyolaf's time over it"]
-        print_table(headers, table, title=f"lfm_20x05, z = {depth:g} µm, {cutout} x {cutout} px")
-        if theirs is None:
-            typer.echo("pyolaf is not installed: pip install pyolaf==0.2.1 to compare")
+        for r in rows
+    ]
+    headers = ["code", "processor time", "L1 error", "positions", "pyolaf's time over it"]
+    print_table(headers, table, title=title)
+    if theirs is None:
+        typer.echo("pyolaf is not installed: pip install pyolaf==0.2.1 to compare")
 
 
 def measure(depth_um: float, cutout: int, repeat: int) -> list[Row]:

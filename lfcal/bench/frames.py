@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.cli.console import print_json, print_table, run_work
+from lfcal.cli.options import JsonOption
 from lfcal.progress import Clock, Work
 from lfcal.units import format_seconds
 
@@ -42,9 +43,10 @@ class Row:
 
 
 def command(
+    *,
     megapixels: float = typer.Option(29.0, min=0.01, max=200.0, help="Size of the frame (megapixels)."),
     repeats: int = typer.Option(5, min=1, max=100, help="Runs of each; the fastest counts."),
-    json: bool = typer.Option(False, "--json", help="Print JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Time readers against their bare decoders, and corrections against a plain copy, side by side.
 
@@ -96,6 +98,7 @@ def fastest(function: Callable[[], Any], repeats: int) -> float:
         start = time.perf_counter()
         function()
         times.append(time.perf_counter() - start)
+    # The fastest run is the one that nothing else disturbed.
     return min(times)
 
 

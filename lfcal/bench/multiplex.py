@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.console import print_json, print_table
+from lfcal.cli.options import JsonOption
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -63,6 +66,7 @@ def measure(shape: tuple[int, int], filters: list[str], workers: int | None, rou
     spare = np.ones_like(colours)
     bgr = np.ones((*shape, 3), np.uint16)
     views = lattice_channels(frame, lattice, VIEWS, workers=workers)
+    # Touched before timing: the first write to fresh memory costs more than the copy.
     spare_views = np.ones_like(views)
     if workers is not None:
         cv2.setNumThreads(workers)
@@ -87,17 +91,17 @@ def measure(shape: tuple[int, int], filters: list[str], workers: int | None, rou
 
 
 def command(
-    quick: bool = typer.Option(False, help="One round on a quarter of the frame."),
+    *,
+    quick: bool = typer.Option(False, "--quick", help="One round on a quarter of the frame."),
     filters: str = typer.Option("linear,cubic,lanczos", help="Filters of the demosaicing."),
     rounds: int = typer.Option(5, min=1, help="Times each way is run; the median counts."),
     workers: int | None = typer.Option(None, min=1, help="Threads, OpenCV's too; every processor by default."),
-    json: bool = typer.Option(False, "--json", help="Print everything as JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Time demosaicing and 31 x 31 views of a 6576 x 4384 frame beside OpenCV's bilinear demosaic and a copy.
 
     Example: `lfcal bench multiplex --quick`
     """
-    from lfcal.cli.console import print_json, print_table
     from lfcal.threads import worker_count
 
     shape = (FULL[0] // 2, FULL[1] // 2) if quick else FULL
@@ -118,6 +122,10 @@ def command(
             ]
         )
         return
+    _show(rows, f"{shape[1]} x {shape[0]} px, {worker_count(workers)} threads, medians")
+
+
+def _show(rows: list[Timing], title: str) -> None:
     table = [
         [
             r.name,
@@ -137,4 +145,4 @@ def command(
         "copy of the output (ms)",
         f"lfcal ÷ (OpenCV + copy), bound {BOUND:g}",
     ]
-    print_table(headers, table, title=f"{shape[1]} x {shape[0]} px, {worker_count(workers)} threads, medians")
+    print_table(headers, table, title=title)

@@ -6,10 +6,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from lfcal.cli.options import FolderOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,6 +39,7 @@ class Row:
 
 
 def command(
+    *,
     image: int = typer.Option(1001, min=32, help="Side of the image (px)."),
     period: int = typer.Option(11, min=1, help="Period (px), odd."),
     cutout: int = typer.Option(111, min=3, help="Side of the cutout (px), odd."),
@@ -47,9 +49,9 @@ def command(
     full: bool = typer.Option(False, "--full", help="With --r29: all 11 planes instead of one, scaled."),
     side: int = typer.Option(2000, "--side", help="With --r29: side of the image region (px)."),
     density: float = typer.Option(1.0, "--density", help="With --r29: share of H that is not zero."),
-    folder: Path = typer.Option(None, "--folder", help="With --r29: where the synthetic H (up to 4 GB) may lie."),
-    workers: int = typer.Option(None, "--workers", help="Threads; every processor by default."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    folder: FolderOption = None,
+    workers: WorkersOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Time one forward and one back projection of the same H by every method, with their errors.
 
@@ -93,6 +95,7 @@ def measure(image: int, period: int, cutout: int, planes: int, repeats: int, wor
     def ours(method: str, dtype: Any, anchor: tuple[int, int] = (0, 0)) -> Projector:
         return Projector(H, shape, anchor, method, dtype=dtype, workers=workers).prepare()
 
+    # Double precision is the truth that the others are held against.
     exact = ours("polyphase", np.float64)
     truth = exact.adjoint(data[1])
     rows = [_row("polyphase, float64", lambda: ours("polyphase", np.float64), data, truth, 1)]
@@ -100,6 +103,7 @@ def measure(image: int, period: int, cutout: int, planes: int, repeats: int, wor
         rows.append(_row(f"{kind}, float32", partial(ours, kind, np.float32), data, truth, repeats))
     rows.append(_row("per-position FFT, scipy", lambda: LeanFFT(H, workers), data, truth, 1))
     if pyolaf_version():
+        # pyolaf places position (0, 0) elsewhere: its truth is computed for its own anchor.
         there = ours("polyphase", np.float64, PyolafPair(H, shape).anchor).adjoint(data[1])
         rows.append(_row(f"pyolaf {pyolaf_version()}", lambda: PyolafPair(H, shape), data, there, 1))
     return rows
@@ -118,6 +122,7 @@ def _row(
     ahead, forward = _best(lambda: pair.forward(g), repeats)
     back, adjoint = _best(lambda: pair.adjoint(f), repeats)
     left, right = np.vdot(ahead.astype(float), f), np.vdot(g.astype(float), back)
+    # <Hg, f> = <g, HTf> holds for an exact pair; solvers rely on it.
     mismatch = abs(float(left - right)) / abs(float(left))
     return Row(name, setup, forward, adjoint, float(np.abs(back - truth).max() / np.abs(truth).max()), mismatch)
 

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.options import JsonOption, WorkersOption
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -72,15 +74,16 @@ class Curve:
 
 
 def command(
+    *,
     image: int = typer.Option(320, min=64, help="Side of the image (px)."),
     iterations: int = typer.Option(60, "--iterations", "-n", min=2, help="Iterations of each setting."),
     photons: float = typer.Option(2000.0, help="Photons in the brightest pixel."),
     phantom_name: str = typer.Option("vesicle", "--phantom", help="points, vesicle or plume."),
-    psf: Path = typer.Option(None, "--psf", help="H file; by default the bench preset is simulated, 5 planes."),
+    psf: Path | None = typer.Option(None, "--psf", help="H file; by default the bench preset is simulated, 5 planes."),
     chart: Path = typer.Option(Path("bench_reconstruct.png"), "--chart", help="Where to draw error against seconds."),
     two_point: bool = typer.Option(False, "--two-point", help="Resolution of two points against depth instead."),
-    workers: int = typer.Option(None, "--workers", help="Threads; every processor by default."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    workers: WorkersOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Reconstruct a known volume in many ways; print and draw the error against the seconds it took.
 
@@ -156,6 +159,7 @@ def scene(H: PSFMatrix, image: int, photons: float, name: str, workers: int) -> 
     P = Projector(H, (image, image), workers=workers, dtype=np.float64)
     truth = phantom(name, P.volume_shape)
     clean = np.maximum(P.forward(truth), 0)
+    # Volume and image are scaled together, so that the error is in the same photons.
     scale = photons / clean.max()
     return truth * scale, np.random.default_rng(1).poisson(clean * scale).astype(np.float64)
 
@@ -194,6 +198,7 @@ def show(curves: list[Curve], reference: dict[str, float], title: str) -> None:
     """Print the table: least error, when it was reached, and when 5 % above the best of plain Richardson-Lucy."""
     from lfcal.cli.console import print_table, seconds
 
+    # Time to the same error: the only fair comparison of solvers whose iterations cost differently.
     goal = 1.05 * min(curves[0].errors)
     rows = []
     for c in curves:

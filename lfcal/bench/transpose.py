@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.cli.options import JsonOption, WorkersOption
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work
 from lfcal.units import format_bytes
@@ -226,13 +227,16 @@ def measure_pyolaf(settings: Settings) -> Pyolaf:
 
 
 def command(
+    *,
     sizes: str | None = typer.Option(None, help="Sizes pixels/positions, e.g. 111/11,181/55x95; all of Table 1."),
     planes: int = typer.Option(PLANES, min=1, help="Depth planes nz."),
-    quick: bool = typer.Option(False, help="Fewer planes, rounds and steps of the paper's loop: about a minute."),
+    quick: bool = typer.Option(
+        False, "--quick", help="Fewer planes, rounds and steps of the paper's loop: about a minute."
+    ),
     memory: float | None = typer.Option(None, min=0.0, help="Memory for H and HT together (GB); 60 % of what is free."),
-    workers: int | None = typer.Option(None, min=1, help="Threads; every processor by default."),
-    markdown: bool = typer.Option(False, help="Print the table as Markdown."),
-    json: bool = typer.Option(False, "--json", help="Print everything as JSON."),
+    workers: WorkersOption = None,
+    markdown: bool = typer.Option(False, "--markdown", help="Print the table as Markdown."),
+    json: JsonOption = False,
 ) -> None:
     """Time the transpose next to memory copies, the paper's loop, pyolaf and the paper's printed seconds.
 
@@ -241,6 +245,7 @@ def command(
     from lfcal.bench._transposers import available_bytes
     from lfcal.cli.console import print_json, run_work
 
+    # Not all of the free memory: a machine that swaps would time its disk.
     limit = int(memory * 1e9) if memory is not None else int(0.6 * available_bytes())
     settings = (
         Settings(planes, min(limit, 1_500_000_000), workers, 3, 0.3, 1)

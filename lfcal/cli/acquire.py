@@ -7,19 +7,23 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.options import JsonOption
+
 if TYPE_CHECKING:
     from lfcal.acquire.control import Control
-    from lfcal.acquire.live_quality import LiveQuality
+    from lfcal.acquire.live_quality import Alarm, LiveQuality
     from lfcal.acquire.options import Options
+    from lfcal.acquire.redo import RedoList
     from lfcal.acquire.runner import Outcome
     from lfcal.camera import ScanPlan
     from lfcal.devices.protocols import Rig
+    from lfcal.progress import Work
 
 ALARM_EVERY_S = 5.0
 
@@ -31,32 +35,37 @@ def register(app: typer.Typer) -> None:
 
 def command(
     plan: Path = typer.Argument(help="Scan plan (.json), made with lfcal plan."),
+    *,
     out: Path = typer.Option(..., "--out", "-o", help="Session folder."),
     backend: str = typer.Option("sim", "--backend", "-b", help="Devices; lfcal doctor lists them."),
     stage: str = typer.Option("", "--stage", help="Backend of the stage, if it is another one."),
     option: list[str] = typer.Option([], "--option", help="Option of the backend, NAME=VALUE; may be repeated."),
     resume: bool = typer.Option(False, "--resume", help="Go on where an interrupted session was."),
-    redo: Path = typer.Option(None, "--redo", help="Record these positions again (list from lfcal inspect)."),
-    order: str = typer.Option(None, "--order", help="plan, or coarse for a first look at all planes."),
-    bracket: str = typer.Option(None, "--bracket", help="Exposures as factors, merged to HDR, e.g. 1,0.25."),
-    margin: int = typer.Option(None, "--margin", help="Pixels kept around the cutout."),
-    darks: int = typer.Option(None, "--darks", help="Frames averaged into each dark frame (default 8); 0: none."),
-    dark_every: int = typer.Option(None, "--dark-every", help="Darks every so many positions; 0: at the start."),
+    redo: Path | None = typer.Option(None, "--redo", help="Record these positions again (list from lfcal inspect)."),
+    order: str | None = typer.Option(None, "--order", help="plan, or coarse for a first look at all planes."),
+    bracket: str | None = typer.Option(None, "--bracket", help="Exposures as factors, merged to HDR, e.g. 1,0.25."),
+    margin: int | None = typer.Option(None, "--margin", help="Pixels kept around the cutout."),
+    darks: int | None = typer.Option(
+        None, "--darks", help="Frames averaged into each dark frame (default 8); 0: none."
+    ),
+    dark_every: int | None = typer.Option(None, "--dark-every", help="Darks every so many positions; 0: at the start."),
     cover: bool = typer.Option(False, "--cover", help="Ask to cover the lens for dark frames: no light to switch."),
-    reference_every: int = typer.Option(
+    reference_every: int | None = typer.Option(
         None, "--reference-every", help="Lamp-drift frame every so many positions (default 100); 0: none."
     ),
-    controls: int = typer.Option(None, "--controls", help="Control frames per plane and direction."),
-    retries: int = typer.Option(None, "--retries", help="Further attempts after a transient fault."),
-    tolerance: str = typer.Option(None, "--tolerance", help="Position tolerance X,Y,Z (µm)."),
-    overshoot: str = typer.Option(None, "--overshoot", help="Approach from one side, X,Y,Z (µm); 0,0,0 for none."),
+    controls: int | None = typer.Option(None, "--controls", help="Control frames per plane and direction."),
+    retries: int | None = typer.Option(None, "--retries", help="Further attempts after a transient fault."),
+    tolerance: str | None = typer.Option(None, "--tolerance", help="Position tolerance X,Y,Z (µm)."),
+    overshoot: str | None = typer.Option(
+        None, "--overshoot", help="Approach from one side, X,Y,Z (µm); 0,0,0 for none."
+    ),
     origin: str = typer.Option("", "--origin", help="Stage coordinates of the sensor's centre X,Y,Z (µm)."),
     check_stage: bool = typer.Option(True, help="Measure sign, scale and rotation of the stage first."),
     check_origin: bool = typer.Option(True, help="On resume, compare the last position with its frame."),
-    assemble: Path = typer.Option(None, "--assemble", help="Assemble H into this file at the end (.h5)."),
+    assemble: Path | None = typer.Option(None, "--assemble", help="Assemble H into this file at the end (.h5)."),
     pack: bool = typer.Option(True, help="Compress the finished recording."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Check everything and say what it will cost; move nothing."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Move the point source through a scan plan and record a frame at each position, safe against any crash.
 
@@ -65,8 +74,6 @@ def command(
 
     Example: `lfcal acquire plan.json --backend sim --out session/ --assemble H.h5`
     """
-    from lfcal.acquire.control import Control
-    from lfcal.acquire.lighting import check_light
     from lfcal.acquire.redo import RedoList
     from lfcal.devices.registry import open_rig
 
@@ -83,57 +90,90 @@ def command(
         "tolerance_um": _numbers(tolerance, "--tolerance"),
         "overshoot_um": _numbers(overshoot, "--overshoot"),
     }
+    # A session that goes on keeps the options it began with; those given now replace single ones.
     options = _options(out if resume or redo is not None else None, given, check_origin)
-    positions = RedoList.read(redo).positions if redo is not None else None
+    positions = RedoList.read(redo) if redo is not None else None
+    task = _Task(out, scan, options, resume, positions, json)
     with open_rig(scan, backend, _pairs(option), stage=stage) as rig:
+        # A light that can be switched needs nobody to cover the lens, whatever was asked for.
         if cover and rig.light is None:
             rig = replace(rig, light=_Cover())
         if dry_run:
-            _show_forecast(scan, rig, options, out, json)
+            _show_forecast(task, rig)
             return
-        if options.darks and not resume and positions is None:
-            check_light(rig)
-        if check_stage and not resume:
-            _check_stage(rig, scan, options, json)
-        control = Control()
-        with _stoppable(control):
-            outcome, quality = _record(out, scan, rig, options, control, resume=resume, redo=positions, quiet=json)
-    result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": quality.state().alarms}
+        outcome, alarms = _run(task, rig, check_stage)
+    result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": alarms}
     if outcome.how == "complete":
         result |= _finish(out, assemble, pack, json)
     _report(result, outcome, out, json)
 
 
-def _record(
-    out: Path, scan: ScanPlan, rig: Rig, options: Options, control: Control, *, resume: bool, redo: Any, quiet: bool
-) -> tuple[Outcome, LiveQuality]:
+@dataclass(frozen=True)
+class _Task:
+    """A session to record: where, by which plan, how, and what of it."""
+
+    out: Path
+    plan: ScanPlan
+    options: Options
+    resume: bool
+    redo: RedoList | None
+    quiet: bool
+
+
+def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome, tuple[Alarm, ...]]:
+    """Check light and stage, then record until the end or Ctrl-C."""
+    from lfcal.acquire.control import Control
+    from lfcal.acquire.lighting import check_light
+
+    # A session that goes on has its darks already, and its positions are compared with the frames themselves.
+    if task.options.darks and not task.resume and task.redo is None:
+        check_light(rig)
+    if check_stage and not task.resume:
+        _check_stage(task, rig)
+    control = Control()
+    with _stoppable(control):
+        return _record(task, rig, control)
+
+
+def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome, tuple[Alarm, ...]]:
     from lfcal.acquire.blocks import window_shape
     from lfcal.acquire.live_quality import LiveQuality
     from lfcal.acquire.session import iter_record
-    from lfcal.cli.console import report, run_work
-    from lfcal.progress import Work
+    from lfcal.cli.console import run_work
 
-    quality = LiveQuality(scan, window_shape(scan, options))
+    quality = LiveQuality(task.plan, window_shape(task.plan, task.options))
+    work = iter_record(
+        task.out,
+        task.plan,
+        rig,
+        task.options,
+        resume=task.resume,
+        redo=None if task.redo is None else task.redo.positions,
+        control=control,
+        observers=(quality,),
+    )
+    return run_work(_watched(work, quality), quiet=task.quiet), quality.state().alarms
 
-    def watched() -> Work[Outcome]:
-        work = iter_record(out, scan, rig, options, resume=resume, redo=redo, control=control, observers=(quality,))
-        reported: set[str] = set()
-        look = time.monotonic() + ALARM_EVERY_S
-        while True:
-            try:
-                record = next(work)
-            except StopIteration as stop:
-                result: Outcome = stop.value
-                return result
-            if time.monotonic() > look:
-                look = time.monotonic() + ALARM_EVERY_S
-                for alarm in quality.state().alarms:
-                    if alarm.what not in reported:
-                        reported.add(alarm.what)
-                        report(f"{alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
-            yield record
 
-    return run_work(watched(), quiet=quiet), quality
+def _watched(work: Work[Outcome], quality: LiveQuality) -> Work[Outcome]:
+    """Yield the progress of ``work``, and report every alarm once while there is time to act on it."""
+    from lfcal.cli.console import report
+
+    reported: set[str] = set()
+    look = time.monotonic() + ALARM_EVERY_S
+    while True:
+        try:
+            record = next(work)
+        except StopIteration as stop:
+            result: Outcome = stop.value
+            return result
+        if time.monotonic() > look:
+            look = time.monotonic() + ALARM_EVERY_S
+            for alarm in quality.state().alarms:
+                if alarm.what not in reported:
+                    reported.add(alarm.what)
+                    report(f"{alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
+        yield record
 
 
 @contextmanager
@@ -167,6 +207,7 @@ class _Cover:
         from lfcal.devices import DeviceError
 
         report(f"{'uncover' if on else 'cover'} the lens, then press Enter")
+        # End of input: without a person, the frames would be taken of a lens that is not covered.
         if not sys.stdin.readline():
             raise DeviceError("lens cover: nobody answered; run in a terminal, or record without darks (--darks 0)")
 
@@ -219,22 +260,22 @@ def _pairs(options: list[str]) -> dict[str, str]:
     return pairs
 
 
-def _check_stage(rig: Rig, scan: ScanPlan, options: Options, quiet: bool) -> None:
+def _check_stage(task: _Task, rig: Rig) -> None:
     from lfcal.acquire.session import check_devices
     from lfcal.acquire.setup import check_stage, iter_stage_fit
     from lfcal.cli.console import run_work
 
-    check_devices(scan, rig)
-    check_stage(run_work(iter_stage_fit(rig, scan, options=options), quiet=quiet), scan)
+    check_devices(task.plan, rig)
+    check_stage(run_work(iter_stage_fit(rig, task.plan, options=task.options), quiet=task.quiet), task.plan)
 
 
-def _show_forecast(scan: ScanPlan, rig: Rig, options: Options, out: Path, json: bool) -> None:
+def _show_forecast(task: _Task, rig: Rig) -> None:
     from lfcal.acquire.forecast import forecast
     from lfcal.cli.console import print_json, print_table
     from lfcal.units import format_bytes, format_seconds
 
-    found = forecast(scan, rig, options, out)
-    if json:
+    found = forecast(task.plan, rig, task.options, task.out)
+    if task.quiet:
         print_json(found)
         return
     rows = [
@@ -246,7 +287,7 @@ def _show_forecast(scan: ScanPlan, rig: Rig, options: Options, out: Path, json: 
         ["camera", found.camera],
         ["stage", found.stage],
     ]
-    print_table(["what", "value"], rows, title=f"{out}: nothing was moved or written")
+    print_table(["what", "value"], rows, title=f"{task.out}: nothing was moved or written")
 
 
 def _finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[str, Any]:
@@ -256,6 +297,7 @@ def _finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[s
 
     result: dict[str, Any] = {}
     if assemble is not None:
+        # A complete session has every position once: a gap would be a defect, and is not to be filled quietly.
         settings = AssemblySettings(strict=True)
         made = run_work(iter_assemble_session(out, assemble, settings=settings), quiet=quiet)
         with made.matrix as matrix:
@@ -281,4 +323,5 @@ def _report(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> 
         if outcome.how != "complete":
             typer.echo("  resume with --resume")
     if outcome.how != "complete":
+        # A session that was stopped is not a success: scripts must be able to see it.
         raise typer.Exit(130)

@@ -34,6 +34,7 @@ def command_modules(package: str, order: tuple[str, ...] = ()) -> list[ModuleTyp
     """Import the public modules of ``package`` that register commands, in ``order`` and then by name."""
     path = importlib.import_module(package).__path__
     names = sorted(m.name for m in pkgutil.iter_modules(path) if not m.name.startswith("_"))
+    # A stable sort: what is not named in the order stays sorted by name behind it.
     names.sort(key=lambda name: order.index(name) if name in order else len(order))
     loaded = [importlib.import_module(f"{package}.{name}") for name in names]
     return [module for module in loaded if hasattr(module, "register")]
@@ -53,11 +54,13 @@ def build_app() -> typer.Typer:
         no_args_is_help=True,
         add_completion=False,
         rich_markup_mode="markdown",
+        # Errors end in one line, printed by main; the traceback of a defect is left to Python.
         pretty_exceptions_enable=False,
     )
 
     @app.callback()
     def _root(
+        *,
         version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
     ) -> None:
         """PSF calibration and acquisition for plenoptic (light-field) cameras."""

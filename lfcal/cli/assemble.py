@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.cli.options import CompressionOption, JsonOption, WorkersOption
+
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
-    from lfcal.frames import Frames
+    from lfcal.frames import CorrectionRecipe, Frames
     from lfcal.psf.assemble import AssemblyReport
+    from lfcal.psf.assemble_plan import AssemblySettings
 
 
 def register(app: typer.Typer) -> None:
@@ -23,20 +27,23 @@ def command(
         help="Folder of frames, manifest (.csv, .json), one file of many frames, a recorded session, or a scan plan "
         "(.json), which the simulated camera then records."
     ),
+    *,
     out: Path = typer.Option(..., "--out", "-o", help="H file to write (.h5)."),
-    plan: Path = typer.Option(
+    plan: Path | None = typer.Option(
         None, "--plan", "-p", help="Scan plan (.json); the session's own, or plan.json beside the frames, by default."
     ),
-    manifest: Path = typer.Option(None, "--manifest", help="Manifest of the frames, if it does not lie with them."),
+    manifest: Path | None = typer.Option(
+        None, "--manifest", help="Manifest of the frames, if it does not lie with them."
+    ),
     pattern: str = typer.Option("", "--pattern", help="Positions from file names, e.g. 'z{z}_y{y}_x{x}.png'."),
     order: str = typer.Option("", "--order", help="Positions from the order of names: serpentine or raster."),
     dark: str = typer.Option(
         "", "--dark", help="Dark frame, or a folder of them to average; none: not even those recorded with the frames."
     ),
-    black_level: float = typer.Option(
+    black_level: float | None = typer.Option(
         None, "--black-level", help="Sample value of no light, where there is no dark frame; 0 says there is none."
     ),
-    white: Path = typer.Option(None, "--white", help="White image, or a folder of them to average."),
+    white: Path | None = typer.Option(None, "--white", help="White image, or a folder of them to average."),
     white_mode: str = typer.Option(
         "field", "--white-mode", help="field: the smooth fall of light, micro-images stay; pixels: pixel by pixel."
     ),
@@ -46,7 +53,7 @@ def command(
     exposure: str = typer.Option(
         "auto", "--exposure", help="auto: scale frames of unequal known exposure to one; none; or seconds to scale to."
     ),
-    saturation: float = typer.Option(None, "--saturation", help="Sample value of saturation."),
+    saturation: float | None = typer.Option(None, "--saturation", help="Sample value of saturation."),
     shift: int = typer.Option(0, "--shift", help="Bits by which left-aligned samples are moved down."),
     channel: str = typer.Option("", "--channel", help="Colour channel of a mosaic: R, G1, G2, B …"),
     cutout: str = typer.Option("", "--cutout", help="Odd number of pixels, ROWS,COLUMNS, or 'auto' by energy."),
@@ -58,21 +65,17 @@ def command(
         False, "--keep-pedestal", help="Accept frames whose black level nothing subtracts."
     ),
     dtype: str = typer.Option("uint16", "--dtype", help="Stored type: uint16 with a scale per plane, or float32."),
-    compression: str = typer.Option("gzip", "--compression", help="gzip, zstd or none."),
-    workers: int = typer.Option(None, "--workers", help="Threads; every processor by default."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    compression: CompressionOption = "gzip",
+    workers: WorkersOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Correct and crop point-source frames with the shifting cutout, and assemble them into H.
 
     Example: `lfcal assemble session/frames --dark session/dark --white session/white -o H.h5`
     """
-    import time
+    from lfcal.frames import CorrectionRecipe
+    from lfcal.psf.assemble_plan import AssemblySettings
 
-    from lfcal.cli.console import run_work
-    from lfcal.frames import CorrectionRecipe, corrected_view
-    from lfcal.psf.assemble_plan import AssemblySettings, iter_assemble_plan
-
-    start = time.perf_counter()
     recipe = CorrectionRecipe(
         dark=dark,
         black_level=black_level,
@@ -98,9 +101,21 @@ def command(
         workers=workers,
     )
     source, scan = open_scan(frames, plan, manifest=manifest, pattern=pattern, order=order)
+    _assemble(source, scan, recipe, settings, out=out, json=json)
+
+
+def _assemble(
+    source: Frames, plan: ScanPlan, recipe: CorrectionRecipe, settings: AssemblySettings, *, out: Path, json: bool
+) -> None:
+    """Correct, crop and write H; print what was made."""
+    from lfcal.cli.console import run_work
+    from lfcal.frames import corrected_view
+    from lfcal.psf.assemble_plan import iter_assemble_plan
+
+    start = time.perf_counter()
     with source:
-        view = corrected_view(source, recipe, scan)
-        report = run_work(iter_assemble_plan(view, scan, out, settings), quiet=json)
+        view = corrected_view(source, recipe, plan)
+        report = run_work(iter_assemble_plan(view, plan, out, settings), quiet=json)
     with report.matrix:
         show_report(report, out, time.perf_counter() - start, json)
 
@@ -128,6 +143,7 @@ def open_scan(
         raise InputError.expected(
             "scan plan", f"plan.json in {folder} or above", "none", "make one with lfcal plan, or name it"
         )
+    # A plan that is named replaces the recorded one: its cutout and anchor may have been corrected since.
     if own is None or plan is None:
         return source, own or found  # type: ignore[return-value]  # one of them is there
     assert found is not None
@@ -145,6 +161,7 @@ def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
     from lfcal.files import storage_errors
 
     folder = frames if frames.is_dir() else frames.parent
+    # Beside the frames, or one folder above: where lfcal simulate puts it.
     places = [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]
     if not places:
         return None
@@ -195,6 +212,7 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
     for note in report.notes:
         line(f"note: {note}")
     size = format_bytes(out.stat().st_size)
+    # What the cutout, by whole pixels, leaves of the fractional shifts of the micro-images.
     rows, columns = report.residual_px
     typer.echo(f"{out}: H {matrix.shape} from {report.frames} frames, {size} in {format_seconds(seconds)}")
     typer.echo(f"sub-pixel residual left by the cutout: {rows:.2f} rows, {columns:.2f} columns (px)")

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.options import JsonOption
+
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.frames import Frames
@@ -39,7 +41,7 @@ class _Steps:
 
 def command(
     out: Path = typer.Argument(Path("demo_out"), help="Folder to write into."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Run the main job on the sample session: frames, H, its transpose, pictures, a report, a MATLAB file.
 
@@ -134,6 +136,7 @@ def _against_truth(matrix: PSFMatrix, plan: ScanPlan, out: Path, steps: _Steps) 
         with truth:
             found = compare(matrix, truth)
         made.append("truth.h5")
+    # The sample camera is simulated, so the truth is known.
     words = f"correlation with the simulated truth {found.correlation:.4f}, largest centroid shift "
     words += f"{found.max_shift_px:.2f} px"
     return {"correlation": found.correlation, "max_shift_px": found.max_shift_px, "words": words}

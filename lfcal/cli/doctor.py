@@ -1,4 +1,4 @@
-"""``lfcal doctor``: what this machine has, and why not the rest."""
+"""``lfcal doctor``: what this machine has, and the reason for what is absent."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import typer
+
+from lfcal.cli.options import JsonOption
+from lfcal.registry import Registry
 
 LIBRARIES = (
     "numpy",
@@ -40,8 +43,8 @@ def register(app: typer.Typer) -> None:
     app.command("doctor")(command)
 
 
-def command(json: bool = typer.Option(False, "--json", help="Print the result as JSON.")) -> None:
-    """List versions, processors, memory, disk, caches and devices, with the reason for what is absent.
+def command(json: JsonOption = False) -> None:
+    """List versions, processors, memory, disk, caches, devices and broken plug-ins, with the reason for each fault.
 
     Example: `lfcal doctor`
     """
@@ -58,10 +61,12 @@ def command(json: bool = typer.Option(False, "--json", help="Print the result as
     print_table(["library", "version"], libraries)
     devices = [[d["name"], d["title"], d["version"] or escape(f"absent: {d['reason']}")] for d in found["devices"]]
     print_table(["devices", "what", "found"], devices)
+    if found["plugins"]:
+        print_table(["plug-in left out", "why"], [[p["name"], escape(p["reason"])] for p in found["plugins"]])
 
 
 def examine() -> dict[str, Any]:
-    """Return what was found as plain values: ``machine``, ``libraries`` (None if absent), ``devices``."""
+    """Return what was found as plain values: ``machine``, ``libraries`` (None if absent), ``devices``, ``plugins``."""
     from dataclasses import asdict
 
     from lfcal import __version__
@@ -81,7 +86,26 @@ def examine() -> dict[str, Any]:
         "numba cache": _numba_cache(),
     }
     libraries = {name: _version(name) for name in LIBRARIES}
-    return {"machine": machine, "libraries": libraries, "devices": [asdict(f) for f in find_backends()]}
+    devices = [asdict(found) for found in find_backends()]
+    return {"machine": machine, "libraries": libraries, "devices": devices, "plugins": broken_plugins()}
+
+
+def broken_plugins() -> list[dict[str, str]]:
+    """Return the plug-ins that could not be loaded: ``kind`` of part, ``name`` of the entry point, ``reason``."""
+    from lfcal.devices.registry import BACKENDS
+    from lfcal.frames.formats.opening import FORMATS
+    from lfcal.frames.opening import SOURCES
+    from lfcal.psf.quality import METRICS
+    from lfcal.reconstruct.solvers.choice import SOLVERS
+    from lfcal.simulate.effects import CATALOGUE
+
+    # In the order of the data, as the commands are.
+    registries: tuple[Registry[Any], ...] = (FORMATS, SOURCES, CATALOGUE, SOLVERS, METRICS, BACKENDS)
+    return [
+        {"kind": registry.what, "name": name, "reason": reason}
+        for registry in registries
+        for name, reason in registry.failures().items()
+    ]
 
 
 def _version(name: str) -> str | None:
@@ -100,6 +124,7 @@ def _memory_bytes() -> int:
     if sys.platform == "win32":
         import ctypes
 
+        # GlobalMemoryStatusEx fills eight 64-bit fields, of which the first holds two of 32 bits.
         status = (ctypes.c_ulonglong * 8)(64)  # MEMORYSTATUSEX: its length, then the sizes
         ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status))
         return int(status[1])
@@ -111,6 +136,7 @@ def _numba_cache() -> str:
     import lfcal
 
     folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(lfcal.__file__).parent / "__pycache__")
+    # numba makes the folder when it first writes: until then its parent decides.
     place = folder if folder.exists() else folder.parent
     if os.access(place, os.W_OK):
         return str(folder)

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+
+from lfcal.cli.options import JsonOption, MatrixArgument
+from lfcal.errors import InputError
+
+if TYPE_CHECKING:
+    from lfcal.psf import PSFMatrix
 
 
 def register(app: typer.Typer) -> None:
@@ -14,7 +21,8 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    source: Path = typer.Argument(help="H file (.h5), MATLAB v7.3 file (.mat) or .npy array."),
+    source: MatrixArgument,
+    *,
     out: Path = typer.Option(..., "--out", "-o", help="File to write; its suffix says the format: .h5 .mat .npy .tif"),
     transposed: bool = typer.Option(False, "--transposed", help="Export HT in place of H (.h5, .npy, .tif)."),
     no_ht: bool = typer.Option(False, "--no-ht", help=".mat: leave Ht out; halves the file."),
@@ -23,44 +31,70 @@ def command(
     ),
     uncompressed: bool = typer.Option(False, "--uncompressed", help=".mat, .h5: no compression; faster to read."),
     position: str = typer.Option("", help=".tif: only the stack over depth of one position, 'y,x'."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Export H (and Ht) for a deconvolution code.
 
     Example: `lfcal export H.h5 -o H.mat`
     """
-    import time
-
-    from lfcal.cli.console import print_json, report, run_work
-    from lfcal.errors import InputError
+    from lfcal.cli.console import print_json, run_work
     from lfcal.psf.export import iter_export
     from lfcal.psf.opening import open_psf
     from lfcal.units import format_bytes, format_seconds
 
     suffix = out.suffix.lower()
-    options: dict[str, Any] = {}
-    if suffix == ".mat":
-        options = {"include_transpose": not no_ht, "rows_first": rows_first, "compress": not uncompressed}
-        if transposed:
-            raise InputError("--transposed: a .mat file holds both H and Ht; leave the option out")
-    elif suffix == ".h5" and uncompressed:
-        options = {"compression": "none"}
-    elif suffix in (".tif", ".tiff") and position:
-        try:
-            y, x = (int(part) for part in position.split(","))
-        except ValueError:
-            raise InputError.expected("--position", "y,x", position, "for example --position 9,16") from None
-        options = {"position": (y, x)}
+    given = {"--no-ht": no_ht, "--rows-first": rows_first, "--uncompressed": uncompressed, "--position": bool(position)}
+    _check_given(suffix, {**given, "--transposed": transposed})
+    mat = {"include_transpose": not no_ht, "rows_first": rows_first, "compress": not uncompressed}
+    options = mat if suffix == ".mat" else _other_options(suffix, uncompressed, position)
     start = time.perf_counter()
     with open_psf(source) as matrix:
-        if suffix == ".mat" and matrix.period[0] != matrix.period[1] and not json:
-            ny, nx = matrix.period
-            report(f"note: the period is {ny} x {nx}; codes that take one square period (Nnum) cannot use this H")
+        if suffix == ".mat" and not json:
+            _warn_of_period(matrix)
         written = run_work(iter_export(matrix.T if transposed else matrix, out, **options), quiet=json)
         shape = matrix.shape
     seconds = time.perf_counter() - start
+    # A TIFF of many stacks is written under other names: one per plane.
     size = written.stat().st_size if written.exists() else 0
     if json:
         print_json({"out": written, "shape": shape, "file_bytes": size, "seconds": seconds})
     else:
         typer.echo(f"{written}: {shape}, {format_bytes(size)} in {format_seconds(seconds)}")
+
+
+_KNOWN_TO = {
+    "--no-ht": (".mat",),
+    "--rows-first": (".mat",),
+    "--uncompressed": (".mat", ".h5"),
+    "--position": (".tif", ".tiff"),
+}
+"""Formats that an option is for; the others would ignore it without a word."""
+
+
+def _check_given(suffix: str, given: dict[str, bool]) -> None:
+    if given["--transposed"] and suffix == ".mat":
+        raise InputError("--transposed: a .mat file holds both H and Ht; leave the option out")
+    for option, suffixes in _KNOWN_TO.items():
+        if given[option] and suffix not in suffixes:
+            raise InputError.expected(option, f"a {' or '.join(suffixes)} file", suffix or "no suffix", "leave it out")
+
+
+def _other_options(suffix: str, uncompressed: bool, position: str) -> dict[str, Any]:
+    """Return what `iter_export` is asked for in the formats that are not MATLAB's."""
+    if suffix == ".h5" and uncompressed:
+        return {"compression": "none"}
+    if suffix in (".tif", ".tiff") and position:
+        try:
+            y, x = (int(part) for part in position.split(","))
+        except ValueError:
+            raise InputError.expected("--position", "y,x", position, "for example --position 9,16") from None
+        return {"position": (y, x)}
+    return {}
+
+
+def _warn_of_period(matrix: PSFMatrix) -> None:
+    from lfcal.cli.console import report
+
+    ny, nx = matrix.period
+    if ny != nx:
+        report(f"note: the period is {ny} x {nx}; codes that take one square period (Nnum) cannot use this H")

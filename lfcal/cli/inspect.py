@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.options import JsonOption, MatrixArgument, WorkersOption
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -24,32 +26,32 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    source: Path = typer.Argument(help="H file (.h5), MATLAB v7.3 file (.mat) or .npy array."),
+    source: MatrixArgument,
+    *,
     report: Path | None = typer.Option(None, "--report", help="Folder for an HTML report with redo.json."),
     reference: Path | None = typer.Option(None, "--reference", help="H of the same shape to compare with."),
     session: Path | None = typer.Option(
-        None, "--session", help="Session folder with control frames: how true the tiling is over the field."
+        None,
+        "--session",
+        help="Session folder with control frames: how well one period of H stands for the whole field.",
     ),
     strict: bool = typer.Option(False, "--strict", help="End with exit code 1 when a metric is bad."),
-    workers: int | None = typer.Option(None, help="Threads; every processor by default."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    workers: WorkersOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Measure the quality of H: every metric with its merit, the aperture of each plane, what to do.
 
     Example: `lfcal inspect H.h5 --report report/`
     """
     from lfcal.cli.console import print_json, run_work
-    from lfcal.errors import StorageError
     from lfcal.psf.compare import iter_compare
     from lfcal.psf.opening import open_psf
-    from lfcal.psf.quality import METRICS, iter_inspect
+    from lfcal.psf.quality import iter_inspect
 
-    for why in METRICS.failures().values():
-        typer.echo(f"left out: {why}", err=True)
-    if report is not None and report.exists() and not report.is_dir():
-        raise StorageError.expected(str(report), "a folder for the report", "a file", "name a folder")
+    _check_before(report)
     with ExitStack() as files:
         H = files.enter_context(open_psf(source))
+        # The metrics are about the images of points: an HT file is inspected as the H it came from.
         H = H.T if H.is_transposed else H
         other = None if reference is None else files.enter_context(open_psf(reference))
         comparison = None
@@ -69,6 +71,17 @@ def command(
         raise typer.Exit(1)
 
 
+def _check_before(report: Path | None) -> None:
+    """Say which metrics of others are left out; raise `StorageError` where no report can be written."""
+    from lfcal.errors import StorageError
+    from lfcal.psf.quality import METRICS
+
+    for why in METRICS.failures().values():
+        typer.echo(f"left out: {why}", err=True)
+    if report is not None and report.exists() and not report.is_dir():
+        raise StorageError.expected(str(report), "a folder for the report", "a file", "name a folder")
+
+
 def control_frames(session: Path, H: PSFMatrix) -> Controls:
     """Return the control frames of a session, cut out like H, and where they were taken, by depth plane."""
     import numpy as np
@@ -81,7 +94,9 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
     for check in read_checks(session):
         if check.kind != Kind.CONTROL or check.position.z >= len(H):
             continue
+        # Control frames may have a margin around the cutout: the same pixels as in H are compared.
         top, left = ((n - m) // 2 for n, m in zip(check.frame.shape, H.cutout, strict=True))
+        # Smaller frames cannot have been recorded with this H; padding them would invent light.
         if min(top, left) < 0:
             raise InputError.expected(
                 "control frames",
@@ -91,6 +106,7 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
             )
         frames, places = found.setdefault(check.position.z, ([], []))
         frames.append(check.frame[top : top + H.cutout[0], left : left + H.cutout[1]])
+        # Where the source was, in periods from H's own cell: the tiling is tested far from it.
         places.append(np.array(H.anchor) + check.position[1:] + np.array(check.periods) * H.period)
     if not found:
         raise InputError.expected(

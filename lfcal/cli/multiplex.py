@@ -10,6 +10,7 @@ import typer
 
 from lfcal.cli import multiplex_figures as pictures
 from lfcal.cli.console import print_json, print_table, run_work
+from lfcal.cli.options import Chi2Option, GainOption, JsonOption, PresetOption
 from lfcal.errors import InputError
 from lfcal.multiplex.naming import modulator_of
 
@@ -56,15 +57,16 @@ def _text(value: float | None, form: str = ".4g") -> str:
 
 def compare(
     modulators: list[str] = typer.Argument(help="Such as Bayer CYMG RG/BW, or pinhole:11 MURA:11 lenslet:11."),
+    *,
     reference: str | None = typer.Option(None, help="Gains are over this one; the first by default."),
-    chi2: float | None = typer.Option(None, min=0, help="Photon over additive noise variance of the camera."),
-    camera: str | None = typer.Option(None, help="Preset or camera file; its chi^2 is taken from full well and noise."),
-    gain: float = typer.Option(1.0, help="Amplifier gain of the camera."),
+    chi2: Chi2Option = None,
+    camera: PresetOption = None,
+    gain: GainOption = 1.0,
     monte_carlo: int = typer.Option(0, min=0, help="Also measure the gain on this many simulated super-pixels."),
     out: Path | None = typer.Option(None, "--out", "-o", help="Draw the gain over chi^2 as PNG."),
-    json: bool = typer.Option(False, "--json", help="Print everything as JSON."),
+    json: JsonOption = False,
 ) -> None:
-    """Tell transmission, noise amplification, rank and gain of modulators.
+    """Show transmission, noise amplification, rank and gain of modulators.
 
     Example: `lfcal multiplex compare Bayer CYMG RGBW X-Trans --camera r29 -o gain.png`
     """
@@ -90,10 +92,13 @@ def _measured(modulator: Modulator, base: Modulator, trials: int) -> list[float 
 
     from lfcal.multiplex import monte_carlo_gain
 
+    # Gains are ratios of noise: both must recover all channels, and as many.
     if not modulator.rank() == modulator.count == base.count:
         return [None, None]
     return [
-        monte_carlo_gain(modulator, base, chi2, rng=np.random.default_rng(1), trials=trials) for chi2 in (0.0, math.inf)
+        # The same seed for every modulator: differences between them are not those of the draw.
+        monte_carlo_gain(modulator, base, chi2, rng=np.random.default_rng(1), trials=trials)
+        for chi2 in (0.0, math.inf)
     ]
 
 
@@ -145,6 +150,7 @@ def _lost(lost: dict[str, float]) -> str:
 
 def show(
     modulator: str = typer.Argument(help="Such as X-Trans, RGB/GBR, MURA:11 or lenslet:5*Bayer."),
+    *,
     out: Path = typer.Option(..., "--out", "-o", help="PNG with pattern, spectrum, Sigma and Pi."),
 ) -> None:
     """Draw a modulator: its pattern, spectrum and both bases.
@@ -158,6 +164,7 @@ def show(
 
 def demosaic(
     frame: Path = typer.Argument(help="RAW, TIFF, PNG, NPY … of a colour mosaic."),
+    *,
     out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF of red, green and blue."),
     pattern: str | None = typer.Option(None, help="Filters, e.g. GRBG; RAW files know theirs."),
     route: str = typer.Option("spatial", help="spatial or fourier."),
@@ -176,6 +183,7 @@ def demosaic(
     mosaic = pattern or str(image.metadata.get("cfa", ""))
     if not mosaic:
         raise InputError.expected(f"colour filters of {frame}", "a pattern", "none", "give --pattern, e.g. GRBG")
+    # A RAW file may state a level for each colour filter.
     levels = image.metadata.get("black_level", 0) if dark is None else dark
     light = pictures.without_dark(image.read(page), levels)
     image.close()
@@ -184,6 +192,7 @@ def demosaic(
 
 def views(
     frame: Path = typer.Argument(help="Light-field frame."),
+    *,
     white: Path = typer.Option(..., help="White image of the same camera; the lattice is measured on it."),
     out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF, one page per view by rows."),
     size: int = typer.Option(0, min=0, help="Views along a side; as many as fit the pitch by default."),
@@ -206,6 +215,7 @@ def views(
     if modulator is not None:
         found = demultiplex_lattice(light, lattice, modulator_of(modulator), filter=filter)
     else:
+        # An odd number of views has one in the middle, through the centre of the pupil.
         count = size or max(1, (int(min(lattice.pitch_px)) - 1) // 2 * 2 + 1)
         found = lattice_channels(light, lattice, count, filter=filter)
         found = found.reshape(-1, *found.shape[2:])
@@ -214,11 +224,12 @@ def views(
 
 def search(
     what: str = typer.Argument("filters", help="filters, or a mask's size such as 11."),
-    chi2: float | None = typer.Option(None, min=0, help="Photon over additive noise variance of the camera."),
-    camera: str | None = typer.Option(None, help="Preset or camera file instead of --chi2."),
-    gain: float = typer.Option(1.0, help="Amplifier gain of the camera."),
+    *,
+    chi2: Chi2Option = None,
+    camera: PresetOption = None,
+    gain: GainOption = 1.0,
     out: Path | None = typer.Option(None, "--out", "-o", help="Draw the frontier as PNG."),
-    json: bool = typer.Option(False, "--json", help="Print everything as JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Search filter sets or masks for the best gain at a camera's chi^2.
 
@@ -242,9 +253,10 @@ def search(
 
 
 def filters(
+    *,
     size: int = typer.Option(256, min=64, max=4096, help="Pixels along a side of the scenes."),
     out: Path | None = typer.Option(None, "--out", "-o", help="Draw error against time as PNG."),
-    json: bool = typer.Option(False, "--json", help="Print everything as JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Compare reconstruction routes and filters: error, ringing and time on a smooth and on a sharp-edged scene.
 
@@ -255,6 +267,7 @@ def filters(
 
 def figures(
     folder: Path = typer.Argument(help="Folder for the pictures."),
+    *,
     raw: Path | None = typer.Option(None, help="RAW frame for figure 3 in place of the drawn scene."),
     camera: str | None = typer.Option(None, help="Preset or camera file to mark in figure 6."),
     seed: int = typer.Option(1, help="Seed of the noise in figure 7."),

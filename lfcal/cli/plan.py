@@ -10,11 +10,12 @@ import typer
 
 from lfcal.camera import PRESETS, Camera, Forecast, ScanPlan, StageAxes, preset, read_raytrix_xml
 from lfcal.cli.console import print_json, print_table
+from lfcal.cli.options import CameraArgument, CutoutOption, DepthsOption, JsonOption, VirtualDepthsOption
 from lfcal.errors import InputError, StorageError
 from lfcal.files import replace_whole, storage_errors
 from lfcal.units import format_bytes, format_length, format_seconds
 
-__all__ = ["load_camera", "parse_depths", "parse_pair", "register"]
+__all__ = ["load_camera", "parse_cutout", "parse_depths", "parse_pair", "parse_planes", "register"]
 
 UNITS = {"": 1.0, "um": 1.0, "µm": 1.0, "mm": 1e3}
 MAX_PLANES = 10_000
@@ -32,6 +33,7 @@ def load_camera(name: str) -> Camera:
     if path.suffix.lower() == ".xml":
         return read_raytrix_xml(path)
     with storage_errors(path), path.open("rb") as file:
+        # Read up to a limit: a path to a device or a large frame must not fill the memory.
         data = file.read(MAX_JSON + 1)
     if len(data) > MAX_JSON:
         raise InputError.expected(str(path), "a camera description of a few kB", "a large file", "check the path")
@@ -50,6 +52,7 @@ def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:
     if "," in text or len(values) != 3 or values[2] == 0:
         raise InputError.expected("planes", "a,b,c or start:stop:step", repr(text), "for example 2:5.5:0.5")
     start, stop, step = values
+    # Rounded generously: 0.1:0.7:0.1 means seven planes, though 0.6 / 0.1 is below 6 in floating point.
     count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
     if not 1 <= count <= MAX_PLANES:
         raise InputError.expected(
@@ -61,6 +64,7 @@ def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:
 def _number(field: str, lengths: bool) -> float:
     match = re.fullmatch(r"\s*([-+−]?[0-9.]+(?:[eE][-+]?\d+)?)\s*(um|µm|mm)?\s*", field)
     try:
+        # Virtual depths are ratios: a unit shows that the wrong option was used.
         if match is None or (match[2] and not lengths):
             raise ValueError
         return float(match[1].replace("−", "-")) * UNITS[match[2] or ""]
@@ -79,6 +83,32 @@ def parse_pair(text: str, what: str) -> tuple[float, float]:
     except ValueError:
         pass
     raise InputError.expected(what, "one number or two (rows,columns)", repr(text), "for example 181 or 181,181")
+
+
+def parse_planes(depths: str, virtual_depths: str) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
+    """Return the planes given as depths (µm) and as virtual depths, one of them None."""
+    if bool(depths) == bool(virtual_depths):
+        raise InputError("planes: give --depths (µm) or --virtual-depths, for example --virtual-depths 2:5.5:0.5")
+    if depths:
+        return parse_depths(depths, lengths=True), None
+    return None, parse_depths(virtual_depths, lengths=False)
+
+
+def parse_cutout(text: str) -> tuple[int, int] | None:
+    """Return the cutout ``"a"`` or ``"a,b"`` in pixels (rows, columns); None for the one that geometry gives."""
+    if not text:
+        return None
+    rows, columns = parse_pair(text, "cutout")
+    if not (rows.is_integer() and columns.is_integer()):
+        raise InputError.expected("cutout", "whole numbers of pixels", f"{rows:g}, {columns:g}", "correct it")
+    return int(rows), int(columns)
+
+
+def _stage_axes(text: str) -> StageAxes:
+    axes = [axis.strip() for axis in text.split(",")]
+    if len(axes) != 3:
+        raise InputError.expected("stage axes", "three, such as +x,-y,+z", repr(text), "correct them")
+    return StageAxes(axes[0], axes[1], axes[2])
 
 
 def _rows(plan: ScanPlan, forecast: Forecast, speed: float) -> list[list[str]]:
@@ -149,62 +179,58 @@ def _as_json(plan: ScanPlan, forecast: Forecast) -> dict[str, object]:
 
 
 def register(app: typer.Typer) -> None:
-    """Add ``plan``."""
-
-    @app.command()
-    def plan(
-        camera: str = typer.Argument(..., help="Preset, camera JSON or Raytrix XML."),
-        depths: str = typer.Option("", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
-        virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B."),
-        cutout: str = typer.Option("", help="Pixels kept, odd: 181 or ROWS,COLUMNS; by default by geometry."),
-        anchor: str = typer.Option("", help="Sensor ROW,COLUMN of the image at y = x = 0; by default centred."),
-        resample: bool = typer.Option(False, help="Scale the frames so that the period is whole."),
-        order: str = typer.Option("serpentine", help="serpentine or raster."),
-        stage: str = typer.Option("+x,+y,+z", help="Stage axes that move the image right, down, the source away."),
-        exposure: float = typer.Option(0.02, help="Exposure (s)."),
-        settle: float = typer.Option(0.05, help="Wait after each move (s)."),
-        average: int = typer.Option(1, help="Frames per position."),
-        speed: float = typer.Option(1000.0, help="Speed of the stage (µm/s)."),
-        out: Path | None = typer.Option(None, "-o", "--out", help="Write the plan as JSON."),
-        json: bool = typer.Option(False, "--json", help="Print JSON."),
-    ) -> None:
-        """Plan a scan and show what it costs.
-
-        Example: `lfcal plan r29 --virtual-depths 2:5.5:0.35 -o plan.json`
-        """
-        if bool(depths) == bool(virtual_depths):
-            raise InputError("planes: give --depths (µm) or --virtual-depths, for example --virtual-depths 2:5.5:0.5")
-        described = load_camera(camera)
-        window = parse_pair(cutout, "cutout") if cutout else None
-        axes = stage.split(",")
-        if len(axes) != 3:
-            raise InputError.expected("stage axes", "three, such as +x,-y,+z", repr(stage), "correct them")
-        made = ScanPlan.for_camera(
-            described,
-            depths_um=parse_depths(depths, lengths=True) if depths else None,
-            virtual_depths=parse_depths(virtual_depths, lengths=False) if virtual_depths else None,
-            cutout=_whole(window) if window else None,
-            anchor=parse_pair(anchor, "anchor") if anchor else None,
-            order=order,
-            stage=StageAxes(axes[0].strip(), axes[1].strip(), axes[2].strip()),
-            exposure_s=exposure,
-            settle_s=settle,
-            frames_averaged=average,
-            resample=resample,
-        )
-        forecast = Forecast.of(made, stage_um_per_s=speed)
-        if out is not None:
-            with replace_whole(out) as part:
-                part.write_text(made.to_json(), encoding="utf-8")
-        if json:
-            print_json(_as_json(made, forecast))
-            return
-        print_table(["scan plan", "value"], _rows(made, forecast, speed))
-        if out is not None:
-            typer.echo(f"written: {out}")
+    """Add ``plan`` to the app."""
+    app.command("plan")(command)
 
 
-def _whole(pair: tuple[float, float]) -> tuple[int, int]:
-    if any(not value.is_integer() for value in pair):
-        raise InputError.expected("cutout", "whole numbers of pixels", f"{pair[0]:g}, {pair[1]:g}", "correct it")
-    return int(pair[0]), int(pair[1])
+def command(
+    camera: CameraArgument,
+    *,
+    depths: DepthsOption = "",
+    virtual_depths: VirtualDepthsOption = "",
+    cutout: CutoutOption = "",
+    anchor: str = typer.Option("", help="Sensor ROW,COLUMN of the image at y = x = 0; by default centred."),
+    resample: bool = typer.Option(False, "--resample", help="Scale the frames so that the period is whole."),
+    order: str = typer.Option("serpentine", help="serpentine or raster."),
+    stage: str = typer.Option("+x,+y,+z", help="Stage axes that move the image right, down, the source away."),
+    exposure: float = typer.Option(0.02, help="Exposure (s)."),
+    settle: float = typer.Option(0.05, help="Wait after each move (s)."),
+    average: int = typer.Option(1, help="Frames per position."),
+    speed: float = typer.Option(1000.0, help="Speed of the stage (µm/s)."),
+    out: Path | None = typer.Option(None, "-o", "--out", help="Write the plan as JSON."),
+    json: JsonOption = False,
+) -> None:
+    """Plan a scan and show what it costs.
+
+    Example: `lfcal plan r29 --virtual-depths 2:5.5:0.35 -o plan.json`
+    """
+    lengths, virtual = parse_planes(depths, virtual_depths)
+    plan = ScanPlan.for_camera(
+        load_camera(camera),
+        depths_um=lengths,
+        virtual_depths=virtual,
+        cutout=parse_cutout(cutout),
+        anchor=parse_pair(anchor, "anchor") if anchor else None,
+        order=order,
+        stage=_stage_axes(stage),
+        exposure_s=exposure,
+        settle_s=settle,
+        frames_averaged=average,
+        resample=resample,
+    )
+    _show(plan, speed, out, json)
+
+
+def _show(plan: ScanPlan, speed: float, out: Path | None, json: bool) -> None:
+    """Write the plan where asked, and print it with its cost."""
+    # Forecast before writing: a speed that makes no sense must leave no file behind.
+    forecast = Forecast.of(plan, stage_um_per_s=speed)
+    if out is not None:
+        with replace_whole(out) as part:
+            part.write_text(plan.to_json(), encoding="utf-8")
+    if json:
+        print_json(_as_json(plan, forecast))
+        return
+    print_table(["scan plan", "value"], _rows(plan, forecast, speed))
+    if out is not None:
+        typer.echo(f"written: {out}")

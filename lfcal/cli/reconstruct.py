@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from lfcal.cli.options import JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -15,9 +18,14 @@ if TYPE_CHECKING:
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.resample import Resampling
     from lfcal.reconstruct.series import FrameResult
+    from lfcal.reconstruct.solvers.choice import SolverChoice
     from lfcal.reconstruct.solvers.records import Reconstruction
 
 Reader = Callable[[], "NDArray[Any]"]
+"""Reads a frame when its turn comes."""
+
+Cleaner = Callable[["NDArray[Any]"], "NDArray[Any]"]
+"""What is done to a frame before it is reconstructed."""
 
 
 def register(app: typer.Typer) -> None:
@@ -27,41 +35,44 @@ def register(app: typer.Typer) -> None:
 
 def command(
     psf: Path = typer.Argument(help="H file (.h5), or one of another code (.mat, .npy)."),
-    frame: Path = typer.Argument(None, help="Light-field frame; leave out with --batch."),
-    out: Path = typer.Option(None, "--out", "-o", help="Volume to write: .tif, .h5 or .npy; a folder with --batch."),
-    batch: Path = typer.Option(None, "--batch", help="Folder of frames, or a stack: a time series."),
+    frame: Path | None = typer.Argument(None, help="Light-field frame; leave out with --batch."),
+    *,
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="Volume to write: .tif, .h5 or .npy; a folder with --batch."
+    ),
+    batch: Path | None = typer.Option(None, "--batch", help="Folder of frames, or a stack: a time series."),
     suffix: str = typer.Option(".tif", "--format", help="With --batch: .tif, .h5 or .npy."),
     solver: str = typer.Option("rl", "--solver", help="Solver; --solver list shows all."),
     iterations: int = typer.Option(20, "--iterations", "-n", help="Iterations."),
     method: str = typer.Option("auto", "--method", help="Projection: auto, polyphase, direct, sparse or fft."),
     threshold: float = typer.Option(0.0, "--threshold", help="Take entries of H below this share of the peak as 0."),
-    dark: Path = typer.Option(None, "--dark", help="Dark frame, or a folder of them to average."),
-    white: Path = typer.Option(None, "--white", help="White frame, or a folder of them to average."),
+    dark: Path | None = typer.Option(None, "--dark", help="Dark frame, or a folder of them to average."),
+    white: Path | None = typer.Option(None, "--white", help="White frame, or a folder of them to average."),
     resample: bool = typer.Option(False, "--resample", help="Resample to H's period by the lattice in --white."),
     anchor: str = typer.Option("", "--anchor", help="Pixel ROW,COLUMN of H's position (0, 0); H's own by default."),
     background: float = typer.Option(0.0, "--background", help="Counts of a pixel without any source."),
     read_noise: float = typer.Option(0.0, "--read-noise", help="Rms read noise (counts)."),
-    saturation: float = typer.Option(None, "--saturation", help="Leave out pixels at or above this value (counts)."),
-    strength: float = typer.Option(None, "--strength", help="Weight of the penalty (rl-tv, rl-tikhonov, cg)."),
-    subsets: int = typer.Option(None, "--subsets", help="Subsets of osem; view blocks per axis of phase-space."),
-    tolerance: float = typer.Option(0.0, "--tolerance", help="Stop when the relative change falls below."),
+    saturation: float | None = typer.Option(
+        None, "--saturation", help="Leave out pixels at or above this value (counts)."
+    ),
+    strength: float | None = typer.Option(None, "--strength", help="Weight of the penalty (rl-tv, rl-tikhonov, cg)."),
+    subsets: int | None = typer.Option(None, "--subsets", help="Subsets of osem; view blocks per axis of phase-space."),
+    tolerance: float = typer.Option(0.0, "--tolerance", min=0, help="Stop when the relative change falls below."),
     warm: bool = typer.Option(False, "--warm", help="With --batch: start each frame from the last volume."),
     double: bool = typer.Option(False, "--double", help="Compute in double precision."),
-    memory: float = typer.Option(None, "--memory", help="Most memory for projections (GB); half of what is free."),
-    workers: int = typer.Option(None, "--workers", help="Threads; every processor by default."),
+    memory: float | None = typer.Option(
+        None, "--memory", help="Most memory for projections (GB); half of what is free."
+    ),
+    workers: WorkersOption = None,
     forecast: bool = typer.Option(False, "--forecast", help="Say what it will cost, and stop."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    json: JsonOption = False,
 ) -> None:
     """Reconstruct the volume behind a light-field frame, or those behind a time series, with H.
 
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
-    from dataclasses import asdict
-
-    from lfcal.cli.console import report, run_work
     from lfcal.psf import open_psf
     from lfcal.reconstruct.projectors.projector import Projector
-    from lfcal.reconstruct.series import check_warm, iter_series
     from lfcal.reconstruct.solvers.choice import SolverChoice
     from lfcal.reconstruct.volumes import check_suffix
 
@@ -69,17 +80,12 @@ def command(
         _list_solvers()
         return
     choice = SolverChoice(solver, iterations, background, read_noise, saturation, strength, subsets, tolerance)
-    if warm:
-        check_warm(choice)
-    _check_paths(frame, out, batch, forecast)
-    frames = list(_frames(batch or frame))
-    _check_names([name for name, _ in frames])
+    task = _Task(list(_frames(_source(frame, batch, wanted=out is not None or forecast))), choice, warm, json)
     with open_psf(psf) as H:
         view = _view(H, white) if resample else None
-        shape = view.shape if view is not None else frames[0][1]().shape
         P = Projector(
             H,
-            shape,
+            task.shape if view is None else view.shape,
             _anchor(anchor, view, H),
             method,
             dtype="float64" if double else "float32",
@@ -87,21 +93,63 @@ def command(
             memory_limit=None if memory is None else int(memory * 1e9),
             workers=workers,
         )
-        if forecast:
-            _show_forecast(P, choice, len(frames), json)
+        if forecast or out is None:
+            _show_forecast(P, choice, len(task.frames), json)
             return
-        targets = {name: check_suffix(out / f"{name}{suffix}" if batch else out) for name, _ in frames}
-        details = {"psf": psf.name, "solver": asdict(choice), "method": P.method, "anchor": P.grid.anchor}
-        save = partial(_save, P, targets, details)
-        clean = _cleaner(dark, white, view)
-        weights = None if view is None else view.inside(frames[0][1]().shape)
-        cleaned = [(name, partial(_cleaned, read, clean)) for name, read in frames]
-        work = iter_series(P, cleaned, len(frames), choice, save, weights=weights, warm=warm)
-        if not json:
-            report(str(P.forecast()))
-        run_work(P.iter_prepare(), quiet=json)
-        results = run_work(work, quiet=json)
+        targets = {name: check_suffix(out / f"{name}{suffix}" if batch else out) for name, _ in task.frames}
+        save = partial(_save, P, targets, {"psf": psf.name, **task.details(P)})
+        results = _solve(task, P, _cleaner(dark, white, view), view, save)
     _show_results(P, results, targets, json)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Frames by name, and how the volumes behind them are sought.
+
+    Raises
+    ------
+    InputError
+        If two frames have the same name, or a warm start is asked of a solver that knows none.
+    """
+
+    frames: list[tuple[str, Reader]]
+    choice: SolverChoice
+    warm: bool
+    quiet: bool
+
+    def __post_init__(self) -> None:
+        from lfcal.reconstruct.series import check_warm
+
+        if self.warm:
+            check_warm(self.choice)
+        _check_names([name for name, _ in self.frames])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the first frame, as recorded."""
+        rows, columns = self.frames[0][1]().shape
+        return rows, columns
+
+    def details(self, P: Projector) -> dict[str, Any]:
+        """Return what is written into the volume about how it was made."""
+        return {"solver": asdict(self.choice), "method": P.method, "anchor": P.grid.anchor}
+
+
+def _solve(
+    task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, save: Callable[[str, Reconstruction], None]
+) -> tuple[FrameResult, ...]:
+    """Reconstruct and save frame by frame; one volume is in memory at a time."""
+    from lfcal.cli.console import report, run_work
+    from lfcal.reconstruct.series import iter_series
+
+    weights = None if view is None else view.inside(task.shape)
+    frames = [(name, partial(_cleaned, read, clean)) for name, read in task.frames]
+    work = iter_series(P, frames, len(frames), task.choice, save, weights=weights, warm=task.warm)
+    # The forecast goes to standard error, before the wait that it is about.
+    if not task.quiet:
+        report(str(P.forecast()))
+    run_work(P.iter_prepare(), quiet=task.quiet)
+    return run_work(work, quiet=task.quiet)
 
 
 def _list_solvers() -> None:
@@ -120,13 +168,12 @@ def _save(P: Projector, targets: dict[str, Path], details: dict[str, Any], name:
 
     known = P.camera is not None
     more = {**details, "frame": name, "notes": result.notes, "residual": result.history[-1].residual}
+    # H has one position per voxel: its side is the lateral step of the source at depth 0.
     voxel = P.camera.step_um(0.0) if known else None
     save_volume(targets[name], result.volume, depths_um=P.depths if known else None, voxel_um=voxel, details=more)
 
 
 def _show_results(P: Projector, results: tuple[FrameResult, ...], targets: dict[str, Path], json: bool) -> None:
-    from dataclasses import asdict
-
     from lfcal.cli.console import print_json
 
     if json:
@@ -137,16 +184,18 @@ def _show_results(P: Projector, results: tuple[FrameResult, ...], targets: dict[
         _show(result, targets[result.name], P.volume_shape)
 
 
-def _check_paths(frame: Path | None, out: Path | None, batch: Path | None, forecast: bool) -> None:
+def _source(frame: Path | None, batch: Path | None, *, wanted: bool) -> Path:
+    """Return where the frames lie; raise unless there is one such place, and something is ``wanted`` of them."""
     from lfcal.errors import InputError, StorageError
 
-    if (frame is None) == (batch is None):
-        raise InputError.expected("frames", "a frame or --batch FOLDER", "none or both", "give one of them")
-    if out is None and not forecast:
-        raise InputError.expected("--out", "where to write", "nothing", "name a file, or a folder with --batch")
     source = batch or frame
-    if source is not None and not source.exists():
+    if source is None or (frame is not None and batch is not None):
+        raise InputError.expected("frames", "a frame or --batch FOLDER", "none or both", "give one of them")
+    if not wanted:
+        raise InputError.expected("--out", "where to write", "nothing", "name a file, or a folder with --batch")
+    if not source.exists():
         raise StorageError(f"{source}: no such file or folder; check the path")
+    return source
 
 
 def _check_names(names: list[str]) -> None:
@@ -170,6 +219,7 @@ def _frames(path: Path) -> Iterator[tuple[str, Reader]]:
     if not files:
         raise InputError.expected(f"frames in {path}", "at least one image", "none", "check the folder")
     for file in files:
+        # Opened for the number of pages alone; each page is read when its turn comes.
         image = open_image(file)
         image.close()
         for page in range(image.pages):
@@ -203,12 +253,13 @@ def _view(H: Any, white: Path | None) -> Resampling:
     from lfcal.frames.corrections.recipe import read_average
     from lfcal.lattice.fit import fit_lattice
 
+    # With several lens types the period of H spans that many lenslets.
     types = len(H.camera.lattice.types) if H.camera is not None else 1
     fit = fit_lattice(read_average(white), kind=None if H.camera is None else H.camera.lattice.kind)
     return Resampling.of_fit(fit, H.period, lattice_anchor_of(H), types)
 
 
-def _cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> Callable[[NDArray[Any]], NDArray[Any]]:
+def _cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> Cleaner:
     """Return what is done to each frame: dark, white, resampling."""
     import numpy as np
 
@@ -228,7 +279,7 @@ def _cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> 
     return clean
 
 
-def _cleaned(read: Reader, clean: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
+def _cleaned(read: Reader, clean: Cleaner) -> NDArray[Any]:
     return clean(read())
 
 

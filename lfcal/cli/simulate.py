@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.checks import check_number
 from lfcal.cli.console import print_json, print_table, report, run_work
+from lfcal.cli.options import CutoutOption, DepthsOption, JsonOption, VirtualDepthsOption, WorkersOption
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,9 +29,10 @@ def register(app: typer.Typer) -> None:
 
 def command(
     camera: str = typer.Argument(..., help="Preset, camera JSON, Raytrix XML, or the JSON of a scan plan."),
-    depths: str = typer.Option("", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
-    virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B."),
-    cutout: str = typer.Option("", help="Pixels kept, odd: 181 or ROWS,COLUMNS; by default by geometry."),
+    depths: DepthsOption = "",
+    virtual_depths: VirtualDepthsOption = "",
+    cutout: CutoutOption = "",
+    *,
     effects: list[str] = typer.Option([], help="NAME=on, NAME=off or NAME=auto; may be repeated."),
     tolerance: float = typer.Option(0.03, help="Relative L1 error allowed for what is left out."),
     level: str = typer.Option("auto", help="auto, geometric, wave, microscope or reference."),
@@ -37,9 +40,9 @@ def command(
     frames: Path | None = typer.Option(None, help="Folder for the frames of a simulated session."),
     seed: int = typer.Option(0, help="Seed of noise and stage errors in frames."),
     peak: float = typer.Option(0.8, help="Share of the full well that the brightest pixel reaches in frames."),
-    workers: int | None = typer.Option(None, help="Threads; by default all processors."),
-    plan_only: bool = typer.Option(False, help="Only show which effects matter and what they cost."),
-    json: bool = typer.Option(False, "--json", help="Print JSON."),
+    workers: WorkersOption = None,
+    plan_only: bool = typer.Option(False, "--plan-only", help="Only show which effects matter and what they cost."),
+    json: JsonOption = False,
 ) -> None:
     """Simulate the PSF matrix of a camera, with the effects that matter for it and no others.
 
@@ -50,6 +53,7 @@ def command(
 
     for reason in known.CATALOGUE.failures().values():
         report(f"left out: {reason}")
+    check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1000)
     planned = _plan(camera, depths, virtual_depths, cutout)
     found = plan_effects(planned.camera, planned, tolerance, _settings(effects), frames=frames is not None, peak=peak)
     if plan_only:
@@ -82,22 +86,15 @@ class _Task:
 
 def _plan(camera: str, depths: str, virtual_depths: str, cutout: str) -> ScanPlan:
     from lfcal.camera import ScanPlan
-    from lfcal.cli.plan import load_camera, parse_depths, parse_pair
+    from lfcal.cli.plan import load_camera, parse_cutout, parse_planes
 
     if camera.endswith(".json") and (ready := _ready_plan(Path(camera))) is not None:
         if depths or virtual_depths or cutout:
             raise InputError("planes and cutout: expected those of the plan, got others; leave the options out")
         return ready
-    if bool(depths) == bool(virtual_depths):
-        raise InputError("planes: give --depths (µm) or --virtual-depths, for example --virtual-depths 2:5.5:0.5")
-    window = parse_pair(cutout, "cutout") if cutout else None
-    if window is not None and not all(value.is_integer() for value in window):
-        raise InputError.expected("cutout", "whole numbers of pixels", cutout, "correct it")
+    lengths, virtual = parse_planes(depths, virtual_depths)
     return ScanPlan.for_camera(
-        load_camera(camera),
-        depths_um=parse_depths(depths, lengths=True) if depths else None,
-        virtual_depths=parse_depths(virtual_depths, lengths=False) if virtual_depths else None,
-        cutout=(int(window[0]), int(window[1])) if window else None,
+        load_camera(camera), depths_um=lengths, virtual_depths=virtual, cutout=parse_cutout(cutout)
     )
 
 
@@ -107,6 +104,7 @@ def _ready_plan(path: Path) -> ScanPlan | None:
     from lfcal.files import storage_errors
 
     with storage_errors(path):
+        # A camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
         text = path.read_text(encoding="utf-8", errors="replace")[: 1 << 24]
     return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None
 
@@ -165,9 +163,10 @@ def _write_h(task: _Task, out: Path, workers: int | None) -> dict[str, Any]:
     from lfcal.units import format_seconds
 
     plan = task.planned
-    foretold = predict_seconds(plan, task.found, task.level, tolerance=task.tolerance)
+    predicted = predict_seconds(plan, task.found, task.level, tolerance=task.tolerance)
+    # Told before the work begins, while there is still time to choose a larger tolerance.
     if not task.quiet:
-        report(f"about {format_seconds(foretold)} of processor time ahead")
+        report(f"about {format_seconds(predicted)} of processor time ahead")
     work: Work[Any] = iter_simulate_psf(
         plan.camera,
         plan,
@@ -185,7 +184,7 @@ def _write_h(task: _Task, out: Path, workers: int | None) -> dict[str, Any]:
         "what": f"H {shape}",
         "shape": shape,
         "level": task.found.level,
-        "predicted_seconds": foretold,
+        "predicted_seconds": predicted,
         "effects": [e.name for e in task.found.effects],
     }
 
@@ -194,6 +193,7 @@ def _write_frames(task: _Task, folder: Path, seed: int, peak: float) -> dict[str
     from lfcal.simulate.sensor.camera_source import SimulatedCamera
     from lfcal.simulate.sensor.session import iter_write_session
 
+    # Frames of two sessions in one folder would be read as one.
     if folder.exists() and any(folder.iterdir()):
         raise InputError.expected(str(folder), "a new or empty folder", "one with files in it", "choose another")
     source = SimulatedCamera(task.planned, task.found, level=task.level, tolerance=task.tolerance, seed=seed, peak=peak)

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import typer
 
+from lfcal.cli.options import CompressionOption, JsonOption, MatrixArgument, WorkersOption
+
 
 def register(app: typer.Typer) -> None:
     """Add ``transpose`` to the app."""
@@ -13,12 +15,13 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    source: Path = typer.Argument(help="H file (.h5), MATLAB v7.3 file (.mat) or .npy array."),
+    source: MatrixArgument,
+    *,
     out: Path = typer.Option(..., "--out", "-o", help="HT file to write (.h5)."),
     method: str = typer.Option("exact", help="'exact', or 'paper' for the published loop with its unwritten border."),
-    compression: str = typer.Option("gzip", help="gzip, zstd or none."),
-    workers: int | None = typer.Option(None, help="Threads; every processor by default."),
-    json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    compression: CompressionOption = "gzip",
+    workers: WorkersOption = None,
+    json: JsonOption = False,
 ) -> None:
     """Transpose H into HT, file to file, with one plane of each in memory.
 
@@ -33,6 +36,7 @@ def command(
 
     start = time.perf_counter()
     with open_psf(source) as matrix:
+        # File to file by planes: H may be far larger than the memory.
         run_work(iter_transpose_file(matrix, out, method=method, compression=compression, workers=workers), quiet=json)
         shape, nbytes = matrix.shape, matrix.nbytes
     seconds = time.perf_counter() - start

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ import typer
 
 from lfcal.camera import Camera
 from lfcal.cli.console import print_json, print_table
+from lfcal.cli.options import JsonOption
 from lfcal.cli.plan import load_camera, parse_depths
 from lfcal.errors import InputError
 from lfcal.files import replace_whole
@@ -25,6 +26,26 @@ if TYPE_CHECKING:
     from lfcal.lattice.vignetting import Vignetting
 
 __all__ = ["register"]
+
+
+@dataclass(frozen=True)
+class _White:
+    """A white image, its dark level (counts), and the camera it is of, where that is described."""
+
+    image: NDArray[Any]
+    dark: NDArray[Any] | float
+    camera: Camera | None
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a white image tells: lattice, fall of light, lens types, and the camera with the lattice measured."""
+
+    white: _White
+    fit: LatticeFit
+    fall: Vignetting
+    types: LensTypes | None
+    camera: Camera | None
 
 
 def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[list[str]]:
@@ -95,6 +116,7 @@ def _shown(image: NDArray[np.float32], times: int) -> NDArray[np.float32]:
     """Return ``image`` between its 0.5 and 99.7 percentiles, each pixel ``times`` as wide and high."""
     import numpy as np
 
+    # Hot pixels and dead lenslets would otherwise decide the scale of the picture.
     low, high = np.percentile(image, (0.5, 99.7))
     clipped = np.clip(image - low, 0, max(high - low, 1e-30))
     result: NDArray[np.float32] = clipped.repeat(times, axis=0).repeat(times, axis=1)
@@ -132,50 +154,69 @@ def _save_camera(camera: Camera, out: Path) -> Path:
 
 
 def register(app: typer.Typer) -> None:
-    """Add ``white``."""
+    """Add ``white`` to the app."""
+    app.command("white")(command)
 
-    @app.command()
-    def white(
-        image: Path = typer.Argument(..., help="White image: TIFF, PNG, NPY or camera RAW."),
-        dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
-        camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML) whose lattice is measured."),
-        kind: str = typer.Option("", help="square or hexagonal; by default found out, or the camera's."),
-        pitch: float = typer.Option(0.0, help="Nominal pitch (px), right within 10 %; by default found out."),
-        types: bool = typer.Option(True, help="Find the three lens types, where the camera has them."),
-        views: Path | None = typer.Option(None, help="Light-field frame to make views and a focal stack of."),
-        slopes: str = typer.Option("-6:6:2", help="Planes of the focal stack as slopes (about virtual depths)."),
-        depths: str = typer.Option("", help="The same as depths in µm or mm; needs --camera."),
-        samples: int = typer.Option(4, help="Samples per lenslet of the focal stack."),
-        out: Path | None = typer.Option(None, "-o", "--out", help="Folder for camera.json and pictures."),
-        json: bool = typer.Option(False, "--json", help="Print JSON."),
-    ) -> None:
-        """Measure the lenslet lattice from a white image; make views of a frame to see that it is right.
 
-        Example: `lfcal white white.tif --dark dark.tif --views frame.tif -o out`
-        """
-        from lfcal.frames import read_image
-        from lfcal.lattice.fit import fit_lattice
-        from lfcal.lattice.views import extract_views
-        from lfcal.lattice.vignetting import vignetting_map
+def command(
+    image: Path = typer.Argument(..., help="White image: TIFF, PNG, NPY or camera RAW."),
+    *,
+    dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
+    camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML) whose lattice is measured."),
+    kind: str = typer.Option("", help="square or hexagonal; by default detected, or the camera's."),
+    pitch: float = typer.Option(0.0, help="Nominal pitch (px), right within 10 %; by default detected."),
+    types: bool = typer.Option(True, help="Find the three lens types, where the camera has them."),
+    views: Path | None = typer.Option(None, help="Light-field frame to make views and a focal stack of."),
+    slopes: str = typer.Option("-6:6:2", help="Planes of the focal stack as slopes (about virtual depths)."),
+    depths: str = typer.Option("", help="The same as depths in µm or mm; needs --camera."),
+    samples: int = typer.Option(4, help="Samples per lenslet of the focal stack."),
+    out: Path | None = typer.Option(None, "-o", "--out", help="Folder for camera.json and pictures."),
+    json: JsonOption = False,
+) -> None:
+    """Measure the lenslet lattice from a white image; make views of a frame to see that it is right.
 
-        if views is not None and out is None:
-            raise InputError("views: need a folder for the pictures; add -o FOLDER")
-        described = load_camera(camera) if camera else None
-        planes = _slopes(slopes, depths, described)
-        frame = read_image(image)
-        level = read_image(dark) if dark is not None else 0.0
-        wanted = kind or (described.lattice.kind if described is not None else None)
-        fit = fit_lattice(frame, dark=level, kind=wanted, pitch_px=pitch or None)
-        fall = vignetting_map(fit)
-        found = _types(frame, level, fit, described) if types else None
-        measured = None if described is None else _measured(described, fit, found)
-        made = extract_views(read_image(views), fit, white=frame, dark=level) if views is not None else None
-        written = [] if out is None or measured is None else [_save_camera(measured, out)]
-        if out is not None and made is not None:
-            written += _save_views(made, planes, samples, out)
-        if json:
-            print_json({**_as_json(fit, fall, found, measured), "written": written})
-            return
-        print_table(["white image", str(image.name)], _rows(fit, fall, found))
-        for path in written:
-            typer.echo(f"written: {path}")
+    Example: `lfcal white white.tif --dark dark.tif --views frame.tif -o out`
+    """
+    from lfcal.frames import read_image
+
+    if views is not None and out is None:
+        raise InputError("views: need a folder for the pictures; add -o FOLDER")
+    described = load_camera(camera) if camera else None
+    planes = _slopes(slopes, depths, described)
+    level = read_image(dark) if dark is not None else 0.0
+    found = _measure(_White(read_image(image), level, described), kind, pitch, types)
+    written = _write(found, views, planes, samples, out)
+    if json:
+        print_json({**_as_json(found.fit, found.fall, found.types, found.camera), "written": written})
+        return
+    print_table(["white image", str(image.name)], _rows(found.fit, found.fall, found.types))
+    for path in written:
+        typer.echo(f"written: {path}")
+
+
+def _measure(white: _White, kind: str, pitch: float, types: bool) -> _Found:
+    """Return the lattice of the white image; ``kind`` and ``pitch`` (px) where they are known beforehand."""
+    from lfcal.lattice.fit import fit_lattice
+    from lfcal.lattice.vignetting import vignetting_map
+
+    camera = white.camera
+    wanted = kind or (camera.lattice.kind if camera is not None else None)
+    fit = fit_lattice(white.image, dark=white.dark, kind=wanted, pitch_px=pitch or None)
+    found = _types(white.image, white.dark, fit, camera) if types else None
+    measured = None if camera is None else _measured(camera, fit, found)
+    return _Found(white, fit, vignetting_map(fit), found, measured)
+
+
+def _write(found: _Found, frame: Path | None, slopes: tuple[float, ...], samples: int, out: Path | None) -> list[Path]:
+    """Write the measured camera and the views of ``frame`` into ``out``; return the files."""
+    from lfcal.frames import read_image
+    from lfcal.lattice.views import extract_views
+
+    if out is None:
+        return []
+    # A frame that does not fit is refused before the first file is written.
+    views = None
+    if frame is not None:
+        views = extract_views(read_image(frame), found.fit, white=found.white.image, dark=found.white.dark)
+    written = [] if found.camera is None else [_save_camera(found.camera, out)]
+    return written if views is None else written + _save_views(views, slopes, samples, out)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from lfcal.camera import ScanPlan, preset
@@ -66,9 +67,35 @@ def test_frames_of_a_session(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> N
     assert assembled.code == 0, assembled.err
 
 
+def test_planes_in_micrometres_and_any_number_of_threads(lfcal: Lfcal, tmp_path: Path) -> None:
+    plan = ("--depths", "-20mm", "--cutout", 21, "--level", "geometric")
+    made = []
+    for workers in (1, 2):
+        run = lfcal("simulate", "bench", *plan, "--out", tmp_path / f"{workers}.h5", "--workers", workers)
+        assert run.code == 0, run.err
+        with open_psf(tmp_path / f"{workers}.h5") as H:
+            assert list(H.depths) == [-20000]
+            made.append(H.plane(0).copy())
+    np.testing.assert_array_equal(*made)
+
+
+def test_the_peak_of_the_frames(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:
+    """Twice the share of the full well is twice the light above the black level."""
+    light = []
+    for peak in (0.3, 0.6):
+        folder = tmp_path / f"peak{peak}"
+        run = lfcal("simulate", plan_file, "--frames", folder, "--level", "geometric", "--peak", peak)
+        assert run.code == 0, run.err
+        with open_frames(folder / "frames", plan_shape=(1, 2, 3)) as source:
+            level = np.median(source.read(0))
+            light.append(sum(source.read(k).astype(float).sum() - level * 90 * 100 for k in range(6)))
+    assert light[1] / light[0] == pytest.approx(2, rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
+        (("bench", "--virtual-depths", "4", "--plan-only", "--peak", "0"), "brightest pixel"),
         (("bench",), "virtual-depths"),
         (("bench", "--virtual-depths", "4"), "output"),
         (("nikon", "--virtual-depths", "4"), "camera"),

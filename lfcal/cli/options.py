@@ -1,0 +1,76 @@
+"""Options that several commands share, each described once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+__all__ = [
+    "CameraArgument",
+    "Chi2Option",
+    "CompressionOption",
+    "CutoutOption",
+    "DepthsOption",
+    "FolderOption",
+    "GainOption",
+    "JsonOption",
+    "MatrixArgument",
+    "PresetOption",
+    "VirtualDepthsOption",
+    "WorkersOption",
+]
+
+FolderOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--folder", exists=True, file_okay=False, help="Where to write; the temporary files' by default."),
+]
+"""Disk that a benchmark writes to and cleans up."""
+
+JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+"""Plain values for other programs in place of text."""
+
+WorkersOption: TypeAlias = Annotated[
+    int | None, typer.Option("--workers", min=1, help="Threads; every processor by default.")
+]
+"""Threads of everything a command computes."""
+
+CompressionOption: TypeAlias = Annotated[str, typer.Option("--compression", help="gzip, zstd or none.")]
+"""How the chunks of an H file are compressed."""
+
+MatrixArgument: TypeAlias = Annotated[Path, typer.Argument(help="H file (.h5), MATLAB v7.3 file (.mat) or .npy array.")]
+"""H in any form that `lfcal.psf.open_psf` reads."""
+
+CameraArgument: TypeAlias = Annotated[str, typer.Argument(help="Preset, camera JSON or Raytrix XML.")]
+"""A described camera."""
+
+DepthsOption: TypeAlias = Annotated[
+    str,
+    typer.Option("--depths", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
+]
+"""Planes by where they lie."""
+
+VirtualDepthsOption: TypeAlias = Annotated[
+    str, typer.Option("--virtual-depths", help="Planes as virtual depths v = a/B.")
+]
+"""Planes by where their images lie behind the main lens."""
+
+CutoutOption: TypeAlias = Annotated[
+    str, typer.Option("--cutout", help="Pixels kept, odd: 181 or ROWS,COLUMNS; by default by geometry.")
+]
+"""Pixels of a point source's image."""
+
+Chi2Option: TypeAlias = Annotated[
+    float | None, typer.Option("--chi2", min=0, help="Photon over additive noise variance of the camera.")
+]
+"""The noise that decides which modulator is best."""
+
+PresetOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option("--camera", help="Preset or camera file in place of --chi2, which is taken from full well and noise."),
+]
+"""A camera that chi^2 is computed for."""
+
+GainOption: TypeAlias = Annotated[float, typer.Option("--gain", help="Amplifier gain of the camera.")]
+"""Gain at which the full well and the read noise of ``--camera`` are compared."""

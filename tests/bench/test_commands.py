@@ -1,0 +1,176 @@
+"""Every benchmark of the command line on a small problem: the options reach what is measured."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfcal.bench import _r29, aperture
+from lfcal.bench import multiplex as multiplex_bench
+from lfcal.bench import reconstruct as reconstruct_bench
+from lfcal.cli import main
+from lfcal.psf import PSFMatrix, save
+from tests.reconstruct.oracles import lenslet_psf
+
+
+class Bench:
+    """Runs ``lfcal bench`` in this process and returns what it prints."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        self._monkeypatch, self._capsys = monkeypatch, capsys
+
+    def __call__(self, *arguments: object, code: int = 0) -> str:
+        self._monkeypatch.setattr(sys, "argv", ["lfcal", "bench", *map(str, arguments)])
+        self._capsys.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            main()
+        printed = self._capsys.readouterr()
+        assert int(stop.value.code or 0) == code, printed.err
+        return printed.out + printed.err
+
+    def json(self, *arguments: object) -> Any:
+        return json.loads(self(*arguments, "--json"))
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Bench:
+    monkeypatch.setitem(sys.modules, "pyolaf", None)  # whether it is installed or not
+    return Bench(monkeypatch, capsys)
+
+
+def test_accuracy_of_a_plane_in_micrometres(bench: Bench, tmp_path: Path) -> None:
+    chart = tmp_path / "curve.png"
+    options = ("--depth", -20000, "--positions", 1, "--tolerance", 0.2, "--out", chart)
+    found = bench.json("accuracy", "bench", *options)
+    assert found["plan"]["depths_um"] == [-20000] and found["check"] is None
+    assert found["ladder"]["positions"] == 1 and chart.stat().st_size > 10_000
+
+
+def test_accuracy_checks_the_prediction(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The whole H takes minutes: what is predicted and run is a stand-in, what is said of it is not."""
+    monkeypatch.setattr("lfcal.simulate.predict_seconds", lambda *_, **__: 4.0)
+    monkeypatch.setattr("lfcal.simulate.simulate_psf", lambda *_, **__: sum(range(10**6)))
+    options = ("--virtual-depth", 2.2, "--positions", 1, "--check")
+    check = bench.json("accuracy", *options)["check"]
+    assert check["predicted"] == 4 and check["measured"] > 0
+    assert check["ratio"] == pytest.approx(4 / check["measured"])
+    assert "whole H: predicted 4 s, took" in bench("accuracy", *options)
+
+
+def test_acquire(bench: Bench, tmp_path: Path) -> None:
+    found = bench.json("acquire", "--folder", tmp_path, "--cutout", 21, "--rounds", 2)
+    assert found["cutout"] == 21 and len(found["ratios"]) == 2
+    assert found["ratio"] == pytest.approx(np.median(found["ratios"]))
+    assert list(tmp_path.iterdir()) == [], "what was written is gone"
+    bench("acquire", "--folder", tmp_path / "nowhere", code=2)
+
+
+def test_aperture(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(aperture, "BLADES", (6,))
+    monkeypatch.setattr(aperture, "CURVATURES", (0.0,))
+    monkeypatch.setattr(aperture, "SNRS", (20.0,))
+    found = bench.json("aperture", "--trials", 3, "--side", 95, "--workers", 1)
+    assert len(found) == 3 and {o["trial"]["side"] for o in found} == {95}
+    assert all(o["right"] for o in found)
+    assert "3 irises" in bench("aperture", "--trials", 3, "--workers", 1)
+
+
+def test_assemble(bench: Bench) -> None:
+    found = bench.json("assemble", "--rows", 2, "--columns", 3, "--size", 64, "--cutout", 21, "--repeats", 1)
+    assert found["frames"] == 6 and found["overhead"] == pytest.approx(found["assemble_s"] / found["decode_s"] - 1)
+    table = bench("assemble", "--rows", 1, "--columns", 2, "--size", 48, "--cutout", 11, "--repeats", 1)
+    assert "2 frames of 48 x 48 px, 16-bit PNG, cutout 11 x 11" in table
+
+
+def test_transpose_file(bench: Bench) -> None:
+    found = bench.json("transpose-file", "--gigabytes", 0.002, "--planes", 2)
+    assert found["bytes"] == 2 * found["plane_bytes"] == pytest.approx(2e6, rel=0.5)
+    assert found["seconds"] > 0 and found["peak_bytes"] > found["plane_bytes"]
+
+
+def test_inspect(bench: Bench, tmp_path: Path) -> None:
+    common = ("--preset", "bench", "--cutout", 41, "--folder", tmp_path, "--workers", 1)
+    quiet = bench.json("inspect", *common, "--planes", 2, "--noise", 0, "--compression", "zstd")
+    assert quiet["planes"] == 2 and quiet["plane_bytes"] == 4 * 33 * 19 * 41**2
+    noisy = bench.json("inspect", *common, "--planes", 1, "--noise", 0.01, "--compression", "none")
+    assert noisy["file_bytes"] > noisy["plane_bytes"] > quiet["file_bytes"] / 2
+    assert noisy["ratio"] == pytest.approx(noisy["inspect_s"] / noisy["read_s"])
+    assert list(tmp_path.iterdir()) == []
+    assert "expected r29 or" in bench("inspect", "--preset", "nikon", code=2)
+
+
+def test_multiplex(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(multiplex_bench, "FULL", (256, 384))
+    small = bench.json("multiplex", "--quick", "--filters", "cubic", "--workers", 1)
+    whole = bench.json("multiplex", "--rounds", 1, "--filters", "nearest,linear")
+    assert [r["name"] for r in small if "demosaic" in r["name"]] == ["demosaic, cubic"]
+    assert [r["name"] for r in whole if "demosaic" in r["name"]] == ["demosaic, nearest", "demosaic, linear"]
+    assert whole[0]["output_megabytes"] == pytest.approx(4 * small[0]["output_megabytes"])
+    assert "192 x 128 px, 1 threads" in bench("multiplex", "--quick", "--filters", "linear", "--workers", 1)
+
+
+def test_project(bench: Bench) -> None:
+    size = ("--image", 60, "--period", 5, "--cutout", 21, "--planes", 2, "--repeats", 1, "--workers", 1)
+    found = bench.json("project", *size)
+    assert {name: found[name] for name in ("image", "period", "cutout", "planes", "workers")} == {
+        "image": 60,
+        "period": 5,
+        "cutout": 21,
+        "planes": 2,
+        "workers": 1,
+    }
+    assert all(row["error"] < 1e-5 for row in found["rows"])
+    assert "image 60 x 60, period 5 x 5, cutout 21 x 21, 2 plane(s), 1 threads" in bench("project", *size)
+
+
+def test_projection_of_the_r29_on_a_small_copy(bench: Bench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name, value in {"PERIOD": (5, 7), "CUTOUT": (21, 21), "FRAME": (200, 300)}.items():
+        monkeypatch.setattr(_r29, name, value)
+    options = ("--r29", "--side", 64, "--folder", tmp_path, "--workers", 1)
+    one = bench.json("project", *options, "--density", 0.1)
+    assert (one["side"], one["density"], one["planes_measured"]) == (64, 0.1, 1)
+    every = bench.json("project", *options, "--full")
+    assert every["planes_measured"] == 11 and every["forward_s"] > 0 and every["forecast_forward_s"] > 0
+    assert every["forecast_bytes"] > 0 and every["all_planes"] != every["whole_frame"]
+    assert "(1 measured, scaled)" in bench("project", *options)
+    assert list(tmp_path.iterdir()) == [], "the synthetic plane is gone"
+
+
+@pytest.fixture
+def psf(tmp_path: Path) -> Path:
+    path = tmp_path / "H.h5"
+    save(PSFMatrix(lenslet_psf(2, 5, 15).astype(np.float32), depths=(-5.0, 5.0)), path)
+    return path
+
+
+def test_reconstruct(bench: Bench, psf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen = tuple(s for s in reconstruct_bench.SETTINGS if s.name in ("Richardson-Lucy", "float64"))
+    monkeypatch.setattr(reconstruct_bench, "SETTINGS", (*chosen, *reconstruct_bench.SETTINGS[4:6]))
+    monkeypatch.setattr(reconstruct_bench, "draw", lambda curves, chart: chart.write_text(str(len(curves))))
+    common = ("--psf", psf, "--image", 64, "--iterations", 3, "--workers", 1, "--chart", tmp_path / "chart.png")
+    found = bench.json("reconstruct", *common, "--photons", 500, "--phantom", "points")
+    assert (tmp_path / "chart.png").read_text() == "4" and found["chart"] == str(tmp_path / "chart.png")
+    assert all(curve["iterations"] == [1, 2, 3] for curve in found["curves"])
+    bright = bench.json("reconstruct", *common, "--photons", 50000, "--phantom", "points")
+    assert bright["curves"][0]["errors"] != found["curves"][0]["errors"]
+    assert "vesicle, H (2, 5, 5, 15, 15), image 64 x 64, 2000 photons, 1 threads" in bench("reconstruct", *common)
+    bench("reconstruct", *common, "--phantom", "dragon", code=2)
+
+
+def test_resolution_of_two_points(bench: Bench, psf: Path, tmp_path: Path) -> None:
+    common = ("reconstruct", "--psf", psf, "--image", 64, "--two-point", "--iterations", 2)
+    found = bench.json(*common, "--chart", tmp_path / "r.png")
+    assert [r["plane"] for r in found] == [0, 1] and [r["depth_um"] for r in found] == [-5, 5]
+    assert "resolved from (voxels)" in bench(*common, "--chart", tmp_path / "r.png")
+    assert (tmp_path / "r.png").stat().st_size > 5000
+
+
+def test_transpose_with_a_number_of_threads(bench: Bench) -> None:
+    size = ("transpose", "--sizes", "17/3", "--quick", "--memory", 0.01, "--workers", 1)
+    assert "median seconds, 1 threads" in bench(*size)
+    bench(*size[:-1], 0, code=2)

@@ -1,0 +1,53 @@
+"""``lfcal doctor`` names every part of another distribution that could not be loaded, with the reason."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Run
+from tests.distribution import in_a_new_process, install
+
+KINDS = {
+    "lfcal.formats": "image format",
+    "lfcal.sources": "frame source",
+    "lfcal.effects": "effect",
+    "lfcal.solvers": "solver",
+    "lfcal.metrics": "quality metric",
+    "lfcal.devices": "device backend",
+}
+
+DOCTOR = 'import sys; sys.argv = ["lfcal", "doctor", {}]; from lfcal.cli import main; main()'
+
+
+@pytest.fixture
+def broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Install a distribution that fails when it is loaded, with an entry point for every kind of part."""
+    points = {group: f"{group.split('.')[1]}_of_theirs = broken_parts:PART" for group in KINDS}
+    install(monkeypatch, tmp_path, "broken_parts", "raise RuntimeError('their [driver] is missing')", points)
+    return tmp_path
+
+
+def test_json_holds_every_plugin_that_fails(broken: Path) -> None:
+    found = json.loads(in_a_new_process(broken, DOCTOR.format('"--json"')))["plugins"]
+    assert {(p["name"], p["kind"]) for p in found} == {
+        (f"{group.split('.')[1]}_of_theirs", kind) for group, kind in KINDS.items()
+    }
+    assert all("RuntimeError: their [driver] is missing" in p["reason"] for p in found)
+
+
+def test_the_table_tells_the_reason(broken: Path) -> None:
+    shown = in_a_new_process(broken, DOCTOR.format("").replace(", ]", "]"))
+    rows = [line for line in shown.splitlines() if "their [driver] is missing" in line]
+    assert "plug-in left out" in shown and len(rows) >= len(KINDS)
+    assert any("solver solvers_of_theirs: RuntimeError" in line for line in rows)
+
+
+def test_parts_that_load_are_not_listed(lfcal: Callable[..., Run]) -> None:
+    done = lfcal("doctor", "--json")
+    assert done.code == 0 and done.json["plugins"] == []  # type: ignore[index, call-overload]
+    assert "plug-in" not in lfcal("doctor").out
+    assert lfcal("--version").out.startswith("lfcal ")

@@ -1,0 +1,99 @@
+"""Every option of ``lfcal export`` and ``lfcal transpose`` changes the file, or is refused for that kind of file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import tifffile
+
+from lfcal.psf import PSFMatrix, open_psf, save
+from tests.cli.conftest import Run
+
+Lfcal = Callable[..., Run]
+
+GZIP, ZSTD = 1, 32015
+"""Numbers of the filters in HDF5."""
+
+
+@pytest.fixture
+def H(tmp_path: Path) -> PSFMatrix:
+    """Save an H of two planes, 3 x 3 positions, 5 x 7 pixels."""
+    values = np.random.default_rng(0).random((2, 3, 3, 5, 7), np.float32)
+    matrix = PSFMatrix(values, depths=(-5.0, 5.0))
+    save(matrix, tmp_path / "H.h5")
+    return matrix
+
+
+def compression_of(path: Path) -> list[int]:
+    """Return the filters that compress H, without those that sort bytes or add a checksum."""
+    with h5py.File(path) as file:
+        plist = file["H"].id.get_create_plist()
+        filters = [plist.get_filter(k)[0] for k in range(plist.get_nfilters())]
+    return [number for number in filters if number in (GZIP, ZSTD)]
+
+
+def test_mat_without_ht_rows_first_uncompressed(lfcal: Lfcal, H: PSFMatrix, tmp_path: Path) -> None:
+    assert lfcal("export", tmp_path / "H.h5", "--out", tmp_path / "all.mat").code == 0
+    options = ("--no-ht", "--rows-first", "--uncompressed")
+    done = lfcal("export", tmp_path / "H.h5", "--out", tmp_path / "H.mat", *options)
+    assert done.code == 0, done.err
+    with h5py.File(tmp_path / "all.mat") as both, h5py.File(tmp_path / "H.mat") as one:
+        assert "Ht" in both and "Ht" not in one
+        np.testing.assert_allclose(both["H"][()], np.asarray(H), rtol=1e-6)
+        # H(t, s, y, x, z) of MATLAB, whose axes HDF5 lists the other way round
+        np.testing.assert_allclose(one["H"][()], np.asarray(H).transpose(0, 2, 1, 4, 3), rtol=1e-6)
+    assert compression_of(tmp_path / "all.mat") and not compression_of(tmp_path / "H.mat")
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".h5"])
+def test_transposed(lfcal: Lfcal, H: PSFMatrix, tmp_path: Path, suffix: str) -> None:
+    out = tmp_path / f"HT{suffix}"
+    assert lfcal("export", tmp_path / "H.h5", "--out", out, "--transposed").code == 0
+    if suffix == ".npy":
+        np.testing.assert_array_equal(np.load(out), np.asarray(H.T))
+        return
+    with open_psf(out) as matrix:
+        assert matrix.is_transposed
+        np.testing.assert_array_equal(np.asarray(matrix), np.asarray(H.T))
+
+
+def test_one_position_as_a_stack_and_an_uncompressed_file(lfcal: Lfcal, H: PSFMatrix, tmp_path: Path) -> None:
+    assert lfcal("export", tmp_path / "H.h5", "--out", tmp_path / "p.tif", "--position", "2,1").code == 0
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "p.tif"), np.asarray(H)[:, 2, 1])
+    assert lfcal("export", tmp_path / "H.h5", "--out", tmp_path / "u.h5", "--uncompressed").code == 0
+    assert compression_of(tmp_path / "H.h5") and not compression_of(tmp_path / "u.h5")
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("x.mat", ("--transposed",), "holds both H and Ht"),
+        ("x.npy", ("--no-ht",), "expected a .mat file, got .npy"),
+        ("x.h5", ("--rows-first",), "expected a .mat file, got .h5"),
+        ("x.npy", ("--uncompressed",), "expected a .mat or .h5 file"),
+        ("x.mat", ("--position", "1,1"), "expected a .tif or .tiff file"),
+        ("x", ("--no-ht",), "got no suffix"),
+    ],
+)
+def test_what_a_format_would_ignore_is_refused(
+    lfcal: Lfcal, H: PSFMatrix, tmp_path: Path, name: str, options: tuple[str, ...], words: str
+) -> None:
+    done = lfcal("export", tmp_path / "H.h5", "--out", tmp_path / name, *options)
+    assert done.code == 2 and words in done.err and done.err.count("\n") == 1
+    assert not (tmp_path / name).exists()
+
+
+def test_transpose_to_a_file_by_any_compression_and_threads(lfcal: Lfcal, H: PSFMatrix, tmp_path: Path) -> None:
+    for compression, numbers in (("zstd", [ZSTD]), ("none", [])):
+        out = tmp_path / f"{compression}.h5"
+        done = lfcal("transpose", tmp_path / "H.h5", "--out", out, "--compression", compression, "--workers", 1)
+        assert done.code == 0, done.err
+        assert compression_of(out) == numbers
+        with open_psf(out) as matrix:
+            np.testing.assert_array_equal(np.asarray(matrix), np.asarray(H.T))
+    assert lfcal("transpose", tmp_path / "H.h5", "--out", tmp_path / "n.h5", "--workers", 0).code == 2
+    assert not (tmp_path / "n.h5").exists()
