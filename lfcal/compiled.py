@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Generic, ParamSpec, TypeVar
 
 __all__ = ["Kernel", "njit"]
@@ -54,8 +55,26 @@ class Kernel(Generic[P, R]):
                     called = names.get(name)
                     if isinstance(called, Kernel):
                         names[name] = called.compiled()
-                self._compiled = numba.njit(**self._options)(self.function)
+                made = numba.njit(**self._options)(self.function)
+                _drop_unreadable_cache(made)
+                self._compiled = made
             return self._compiled
+
+
+def _drop_unreadable_cache(dispatcher: Any) -> None:
+    """Empty a kernel's cache on disk where its index does not load.
+
+    An index of an earlier version may name a record that was renamed since. numba unpickles it before it looks whether
+    the source has changed, and would fail at every call.
+    """
+    file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    if file is None:
+        return
+    try:
+        file._load_index()
+    except Exception:  # whatever unpickling an old index may raise
+        with suppress(OSError):
+            file.flush()
 
 
 def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:

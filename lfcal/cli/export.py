@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -45,13 +45,19 @@ def command(
     suffix = out.suffix.lower()
     given = {"--no-ht": no_ht, "--rows-first": rows_first, "--uncompressed": uncompressed, "--position": bool(position)}
     _check_given(suffix, {**given, "--transposed": transposed})
-    mat = {"include_transpose": not no_ht, "rows_first": rows_first, "compress": not uncompressed}
-    options = mat if suffix == ".mat" else _other_options(suffix, uncompressed, position)
     start = time.perf_counter()
     with open_psf(source) as matrix:
         if suffix == ".mat" and not json:
             _warn_of_period(matrix)
-        written = run_work(iter_export(matrix.T if transposed else matrix, out, **options), quiet=json)
+        work = iter_export(
+            matrix.T if transposed else matrix,
+            out,
+            compress=False if uncompressed else None,
+            include_transpose=False if no_ht else None,
+            rows_first=True if rows_first else None,
+            position=_position(position),
+        )
+        written = run_work(work, quiet=json)
         shape = matrix.shape
     seconds = time.perf_counter() - start
     # A TIFF of many stacks is written under other names: one per plane.
@@ -79,17 +85,15 @@ def _check_given(suffix: str, given: dict[str, bool]) -> None:
             raise InputError.expected(option, f"a {' or '.join(suffixes)} file", suffix or "no suffix", "leave it out")
 
 
-def _other_options(suffix: str, uncompressed: bool, position: str) -> dict[str, Any]:
-    """Return what `iter_export` is asked for in the formats that are not MATLAB's."""
-    if suffix == ".h5" and uncompressed:
-        return {"compression": "none"}
-    if suffix in (".tif", ".tiff") and position:
-        try:
-            y, x = (int(part) for part in position.split(","))
-        except ValueError:
-            raise InputError.expected("--position", "y,x", position, "for example --position 9,16") from None
-        return {"position": (y, x)}
-    return {}
+def _position(text: str) -> tuple[int, int] | None:
+    """Return the position written as ``y,x``, None for empty."""
+    if not text:
+        return None
+    try:
+        y, x = (int(part) for part in text.split(","))
+    except ValueError:
+        raise InputError.expected("--position", "y,x", text, "for example --position 9,16") from None
+    return y, x
 
 
 def _warn_of_period(matrix: PSFMatrix) -> None:

@@ -52,6 +52,35 @@ def test_kernels_compile_at_their_first_call_and_call_each_other() -> None:
     assert kernel.compiled().nopython_signatures, "it was compiled, not interpreted"
 
 
+RECORDED = """
+from typing import NamedTuple
+import numpy as np
+from lfcal.compiled import njit
+class {name}(NamedTuple):
+    first: float
+    second: float
+@njit()
+def ratio(record):
+    return record.first / record.second
+print(ratio({name}(6.0, 3.0)))
+"""
+
+
+def test_a_cache_of_an_earlier_version_is_made_anew(tmp_path: Path) -> None:
+    """A record that was renamed since must not end every call, as numba alone would let it."""
+    module = tmp_path / "kernels_of_a_version.py"
+
+    def run(name: str) -> subprocess.CompletedProcess[str]:
+        module.write_text(RECORDED.format(name=name))
+        code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import kernels_of_a_version"
+        return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+
+    assert run("Pair").stdout.strip() == "2.0"
+    assert list(tmp_path.rglob("*.nbi")), "the kernel was cached"
+    again = run("Twin")
+    assert again.returncode == 0 and again.stdout.strip() == "2.0", again.stderr
+
+
 def test_errors_say_what_was_expected() -> None:
     error = InputError.expected("gap", "a length", -3, "correct it")
     assert str(error) == "gap: expected a length, got -3; correct it"

@@ -103,7 +103,7 @@ def test_the_command_line_runs_it(foreign, run, tmp_path):
 def test_the_window_lists_it(foreign, tmp_path):
     foreign(PAGE[0])
     code = """
-from gui.models.reconstruct_view import FIELDS, ReconstructSettings, used_by
+from gui.pages.reconstruct.model import FIELDS, ReconstructSettings, used_by
 assert "landweber" in dict(FIELDS[0].choices) and "Landweber 1951" in FIELDS[0].tip
 assert used_by("landweber", "background") and not used_by("landweber", "read_noise")
 print(ReconstructSettings("landweber", read_noise=3.0).choice().solver.title)

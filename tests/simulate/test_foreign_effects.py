@@ -81,8 +81,7 @@ def test_the_command_line_lists_it(
 def test_the_window_lists_it(foreign: Install, tmp_path: Path) -> None:
     foreign(PAGE[0], "ArrayDecentre")
     code = """
-from gui.models.session import SimulateSettings
-from gui.models.simulate_view import verdict_of
+from gui.pages.simulate.model import SimulateSettings, verdict_of
 from tests.simulate.common import small_plan
 settings = SimulateSettings(overrides=(("array_decentre", "on"),))
 print(*(row.name for row in verdict_of(small_plan(), settings).rows if row.on))
