@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and HDF5 files opened without trusting them."""
+"""Atomic writing of files, and safe opening of HDF5 files from unknown sources."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["check_dataset", "open_h5", "replace_whole", "require_space", "storage_errors"]
 
 MAX_BYTES = 1 << 44
-"""No dataset above this declared size (17.6 TB) is believed."""
+"""A dataset with a declared size above this (17.6 TB) is refused."""
 
 MAX_EXPANSION = 2000
 """Declared bytes a dataset may hold per byte of file; gzip reaches 1030 on constant data."""

@@ -77,7 +77,7 @@ class Frame:
     Attributes
     ----------
     data
-        ``(rows, columns)`` of the region of interest, a buffer that nobody writes to any more.
+        ``(rows, columns)`` of the region of interest, a buffer that the device no longer writes to.
     number
         The device's or the backend's count of exposures; grows with every exposure.
     exposure_s

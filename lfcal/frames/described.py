@@ -42,7 +42,7 @@ class DescribedSource(SourceView):
         unsaid = facts.get("bit_depth") is None and facts.get("saturation") is None
         if unsaid:
             facts |= {"bit_depth": sensor.bit_depth, "saturation": float(sensor.max_value)}
-        if sensor.black_level > 0:  # a level of 0 is what a description says that nobody filled in
+        if sensor.black_level > 0:  # 0 is the default of a description, so it states nothing
             facts.setdefault("black_level", sensor.black_level)
         if sensor.cfa and self.source.shape == sensor.shape and not facts.get("cfa") and "channel" not in facts:
             facts["cfa"] = sensor.cfa

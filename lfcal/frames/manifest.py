@@ -50,7 +50,7 @@ class FrameEntry:
         """Check every value."""
         name = self.file
         if not name or "\0" in name or "\\" in name:
-            raise InputError.expected("file of a frame", "a path with / in it", repr(name), "mend it")
+            raise InputError.expected("file of a frame", "a path with / in it", repr(name), "correct it")
         if name[0] == "/" or name[1:2] == ":" or ".." in name.split("/"):
             raise _leads_out(name, "the session folder")
         object.__setattr__(self, "position", Position(*self.position))
@@ -81,7 +81,7 @@ class Manifest:
     bit_depth
         Bits used of each sample; no value may exceed them. None: not checked.
     cfa
-        Colour filter pattern by rows that the frames must have; empty: whatever they say.
+        Colour filter pattern by rows that the frames must have; empty: not checked.
 
     Raises
     ------

@@ -98,7 +98,7 @@ def scene_for(
 def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
     """Return the scene and the engine's level: ``auto`` follows rays unless an effect calls for waves.
 
-    A named wave level computes lenslet diffraction whatever the effects say; ``microscope`` is the Debye path.
+    A named wave level always computes lenslet diffraction; ``microscope`` is the Debye path.
     """
     from lfcal.simulate.engines.field import choose_mode  # compiled code: not loaded before it is needed
 

@@ -23,7 +23,7 @@ __all__ = ["RecordingFile"]
 class RecordingFile:
     """Frames and records of one file, every frame checked against its CRC-32 as it is read.
 
-    Reading is safe from several threads and disturbs nobody who writes.
+    Reading is safe from several threads and does not disturb a writer.
     """
 
     def __init__(self, path: Path) -> None:

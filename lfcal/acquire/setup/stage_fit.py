@@ -176,7 +176,7 @@ def iter_stage_fit(
 ) -> Work[StageFit]:
     """Move to the corners and the middle of a square about the cell, and fit how the image moves.
 
-    The square spans two periods or a tenth of the sensor, whatever is larger; over whole periods the
+    The square spans two periods or a tenth of the sensor, the larger of the two; over whole periods the
     lenslets' pattern cancels. Nothing is recorded.
     """
     options, control = options or Options(), control or Control()

@@ -65,7 +65,7 @@ class SimCamera:
     axes
         How the stage's axes really move the source.
     stage, time, light
-        The rest of the world.
+        The simulated light source, stage and optics.
     renderer
         The optics.
     seed

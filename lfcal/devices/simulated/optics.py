@@ -94,7 +94,7 @@ class FramesRenderer:
         self._index = {tuple(frames.info(k).position): k for k in range(len(frames))}
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
-        """Return the frame of the nearest position, whatever ``roi`` is."""
+        """Return the frame of the nearest position; ``roi`` is ignored."""
         plan = self._plan
         z = int(np.argmin(np.abs(np.array(plan.depths_um) - source_um[2])))
         step = plan.camera.step_um(plan.depths_um[z])

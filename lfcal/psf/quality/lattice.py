@@ -202,7 +202,7 @@ def _spacing(
 ) -> float:
     """Return the spots' wave number over the lattice's, from the phase across the middle of the pattern.
 
-    ``D(r) = sum_X H_X(r) exp(-i k X)`` runs as ``exp(i scale k r)`` wherever the pattern is fully lit, whatever the
+    ``D(r) = sum_X H_X(r) exp(-i k X)`` runs as ``exp(i scale k r)`` wherever the pattern is fully lit, for any
     spots' shape; its phase from pixel to pixel, summed over the brightest part, is the spacing.
     """
     n, nt, ns = frames.shape

@@ -288,7 +288,7 @@ def _overall(spec: MetricSpec, per_plane: NDArray[np.float64]) -> float:
         value = float(known.sum())
     else:
         value = float(known.min() if spec.limits.higher_is_better else known.max())
-    # what was measured may be bad enough whatever the rest is, but never good
+    # a value from some planes can be bad for certain, but not good: a plane that is not known may be worse
     incomplete = spec.needs_all and known.size < per_plane.size
     return math.nan if incomplete and spec.limits.merit(value) == "good" else value
 

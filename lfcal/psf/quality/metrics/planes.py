@@ -82,7 +82,7 @@ def _at_depth(h: MatrixMeasures, camera: Camera) -> tuple[Values, Values]:
     if known.size < 2:
         return off, order
     wanted = np.abs(away[known])
-    # the f-number may not be what the camera states: one scale for all, found whatever the order
+    # the f-number may not be what the camera states: one scale for all planes, found in any order
     scale = float(np.median(np.sort(h.shadows_px[known]) / np.sort(wanted)))
     beyond = [_beyond(h.planes[z]) for z in known]
     for k, z in enumerate(known):
