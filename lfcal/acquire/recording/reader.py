@@ -47,8 +47,10 @@ class RecordingFile:
             data = read_at(
                 self._descriptor, layout.frame_bytes, layout.frames_at + slot * layout.frame_bytes, self.path
             )
+            # frombuffer gives a read-only view of the bytes
             frame = np.frombuffer(data, layout.dtype).reshape(layout.shape).copy()
         else:
+            # h5py's file is shared by all threads, a descriptor read at a position is not
             with self._lock:
                 frame = self._file["frames"][slot]
         if (

@@ -45,6 +45,7 @@ def blade_radius(
         Apothem over blade radius, 0 to 1.
     """
     step = 2 * math.pi / blades
+    # counted from the middle of a blade, where the formula has its axis of symmetry
     d = np.mod(np.asarray(theta, float) - rotation_rad, step) - step / 2
     m = 1.0 - curvature
     edge: NDArray[np.float64] = apothem * (2.0 - curvature) / (np.sqrt(1.0 - (m * np.sin(d)) ** 2) + m * np.cos(d))
@@ -56,9 +57,11 @@ def polygon_area(blades: int, apothem: float, curvature: float = 0.0) -> float:
     half = math.pi / blades
     vertex = float(blade_radius(0.0, blades, 0.0, apothem, curvature))
     polygon = blades * vertex * vertex * math.sin(2 * half) / 2
+    # at curvature 0 the segments' radius is infinite, and their area 0
     if curvature <= 0:
         return polygon
     radius = apothem / curvature
+    # rounding may push the sine of a full half circle above one
     opening = 2 * math.asin(min(1.0, vertex * math.sin(half) / radius))
     return polygon + blades * radius * radius * (opening - math.sin(opening)) / 2
 

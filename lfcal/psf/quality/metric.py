@@ -100,6 +100,7 @@ class CostModel:
         if limits.higher_is_better:
             share = limits.bad / value if value > 0 else math.inf
         else:
+            # a limit of 0 has no proportion: the value itself is the share
             share = abs(value) / limits.bad if limits.bad > 0 else abs(value)
         return min(self.worst, self.at_bad * share)
 

@@ -126,6 +126,7 @@ def measure_positions(
     if spots is None:
         return Positions()
     phases = None
+    # a lattice that does not follow the source says nothing of its position
     if spots.usable and spots.order == "as planned":
         shift = displacements(patterns, spots, table.floor, workers)
         if _wild(shift, spots, use) < WILD:
@@ -143,6 +144,7 @@ def _wild(shift: NDArray[np.float64], spots: SpotLattice, use: NDArray[np.bool_]
 
     Faults shift frames by a few pixels at most, or few frames by more; phases that jump everywhere are no phases.
     """
+    # neighbours along x were recorded one after the other: a real fault moves few of them so far
     both = use[:, 1:] & use[:, :-1]
     pitch = 2 * math.pi / float(np.hypot(*spots.waves[0]))
     jump = np.hypot(*np.diff(shift, axis=2)) > pitch / 4
@@ -160,10 +162,12 @@ def _path(table: PatternTable, use: NDArray[np.bool_]) -> CentroidPath:
     placed, jitter = use & ~wrong, math.nan
     if placed.any():
         rms = math.hypot(*(float(np.sqrt(np.mean(p.residual[placed] ** 2))) for p in move))
+        # scatter adds in squares, so noise and backlash are taken off in squares
         jitter = math.sqrt(max(0.0, rms**2 - float(np.mean(noise**2)) - swing**2))
     return CentroidPath(
         jitter,
         swing,
+        # along its own axis a centroid's ramp is a wrong step; across it, drift
         gain=max(move[0].sure_ramp(0), move[1].sure_ramp(1)),
         drift=max(move[0].sure_ramp(1), move[1].sure_ramp(0)),
         distance=np.hypot(row - np.median(row[use]), column - np.median(column[use])),
