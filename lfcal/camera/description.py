@@ -111,8 +111,7 @@ class Camera:
         """
         if isinstance(self.optics, Microscope):
             return self.sensor.pixel_um / self.optics.magnification
-        # object-side step over distance equals image-side pixel over distance: similar triangles about the lens's
-        # centre
+        # similar triangles about the lens's centre: step over object distance is pixel over image distance
         distance = self._object_distance(z_um)
         return self.sensor.pixel_um * distance / (self.optics.image_distance_um + self.lattice.gap_um)
 

@@ -83,7 +83,7 @@ class Frame:
     exposure_s
         Exposure time the device reports (s).
     started_s
-        Earliest start of the exposure on the rig's clock (s), or None where only `number` tells.
+        Earliest start of the exposure on the rig's clock (s), or None where only `number` shows that the frame is new.
     status
         ``"complete"``, or what is wrong with the buffer.
     """

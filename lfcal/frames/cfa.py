@@ -100,9 +100,9 @@ def same_colour_offsets(cfa: str, reach: int = 2) -> list[list[list[NDArray[np.i
 def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
     """Raise unless the two greens of a Bayer mosaic agree better than its red and blue do.
 
-    RAW readers believe a wrong Bayer tag. Where it exchanges greens for red and blue, the pixels taken for green
+    RAW readers do not check the Bayer tag. Where it exchanges greens for red and blue, the pixels taken for green
     differ in the brightest 1 % of the cells while the others agree; 2.5 times and 5 % of the light are asked for.
-    Exchanged red and blue cannot be told, nor can grey scenes.
+    Exchanged red and blue are not found, nor is a wrong tag on a grey scene.
 
     Raises
     ------

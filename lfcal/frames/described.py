@@ -37,7 +37,7 @@ class DescribedSource(SourceView):
         self._filled = _raw(source, plan.camera.sensor) and self._fill(plan.camera.sensor)
 
     def _fill(self, sensor: Sensor) -> bool:
-        """Enter what the frames do not state; return whether their highest value is the plan's word."""
+        """Enter what the frames do not state; return whether their highest value comes from the plan."""
         facts = self._facts
         unsaid = facts.get("bit_depth") is None and facts.get("saturation") is None
         if unsaid:

@@ -125,7 +125,7 @@ def _iter_planes(a: PSFMatrix, b: PSFMatrix, workers: int | None) -> Work[Compar
     shift = np.full((*a.shape[:3], 2), np.nan, np.float32)
     yield clock.at(0)
     for z in range(len(a)):
-        # a position that either lacks says nothing of the difference
+        # a position that either lacks cannot be compared
         wanted = (a.recorded[z] > 0) & (b.recorded[z] > 0)
         products[z] = _compare_plane(a.plane(z), b.plane(z), wanted, error[z], shift[z], workers)
         yield clock.at(z + 1)

@@ -96,7 +96,7 @@ class DatasetPlanes:
 
 
 class _damage:
-    """Turn HDF5's word on damaged data into a `FileFormatError`."""
+    """Turn HDF5's error on damaged data into a `FileFormatError`."""
 
     def __init__(self, dataset: Any, part: str) -> None:
         self.dataset, self.part = dataset, part

@@ -25,7 +25,7 @@ from lfcal.threads import for_each_chunk
 __all__ = ["BORDER_LIMIT", "border_energy", "border_warning", "depth_sum", "ht_slice", "transpose"]
 
 BORDER_LIMIT = 0.001
-"""Share of the energy near the edge of the cutout above which `border_warning` speaks."""
+"""Share of the energy near the edge of the cutout above which `border_warning` warns."""
 
 
 def transpose(

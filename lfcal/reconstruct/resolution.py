@@ -27,7 +27,7 @@ class TwoPoint:
     plane
         Index of the plane.
     depth_um
-        Its depth, where H tells (else the index).
+        Its depth, where H has depths (else the index).
     distance
         Least distance tried at which the points are apart (voxels); infinity: none.
     dips

@@ -32,7 +32,7 @@ RESPONSE = 0.1
 """A pixel whose values span less than this share of its neighbours' does not respond."""
 
 ENCLOSED = 3.0
-"""It must have been enclosed by light of this many times its own span, in one frame, to be believed dead."""
+"""It must have been enclosed by light of this many times its own span, in one frame, to count as dead."""
 
 MIN_FRAMES_HOT = 3
 MIN_FRAMES_RESPONSE = 8

@@ -16,7 +16,7 @@ from lfcal.frames.corrections.steps import fingerprint
 __all__ = ["Defects", "nearest_good", "repair_nan"]
 
 MAX_SHARE = 0.05
-"""More defects than this share of the sensor are not believed."""
+"""More defects than this share of the sensor are refused: the search has failed then."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -117,7 +117,7 @@ def decoding(path: Path, kind: str) -> Iterator[None]:
 
 
 def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: int) -> None:
-    """Raise unless ``shape`` is that of a frame and its bytes are believable for ``stored`` bytes of file."""
+    """Raise unless ``shape`` is that of a frame and its bytes fit ``stored`` bytes of file."""
     rows, columns = shape[:2]
     if not (1 <= rows <= MAX_SIDE and 1 <= columns <= MAX_SIDE):
         raise UnsafeFileError.expected(

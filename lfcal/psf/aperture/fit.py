@@ -29,7 +29,7 @@ CLEAR_MARGIN = 20.0
 """Beyond this in both, one fit to the pixels is enough."""
 
 COUNT_CHI2 = 14.0
-"""The pixels' chi-square must tell the two best counts apart by this, in units of the reduced one."""
+"""The pixels' chi-square must separate the two best counts by this, in units of the reduced one."""
 
 CIRCLE_CHI2 = 40.0
 """And the best count from the circle by this, where noise and not ripple limits the fit."""

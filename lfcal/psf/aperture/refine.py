@@ -140,7 +140,7 @@ def accumulate(
             _edge_slopes(row, p, arc, dx, dy, lit * math.exp(-0.5 * u * u) * 0.3989422804014327 / p[BLUR])
         elif edge == 0.0:  # far outside: dark for any parameters
             row[:] = 0.0
-        else:  # far inside: only the level and its shading can tell
+        else:  # far inside: only level and shading matter
             row[:LEVEL] = 0.0
             row[STRETCH:] = 0.0
         row[LEVEL] = edge * shade

@@ -15,7 +15,7 @@ from lfcal.psf.aperture.shape import blade_radius
 __all__ = ["BLADES", "Candidate", "candidates", "strongest_harmonic"]
 
 BLADES = range(4, 16)
-"""Blade counts that are told apart; 3 cannot be told from a tilted lens's trefoil."""
+"""Blade counts that are distinguished; 3 looks like a tilted lens's trefoil."""
 
 CURVATURES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.85)
 HARMONICS = 60

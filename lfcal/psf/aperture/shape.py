@@ -15,11 +15,11 @@ __all__ = ["REFUSALS", "Aperture", "blade_radius", "polygon_area"]
 REFUSALS = {
     "too dim": "no lit patch stands out of the noise",
     "cut off": "the lit patch reaches the edge of the cutout",
-    "circle": "no blades can be told from a round aperture",
+    "circle": "the outline cannot be distinguished from a circle",
     "cat-eye": "the outline fits no regular iris: vignetted, obstructed or doubled",
     "unclear": "two blade counts, or a count and a circle, fit about equally well",
 }
-"""Why a fit would rather not say, and what that means."""
+"""Why a fit is refused, and what that means."""
 
 
 def blade_radius(
@@ -100,7 +100,7 @@ class Aperture:
     confident
         Whether blade count and outline may be relied on.
     refusal
-        Key of `REFUSALS`, or empty: why the fit would rather not say.
+        Key of `REFUSALS`, or empty: why the fit was refused.
     """
 
     blades: int

@@ -1,4 +1,4 @@
-"""What planes say of each other: which are dark, which are copies, how large their shadows are."""
+"""Planes compared with each other: which are dark, which are copies, how large their shadows are."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ NOVEL = 0.05
 """A plane that differs from another by less than this share of what neighbours differ by is its copy."""
 
 BLIND = 0.02
-"""Where noise alone makes two recordings differ by more than this, copies cannot be told."""
+"""Where noise alone makes two recordings differ by more than this, copies cannot be found."""
 
 CLEAR = 4.0
-"""The shadow's second moment is told from the lenslets' own where the sum is so many times that."""
+"""The shadow's second moment can be separated from the lenslets' own where the sum is so many times that."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,7 @@ class MatrixMeasures:
 
     @classmethod
     def of(cls, matrix: PSFMatrix, planes: Sequence[PlaneMeasures]) -> MatrixMeasures:
-        """Return what the measured planes, in the order of H, say of each other."""
+        """Return what follows from comparing the measured planes, given in the order of H."""
         energy = np.array([p.energy if p.lit else 0.0 for p in planes])
         usual = float(np.median(energy[energy > 0])) if (energy > 0).any() else 0.0
         dark = energy < DARK_PLANE * usual if usual else np.ones(len(planes), bool)

@@ -1,4 +1,4 @@
-"""What the dark corners of the cutouts say: background, noise, clipping."""
+"""Measured from the dark corners of the cutouts: background, noise, clipping."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class PlaneContext:
     waves
         Wave vectors of the lenslet lattice, see `lfcal.psf.quality.lattice.wave_vectors`.
     tiling
-        What control frames said, where there were some.
+        Result of the control frames, where there were some.
     """
 
     matrix: PSFMatrix
@@ -112,7 +112,7 @@ class PlaneMeasures:
     spread
         Second moment of the depth-plane sum (pixels squared); NaN where it cannot be relied on.
     positions
-        What spots and centroids say of the source's positions.
+        The source's positions as measured from spots and centroids.
     continuity
         Seam and odd frames; None where the scan ran in another order, and its neighbours are none.
     sample
@@ -135,7 +135,7 @@ class PlaneMeasures:
 
     @property
     def dark(self) -> DarkCorners:
-        """What the dark corners of the cutouts say."""
+        """Noise and background from the dark corners of the cutouts."""
         return self.table.dark
 
     @property

@@ -24,7 +24,7 @@ RANK: dict[Merit, int] = {"bad": 0, "fair": 1, "good": 2, "unknown": 3}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """What a metric says of one plane.
+    """A metric's value of one plane.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Reading:
 
 
 UNKNOWN = Reading()
-"""What a metric says that could not be measured: never zero, which would be good."""
+"""The value of a metric that could not be measured: never zero, which would be good."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Limits:
             raise ValueError(f"limits: good {self.good} must not be worse than bad {self.bad}")
 
     def merit(self, value: float) -> Merit:
-        """Return what ``value`` is worth; NaN is unknown."""
+        """Return the merit of ``value``; NaN is unknown."""
         if math.isnan(value):
             return "unknown"
         sign = -1.0 if self.higher_is_better else 1.0
@@ -178,7 +178,7 @@ class Metric:
     spec
         What was measured.
     value, merit
-        Overall value (NaN: unknown) and what it is worth.
+        Overall value (NaN: unknown) and its merit.
     cost
         Estimated reconstruction error (NRMSE); NaN where the value is unknown.
     per_plane

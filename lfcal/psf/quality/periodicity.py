@@ -19,7 +19,7 @@ __all__ = ["Periodicity", "periodicity"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Periodicity:
-    """What ``n`` control frames say.
+    """Result of ``n`` control frames.
 
     Attributes
     ----------

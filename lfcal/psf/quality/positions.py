@@ -15,7 +15,7 @@ from lfcal.psf.quality.pattern_table import PatternTable
 __all__ = ["CentroidPath", "LatticePhases", "Positions", "measure_positions"]
 
 WILD = 0.1
-"""Share of jumping phases beyond which they tell no positions."""
+"""Share of jumping phases beyond which they do not give positions."""
 
 MISPLACED = 0.5
 """Displacement of a frame's pattern that is too much (pixels)."""
@@ -73,12 +73,12 @@ class CentroidPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Positions:
-    """What the patterns say of the source's positions; None is what they do not tell.
+    """The source's positions as measured from the patterns; None where they cannot be measured.
 
     Attributes
     ----------
     spots
-        The spots' lattice, where it tells positions.
+        The spots' lattice, where positions can be measured from it.
     locked
         Whether each pattern is the image of a single lenslet, which does not follow the source.
     phases, path
@@ -95,7 +95,7 @@ class Positions:
 
     @property
     def as_planned(self) -> bool:
-        """Whether nothing says that the scan ran in another order."""
+        """Whether the scan ran in the planned order, as far as is known."""
         return self.spots is None or self.spots.order == "as planned"
 
 
@@ -107,7 +107,7 @@ def measure_positions(
     diameter_px: float,
     workers: int | None = None,
 ) -> Positions:
-    """Return what a plane's patterns say of their positions.
+    """Return the positions measured from a plane's patterns.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def measure_positions(
     if spots is None:
         return Positions()
     phases = None
-    # a lattice that does not follow the source says nothing of its position
+    # a lattice that does not follow the source does not show its position
     if spots.usable and spots.order == "as planned":
         shift = displacements(patterns, spots, table.floor, workers)
         if _wild(shift, spots, use) < WILD:

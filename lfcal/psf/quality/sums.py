@@ -84,7 +84,7 @@ class _LitArea:
 
 @dataclass(frozen=True, slots=True)
 class EdgeLight:
-    """Light where a depth-plane sum should be dark (per cent); NaN where it cannot be told.
+    """Light where a depth-plane sum should be dark (per cent); NaN where it cannot be measured.
 
     Attributes
     ----------

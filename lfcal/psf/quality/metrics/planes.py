@@ -97,7 +97,7 @@ def _at_depth(h: MatrixMeasures, camera: Camera) -> tuple[Values, Values]:
 
 
 def _beyond(plane: PlaneMeasures) -> bool | None:
-    """Return whether the image lies beyond the sensor (v > 1), by the spots' spacing; None if they do not tell."""
+    """Return whether the image lies beyond the sensor (v > 1), by the spots' spacing; None if it cannot be measured."""
     spots = plane.positions.spots
     if spots is None or spots.order != "as planned" or abs(spots.scale - 1) < 0.05:
         return None
