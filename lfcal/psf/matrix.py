@@ -54,7 +54,7 @@ class PSFMatrix:
     transposed
         The values are those of HT.
     provenance
-        How H came about, as plain JSON types.
+        Provenance of H, as plain JSON types.
 
     Raises
     ------
@@ -205,7 +205,7 @@ class PSFMatrix:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """How H came about."""
+        """Provenance of H."""
         return dict(self._provenance)
 
     @property

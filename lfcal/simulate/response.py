@@ -196,7 +196,7 @@ def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:
 
 
 def merged(samples: Sequence[LightSample], wavelength_um: float) -> tuple[LightSample, ...]:
-    """Return the samples with all wavelengths of a source point in one: rays do not know their colour."""
+    """Return the samples with all wavelengths of a source point in one: rays do not depend on the wavelength."""
     weights: dict[tuple[float, float], float] = {}
     for s in samples:
         weights[s.rows, s.columns] = weights.get((s.rows, s.columns), 0.0) + s.weight

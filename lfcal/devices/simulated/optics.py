@@ -53,6 +53,7 @@ class PatternRenderer:
         column = self._centre[1] + source_um[0] / step
         sigma = self._sigma(source_um[2])
         peak = np.float32(self._rate * exposure_s / sigma**2)
+        # rounded, so that the cache also serves the same place reached over another path
         top, down = _profile(round(row, 6), sigma, self._plan.period[0])
         left, along = _profile(round(column, 6), sigma, self._plan.period[1])
         return Patch(top, left, np.multiply.outer(peak * down, along))
