@@ -59,6 +59,7 @@ def check_cutout(nt: int, ns: int) -> None:
             "cutout",
             "odd numbers of pixels in both directions",
             f"{nt} x {ns}",
+            # n | 1 is the next odd number
             f"use {nt | 1} x {ns | 1}",
         )
 

@@ -34,6 +34,7 @@ def check_number(
         if limit is not None
     ]
     wanted = " ".join([("a whole number" if integer else "a number"), " and ".join(bounds)]).strip()
+    # a bool is an Integral in Python
     good = isinstance(value, kind) and not isinstance(value, bool) and math.isfinite(float(value))
     if good:
         number = float(value)  # type: ignore[arg-type]

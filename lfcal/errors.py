@@ -32,7 +32,7 @@ class FileFormatError(InputError):
 
 
 class UnsafeFileError(FileFormatError):
-    """A file asks for something no reader should do for it."""
+    """A file asks for something unsafe: code to run, a file outside its folder, a size that its bytes cannot hold."""
 
 
 class StorageError(LfcalError, OSError):

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and HDF5 files opened without trusting them."""
+"""Atomic writing of files, and safe opening of HDF5 files from unknown sources."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 MAX_BYTES = 1 << 44
-"""No dataset above this declared size (17.6 TB) is believed."""
+"""A dataset with a declared size above this (17.6 TB) is refused."""
 
 MAX_EXPANSION = 2000
 """Declared bytes a dataset may hold per byte of file; gzip reaches 1030 on constant data."""
@@ -66,10 +66,12 @@ def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
     A chunked HDF5 write onto a full disk can end the process, so this is asked first.
     """
     probe = folder.absolute()
+    # the folder may not exist yet; the disk is that of its nearest parent
     while not probe.exists() and probe != probe.parent:
         probe = probe.parent
     with storage_errors(probe):
         free = shutil.disk_usage(probe).free
+    # HDF5 adds chunk indices and headers to the data
     need = int(nbytes * 1.01) + (1 << 20)
     if free < need:
         raise StorageError.expected(
@@ -92,12 +94,14 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise StorageError(f"{target}: is a folder; name a file in it")
     with storage_errors(target):
         target.parent.mkdir(parents=True, exist_ok=True)
+        # hidden, with the process number: two programs that write one file do not share a scratch file
         part = target.with_name(f".{target.name}.{os.getpid()}.part")
         try:
             part.touch(exist_ok=True)
             yield part
             _flush(part)
             os.replace(part, target)
+            # after the rename, or a power cut may bring back the old folder entry
             _flush(target.parent)
         finally:
             with suppress(FileNotFoundError):
@@ -154,8 +158,10 @@ def open_h5_file(path: str | os.PathLike[str]) -> h5py.File:
         raise StorageError(f"{source}: no such file; check the path")
     check_regular(source)
     with storage_errors(source):
+        # a plain open first: h5py's own error does not tell a missing permission from damaged data
         source.open("rb").close()
     try:
+        # without HDF5's lock a file can be read while a session writes it, and on network disks
         return h5py.File(source, "r", locking=False)
     except OSError as error:
         raise FileFormatError.expected(
@@ -181,6 +187,7 @@ def check_dataset(file: h5py.File, name: str, *, max_bytes: int = MAX_BYTES, dty
         if link is None:
             names = ", ".join(sorted(group.keys())[:8]) or "nothing"
             raise FileFormatError.expected(where, "a dataset of this name", f"only {names}", "check the file")
+        # a link may lead to any file of this machine
         if not isinstance(link, h5py.HardLink):
             raise UnsafeFileError.expected(
                 where, "data stored in the file itself", type(link).__name__, "copy the data in"
@@ -197,6 +204,7 @@ def _check_storage(data: Any, where: str, max_bytes: int, dtype: np.dtype[Any] |
     import h5py
 
     plist = data.id.get_create_plist()
+    # so may external storage and virtual datasets
     if plist.get_external_count():
         raise UnsafeFileError.expected(where, "data stored in the file itself", "external storage", "copy it in")
     if plist.get_layout() == h5py.h5d.VIRTUAL:

@@ -61,6 +61,7 @@ class Clock:
     def __init__(self, stage: str, total: int) -> None:
         self.stage = stage
         self.total = total
+        # perf_counter never goes backwards, unlike the clock of the day
         self._start = time.perf_counter()
 
     def at(self, done: int, note: str = "") -> Progress:
@@ -79,4 +80,5 @@ def drain(work: Work[R], on_progress: Callable[[Progress], None] | None = None) 
         result: R = stop.value
         return result
     finally:
+        # closes the generator also where the caller's own code raised: its files are closed then
         work.close()

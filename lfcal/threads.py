@@ -24,6 +24,7 @@ def worker_count(workers: int | None = None) -> int:
     """Return ``workers``, or the number of processors this process may use when it is None."""
     if workers is not None:
         return max(1, workers)
+    # in a container or under taskset a process may use fewer processors than the machine has
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -32,6 +33,7 @@ def worker_count(workers: int | None = None) -> int:
 def chunks(n: int, parts: int) -> list[tuple[int, int]]:
     """Split ``range(n)`` into at most ``parts`` nearly equal ``(start, stop)`` ranges."""
     parts = max(1, min(parts, n))
+    # whole-number arithmetic: the ranges differ by one item at most and leave none out
     edges = [n * k // parts for k in range(parts + 1)]
     return [(a, b) for a, b in itertools.pairwise(edges) if b > a]
 
@@ -54,6 +56,7 @@ def for_each_chunk(
     """
     count = worker_count(workers)
     ranges = chunks(n, count * parts_per_worker if count > 1 else 1)
+    # without a pool an error keeps its short traceback, and nothing is spent on threads
     if count == 1 or len(ranges) <= 1:
         return [function(a, b) for a, b in ranges]
     with ThreadPoolExecutor(count) as pool:
@@ -72,6 +75,7 @@ class _BlasGate:
 
     def close(self) -> None:
         """Hold the BLAS libraries that are loaded (scipy brings its own); finding them takes a millisecond."""
+        # numpy and scipy may bring one BLAS each; limiting the first does not limit the second
         scipy_too = "scipy.linalg" in sys.modules
         if self.libraries is None or scipy_too != self.scipy_too:
             from threadpoolctl import ThreadpoolController

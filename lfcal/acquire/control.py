@@ -49,6 +49,7 @@ class Control:
 
     def abort(self) -> None:
         """Stop the stage and end now."""
+        # an abort ends a pause and a wait too
         self._abort.set()
         self._stop.set()
         self._wake.set()
@@ -84,6 +85,7 @@ class Control:
                 time.sleep(seconds)
             self.check()
             return
+        # in slices, because an abort must reach a thread that settles for minutes
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             time.sleep(min(left, SLICE_S))

@@ -1,4 +1,4 @@
-"""What comes after the last frame: H without copying by hand, and the recording packed small."""
+"""What comes after the last frame: H from the session's own frames, and the recording compressed."""
 
 from __future__ import annotations
 

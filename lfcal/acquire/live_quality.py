@@ -23,7 +23,7 @@ FIRST = 200
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Something worth stopping for.
+    """A finding on recorded frames that may call for a stop.
 
     Attributes
     ----------

@@ -50,6 +50,7 @@ class Looker:
         bracket: tuple[float, ...] = (1.0,),
     ) -> None:
         motion, sensor = options.motion(plan), plan.camera.sensor
+        # before anything moves: a limit met halfway would leave the stage anywhere
         check_limits(targets, rig.stage.limits, motion.overshoot_um)
         self._time = rig.time
         self._mover = Mover(rig.stage, rig.time, motion, control)

@@ -74,6 +74,7 @@ class Options:
     def __post_init__(self) -> None:
         """Check every value."""
         check_choice("order", self.order, ORDERS)
+        # a bracket without 1 has no frame at the plan's exposure to scale the others to
         if not self.bracket or 1.0 not in self.bracket or len(set(self.bracket)) != len(self.bracket):
             raise InputError.expected(
                 "exposure bracket", "different factors, 1 among them", self.bracket, "for example 1, 0.25, 0.0625"
@@ -104,6 +105,7 @@ class Options:
         tolerance = self.tolerance_um
         if tolerance is None:
             step = min(min(plan.step_um(z)) for z in range(len(plan.depths_um)))
+            # an error in depth changes a pattern far less than one sideways
             sideways, away = 0.1 * step, step
             axis = plan.stage.away[1]
             tolerance = tuple(away if name == axis else sideways for name in "xyz")

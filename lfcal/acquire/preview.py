@@ -22,7 +22,7 @@ class LiveFrame:
     Attributes
     ----------
     data
-        The region of interest, ``(rows, columns)``; nobody writes to it.
+        The region of interest, ``(rows, columns)``; read-only.
     roi
         Where it lies on the sensor.
     cutout

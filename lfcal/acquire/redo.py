@@ -64,6 +64,7 @@ class RedoList:
             not isinstance(positions, list)
             or not isinstance(reasons, list)
             or len(reasons) > len(positions)
+            # bool is a kind of int: type() and not isinstance() keeps true and false out
             or not all(isinstance(p, list) and len(p) == 3 and all(type(v) is int for v in p) for p in positions)
         ):
             raise FileFormatError.expected(

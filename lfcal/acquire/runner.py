@@ -176,7 +176,7 @@ class Runner:
             except (CameraError, StageError):
                 if attempt > self._options.retries:
                     raise
-            # the next attempt approaches anew, whatever state the fault left the stage in
+            # the fault may have left the stage anywhere, so the next attempt approaches from the start
             self._mover.forget()
             attempt += 1
 

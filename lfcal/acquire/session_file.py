@@ -118,6 +118,7 @@ class SessionFile:
             session = build(cls, body, "session")
         except KeyError as error:
             raise FileFormatError.expected(str(path), f"entry {error}", "none", "restore the file") from None
+        # names follow from the numbers; others would let a file lead out of the session's folder
         names = tuple(file_name(Kind.POSITION, run) for run in range(len(session.recordings)))
         if not names or session.recordings != names or len(session.redo) != len(names):
             raise FileFormatError.expected(
@@ -150,8 +151,10 @@ class SessionFile:
 
 def _difference(old: Any, new: Any, what: str) -> tuple[str, Any, Any] | None:
     """Return the first place where two JSON values differ, as (name, old, new)."""
+    # written to JSON and back, tuples become lists on both sides
     old, new = (json.loads(json.dumps(value)) for value in (old, new))
     if isinstance(old, dict) and isinstance(new, dict):
+        # an entry that one side alone has is a difference too
         for key in [*old, *(k for k in new if k not in old)]:
             found = _difference(old.get(key), new.get(key), f"{what}.{key}")
             if found:

@@ -32,7 +32,7 @@ class Spot:
         Highest sample above the background (counts).
     sharpness
         Squared differences of neighbouring pixels over squared values, in [0, 4]: larger is sharper,
-        whatever the brightness.
+        for any brightness.
     snr
         Peak over the noise of the background.
     """
@@ -98,7 +98,7 @@ def find_spot(frame: NDArray[Any]) -> Spot:
 def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float, float]:
     """Return how far the light moved between two frames of one region, and how alike they are.
 
-    Rows and columns in pixels, then the normalised correlation of the frames: 1 for equal ones, whatever their
+    Rows and columns in pixels, then the normalised correlation of the frames: 1 for equal ones, for any
     brightness.
 
     Raises

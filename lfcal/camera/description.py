@@ -81,6 +81,7 @@ class Camera:
         """Micro-image lattice over lenslet lattice: 1 + B/b for a lens, 1 for a telecentric microscope."""
         if isinstance(self.optics, Microscope):
             return 1.0
+        # the chief ray leaves the lens's centre and passes the lenslet at distance b, the sensor at b + B
         return 1.0 + self.lattice.gap_um / self.optics.image_distance_um
 
     @property
@@ -90,6 +91,7 @@ class Camera:
 
     def pixels(self, xy_um: ArrayLike) -> NDArray[np.float64]:
         """Return pixel coordinates ``(..., 2)`` as (row, column) of points (x, y) from the sensor's centre (µm)."""
+        # Camera.pixels counts (row, column), points count (x, y): the two are swapped, and nothing is mirrored
         flipped = np.asarray(xy_um, float)[..., ::-1]
         pixels: NDArray[np.float64] = flipped / self.sensor.pixel_um + np.array(self.sensor.centre_px)
         return pixels
@@ -109,6 +111,7 @@ class Camera:
         """
         if isinstance(self.optics, Microscope):
             return self.sensor.pixel_um / self.optics.magnification
+        # similar triangles about the lens's centre: step over object distance is pixel over image distance
         distance = self._object_distance(z_um)
         return self.sensor.pixel_um * distance / (self.optics.image_distance_um + self.lattice.gap_um)
 
@@ -132,6 +135,7 @@ class Camera:
         if isinstance(self.optics, Microscope):
             return -a * self.optics.medium_index / self.optics.magnification**2
         image = self.optics.image_distance_um + a
+        # the image of an object at infinity lies in the back focal plane; closer to the lens there is no real object
         if image <= self.optics.focal_length_um:
             infinity = (self.optics.focal_length_um - self.optics.image_distance_um) / self.lattice.gap_um
             limit = f"above {infinity:.4g} (an object at infinity)"
@@ -156,6 +160,7 @@ class Camera:
 
     def to_json(self) -> str:
         """Return the description as JSON text."""
+        # NaN is not JSON, and other programs refuse it
         return json.dumps(self.to_dict(), indent=2, allow_nan=False)
 
     @classmethod
@@ -193,6 +198,7 @@ def build(kind: type[T], data: Any, what: str) -> T:
         raise FileFormatError.expected(what, "an object with named entries", type(data).__name__, "correct it")
     hints = get_type_hints(kind)
     names = {f.name for f in fields(cast(Any, kind))}
+    # an unknown entry is an error: a misspelt one would silently leave a default in place
     unknown = sorted(set(data) - names)
     if unknown:
         raise FileFormatError.expected(what, f"only {', '.join(sorted(names))}", unknown[0], "remove it")
@@ -210,6 +216,7 @@ def _value(hint: Any, value: Any, what: str) -> Any:
         args = get_args(hint)
         inner = args[0] if args else Any
         return tuple(_value(inner, v, what) for v in value)
+    # optional entries are written X | None, whose one other member is the type to build
     if origin is UnionType:
         if value is None:
             return None

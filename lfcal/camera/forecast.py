@@ -70,6 +70,7 @@ class Forecast:
             exposure_hours=sum(plan.exposures) * per_plane * plan.frames_averaged / 3600,
             settle_hours=plan.n_positions * plan.settle_s / 3600,
             move_hours=_travel_um(plan) / stage_um_per_s / 3600,
+            # cameras deliver up to 8 bits in one byte, up to 16 in two
             frame_bytes=frames * pixels * (1 if plan.camera.sensor.bit_depth <= 8 else 2),
             cutout_bytes=2 * entries,
             h_float32_bytes=4 * entries,
@@ -80,5 +81,6 @@ class Forecast:
 
 def _travel_um(plan: ScanPlan) -> float:
     """Return the way of the stage, its longest axis counted in each move (µm)."""
+    # the axes run at the same time, so a move lasts as long as its longest component
     path = plan.stage_um()
     return float(np.abs(np.diff(path, axis=0)).max(axis=1).sum()) if len(path) > 1 else 0.0

@@ -45,6 +45,7 @@ class LensType:
 
         ``math.inf`` is a lenslet focused at infinity (f = gap), as in a light-field microscope.
         """
+        # lenslet equation 1/f = 1/B - 1/a with a = v B: between 0 and 1 the focal length would be negative
         if virtual_depth in (0, 1) or 0 < virtual_depth < 1:
             raise InputError.expected(
                 "virtual depth in focus", "a value above 1 or below 0", virtual_depth, "correct it"
@@ -110,6 +111,7 @@ class LensletLattice:
         object.__setattr__(self, "types", tuple(self.types))
         for kind in self.types:
             check_type("lens type", kind, LensType)
+        # three types colour a hexagonal lattice so that neighbours differ; arrays of three types are made so
         if len(self.types) not in (1, 3) or (len(self.types) == 3 and self.kind == "square"):
             raise InputError.expected("lens types", "one, or three on a hexagonal array", len(self.types), "correct it")
         if self.clear_um is not None:
@@ -137,6 +139,8 @@ class LensletLattice:
         Rows that run closer to the sensor's columns than to its rows swap the two.
         """
         across, along = self.row_step_um, self.pitch_um
+        # odd rows are shifted by half a pitch, so a rectangular cell takes two rows; three types repeat every third
+        # lenslet
         if self.kind == "hexagonal":
             across, along = 2 * across, len(self.types) * along
         return (along, across) if self.quarter_turns % 2 else (across, along)
@@ -156,6 +160,7 @@ class LensletLattice:
         a = np.array([self.pitch_um, 0.0])
         b = np.array([self.pitch_um / 2 if self.kind == "hexagonal" else 0.0, self.row_step_um])
         c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
+        # image y points down, so this turns from +x towards +y: clockwise on the screen
         turn = np.array([[c, s], [-s, c]])
         return np.stack([a @ turn, b @ turn])
 
@@ -167,6 +172,7 @@ class LensletLattice:
 
     def type_of(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.intp]:
         """Return the type of the lenslets q, r: ``type_step (q - r) mod 3`` for three types, so neighbours differ."""
+        # moving one lenslet along b changes the type by -1, so all six neighbours differ
         return np.mod(self.type_step * (np.asarray(q, np.intp) - np.asarray(r, np.intp)), len(self.types))
 
     def lenslets_within(
@@ -174,6 +180,8 @@ class LensletLattice:
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         """Return centres ``(n, 2)`` as (x, y) and types ``(n,)`` inside a box about ``about_um`` (µm)."""
         basis = self.basis_um()
+        # the box's corners in lattice indices, with one cell to spare: a tilted lattice's index range is larger than
+        # the box
         corners = np.array([(sx * half_width_um, sy * half_height_um) for sx in (-1, 1) for sy in (-1, 1)])
         index = (corners + np.array(about_um) - np.array(self.offset_um)) @ np.linalg.inv(basis)
         lo, hi = np.floor(index.min(0)).astype(int) - 1, np.ceil(index.max(0)).astype(int) + 1

@@ -44,10 +44,12 @@ class MainLens:
         check_number(
             "working distance (µm)",
             self.working_distance_um,
+            # a working distance at or within the focal length has no real image on the array
             above=self.focal_length_um,
             remedy="give a distance beyond the focal length",
         )
         check_number("iris blades", self.blades, at_least=0, at_most=64, integer=True)
+        # an iris needs three blades to enclose an area
         if self.blades in (1, 2):
             check_number("iris blades", self.blades, at_least=3, remedy="use 0 for a circular iris")
         check_number("blade rotation (rad)", self.blade_rotation_rad)
@@ -75,6 +77,7 @@ class MainLens:
     @property
     def working_f_number(self) -> float:
         """Image distance over pupil diameter: the cone that reaches the lenslets."""
+        # pupil diameter is f/N
         return self.image_distance_um * self.f_number / self.focal_length_um
 
 
@@ -120,6 +123,7 @@ class Microscope:
     @property
     def working_f_number(self) -> float:
         """M / (2 NA): the cone that reaches the lenslets."""
+        # paraxial 1/(2 NA) on the object side, M times slower on the image side
         return self.magnification / (2 * self.numerical_aperture)
 
     @property

@@ -22,6 +22,7 @@ __all__ = ["ScanPlan"]
 
 FORMAT = "lfcal-plan"
 VERSION = 1
+# far beyond any recording (25 days at a frame per millisecond): a wrong period or depth list ends here
 MAX_POSITIONS = 1 << 31
 MAX_TILT_RAD = math.radians(2.0)
 """Beyond this the rectangular period no longer describes the array."""
@@ -142,6 +143,7 @@ class ScanPlan:
         if cutout is None:
             cutout = cutout_for(camera, depths)
         if anchor is None:
+            # on whole pixels, so that cutouts need no interpolation
             row, column = camera.sensor.centre_px
             anchor = (float(round(row - (ny - 1) / 2)), float(round(column - (nx - 1) / 2)))
         window = (cutout, cutout) if isinstance(cutout, int) else cutout
@@ -206,6 +208,7 @@ class ScanPlan:
         """
         if not self.resample:
             return 1.0, 1.0
+        # a cell is a whole number of lattice periods, stretched or shrunk to a whole number of pixels
         fy, fx = (n / (k * p) for k, p, n in zip(self.cells, self.camera.period_px, self.period, strict=True))
         return fy, fx
 
@@ -214,6 +217,7 @@ class ScanPlan:
         """Anchor minus the nearest centre of a type-0 micro-image, ``(row, column)`` (sensor pixels)."""
         lattice = self.camera.lattice
         point = self.camera.sensor_um(self.anchor)
+        # one period in each direction holds at least one lenslet of each type
         reach = max(lattice.period_um)
         centres, types = lattice.lenslets_within(reach, reach, (float(point[0]), float(point[1])))
         centres = centres[types == 0]
@@ -259,7 +263,9 @@ class ScanPlan:
         nz, ny, nx = self.shape[:3]
         index = np.indices((nz, ny, nx), dtype=np.intp)
         if self.order == "serpentine":
+            # odd planes run backwards, so that each plane starts where the last one ended
             index[1, 1::2] = ny - 1 - index[1, 1::2]
+            # counted over all planes, so the direction alternates across the change of plane too
             rows = index[2].reshape(nz * ny, nx)
             rows[1::2] = nx - 1 - rows[1::2]
         return index.reshape(3, -1).T
@@ -302,6 +308,7 @@ def _set_depths(plan: ScanPlan) -> None:
     """Check the planes: numbers the camera can see, strictly ordered."""
     depths = check_tuple("depths (µm)", plan.depths_um)
     for z in depths:
+        # raises where the main lens has no image of the plane
         plan.camera.step_um(z)
     steps = np.diff(np.array(depths))
     if steps.size and not (np.all(steps > 0) or np.all(steps < 0)):
@@ -317,6 +324,7 @@ def _set_depths(plan: ScanPlan) -> None:
 def _set_exposures(plan: ScanPlan) -> None:
     """Check the exposures: one, or one per plane."""
     given, planes = plan.exposure_s, len(plan.depths_um)
+    # a list of one is one exposure for all planes, as JSON writes it
     several = isinstance(given, list | tuple) and len(given) != 1
     values = check_tuple(
         "exposures (s), one or one per plane",
@@ -344,6 +352,7 @@ def _check_on_sensor(plan: ScanPlan) -> None:
         size = plan.camera.sensor.shape[axis]
         half = (plan.cutout[axis] - 1) / 2 / factors[axis]
         centres = np.floor(plan.anchor[axis] + 0.5) + np.arange(plan.period[axis]) / factors[axis]
+        # half a pixel of tolerance: the sensor ends at the edge of its last pixel, not at its centre
         outside = np.flatnonzero((centres - half < -0.5) | (centres + half > size - 0.5))
         if outside.size:
             k = int(outside[0])

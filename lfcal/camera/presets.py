@@ -15,6 +15,7 @@ __all__ = ["PRESETS", "preset"]
 
 
 def _hexagonal(pitch_um: float, f_number: float, clear_um: float, depths: tuple[float, ...]) -> LensletLattice:
+    # gap from the lenslets' f-number: where it equals the main lens's working f-number, micro-images just touch
     gap = pitch_um * f_number
     types = tuple(LensType.focused_at(v, gap) for v in depths)
     return LensletLattice("hexagonal", pitch_um, gap, types, clear_um=clear_um)
@@ -39,6 +40,7 @@ def r29() -> Camera:
 def bench() -> Camera:
     """Return a small three-type camera, 33 x 19 positions, for tests and the demo."""
     pixel = 5.5
+    # an odd, small cell whose period is nearly whole: 33 = 3 x 11, 19.05 = 2 x 11 sqrt(3)/2
     pitch = 11.0 * pixel
     return Camera(
         "bench",

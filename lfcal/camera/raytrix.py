@@ -91,6 +91,7 @@ def read_raytrix_xml(
             types,
             rotation,
             (offset[0] * sensor.pixel_um, offset[1] * sensor.pixel_um),
+            # the border is dark on both sides of a micro-image
             (diameter - 2 * border) * sensor.pixel_um,
             type_step=step,
         )
@@ -103,6 +104,7 @@ def read_raytrix_xml(
 
 def _parse(source: Path) -> ElementTree.Element:
     with storage_errors(source), source.open("rb") as file:
+        # one byte more than allowed shows that the file is too large, without reading all of it
         data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
         raise UnsafeFileError.expected(str(source), "at most 1 MB of XML", "more", "choose the calibration file")
@@ -113,6 +115,7 @@ def _parse(source: Path) -> ElementTree.Element:
         raise FileFormatError.expected(
             str(source), "XML text in UTF-8 or UTF-16", "other bytes", "choose the calibration file"
         ) from None
+    # entities can expand without bound or read other files (XXE); calibrations contain none
     for mark in ("<!DOCTYPE", "<!ENTITY"):
         if mark in text.upper():
             raise UnsafeFileError.expected(
@@ -190,10 +193,12 @@ def _focused(
 ) -> tuple[LensType, ...]:
     if focus is None:
         for near, far in ranges:
+            # v = 1 is the sensor itself; an image between lenslets and sensor cannot be refocused
             if not 1 <= near < far:
                 raise FileFormatError.expected(
                     f"{source}: depth range", "1 ≤ min < max", f"{near:g} to {far:g}", "export it again"
                 )
+        # equal blur at both ends: the blur is proportional to |1/v - 1/v_focus|
         focus = [2.0 / (1.0 / near + 1.0 / far) for near, far in ranges]
     if len(focus) != len(ranges):
         raise InputError.expected("focus depths", f"{len(ranges)}, one per lens type", len(focus), "correct them")
@@ -204,6 +209,7 @@ def _placement(
     root: ElementTree.Element, diameter: float, offsets: NDArray[np.float64], source: Path
 ) -> tuple[float, tuple[float, float], int]:
     """Return rotation (rad), offset (x, y) (px, y down) of a type-0 lens, and the step of types along a row."""
+    # unit vectors at 60 or 120 degrees
     base = np.array([_pair(root, f"lens_base_{axis}", "lens", source) for axis in "xy"])
     if abs(np.linalg.norm(base, axis=1) - 1).max() > 0.01 or abs(abs(base[0] @ base[1]) - 0.5) > 0.01:
         got = f"{base.round(3).tolist()}"
@@ -218,6 +224,7 @@ def _placement(
     )
     step = 1
     if len(offsets) == 3:
+        # type 0 must lie at the origin of the indices, and the others where LensletLattice colours its neighbours
         lattice = LensletLattice("hexagonal", diameter, 1.0, (LensType(1.0),) * 3, row, tuple(centres[0]))
         index = (centres - centres[0]) @ np.linalg.inv(lattice.basis_um())
         whole = np.rint(index).astype(int)
@@ -234,6 +241,7 @@ def _placement(
 def _row_angle(angle: float) -> float:
     """Return the angle, of those 60 degrees apart, that lies nearest a sensor axis (rad, in [0, 90] or so)."""
     sixth, quarter = math.pi / 3, math.pi / 2
+    # a hexagonal lattice looks the same every 60 degrees; the rounding makes ties between equal angles repeatable
     candidates = [angle + k * sixth for k in range(-6, 7)]
     return min(candidates, key=lambda a: (round(abs(a - quarter * round(a / quarter)), 9), round(abs(a), 9)))
 

@@ -68,6 +68,7 @@ class Sensor:
         check_number("quantum efficiency", self.quantum_efficiency, above=0, at_most=1)
         check_number("fill factor", self.fill_factor, above=0, at_most=1)
         check_type("colour filter pattern", self.cfa, str)
+        # Bayer is 2 x 2, Quad Bayer 4 x 4, X-Trans 6 x 6
         side = {0: 0, 1: 1, 4: 2, 16: 4, 36: 6}.get(len(self.cfa))
         if side is None or any(letter not in CFA_LETTERS for letter in self.cfa):
             raise InputError.expected(
@@ -90,4 +91,5 @@ class Sensor:
     @property
     def electrons_per_count(self) -> float:
         """Electrons per sample value."""
+        # full well is reached at the highest sample value, and the black level holds no photo-electrons
         return self.full_well_e / (self.max_value - self.black_level)

@@ -60,5 +60,6 @@ class StageAxes:
 
     def to_object(self, stage_um: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return object points (right, down, away) of stage coordinates: inverse of `to_stage` (µm)."""
+        # a signed permutation is orthogonal, so its transpose is its inverse
         points: NDArray[np.float64] = (stage_um - np.array(self.origin_um)) @ self.matrix()
         return points

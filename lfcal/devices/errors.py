@@ -69,7 +69,7 @@ class LimitError(StageError, InputError):
 
 @contextmanager
 def driver_errors(device: str) -> Iterator[None]:
-    """Raise `DeviceError` with the name of ``device`` for whatever else its driver raises inside.
+    """Raise `DeviceError` with the name of ``device`` for any other error that its driver raises inside.
 
     Drivers fail with errors of their own libraries: RuntimeError, an OSError of the USB bus. An OSError, or a
     StorageError of a device that works with files, would otherwise be taken for one of the recording's disk.

@@ -77,13 +77,13 @@ class Frame:
     Attributes
     ----------
     data
-        ``(rows, columns)`` of the region of interest, a buffer that nobody writes to any more.
+        ``(rows, columns)`` of the region of interest, a buffer that the device no longer writes to.
     number
         The device's or the backend's count of exposures; grows with every exposure.
     exposure_s
         Exposure time the device reports (s).
     started_s
-        Earliest start of the exposure on the rig's clock (s), or None where only `number` tells.
+        Earliest start of the exposure on the rig's clock (s), or None where only `number` shows that the frame is new.
     status
         ``"complete"``, or what is wrong with the buffer.
     """

@@ -90,6 +90,7 @@ def same_colour_offsets(cfa: str, reach: int = 2) -> list[list[list[NDArray[np.i
                 for dc in span:
                     same = letters[((r + dr) % side) * side + (c + dc) % side] == letters[r * side + c]
                     if same and (dr or dc):
+                        # keyed by squared distance: whole numbers, so equal distances fall into one ring exactly
                         rings.setdefault(dr * dr + dc * dc, []).append((dr, dc))
             line.append([np.array(rings[d], np.int32) for d in sorted(rings)])
         table.append(line)
@@ -99,30 +100,34 @@ def same_colour_offsets(cfa: str, reach: int = 2) -> list[list[list[NDArray[np.i
 def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
     """Raise unless the two greens of a Bayer mosaic agree better than its red and blue do.
 
-    RAW readers believe a wrong Bayer tag. Where it exchanges greens for red and blue, the pixels taken for green
+    RAW readers do not check the Bayer tag. Where it exchanges greens for red and blue, the pixels taken for green
     differ in the brightest 1 % of the cells while the others agree; 2.5 times and 5 % of the light are asked for.
-    Exchanged red and blue cannot be told, nor can grey scenes.
+    Exchanged red and blue are not found, nor is a wrong tag on a grey scene.
 
     Raises
     ------
     FileFormatError
         If the tag is wrong in this way.
     """
+    # RGGB, BGGR, GRBG and GBRG only: other mosaics have no second green in their cells
     if sorted(cfa) != ["B", "G", "G", "R"]:
         return
+    # an odd last row or column has no whole cell
     rows, columns = (n // 2 * 2 for n in frame.shape)
     cells = [frame[r:rows:2, c:columns:2].astype(np.float32) for r in (0, 1) for c in (0, 1)]
     light = cells[0] + cells[1] + cells[2] + cells[3]
     if not light.size or not np.isfinite(light).all():
         return
+    # only bright cells: in the dark all four differ by noise alone
     bright = light >= np.percentile(light, 99)
     main, across = (float(np.abs(a - b)[bright].mean()) for a, b in ((cells[0], cells[3]), (cells[1], cells[2])))
     greens, others = (main, across) if cfa[0] == "G" else (across, main)
+    # `light` sums four pixels, so 0.0125 of it is 5 % of one
     if greens > 2.5 * others and greens > 0.0125 * float(light[bright].mean()):
         ratio = greens / max(others, 1e-9)
         raise FileFormatError.expected(
             f"{name}, greens of {cfa}",
             "equal light on both",
-            f"{ratio:.1f} times that of the rest",
+            f"{ratio:.1f} times that of the other pixels",
             "its Bayer tag is wrong; correct it",
         )

@@ -37,6 +37,7 @@ class ChannelSource(SourceView):
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the channel."""
         (r0, c0), (rows, columns) = self._origin, self.source.shape
+        # ceiling division: a mosaic that ends within a pattern still has pixels of some channels
         return -(-(rows - r0) // self._step), -(-(columns - c0) // self._step)
 
     @property
@@ -44,6 +45,7 @@ class ChannelSource(SourceView):
         """The mosaic's metadata with what is the channel's own."""
         known = {key: value for key, value in self.source.metadata.items() if key != "cfa"}
         for key in ("black_level", "gains"):
+            # one value per place of the pattern: the channel's own is taken
             if isinstance(known.get(key), tuple):
                 known[key] = known[key][self._position]
         return known | {"channel": self.channel, "channel_phase": self._origin, "pixel_step": self._step}
@@ -65,6 +67,7 @@ class ChannelSource(SourceView):
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return the channel of frame ``index``, or a part of it."""
         rows, columns = (
+            # from the first to the last pixel of the channel: nothing of the mosaic beyond is read
             slice(start + self._step * part.start, start + self._step * (part.stop - 1) + 1)
             for start, part in zip(self._origin, check_region(region or whole(self.shape), self.shape), strict=True)
         )

@@ -37,12 +37,12 @@ class DescribedSource(SourceView):
         self._filled = _raw(source, plan.camera.sensor) and self._fill(plan.camera.sensor)
 
     def _fill(self, sensor: Sensor) -> bool:
-        """Enter what the frames do not state; return whether their highest value is the plan's word."""
+        """Enter what the frames do not state; return whether their highest value comes from the plan."""
         facts = self._facts
         unsaid = facts.get("bit_depth") is None and facts.get("saturation") is None
         if unsaid:
             facts |= {"bit_depth": sensor.bit_depth, "saturation": float(sensor.max_value)}
-        if sensor.black_level > 0:  # a level of 0 is what a description says that nobody filled in
+        if sensor.black_level > 0:  # 0 is the default of a description, so it states nothing
             facts.setdefault("black_level", sensor.black_level)
         if sensor.cfa and self.source.shape == sensor.shape and not facts.get("cfa") and "channel" not in facts:
             facts["cfa"] = sensor.cfa

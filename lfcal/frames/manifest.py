@@ -50,7 +50,8 @@ class FrameEntry:
         """Check every value."""
         name = self.file
         if not name or "\0" in name or "\\" in name:
-            raise InputError.expected("file of a frame", "a path with / in it", repr(name), "mend it")
+            raise InputError.expected("file of a frame", "a path with / in it", repr(name), "correct it")
+        # checked before the file system is asked: "..", drive letters and absolute paths would leave the folder
         if name[0] == "/" or name[1:2] == ":" or ".." in name.split("/"):
             raise _leads_out(name, "the session folder")
         object.__setattr__(self, "position", Position(*self.position))
@@ -81,7 +82,7 @@ class Manifest:
     bit_depth
         Bits used of each sample; no value may exceed them. None: not checked.
     cfa
-        Colour filter pattern by rows that the frames must have; empty: whatever they say.
+        Colour filter pattern by rows that the frames must have; empty: not checked.
 
     Raises
     ------
@@ -136,6 +137,7 @@ class Manifest:
         box = self.plan_shape or tuple(1 + max(e.position[k] for e in self.entries) for k in range(3))
         check_plan_shape(box)
         count = np.zeros(box, np.int32)
+        # add.at counts repeated positions; plain indexing would count them once
         np.add.at(count, tuple(np.array([e.position for e in self.entries]).T), 1)
         missing, several = (tuple(Position(*p) for p in np.argwhere(mask).tolist()) for mask in (count == 0, count > 1))
         return missing, several
@@ -152,6 +154,7 @@ class Manifest:
             If none fits.
         """
         form = NamePattern(pattern) if isinstance(pattern, str) else pattern
+        # natural order, so that img10 comes after img9
         names = sorted(names, key=natural_key)
         found = [(name, form.parse(name)) for name in names]
         entries = tuple(FrameEntry(name, hit[0], hit[1]) for name, hit in found if hit is not None)
@@ -199,16 +202,19 @@ def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[s
     found = {}
     for name in names:
         head, tail = os.path.split(name)
+        # each folder is resolved once: a session has a hundred thousand files in a few of them
         if head not in folders:
             folders[head] = _follow(os.path.join(base, head), name)
         path = os.path.join(folders[head], tail)
         try:
+            # lstat shows the link itself; most files are none, and need no further call
             kind = os.lstat(path).st_mode
             if stat.S_ISLNK(kind) or tail in ("", ".", ".."):
                 path = _follow(path, name)
                 kind = os.stat(path).st_mode
         except (OSError, ValueError):
             kind = 0
+        # a link may leave the folder after all checks of its name
         if os.path.commonpath((base, path)) != base:
             raise _leads_out(name, base)
         if not stat.S_ISREG(kind):

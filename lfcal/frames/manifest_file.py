@@ -83,6 +83,7 @@ def _record(entry: FrameEntry) -> dict[str, Any]:
 
 def _csv_text(manifest: Manifest) -> str:
     records = [_record(entry) for entry in manifest.entries]
+    # columns that no frame uses are left out, so that a plain list stays readable
     columns = [name for name in COLUMNS if any(name in record for record in records)]
     buffer = io.StringIO()
     writer = csv.DictWriter(buffer, columns, restval="", lineterminator="\n")
@@ -100,6 +101,7 @@ def _text(path: Path) -> str:
             )
         data = path.read_bytes()
     try:
+        # utf-8-sig accepts the byte-order mark that spreadsheets put in front of CSV
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FileFormatError.expected(
@@ -121,21 +123,23 @@ def _csv_rows(path: Path, text: str) -> list[FrameEntry]:
 def _from_json(path: Path, text: str) -> Manifest:
     try:
         body = json.loads(text)
+    # deeply nested JSON ends in RecursionError, not in ValueError
     except (ValueError, RecursionError) as error:
-        raise FileFormatError.expected(f"manifest {path}", "JSON", str(error), "mend or write it again") from error
+        raise FileFormatError.expected(f"manifest {path}", "JSON", str(error), "write it again") from error
     body = {"frames": body} if isinstance(body, list) else body
     frames = body.get("frames") if isinstance(body, dict) else None
     if not isinstance(frames, list) or not all(isinstance(f, dict) for f in frames):
         raise FileFormatError.expected(
-            f"manifest {path}", 'a list of objects under "frames"', "something else", "mend the file"
+            f"manifest {path}", 'a list of objects under "frames"', "something else", "correct the file"
         )
     known = {"format", "version", "frames", *_EXPECTED}
     unknown = sorted(set(body) - known)
     if unknown or body.get("format", FORMAT) != FORMAT or body.get("version", VERSION) != VERSION:
         got = f"{unknown[0]!r}" if unknown else f"{body.get('format')!r} version {body.get('version')!r}"
-        raise FileFormatError.expected(f"manifest {path}", f"{FORMAT} version {VERSION}", got, "mend the file")
+        raise FileFormatError.expected(f"manifest {path}", f"{FORMAT} version {VERSION}", got, "correct the file")
     entries = tuple(entry_from(f, f"{path.name} frame {k}") for k, f in enumerate(frames))
     expected = {key: body[key] for key in _EXPECTED if body.get(key) is not None}
+    # lists of JSON become the tuples that the manifest compares with array shapes
     return _named(path, entries, {k: tuple(v) if isinstance(v, list) else v for k, v in expected.items()})
 
 

@@ -35,14 +35,16 @@ def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list
     nz, ny, nx = check_plan_shape(plan_shape)
     index = np.indices((nz, ny, nx), dtype=np.intp)
     if order == "serpentine":
+        # odd planes run backwards, so that each plane starts where the last one ended
         index[1, 1::2] = ny - 1 - index[1, 1::2]
+        # alternating over all planes' rows, across the change of plane too
         rows = index[2].reshape(nz * ny, nx)
         rows[1::2] = nx - 1 - rows[1::2]
     return [Position(*p) for p in index.reshape(3, -1).T.tolist()]
 
 
 def check_plan_shape(plan_shape: Sequence[int]) -> tuple[int, int, int]:
-    """Return ``(nz, ny, nx)`` or raise `InputError` unless it is three positive whole numbers of believable size."""
+    """Return ``(nz, ny, nx)`` or raise `InputError` unless it is three positive whole numbers up to `MAX_POSITIONS`."""
     if not isinstance(plan_shape, Sequence) or len(plan_shape) != 3:
         raise InputError.expected("scan shape", "three numbers nz, ny, nx", plan_shape, "give planes, rows and columns")
     for n, what in zip(plan_shape, ("planes nz", "rows ny", "columns nx"), strict=True):
@@ -54,6 +56,7 @@ def check_plan_shape(plan_shape: Sequence[int]) -> tuple[int, int, int]:
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
     """Return a sort key that puts ``img2`` before ``img10``."""
+    # digits compare as numbers and sort before text; the tuples keep int and str apart
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"([0-9]+)", name) if part]
 
 
@@ -85,6 +88,7 @@ class NamePattern:
     def __post_init__(self) -> None:
         """Check the template."""
         check_number("first number in file names", self.first, at_least=0, at_most=1, integer=True)
+        # a template comes from a file or a user, and must not lead out of the session's folder
         path = PurePosixPath(self.template)
         if not self.template or path.is_absolute() or ".." in path.parts or "\\" in self.template:
             raise InputError.expected(
@@ -119,6 +123,8 @@ class NamePattern:
                 parts.append("[^/]*")
                 continue
             name = match.group(1).partition(":")[0]
+            # a field that occurs again must have the same value, as in z{z}/z{z}_y{y}.png; nine digits bound the
+            # number
             parts.append(f"(?P={name})" if name in seen else f"(?P<{name}>[0-9]{{1,9}})")
             seen.add(name)
         parts.append(re.escape(self.template[end:]))

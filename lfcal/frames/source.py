@@ -21,7 +21,7 @@ __all__ = ["FrameInfo", "FrameSource", "Frames", "Noise", "Position", "Samples",
 
 @dataclass(frozen=True, slots=True)
 class FrameInfo:
-    """What is known of one frame without reading it. None means that nobody measured it.
+    """What is known of one frame without reading it. None means not measured.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Samples(NamedTuple):
 
     ``values`` ``(rows, columns)``; ``valid`` of the same shape is False where a sample carries no measurement
     (saturated, masked), None where all do; ``noise`` where it is known; ``saturated`` pixels in this part, None where
-    nobody can tell.
+    their number is unknown.
     """
 
     values: NDArray[Any]
@@ -178,19 +178,23 @@ def observed(values: NDArray[Any], saturation: float | None, noise: Noise | None
     """Return raw ``values`` with those at ``saturation`` (sample value) or above marked as not valid.
 
     Without a level only the end of an integer type is beyond doubt: samples there are saturated; where none lies
-    there, nobody can tell, because the sensor may end below its sample type.
+    there, their number is unknown, because the sensor may end below its sample type.
     """
+    # floats have no natural end: without a level none can be called saturated
     if saturation is None and values.dtype.kind == "f":
         return Samples(values, noise=noise)
     level = saturation
     if values.dtype.kind in "iu":
         top = int(np.iinfo(values.dtype).max)
+        # whole samples reach a fractional level only at the next whole number
         level = top if level is None else math.ceil(level)
+        # a level beyond the type cannot be reached
         if level > top:
             return Samples(values, noise=noise, saturated=0)
     full = values >= level
     count = int(np.count_nonzero(full))
     if count == 0:
+        # 8-bit cameras use all of their range; 16-bit files often hold 10, 12 or 14 bits
         known = saturation is not None or values.dtype == np.uint8
         return Samples(values, noise=noise, saturated=0 if known else None)
     return Samples(values, ~full, noise, count)

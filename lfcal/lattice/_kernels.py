@@ -162,7 +162,7 @@ def lenslet_statistics(
 ) -> None:
     """Write the pixel count, the sum, and the gradient energy sum |grad I|^2 within ``radius`` of each centre.
 
-    ``centres`` ``(n, 2)`` are (x, y) (pixels), ``out`` is ``(n, 3)``. The energy tells lens types apart by sharpness.
+    ``centres`` ``(n, 2)`` are (x, y) (pixels), ``out`` is ``(n, 3)``. The energy distinguishes lens types by sharpness.
     The gradient is the central difference over two pixels; pixels whose neighbours leave the image are left out.
     """
     rows, columns = image.shape

@@ -20,7 +20,7 @@ __all__ = ["LatticeFit", "fit_lattice"]
 Array = NDArray[np.float64]
 
 MAX_RESIDUAL = 0.08
-"""Residual rms of a believable lattice, in pitches."""
+"""Largest residual rms of an accepted lattice, in pitches."""
 
 ROUNDS = 4
 SETTLED_PX = 2e-3

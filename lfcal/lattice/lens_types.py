@@ -24,7 +24,7 @@ MIN_TRIANGLES = 8
 MIN_SIGMAS = 4.0
 MIN_AGREEMENT = 0.5
 MIN_BLUR_STEP = 0.05
-"""Types whose expected blurs differ by less than this share of the largest are not told apart."""
+"""Types whose expected blurs differ by less than this share of the largest are not distinguished."""
 
 SMOOTHING = 0.04
 """Blur before gradients are taken (pitches)."""

@@ -29,7 +29,7 @@ DARK_FIELD = 0.05
 """Lenslets with less than this share of the brightest tenth lie outside the lit field."""
 
 MAX_SHIFT = 0.35
-"""Farthest place believed, in pitches from the lattice point."""
+"""Farthest place accepted, in pitches from the lattice point."""
 
 MIN_EXPLAINED = 0.08
 """Share of a typical lenslet's variance that the mean micro-image must explain."""

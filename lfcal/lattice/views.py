@@ -32,7 +32,7 @@ class Views:
         ``(nv, nu, rows, columns)`` float32: view from below each lenslet's centre by `offsets` pixels in v (down)
         and u (right). One sample per `step_px` along the lattice's rows and across them.
     weights
-        The same of a white frame, or the aperture's mask: what each sample is worth.
+        The same of a white frame, or the aperture's mask: the weight of each sample.
     offsets
         Offsets of the views from the micro-images' centres, the same in v and u (pixels).
     step_px

@@ -80,6 +80,7 @@ def demultiplex(
     at = check_tuple("origin of the super-pixels (px)", origin, 2, integer=True)
     # a frame that begins within a super-pixel is one of a shifted modulator
     placed = modulator.shifted(*at) if at != (0, 0) else modulator
+    # the last super-pixel is continued, not cut off: its pixels keep their channels
     whole = _whole(image, placed.side)
     shape = tuple(n // side * m for n, side, m in zip(whole.shape, placed.side, counts, strict=True))
     cut = tuple(n if m == side else s for n, side, m, s in zip(image.shape, placed.side, counts, shape, strict=True))
@@ -113,6 +114,7 @@ def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:
         if not np.isfinite(image).all():
             raise InputError.expected("frame", "finite values", "NaN or infinity", "correct defect pixels first")
         image = image if image.dtype == np.float64 else image.astype(np.float32, copy=False)
+    # float32 holds 8- and 16-bit samples exactly, wider integers need doubles
     elif image.dtype != np.uint16:
         image = image.astype(np.float32 if image.dtype.itemsize <= 2 else np.float64)
     return np.ascontiguousarray(image)
@@ -182,6 +184,7 @@ def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
         light = _gathered(light, modulator.cell)
     (py, px), frame = modulator.side, np.zeros((rows, columns))
     for k, weights in enumerate(modulator.matrix):
+        # each pixel of the super-pixel at once, over all super-pixels
         part = (slice(k // px, None, py), slice(k % px, None, px))
         frame[part] = np.tensordot(weights, light[:, part[0], part[1]], 1)
     return frame
@@ -191,6 +194,7 @@ def _gathered(light: NDArray[np.float64], cell: tuple[int, int]) -> NDArray[np.f
     """Return the mean over each cell, at every pixel of it."""
     starts = [np.arange(0, n, c) for n, c in zip(light.shape[1:], cell, strict=True)]
     total = np.add.reduceat(np.add.reduceat(light, starts[0], 1), starts[1], 2)
+    # the last cell may be incomplete: its mean is over the pixels there are
     sizes = [np.diff([*s, n]) for s, n in zip(starts, light.shape[1:], strict=True)]
     mean = total / (sizes[0][:, None] * sizes[1])
     return np.repeat(np.repeat(mean, sizes[0], 1), sizes[1], 2)

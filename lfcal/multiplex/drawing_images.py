@@ -35,6 +35,7 @@ def colour_picture(samples: ArrayLike, *, top: float | None = None, gains: Seque
     displayed with a gamma of 1/2.2.
     """
     light = np.asarray(samples, float) * np.asarray(gains, float)[:, None, None]
+    # the percentile keeps single hot pixels from making everything else dark
     white = float(np.percentile(light, 99.8)) if top is None else top
     shown: Image = np.clip(light / max(white, 1e-30), 0, 1).transpose(1, 2, 0) ** (1 / 2.2)
     return shown
@@ -55,6 +56,7 @@ def mosaic_picture(frame: ArrayLike, modulator: Modulator) -> Image:
 def log_spectrum(frame: ArrayLike) -> Image:
     """Return the logarithm (base 10) of a frame's spectrum over its mean, zero frequency in the middle."""
     image = np.asarray(frame, float)
+    # a window, because the frame's edges would draw a bright cross through the spectrum
     window = np.hanning(image.shape[0])[:, None] * np.hanning(image.shape[1])
     spectrum = np.abs(np.fft.fftshift(np.fft.fft2(image * window)))
     shown: Image = np.log10(np.maximum(spectrum / max(float(spectrum.max()), 1e-300), 1e-6))
@@ -96,6 +98,7 @@ def save_colour_routes(
         )
         for route, name in ways
     ] + list(others)
+    # one white for all results, so that their brightness can be compared
     top = float(np.percentile(results[0][1] * np.asarray(gains)[:, None, None], 99.8))
     with figure(3.6 * (1 + len(results)), 5.6, dpi=150) as fig:
         grid = fig.subplots(2, 1 + len(results), squeeze=False)

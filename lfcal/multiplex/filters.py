@@ -65,7 +65,7 @@ def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDA
     taps = _TAPS[name]
     wanted = (np.arange(samples) + 0.5) * side / samples - 0.5
     place = (wanted[:, None] - positions[None, :]) / side
-    # a place on a sample takes that sample alone, whatever rounding left
+    # a place on a sample takes that sample alone: the weights that rounding left to others are dropped
     place = np.where(np.abs(place - np.rint(place)) < 1e-12, np.rint(place), place)
     first = np.floor(place + 0.5 if taps == 1 else place).astype(np.intp) - (taps - 1) // 2
     weights = (

@@ -51,7 +51,7 @@ def reconstruct_fourier(
     """Write the plenoptic samples of a frame of whole super-pixels to ``out`` ``(N, rows, columns)`` and return it.
 
     l-hat(w') = (Sigma-hat Pi^T)^+ c-hat(w') with Sigma-hat = F Sigma (equation 8), zero-padded to the output and
-    inverse transformed: a sinc filter whatever the modulator (section 3.2). Frames are taken as periodic.
+    inverse transformed: a sinc filter for every modulator (section 3.2). Frames are taken as periodic.
     """
     from scipy import fft
 

@@ -71,6 +71,7 @@ class SuperPixelLattice:
         """Distance of rows, and of neighbours along a row (pixels)."""
         (ax, ay), (bx, by) = self.along_px, self.across_px
         length = float(np.hypot(ax, ay))
+        # row distance is the cell's area over the pitch: it holds for any angle of the two vectors
         return abs(ax * by - ay * bx) / length, length
 
     def view_grid(self, shape: tuple[int, ...], margin: float) -> ViewGrid:
@@ -163,9 +164,11 @@ def _lenslets(lattice: SuperPixelLattice, grid: ViewGrid) -> tuple[NDArray[np.in
         its right; and the centres of those lenslets ``(rows, lenslets, 2)`` as (x, y) (pixels).
     """
     left, share = grid.neighbours()
+    # relative to the leftmost lenslet of its row, so that the kernel's tables stay short
     base = left[:, :1]
     q = base + np.arange(int((left - base).max()) + 2)
     index = np.stack([q, np.broadcast_to(grid.rows[:, None], q.shape)], -1)
+    # lattices count (x, y), pixels (row, column)
     centres: Array = index @ np.array([lattice.along_px, lattice.across_px]) + np.array(lattice.origin_px)[::-1]
     return np.ascontiguousarray(left - base), share, centres
 

@@ -107,7 +107,7 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, name: str = "mask")
     """Return the modulator of a periodic mask in front of the sensor, i(x) = sum_v l(x, v) m(x - s v) (equation 9).
 
     Sigma = F^-1 M-hat and Pi^T holds exp(-2 pi i s v w): the Fourier basis itself for s = 1. With s = 0 (mask on the
-    sensor) all views pass the same mask and only their sum can be told. A shift that is no whole number moves the
+    sensor) all views pass the same mask and only their sum can be recovered. A shift that is no whole number moves the
     mask's band-limited profile.
 
     Parameters

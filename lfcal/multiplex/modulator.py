@@ -120,6 +120,8 @@ class Modulator:
         product = self.spatial @ self.plenoptic.T
         if np.iscomplexobj(product):
             worst = float(np.abs(product.imag).max(initial=0.0))
+            # complex bases (Fourier) must multiply to a real transmission; more than rounding is an error of the
+            # bases
             if worst > 1e-9 * max(1.0, float(np.abs(product).max(initial=0.0))):
                 raise InputError.expected(
                     f"transmission of {self.name}",
@@ -132,10 +134,12 @@ class Modulator:
     @cached_property
     def _decomposition(self) -> tuple[Basis, Array, Basis]:
         """Singular value decomposition of `matrix`, largest value first; the bases themselves where orthogonal."""
+        # columns of orthogonal bases are the singular vectors already: a mask of 4096 samples needs no decomposition
         if not (_orthogonal(self.spatial) and _orthogonal(self.plenoptic)):
             left, values, right = np.linalg.svd(self.matrix, full_matrices=False)
             return left, values, right
         norms = [np.linalg.norm(basis, axis=0) for basis in (self.spatial, self.plenoptic)]
+        # stable, so that equal singular values keep the order of their bases
         order = np.argsort(-norms[0] * norms[1], kind="stable")
         unit = [basis / np.where(n > 0, n, 1.0) for basis, n in zip((self.spatial, self.plenoptic), norms, strict=True)]
         return unit[0][:, order], (norms[0] * norms[1])[order], unit[1].T[order]
@@ -252,6 +256,7 @@ def _product(one: Modulator, two: Modulator) -> Modulator:
     r, c = np.divmod(np.arange(math.prod(side)), side[1])
     rows_lf = lf.spatial[(r % lf.side[0]) * lf.side[1] + c % lf.side[1]]
     rows_colour = colour.spatial[(r % colour.side[0]) * colour.side[1] + c % colour.side[1]]
+    # a pattern of transmissions of both: every pair of basis functions multiplies
     spatial = (rows_lf[:, :, None] * rows_colour[:, None, :]).reshape(len(r), -1)
     plenoptic = np.kron(lf.plenoptic, colour.plenoptic)
     return Modulator(

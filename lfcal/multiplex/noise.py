@@ -47,6 +47,7 @@ def amplification(modulator: Modulator, *, rcond: float | None = None, recoverab
     rank = modulator.rank(rcond)
     if rank == 0 or (rank < modulator.count and not recoverable):
         return math.inf
+    # alpha is the rms over samples, of which trace counts the sum of squares of 1/singular values
     return math.sqrt(float((values[:rank] ** -2.0).sum()) / rank)
 
 

@@ -153,8 +153,8 @@ def _filters_cost(a: Array, chi2: float) -> tuple[float, Array]:
     weighted = inverse * variance
     total = float((weighted * inverse).sum())
     # derivative of a pseudo-inverse: the part along its range, and the part outside of it
-    rest = np.eye(len(a)) - a @ inverse
-    gradient = 2 * (rest * variance) @ inverse.T @ gram - 2 * inverse.T @ (inverse @ weighted.T)
+    outside = np.eye(len(a)) - a @ inverse
+    gradient = 2 * (outside * variance) @ inverse.T @ gram - 2 * inverse.T @ (inverse @ weighted.T)
     gradient += (photon / size) * (inverse**2).sum(0)[:, None]
     return math.log(total), gradient / total
 

@@ -56,7 +56,7 @@ def reconstruct_spatial(
     used = (table.reshape(len(table), *modulator.side) != 0).any(1)
     taps, channels = Taps(first[0], wy, first[1], wx), Channels(*modulator.side, table, used)
     if filter == EDGE_PRESERVING:
-        # weights by likeness need one image in which all channels are alike
+        # range weights compare grey values, so they need one image in which all channels have the same scale
         guide = guide_image(frame, modulator.side, out.dtype)
         low, high = np.percentile(guide, (2, 98))
         guided = Guided(frame, guide, 0.5 / max(EDGE_SHARE * float(high - low), 1e-30) ** 2)

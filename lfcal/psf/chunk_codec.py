@@ -31,6 +31,7 @@ __all__ = [
     "parallel_write",
 ]
 
+# numbers that the HDF5 library registers its built-in filters under (H5Zpublic.h)
 _FILTERS = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
 _BATCH_BYTES = 1 << 19  # chunks are handed to threads in batches of about this size
 
@@ -102,6 +103,7 @@ def parallel_write(
     dtype, shape = dataset.dtype, tuple(dataset.shape[1:])
     if plane.shape != shape or (convert is None and not np.can_cast(plane.dtype, dtype, "safe")):
         raise InputError.expected(f"plane {z}", f"{shape} {dtype}", f"{plane.shape} {plane.dtype}", "convert it first")
+    # little-endian on every machine, so that the checksum of a file does not depend on where it was written
     little = dtype.newbyteorder("<")
 
     def stored_pattern(y: int, x: int) -> NDArray[Any]:
@@ -124,6 +126,7 @@ def parallel_write(
 
     stored = 0
     batches = _batches(np.ndindex(*shape[:2]), _batch_size(dataset))
+    # HDF5 is called from one thread, in file order: only coding runs in parallel
     for coded in _in_threads(encode, batches, worker_count(workers)):
         for y, x, raw in coded:
             dataset.id.write_direct_chunk((z, y, x, 0, 0), raw)
@@ -166,10 +169,12 @@ def parallel_read(dataset: Any, z: int, *, out: NDArray[Any] | None = None, work
             name = f"{where} chunk (z={z}, y={y}, x={x})"
             plane[y, x] = decode_chunk(raw, dtype, (nt, ns), mask, filters, where=name)
 
+    # an unfinished plane of a recording has holes: HDF5 stores no chunk for what was never written
     absent = _absent(dataset, z)
     for position in absent:
         plane[position] = dataset.fillvalue
     here = (position for position in np.ndindex(ny, nx) if position not in absent)
+    # the generator reads raw chunks in this thread, the workers decode them: HDF5 holds a global lock while it reads
     stored = ((y, x, _stored_chunk(dataset, (z, y, x), where)) for y, x in here)
     for _ in _in_threads(decode, _batches(stored, _batch_size(dataset)), worker_count(workers)):
         pass
@@ -182,6 +187,7 @@ def _absent(dataset: Any, z: int) -> set[tuple[int, int]]:
     Asked beforehand, because h5py reads a size that was never set for such a chunk.
     """
     nz, ny, nx = dataset.shape[:3]
+    # a complete dataset needs no walk over its chunk index
     if dataset.id.get_num_chunks() == nz * ny * nx:
         return set()
     present: set[tuple[int, int]] = set()
@@ -211,10 +217,12 @@ def _in_threads(function: Any, batches: Iterator[Any], workers: int) -> Iterator
         try:
             for batch in batches:
                 pending.append(pool.submit(function, batch))
+                # a full pool waits here, which bounds the memory held by coded chunks
                 if len(pending) > 2 * workers:
                     yield pending.popleft().result()
             while pending:
                 yield pending.popleft().result()
         finally:
+            # a fault in one batch, or a caller that stops early, must not wait for all the others
             for future in pending:
                 future.cancel()

@@ -28,7 +28,7 @@ class Comparison:
     Attributes
     ----------
     correlation
-        ``sum(a b) / sqrt(sum(a²) sum(b²))`` over everything compared: 1 for equal matrices, whatever their unit.
+        ``sum(a b) / sqrt(sum(a²) sum(b²))`` over everything compared: 1 for equal matrices in any units.
     per_plane
         The same for each plane ``(nz,)``; NaN where nothing could be compared.
     scale
@@ -125,7 +125,7 @@ def _iter_planes(a: PSFMatrix, b: PSFMatrix, workers: int | None) -> Work[Compar
     shift = np.full((*a.shape[:3], 2), np.nan, np.float32)
     yield clock.at(0)
     for z in range(len(a)):
-        # a position that either lacks says nothing of the difference
+        # a position that either lacks cannot be compared
         wanted = (a.recorded[z] > 0) & (b.recorded[z] > 0)
         products[z] = _compare_plane(a.plane(z), b.plane(z), wanted, error[z], shift[z], workers)
         yield clock.at(z + 1)
@@ -149,6 +149,7 @@ def _compare_plane(
     def rows(start: int, stop: int) -> NDArray[np.float64]:
         sums = np.zeros(5)
         for y in range(start, stop):
+            # in double precision: differences of near-equal patterns would drown in the rounding of float32
             p, q = (np.asarray(v[y], np.float64).reshape(wanted.shape[1], -1) for v in (a, b))
             energies = p.sum(1), q.sum(1)
             used = wanted[y] & np.isfinite(energies[0] + energies[1]) & (energies[0] > 0) & (energies[1] > 0)

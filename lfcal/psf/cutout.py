@@ -25,7 +25,7 @@ _MARGIN = {"nearest": 0, "linear": 1, "cubic": 12, "fourier": 0}
 
 
 class Window(NamedTuple):
-    """Where a cutout lies on the sensor: first row and column, and the sub-pixel rest in (-0.5, 0.5]."""
+    """Where a cutout lies on the sensor: first row and column, and the sub-pixel residual in (-0.5, 0.5]."""
 
     row: int
     column: int
@@ -73,6 +73,7 @@ class Cutout:
             if value not in choices:
                 raise InputError.expected(what, " or ".join(choices), repr(value), "choose one of these")
         object.__setattr__(self, "scale", tuple(float(v) for v in self.scale))
+        # a smaller or larger factor means a wrong period, not a rounding of it to whole pixels
         if not all(0.5 <= v <= 2 for v in self.scale):
             raise InputError.expected("resampling factor", "between 0.5 and 2", self.scale, "check the period")
         if self.resamples and self.interpolation not in ("linear", "cubic"):
@@ -95,6 +96,8 @@ class Cutout:
         """Return the window of ``position``; ``drift`` (rows, columns) is how far the image is off (px)."""
         row = self.anchor[0] + position.y / self.scale[0] + drift[0]
         column = self.anchor[1] + position.x / self.scale[1] + drift[1]
+        # ceil(v - 0.5) rounds halves down, so that the residual lies in (-0.5, 0.5]; round() would take halves to
+        # even numbers and alternate between neighbours
         whole_row, whole_column = math.ceil(row - 0.5), math.ceil(column - 0.5)
         nt, ns = self.reach
         return Window(whole_row - centre(nt), whole_column - centre(ns), row - whole_row, column - whole_column)
@@ -104,11 +107,13 @@ class Cutout:
         """Sensor pixels ``(rows, columns)``, both odd, that the cutout covers."""
         if not self.resamples:
             return self.shape
+        # the cutout's own edge may lie between pixels of the sensor, so the reach is rounded up
         rows, columns = (2 * math.ceil(centre(n) / f) + 1 for n, f in zip(self.shape, self.scale, strict=True))
         return rows, columns
 
     def region(self, window: Window) -> tuple[slice, slice]:
         """Return the rows and columns of the sensor that ``window`` and its interpolation look at."""
+        # a window on whole pixels is copied as it is: no interpolation touches its noise
         still = window.row_residual == window.column_residual == 0 and not self.resamples
         margin = 0 if still else _MARGIN[self.interpolation]
         nt, ns = self.reach
@@ -118,7 +123,7 @@ class Cutout:
         )
 
     def resample(self, values: NDArray[Any], window: Window) -> NDArray[np.float32]:
-        """Return the cutout from ``values`` of `region`, moved by the window's sub-pixel rest."""
+        """Return the cutout from ``values`` of `region`, moved by the window's sub-pixel residual."""
         shift = (window.row_residual, window.column_residual)
         data = np.asarray(values, np.float32)
         if self.resamples:
@@ -129,6 +134,7 @@ class Cutout:
             return _fourier_shift(data, shift)
         from scipy import ndimage
 
+        # scipy shifts towards larger indices, the window moves the other way
         moved: NDArray[np.float32] = ndimage.shift(data, (-shift[0], -shift[1]), order=self._order, mode="nearest")
         margin = _MARGIN[self.interpolation]
         return moved[margin : margin + self.shape[0], margin : margin + self.shape[1]]
@@ -142,17 +148,19 @@ class Cutout:
         from scipy import ndimage
 
         rows, columns = (
-            centre(n) + rest + (np.arange(m) - centre(m)) / f
-            for n, rest, m, f in zip(data.shape, shift, self.shape, self.scale, strict=True)
+            centre(n) + residual + (np.arange(m) - centre(m)) / f
+            for n, residual, m, f in zip(data.shape, shift, self.shape, self.scale, strict=True)
         )
         at = np.meshgrid(rows, columns, indexing="ij")
         values = ndimage.map_coordinates(data, at, order=self._order, mode="nearest")
+        # a resampled pixel covers 1/(fy fx) of a sensor pixel, and holds that share of its light
         scaled: NDArray[np.float32] = (values / (self.scale[0] * self.scale[1])).astype(np.float32)
         return scaled
 
 
 def _fourier_shift(data: NDArray[np.float32], shift: tuple[float, float]) -> NDArray[np.float32]:
     """Return ``data`` moved by ``-shift`` pixels as a band-limited, periodic image (odd sizes: exact)."""
+    # at an odd size there is no Nyquist term, whose phase would be ambiguous
     rows, columns = np.fft.fftfreq(data.shape[0]), np.fft.rfftfreq(data.shape[1])
     phase = np.exp(2j * np.pi * (shift[0] * rows[:, None] + shift[1] * columns))
     moved = np.fft.irfft2(np.fft.rfft2(data.astype(np.float64)) * phase, s=data.shape)
@@ -192,6 +200,7 @@ def find_cutout(
         data = np.asarray(image, np.float64)
         level = _border_median(data) if background is None else background
         data = data - level
+        # 1.4826 times the median absolute deviation is the standard deviation of Gaussian noise
         noise = 1.4826 * np.median(np.abs(_border(data)))
         data = np.where(data > 3 * noise, data, 0.0)  # noise far from the spots would count as energy
         if not data.sum() > 0:
@@ -212,5 +221,6 @@ def _border_median(data: NDArray[np.float64]) -> float:
 def _half_width(profile: NDArray[np.float64], middle: float, lost: float) -> int:
     """Return the smallest half width about ``middle`` that leaves at most ``lost`` of the profile outside."""
     distance = np.abs(np.arange(profile.size) - round(middle)).astype(int)
+    # energy is counted from the middle outwards, so the first width that reaches the share is the smallest
     inside = np.cumsum(np.bincount(distance, weights=profile))
     return int(np.argmax(inside >= (1 - lost) * inside[-1]))

@@ -23,6 +23,7 @@ __all__ = ["WRITERS", "ExportOptions", "export", "iter_export"]
 def iter_write_npy(matrix: PSFMatrix, path: str | os.PathLike[str]) -> Work[Path]:
     """Write an ``.npy`` file that numpy can memory-map, one plane at a time."""
     target = Path(path)
+    # checked beforehand: a full disk after an hour of writing would be worse
     require_space(target.parent, matrix.nbytes, what=target.name)
     clock = Clock("write npy file", len(matrix))
     with replace_whole(target) as part:
@@ -32,6 +33,7 @@ def iter_write_npy(matrix: PSFMatrix, path: str | os.PathLike[str]) -> Work[Path
             out[z] = matrix.plane(z)
             yield clock.at(z + 1)
         out.flush()
+        # on Windows a mapped file cannot be renamed
         del out
     return target
 
@@ -62,6 +64,7 @@ def iter_write_tiff(
         name = target.with_name(f"{target.stem}_z{z:03d}{target.suffix}")
         with replace_whole(name) as part, storage_errors(name):
             plane = matrix.plane(z)
+            # classic TIFF counts offsets in 32 bits, and 2 GiB leaves room for the tags of many pages
             pages = plane.reshape(-1, *plane.shape[2:])
             tifffile.imwrite(
                 part, pages, photometric="minisblack", bigtiff=pages.nbytes > 1 << 31, metadata={"axes": "IYX"}

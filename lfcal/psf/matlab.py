@@ -57,6 +57,7 @@ def crop_index(depth_sum: NDArray[np.float64]) -> tuple[int, int]:
     half = max(np.abs(t - nt // 2).max(), np.abs(s - ns // 2).max()) if t.size else 0
     side = min(nt, ns)
     half = min(int(half), side // 2)
+    # MATLAB counts from 1
     return side // 2 - half + 1, side // 2 + half + 1
 
 
@@ -95,6 +96,7 @@ def iter_write_mat(
     require_space(target.parent, matrix.nbytes * copies, what=target.name)
     clock = Clock("write MATLAB file", len(matrix) * copies)
     with replace_whole(target) as part:
+        # MATLAB expects its header in HDF5's user block; libver keeps to formats that its older HDF5 reads
         with storage_errors(target), h5py.File(part, "w", userblock_size=512, libver=("earliest", "v110")) as file:
             done = 0
             for name, one in (("H", matrix), ("Ht", matrix.T))[:copies]:
@@ -105,12 +107,14 @@ def iter_write_mat(
                     done += 1
                     yield clock.at(done)
             _write_small(file, matrix, rows_first)
+        # the header goes in last: HDF5 leaves the user block alone, but the file must be closed
         with storage_errors(target), part.open("r+b") as raw:
             raw.write(mat_header())
     return target
 
 
 def _create(file: Any, name: str, matrix: PSFMatrix, rows_first: bool, compress: bool) -> Any:
+    # HDF5's row-major (z, y, x, t, s) is MATLAB's column-major (s, t, x, y, z): the axes turn round by themselves
     shape = matrix.shape
     if rows_first:
         shape = (shape[0], shape[2], shape[1], shape[4], shape[3])
@@ -121,6 +125,7 @@ def _create(file: Any, name: str, matrix: PSFMatrix, rows_first: bool, compress:
     kind = matrix.dtype.str[1:]
     if kind not in _CLASSES:
         raise InputError.expected("values for MATLAB", "real numbers", matrix.dtype, "convert them first")
+    # MATLAB reads the class from this attribute: without it the data set cannot be loaded
     data.attrs["MATLAB_class"] = np.bytes_(_CLASSES[kind])
     return data
 
@@ -150,6 +155,7 @@ def open_mat(path: Path) -> PSFMatrix:
     if path.is_file():
         with storage_errors(path), path.open("rb") as raw:
             head = raw.read(128)
+    # MATLAB 5.0 files are no HDF5 at all, and h5py would only say that a signature is missing
     if head.startswith(b"MATLAB 5.0"):
         raise FileFormatError.expected(
             str(path), "a MATLAB v7.3 file", "one of version 5 to 7", "save it with save(..., '-v7.3')"
@@ -172,5 +178,6 @@ def open_mat(path: Path) -> PSFMatrix:
 def _depths(file: Any, nz: int) -> NDArray[np.float64] | None:
     if "x3objspace" not in file:
         return None
+    # m to µm
     values = np.asarray(check_dataset(file, "x3objspace", max_bytes=1 << 24)[()], np.float64).ravel() * 1e6
     return values if values.size == nz and all(math.isfinite(v) for v in values) else None

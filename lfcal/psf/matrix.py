@@ -44,7 +44,7 @@ class PSFMatrix:
     recorded
         How often each position ``(nz, ny, nx)`` was recorded (0: missing); by default once.
     saturated
-        Saturated pixels in each position's pattern ``(nz, ny, nx)``, -1 where nobody could tell; None: not counted.
+        Saturated pixels in each position's pattern ``(nz, ny, nx)``, -1 where unknown; None: not counted.
     facts
         All that is known of the positions, in place of ``recorded`` and ``saturated``.
     depth_sums
@@ -54,7 +54,7 @@ class PSFMatrix:
     transposed
         The values are those of HT.
     provenance
-        How H came about, as plain JSON types.
+        Provenance of H, as plain JSON types.
 
     Raises
     ------
@@ -82,6 +82,7 @@ class PSFMatrix:
         planes = _as_planes(data)
         shape = check_psf_shape(planes.shape)
         per_plane = (shape[0],)
+        # one number or one per plane comes out as one per plane
         scales = np.broadcast_to(np.asarray(scale, np.float64), per_plane)
         offsets = np.broadcast_to(np.asarray(offset, np.float64), per_plane)
         if (scales != 1).any() or (offsets != 0).any():
@@ -177,7 +178,7 @@ class PSFMatrix:
 
     @property
     def saturated(self) -> NDArray[np.int32] | None:
-        """Saturated pixels in each pattern ``(nz, ny, nx)``, -1 where nobody could tell, or None. For H only."""
+        """Saturated pixels in each pattern ``(nz, ny, nx)``, -1 where unknown, or None. For H only."""
         return self.facts.saturated
 
     @property
@@ -198,12 +199,13 @@ class PSFMatrix:
         if noise is None or not np.isfinite(noise[z, y, x]).all():
             return None
         constant, slope = noise[z, y, x].astype(np.float64)
+        # variance grows with the signal, which noise may have pushed below zero: the photon part is never negative
         variance: NDArray[np.float64] = constant + slope * np.maximum(self[z, y, x].astype(np.float64), 0)
         return variance
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """How H came about."""
+        """Provenance of H."""
         return dict(self._provenance)
 
     @property
@@ -226,12 +228,16 @@ class PSFMatrix:
         with self._lock:
             if self._other is None:
                 other = PSFMatrix.__new__(PSFMatrix)
+                # the transpose shares data and facts, but has sums, fits and a lock of its own
                 other.__dict__.update(self.__dict__)
                 other._planes = self._planes.transposed()
+                # HT = H^T turns each pattern, so its depth-plane sums are those of H turned by 180 degrees; no plane
+                # is read
                 other._sums = {z: s[::-1, ::-1] for z, s in self._sums.items()}
                 other._apertures = {}
                 other._lock = threading.Lock()
                 other._is_transposed = not self._is_transposed
+                # both refer to each other, so that H.T.T is H itself and a kept plane is not held twice
                 other._other = self
                 self._other = other
             return self._other
@@ -277,6 +283,7 @@ class PSFMatrix:
         planes = [self._from_plane(k, y, x, index[3:]) for k in range(*z.indices(self._shape[0]))]
         if planes:
             return np.stack(planes)
+        # an empty selection still has numpy's shape and type
         dummy = np.empty((0, *self._shape[1:]), self.dtype)
         return dummy[(slice(None), *index[1:])]
 
@@ -285,6 +292,7 @@ class PSFMatrix:
             return _read_only(self._planes.cutout(z, y, x))[pixels]
         rows = [y] if isinstance(y, int) else list(range(*y.indices(self._shape[1])))
         columns = [x] if isinstance(x, int) else list(range(*x.indices(self._shape[2])))
+        # above a quarter of a plane one pass over its chunks is quicker than single chunks
         if len(rows) * len(columns) * 4 > self._shape[1] * self._shape[2]:
             return _read_only(self._planes.plane(z))[(y, x, *pixels)]
         block = np.empty((len(rows), len(columns), *self._shape[3:]), self.dtype)
@@ -337,6 +345,7 @@ def _read_only(values: NDArray[Any]) -> NDArray[Any]:
 def _as_planes(data: Any) -> Planes:
     if isinstance(data, PSFMatrix):
         return data._planes
+    # recognised by its attributes: importing h5py here would slow down every use of an array
     if hasattr(data, "id") and hasattr(data, "chunks") and hasattr(data, "file"):
         return DatasetPlanes(data)
     array = data if isinstance(data, np.ndarray) else np.asarray(data)
@@ -369,6 +378,7 @@ def _resolve(key: Any, shape: tuple[int, ...]) -> tuple[int | slice, ...]:
 def _axis_index(part: Any, axis: int, n: int) -> int | slice:
     if isinstance(part, slice):
         return part
+    # a bool has __index__ in Python, but numpy takes it for a mask
     if isinstance(part, bool | np.bool_) or not hasattr(part, "__index__"):
         raise IndexError("a PSF matrix takes integers, slices and an ellipsis; read what you need, then use numpy")
     return _in_range(cast(int, part), axis, n)

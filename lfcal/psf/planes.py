@@ -65,6 +65,7 @@ class DatasetPlanes:
         self.dataset = dataset
         self.shape = check_psf_shape(tuple(dataset.shape))
         self.dtype = dataset.dtype
+        # the kept plane is shared: a second thread must not replace it while it is filled
         self._lock = threading.RLock()
         self._kept: tuple[int, NDArray[Any]] | None = None
 
@@ -74,7 +75,7 @@ class DatasetPlanes:
 
         with self._lock:
             if self._kept is None or self._kept[0] != z:
-                self._kept = None  # let go of the old plane before taking memory for the new one
+                self._kept = None  # free the old plane before taking memory for the new one: a plane may be several GB
                 with _damage(self.dataset, f"plane {z}"):
                     self._kept = (z, parallel_read(self.dataset, z))
             return self._kept[1]
@@ -95,12 +96,13 @@ class DatasetPlanes:
 
 
 class _damage:
-    """Turn HDF5's word on damaged data into a `FileFormatError`."""
+    """Turn HDF5's error on damaged data into a `FileFormatError`."""
 
     def __init__(self, dataset: Any, part: str) -> None:
         self.dataset, self.part = dataset, part
 
     def __enter__(self) -> None:
+        # h5py raises a bare ValueError on a closed file, which does not name the remedy
         if not self.dataset.id.valid:
             raise FileFormatError("PSF matrix: its file is closed; open it again with open_psf")
 
@@ -151,6 +153,7 @@ class ScaledPlanes:
 
     def _values(self, stored: NDArray[Any], z: int) -> NDArray[np.float32]:
         values = stored.astype(np.float32)
+        # in place: a plane may be several GB
         values *= np.float32(self.scale[z])
         values += np.float32(self.offset[z])
         return values

@@ -6,7 +6,7 @@ HT is an index permutation of H, exact for every period (axes and centre rule in
 
 ``method="paper"`` gives what equations 4 to 9 of M. Eberhart, "Efficient algorithm for calculating transposed
 PSF matrices for 3D light field deconvolution" (arXiv:2003.09133, 2020) write: the same values, but only where
-``cx <= x + s < ns + cx`` and ``cy <= y + t < nt + cy`` with ``cx = (nx-1)/2``, ``cy = (ny-1)/2``; the rest stays
+``cx <= x + s < ns + cx`` and ``cy <= y + t < nt + cy`` with ``cx = (nx-1)/2``, ``cy = (ny-1)/2``; the others stay
 zero. Padding H by (nx-1)/2 and (ny-1)/2 zeros per side beforehand (``"paper-padded"``) makes it exact.
 """
 
@@ -25,7 +25,7 @@ from lfcal.threads import for_each_chunk
 __all__ = ["BORDER_LIMIT", "border_energy", "border_warning", "depth_sum", "ht_slice", "transpose"]
 
 BORDER_LIMIT = 0.001
-"""Share of the energy near the edge of the cutout above which `border_warning` speaks."""
+"""Share of the energy near the edge of the cutout above which `border_warning` warns."""
 
 
 def transpose(
@@ -86,6 +86,7 @@ def _transpose_plane(plane: NDArray[Any], out: NDArray[Any], method: str, worker
     if method == "paper-padded":
         ny, nx, nt, ns = plane.shape
         cy, cx = centre(ny), centre(nx)
+        # with zeros all around, the part that equations 4 to 9 drop is padding
         padded = np.pad(plane, ((0, 0), (0, 0), (cy, cy), (cx, cx)))
         turned = np.empty_like(padded)
         _transpose_plane(padded, turned, "paper", workers)
@@ -102,6 +103,7 @@ def _permute(source: NDArray[Any], out: NDArray[Any], workers: int | None) -> No
 
     nz, ny, _, nt, ns = shape = source.shape
     words, target = _as_words(source), _as_words(out, write=True)
+    # the batched kernel moves LANES pixels of at most 8 bytes at a time
     if ns < _kernels.LANES or source.itemsize > 8:
         for plane, turned in zip(words, target, strict=True):
             for_each_chunk(partial(_kernels.transpose_rows, plane, turned), ny, workers)
@@ -115,6 +117,7 @@ def _permute(source: NDArray[Any], out: NDArray[Any], workers: int | None) -> No
 def _as_words(array: NDArray[Any], *, write: bool = False) -> NDArray[Any]:
     """Return the values as plain words of their size: they are moved, not computed with."""
     size = array.dtype.itemsize
+    # same permutation for every type: a kernel compiled for each word size serves floats, integers and bool
     words = np.asarray(array).view(np.complex128 if size == 16 else f"u{size}")
     words.flags.writeable = write  # what is read is always read-only, so that each kernel is compiled once
     return words
@@ -241,12 +244,14 @@ def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
     _check_dtype(plane.dtype)
     plane = np.asarray(plane)
     kind: Any = np.complex128 if plane.dtype.kind == "c" else np.float64
+    # numpy's own sum knows strides and foreign byte order; float16 and long double have no kernel
     if not (_plain(plane) and plane.dtype.isnative) or plane.dtype in (np.float16, np.longdouble):
         strided: NDArray[Any] = plane.sum(axis=(0, 1), dtype=kind)
         return strided
     from lfcal.psf import _plane_kernels
 
     patterns = plane.reshape(ny * nx, nt * ns)
+    # real and imaginary parts add up separately, as twice as many real columns
     if kind is np.complex128:
         patterns = patterns.view(plane.real.dtype)
     elif plane.dtype == np.bool_:
@@ -269,9 +274,11 @@ def border_energy(H: Any) -> float:
     energy = np.zeros((nt, ns))
     for z in range(shape[0]):
         plane = np.asarray(H[z])
+        # unsigned values need no abs(), so the fast sum does
         if plane.dtype.kind in "bu":
             energy += depth_sum(plane)
         else:
+            # signed values would cancel: the energy of a background-subtracted pattern is that of its magnitudes
             for row in plane:
                 energy += np.abs(row).sum(axis=0, dtype=np.float64)
     inner = energy[ny // 2 : nt - ny // 2, nx // 2 : ns - nx // 2].sum()

@@ -76,6 +76,7 @@ class Resampling:
             `ScanPlan.lattice_anchor` says). The result's pixel `anchor` is that position.
         """
         matrix = _invertible(down, across, period)
+        # the corners of the frame bound it in the result too: the map is affine
         corners = np.array([(r, c) for r in (0, shape[0] - 1) for c in (0, shape[1] - 1)], float)
         reached = (corners - np.array(origin)) @ np.linalg.inv(matrix).T
         low, high = reached.min(axis=0), reached.max(axis=0)
@@ -127,11 +128,13 @@ class Resampling:
     ) -> Resampling:
         a, b = np.asarray(basis, float)
         across = a * (3 if kind == "hexagonal" and types == 3 else 1)
+        # two rows down, half a lenslet back: straight down on a hexagonal lattice
         down = 2 * b - a if kind == "hexagonal" else b
         whole = (max(1, round(float(np.hypot(*down)))), max(1, round(float(np.hypot(*across)))))
         return cls.to_period(
             (int(shape[0]), int(shape[1])),
             (float(origin[0]), float(origin[1])),
+            # basis vectors are (x, y), points here (row, column)
             (float(down[1]), float(down[0])),
             (float(across[1]), float(across[0])),
             period or whole,
@@ -167,7 +170,9 @@ class Resampling:
         if data.ndim != 2:
             raise InputError.expected("frame", "two axes (rows, columns)", data.shape, "give one frame")
         spline: Any = order
+        # filtered once for the whole frame, not again in each thread's part
         prepared: Any = spline_filter(data, spline, mode="mirror") if order > 1 else data
+        # pixels of the result cover another area of the frame: light per pixel scales with it
         area = abs(float(np.linalg.det(self._matrix())))
         out = np.empty(self.shape, np.float32)
 
@@ -189,6 +194,7 @@ class Resampling:
         if mask is not None:
             low = [np.clip(np.floor(v).astype(int), 0, n - 1) for v, n in ((row, shape[0]), (column, shape[1]))]
             high = [np.clip(v + 1, 0, n - 1) for v, n in zip(low, shape, strict=True)]
+            # a resampled value mixes four pixels at least: all of them must be good
             for r in (low[0], high[0]):
                 for c in (low[1], high[1]):
                     good &= mask[r, c]
@@ -220,8 +226,8 @@ def lattice_anchor_of(H: Any) -> Pair:
     if len(camera.lattice.types) == 3:  # lenslets of type 0 alone
         basis = np.array([basis[0] + basis[1], 2 * basis[1] - basis[0]])
     inverse = np.linalg.inv(basis)
-    rest = np.array([x, y]) - np.round(np.array([x, y]) @ inverse) @ basis
+    residual = np.array([x, y]) - np.round(np.array([x, y]) @ inverse) @ basis
     size_y, size_x = camera.period_px
     scale = ny / max(1, round(ny / size_y)) / size_y, nx / max(1, round(nx / size_x)) / size_x
     pixel = camera.sensor.pixel_um
-    return float(rest[1] / pixel * scale[0]), float(rest[0] / pixel * scale[1])
+    return float(residual[1] / pixel * scale[0]), float(residual[0] / pixel * scale[1])

@@ -27,7 +27,7 @@ class TwoPoint:
     plane
         Index of the plane.
     depth_um
-        Its depth, where H tells (else the index).
+        Its depth, where H has depths (else the index).
     distance
         Least distance tried at which the points are apart (voxels); infinity: none.
     dips
@@ -45,6 +45,7 @@ def dip(profile: NDArray[np.floating], first: int, second: int) -> float:
 
     The peaks are the largest values within a quarter of the distance of ``first`` and ``second``.
     """
+    # noise and ripple move a peak by a pixel or so, hence the largest value nearby
     reach = max(1, abs(second - first) // 4)
     a, b = sorted((first, second))
     tops = []
@@ -52,6 +53,7 @@ def dip(profile: NDArray[np.floating], first: int, second: int) -> float:
         low, high = max(0, at - reach), min(len(profile), at + reach + 1)
         tops.append(low + int(np.argmax(profile[low:high])))
     smaller = min(float(profile[t]) for t in tops)
+    # neighbouring peaks have no value between them
     if smaller <= 0 or tops[1] - tops[0] < 2:
         return 1.0
     return min(1.0, float(profile[tops[0] : tops[1] + 1].min()) / smaller)

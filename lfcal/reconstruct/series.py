@@ -75,7 +75,7 @@ def iter_series(
     save
         Called with name and result.
     weights
-        Trust in each pixel.
+        Weight of each pixel.
     warm
         Start each frame from the last one's volume: fewer iterations where little moves between frames. Voxels
         that became zero stay zero under multiplicative solvers.

@@ -86,6 +86,7 @@ def _save_tiff(
 
     metadata: dict[str, Any] = {"axes": "ZYX", "unit": "um", "lfcal": json.dumps(dict(details or {}))}
     if depths is not None and len(depths) > 1:
+        # ImageJ takes one spacing for the whole stack: the mean where planes are uneven
         metadata["spacing"] = float(np.abs(np.diff(depths)).mean())
     resolution = None if voxel_um is None else (1 / voxel_um, 1 / voxel_um)
     big = data.nbytes > 3 << 30  # the ImageJ form holds 4 GB at most
@@ -107,6 +108,7 @@ def _save_h5(
         stored = file.create_dataset(
             DATASET,
             data=data,
+            # one plane per chunk, as volumes are looked at
             chunks=(1, *data.shape[1:]),
             compression="gzip",
             compression_opts=1,
@@ -137,6 +139,7 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
             data = check_dataset(file, DATASET)[...]
     elif source.suffix.lower() == ".npy":
         with storage_errors(source):
+            # pickled objects of a foreign file could run code
             data = np.load(source, allow_pickle=False)
     else:
         import tifffile

@@ -3,7 +3,7 @@
 - ``scene``: one depth plane as an engine needs it
 - ``engines``: from rays to the coherent reference, their sampling, and the energy they account for
 - ``effects``: physical effects as objects with their a-priori estimates, found by registry
-- ``accuracy``: what a simulation costs, which effects are worth it, how finely to compute, the ladder of levels
+- ``accuracy``: what a simulation costs, which effects to simulate, how finely to compute, the ladder of levels
 - ``staging``, ``response``: effects put to work on one plane
 - ``simulate``: H, in memory or straight to a file
 - ``sensor``: sensor frames of a simulated session

@@ -62,6 +62,8 @@ def seidel(*, spherical: float = 0.0, coma: float = 0.0, angle_rad: float = 0.0)
 
     rho^4 = (R40 + 3 R20 + 2 R00) / 6 and rho^3 = (R31 + 2 R11) / 3.
     """
+    # Zernike terms are 1 at the rim (not orthonormal); piston and defocus of the expansion stay in, so that the
+    # wavefront is the Seidel one exactly
     terms: list[tuple[int, int, float]] = []
     if spherical:
         terms += [(4, 0, spherical / 6), (2, 0, spherical / 2), (0, 0, spherical / 3)]

@@ -25,14 +25,14 @@ class PlaneResponse:
     """Responses of one depth plane of a plan under a tuple of effects.
 
     Engines are made when they are needed: one per wavelength, and for `rows` one per displaced source point,
-    which is let go of before the next is made.
+    which is freed before the next is made.
 
     Parameters
     ----------
     plan, z
         The plan and the number of the plane.
     effects
-        Those on scene, light and response; others are not its business.
+        Those on scene, light and response; others are ignored here.
     level, tolerance, sampling
         As in `simulate_psf`; a sampling that is given is taken as it is, else it is refined until the energy
         balances.
@@ -123,7 +123,7 @@ class PlaneResponse:
                 self._add(out, part, engine, sample.weight, (ys[part], xs), workers)
                 done += part.size
                 yield done
-            # Engines of displaced points are let go of here; what they certified is kept.
+            # Engines of displaced points are freed here, one at a time in memory; their certificates are kept.
             if engine not in self._engines.values():
                 self._spent.append(engine.certificate)
 
@@ -196,7 +196,7 @@ def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:
 
 
 def merged(samples: Sequence[LightSample], wavelength_um: float) -> tuple[LightSample, ...]:
-    """Return the samples with all wavelengths of a source point in one: rays do not know their colour."""
+    """Return the samples with all wavelengths of a source point in one: rays do not depend on the wavelength."""
     weights: dict[tuple[float, float], float] = {}
     for s in samples:
         weights[s.rows, s.columns] = weights.get((s.rows, s.columns), 0.0) + s.weight

@@ -124,6 +124,7 @@ class Scene:
         object.__setattr__(self, "wavefront", tuple((int(n), int(m), float(w)) for n, m, w in self.wavefront))
         for n, m, waves in self.wavefront:
             check_number("wavefront coefficient (waves)", waves)
+            # Zernike radial polynomials exist for these indices only
             if n < 0 or abs(m) > n or (n - abs(m)) % 2:
                 raise InputError.expected(
                     "Zernike term", "n >= |m| >= 0 with n - |m| even", f"n={n}, m={m}", "correct it"
@@ -133,6 +134,7 @@ class Scene:
 
     def _check_pupil(self) -> None:
         b = self.pupil_um
+        # 1 + a/b > 0: the image lies behind the pupil
         if not (b > 0 and 1.0 + self.image_um / b > 0):
             limit = f"beyond {max(0.0, -self.image_um):g} µm, or inf for a telecentric lens"
             raise InputError.expected("exit pupil's distance (µm)", limit, b, "correct the pupil or the depth")
@@ -143,6 +145,7 @@ class Scene:
             raise InputError.expected(
                 "source offsets", f"finite numbers of shape {wanted}", offsets.shape, "correct them"
             )
+        # a scene is immutable, arrays included
         offsets.flags.writeable = False
         object.__setattr__(self, "offsets_um", offsets)
 
@@ -196,6 +199,7 @@ class Scene:
     def anchor_px(self) -> tuple[float, float]:
         """Source position (0, 0) as (y, x) pixels on the sensor from the centre of a type-0 micro-image."""
         x, y = self.lattice.offset_um
+        # the anchor counts from a lenslet, the lattice's offset from the anchor: hence the sign
         return -y * self.scale / self.pixel_um, -x * self.scale / self.pixel_um
 
     @property
@@ -211,11 +215,13 @@ class Scene:
 
     def sigma(self, kind: int) -> float:
         """Return the spot's size over the lenslet's, 1 - B'/a' - B'/f, signed; infinite at the native plane."""
+        # with the image on the array the whole cone falls on one lenslet, and sigma has a pole
         near = self.reduced_image_um
         return math.inf if near == 0 else 1.0 - self.reduced_gap_um / near - self.lens_curvature(kind)
 
     def nearest_pixel(self, y_um: float, x_um: float) -> tuple[int, int]:
         """Return the pixel (row, column), from source position (0, 0), in which a chief ray ends."""
+        # floor(v + 0.5) and not round(): halves must all go to the same side
         return math.floor(y_um / self.pixel_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)
 
     def source_um(self, y: int, x: int) -> tuple[float, float]:
@@ -257,6 +263,7 @@ def scene_of(
     InputError
         For a depth given twice, a missing cutout, an unknown field or a value out of range.
     """
+    # a misspelt field would silently leave the camera's value
     unknown = sorted(set(overrides) - {f.name for f in fields(Scene)})
     if unknown:
         raise InputError.expected("scene", "fields of Scene", unknown[0], "correct the name")
@@ -266,6 +273,7 @@ def scene_of(
     if window is None:
         raise InputError.expected("cutout", "(nt, ns) pixels", None, "give a scan plan or a cutout")
     positions = period if period is not None else (grid.period if grid is not None else _whole_period(camera))
+    # one of the two is computed from the other, so that a and z cannot disagree
     depth = camera.depth_of(virtual_depth) if virtual_depth is not None else float(z_um or 0.0)
     a = virtual_depth * camera.lattice.gap_um if virtual_depth is not None else camera.image_shift_um(depth)
     lattice = _on_array(camera, anchor_px)
@@ -284,6 +292,7 @@ def _described(camera: Camera) -> dict[str, Any]:
         "f_number": optics.working_f_number,
         # Square lenslets without a clear diameter of their own are moulded edge to edge.
         "aperture": "cell" if lattice.kind == "square" and lattice.clear_um is None else "circle",
+        # a square share of light-sensitive area: the side is its root
         "pixel_fill": math.sqrt(sensor.fill_factor),
     }
     if isinstance(optics, Microscope):
@@ -300,6 +309,7 @@ def _whole_period(camera: Camera) -> tuple[int, int]:
 def _on_array(camera: Camera, anchor_px: tuple[float, float]) -> LensletLattice:
     """Return the lenslets themselves: the micro-image lattice divided by `Camera.lattice_scale`."""
     seen, s, px = camera.lattice, camera.lattice_scale, camera.sensor.pixel_um
+    # shifted with the anchor: sensor distances are s times those on the array
     y, x = anchor_px
     return replace(
         seen,

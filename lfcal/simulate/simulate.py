@@ -71,7 +71,7 @@ def iter_simulate_psf(
     """Simulate H as `simulate_psf`; yields progress in rows, and closing it leaves nothing half-written."""
     _check_plan(camera, plan)
     chosen = effects_of(effects, plan, tolerance)
-    # The file says what was simulated, so that H can be made again.
+    # Kept in the file, so that H can be simulated again.
     details = {"simulated": {"effects": describe(chosen), "level": level, "tolerance": tolerance}, **(provenance or {})}
     planes, count = range(plan.shape[0]), worker_count(workers)
     names = [f"simulate plane {z + 1} of {len(planes)}" for z in planes]
@@ -144,7 +144,7 @@ def simulate_psf(
     workers
         Threads over source rows; None takes all processors.
     provenance
-        What else the file is to keep of how H came to be; plain JSON types.
+        Further provenance to keep in the file; plain JSON types.
 
     Returns
     -------

@@ -57,19 +57,19 @@ def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0) -> Scene:
     The cutout is ``halo`` pixels larger than the plan's on every side.
     """
     camera = outlook.camera
-    _, _, rest_y, rest_x = origin_of(plan)
+    _, _, residual_y, residual_x = origin_of(plan)
     about = plan.lattice_anchor
     offsets = None
     # Engines have the chief ray of position (0, 0) on a pixel's centre; what is left over displaces every source.
-    if rest_y or rest_x:
-        offsets = np.broadcast_to(np.array([rest_y, rest_x]) * camera.sensor.pixel_um, (*plan.period, 2)).copy()
+    if residual_y or residual_x:
+        offsets = np.broadcast_to(np.array([residual_y, residual_x]) * camera.sensor.pixel_um, (*plan.period, 2)).copy()
     sharpest = int(np.argmin(np.abs(outlook.defocus)))
     scene = scene_of(
         camera,
         period=plan.period,
         cutout=(plan.cutout[0] + 2 * halo, plan.cutout[1] + 2 * halo),
         z_um=outlook.z_um,
-        anchor_px=(about[0] - rest_y, about[1] - rest_x),
+        anchor_px=(about[0] - residual_y, about[1] - residual_x),
         iris=Iris(),
         pupil_um=math.inf,
         pixel_fill=1.0,
@@ -77,6 +77,7 @@ def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0) -> Scene:
         lenslet_diffraction=False,
         offsets_um=offsets,
     )
+    # the sharpest type for all lenslets: lens types are an effect of their own
     types = (camera.lattice.types[sharpest],) * len(camera.lattice.types)
     return replace(scene, lattice=replace(scene.lattice, types=types))
 
@@ -98,7 +99,7 @@ def scene_for(
 def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
     """Return the scene and the engine's level: ``auto`` follows rays unless an effect calls for waves.
 
-    A named wave level computes lenslet diffraction whatever the effects say; ``microscope`` is the Debye path.
+    A named wave level always computes lenslet diffraction; ``microscope`` is the Debye path.
     """
     from lfcal.simulate.engines.field import choose_mode  # compiled code: not loaded before it is needed
 

@@ -161,7 +161,7 @@ def test_a_second_program_is_refused_and_the_first_undisturbed(
     def second(*_: object) -> None:
         if len(refused) < 2:
             for options in ({"resume": True}, {}):
-                with pytest.raises(LfcalError, match=r"nobody else records|expected a new folder") as caught:
+                with pytest.raises(LfcalError, match=r"no other program records|expected a new folder") as caught:
                     record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, **options)
                 refused.append(type(caught.value))
 

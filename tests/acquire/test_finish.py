@@ -122,7 +122,7 @@ def test_an_unfinished_recording_is_not_packed_and_one_in_use_is_left_alone(tmp_
         drain(iter_assemble_session(tmp_path / "s", settings=EXACT))
 
     def pack(*_: object) -> None:
-        with pytest.raises(StorageError, match="nobody else records"):
+        with pytest.raises(StorageError, match="no other program records"):
             drain(iter_finish(tmp_path / "t"))
 
     record(tmp_path / "t", PLAN, rig_for(PLAN), CAREFUL, observers=(pack,))

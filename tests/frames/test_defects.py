@@ -1,4 +1,4 @@
-"""Defect pixels: found over the frames, mended from their own colour."""
+"""Defect pixels: found over the frames, interpolated from their own colour."""
 
 from __future__ import annotations
 

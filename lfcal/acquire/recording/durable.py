@@ -84,7 +84,7 @@ class FolderLock:
             self.release()
             raise StorageError.expected(
                 str(folder),
-                "a session nobody else records into",
+                "a session that no other program records into",
                 f"open in {holder}",
                 "end the other program, or choose another folder",
             ) from error

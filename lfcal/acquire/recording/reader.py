@@ -23,7 +23,7 @@ __all__ = ["RecordingFile"]
 class RecordingFile:
     """Frames and records of one file, every frame checked against its CRC-32 as it is read.
 
-    Reading is safe from several threads and disturbs nobody who writes.
+    Reading is safe from several threads and does not disturb a writer.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,8 +47,10 @@ class RecordingFile:
             data = read_at(
                 self._descriptor, layout.frame_bytes, layout.frames_at + slot * layout.frame_bytes, self.path
             )
+            # frombuffer gives a read-only view of the bytes
             frame = np.frombuffer(data, layout.dtype).reshape(layout.shape).copy()
         else:
+            # h5py's file is shared by all threads, a descriptor read at a position is not
             with self._lock:
                 frame = self._file["frames"][slot]
         if (

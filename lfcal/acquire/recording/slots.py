@@ -160,7 +160,7 @@ class Journal:
         """Return when everything put is on the disk; raises `StorageError` if it is not, or the file is gone."""
         try:
             sync_data(self._descriptor)
-            # a file that was removed still takes writes, which nobody would find again
+            # a file that was removed still takes writes, which are lost when it is closed
             links = os.fstat(self._descriptor).st_nlink
         except OSError:
             with storage_errors(self.path):

@@ -67,6 +67,7 @@ class RecordingSource(Frames):
         count = self._shape3[0] * self._shape3[1] * self._shape3[2]
         where = np.full(count, -1)
         slots = np.zeros(count, np.int64)
+        # oldest first, so that a later recording overwrites the entries of an earlier one
         for k, file in enumerate(self._files):
             taken = np.flatnonzero(file.taken & (file.records["index"] < count))
             flat = file.records["index"][taken]
@@ -136,6 +137,7 @@ class RecordingSource(Frames):
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
         """Return the samples; of frames made of several exposures the record knows how many were saturated."""
+        # means of several exposures have no single level of saturation
         if self.dtype.kind != "f":
             return super().samples(index, region)
         return Samples(self.read(index, region), saturated=int(self.record(index)["saturated"]))
@@ -161,6 +163,7 @@ def read_darks(folder: Path) -> dict[float, Dark]:
         return {}
     darks: dict[float, Dark] = {}
     with RecordingFile(path) as file:
+        # nanoseconds: the same exposure read back twice may differ in its last bits
         exposures = np.round(file.records["exposure_s"], 9)
         for seconds in np.unique(exposures[file.taken]).tolist():
             slots = np.flatnonzero(file.taken & (exposures == seconds))

@@ -61,6 +61,7 @@ class Store:
                 about = {**attributes, "holds": FILES[kind]}
                 opened[kind] = Journal.create(folder / file_name(kind, run), count, shape, sample, about)
         except BaseException:
+            # a half-made set of files would look like a recording to resume
             for kind, journal in opened.items():
                 journal.close()
                 (folder / file_name(kind, run)).unlink(missing_ok=True)
@@ -105,6 +106,7 @@ class Store:
 
     def sync(self, kinds: set[Kind]) -> None:
         """Return when all frames of these kinds that were put are on the disk."""
+        # by identity, because reference and control frames share one journal
         for journal in {id(self._journals[kind]): self._journals[kind] for kind in kinds}.values():
             journal.sync()
 

@@ -62,16 +62,16 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
         raise InputError.expected(
             "optical axis", "3 or more places in 2 or more planes", places.shape, "measure more of them"
         )
-    maps, shifts, rest = [], [], []
+    maps, shifts, residuals = [], [], []
     for place, image in zip(places, seen, strict=True):
         design = np.column_stack([place, np.ones(len(place))])
         solution, *_ = np.linalg.lstsq(design, image, rcond=None)
         maps.append(solution[:2].T)
         shifts.append(solution[2])
-        rest.append(design @ solution - image)
+        residuals.append(design @ solution - image)
     scale, offset = np.array(maps), np.array(shifts)
     change = (scale - scale.mean(axis=0)).reshape(-1, 2)
-    noise = float(np.sqrt(np.mean(np.square(rest))))
+    noise = float(np.sqrt(np.mean(np.square(residuals))))
     span = float(np.ptp(places.reshape(-1, 2), axis=0).max())
     # the change of scale must move the edge of the measured field by more than the centroids' noise
     if np.linalg.svd(change, compute_uv=False)[-1] * span < max(3 * noise, 1e-6):

@@ -110,7 +110,7 @@ def _axes(plan: ScanPlan, z: int, matrix: NDArray[np.float64], at_origin: NDArra
     """Return stage axes that fit ``matrix``, with the origin where the image is at the sensor's centre."""
     old = plan.stage
     planned = (old.right, old.down)
-    # the larger pair of entries tells which stage axis moves the image sideways
+    # the larger pair of entries shows which stage axis moves the image sideways
     swapped = abs(matrix[0, 1]) + abs(matrix[1, 0]) > abs(matrix[0, 0]) + abs(matrix[1, 1])
     names = []
     for image in range(2):
@@ -176,7 +176,7 @@ def iter_stage_fit(
 ) -> Work[StageFit]:
     """Move to the corners and the middle of a square about the cell, and fit how the image moves.
 
-    The square spans two periods or a tenth of the sensor, whatever is larger; over whole periods the
+    The square spans two periods or a tenth of the sensor, the larger of the two; over whole periods the
     lenslets' pattern cancels. Nothing is recorded.
     """
     options, control = options or Options(), control or Control()

@@ -132,11 +132,13 @@ class Library:
 
 def _checked(name: str, function: Any, free: Any) -> Callable[..., Any]:
     def call(*arguments: Any) -> Any:
+        # GLib functions report errors through a last argument, a pointer to a GError pointer
         error = c.POINTER(_GError)()
         result = function(*arguments, c.byref(error))
         if error:
             message = (error.contents.message or b"").decode(errors="replace")
             silent = error.contents.code in SILENT and "timeout" in message
+            # an error of GLib belongs to the caller and must be freed
             free(error)
             raise AravisError(f"{name}: {message}", silent=silent)
         return result

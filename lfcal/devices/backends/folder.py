@@ -100,7 +100,7 @@ class _Camera(CameraFacts):
 
     def grab(self, timeout_s: float) -> Frame:
         """Write the request and return the file that answers it."""
-        # before the request: whatever is new afterwards answers it
+        # listed before the request: any file that is new afterwards answers it
         known = self._listing()
         self._number += 1
         started = time.monotonic()

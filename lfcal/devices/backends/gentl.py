@@ -102,6 +102,7 @@ class _Camera(CameraFacts):
         if options.get("format"):
             self._set("PixelFormat", options["format"])
         pixel_format = str(self._nodes.PixelFormat.value)
+        # packed formats share bytes between pixels and would need unpacking
         match = re.fullmatch(r"(Mono|Bayer[A-Z]{2})(8|10|12|14|16)", pixel_format)
         if match is None:
             raise InputError.expected(
@@ -118,12 +119,14 @@ class _Camera(CameraFacts):
     def set_exposure(self, seconds: float) -> Setting[float]:
         """Set the exposure (s); a camera without this feature keeps its own."""
         if self._nodes.has_node("ExposureTime"):
+            # microseconds in the GenICam standard (SFNC), seconds here
             self._set("ExposureTime", seconds * 1e6)
         self._exposure = self._read_exposure()
         return Setting(seconds, self._exposure if self._exposure > 0 else seconds)
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
         """Keep reading the whole sensor: what increments a camera allows differs from maker to maker."""
+        # the camera reads its whole sensor; the session takes the region out of it
         return Setting(roi, Roi(0, 0, *self._shape))
 
     def grab(self, timeout_s: float) -> Frame:
@@ -166,6 +169,7 @@ class _Camera(CameraFacts):
                 return np.zeros((0, 0), self._dtype), "parts are missing"
             component = buffer.payload.components[0]
             data = np.asarray(component.data).reshape(component.height, component.width)
+            # copied, because the buffer goes back to the driver at the end of the block
             return data.astype(self._dtype, copy=True), "complete"
 
     def _set(self, name: str, value: Any) -> None:

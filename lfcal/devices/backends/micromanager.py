@@ -133,6 +133,7 @@ class _Camera(CameraFacts):
 
     def set_exposure(self, seconds: float) -> Setting[float]:
         """Set the exposure (s)."""
+        # milliseconds in Micro-Manager, seconds here
         self._call(self._core.setExposure, seconds * 1e3)
         return Setting(seconds, float(self._call(self._core.getExposure)) / 1e3)
 
@@ -142,6 +143,7 @@ class _Camera(CameraFacts):
             self._call(self._core.clearROI)
         else:
             self._call(self._core.setROI, roi.column, roi.row, roi.columns, roi.rows)
+        # Micro-Manager counts (x, y), a region (row, column)
         column, row, columns, rows = self._call(self._core.getROI)
         return Setting(roi, Roi(row, column, rows, columns))
 
@@ -163,6 +165,7 @@ class _Camera(CameraFacts):
     def close(self) -> None:
         """Unload all devices of the core."""
         self._pool.shutdown(wait=False, cancel_futures=True)
+        # resetting under a frame that hangs would hang here too
         if self._pending is None or self._pending.done():
             self._core.reset()
 

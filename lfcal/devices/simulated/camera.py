@@ -65,7 +65,7 @@ class SimCamera:
     axes
         How the stage's axes really move the source.
     stage, time, light
-        The rest of the world.
+        The simulated stage, clock and lamp.
     renderer
         The optics.
     seed
@@ -172,7 +172,12 @@ class SimCamera:
         count = self._since_move[1] + 1 if self._since_move[0] == self._stage.moves else 0
         self._since_move = (self._stage.moves, count)
         key = struct.pack(
-            "<4q2I", *(round(v * 1000) for v in place), round(self._exposure * 1e6), count, self._light.on
+            # nanometres and microseconds: float noise of the same place must not change the draw
+            "<4q2I",
+            *(round(v * 1000) for v in place),
+            round(self._exposure * 1e6),
+            count,
+            self._light.on,
         )
         draw = zlib.crc32(key, self._seed)
         top, left = draw % SPREAD, (draw >> 8) % SPREAD
@@ -196,6 +201,7 @@ class SimCamera:
             return
         light = patch.counts[top - row : bottom - row, left - column : right - column]
         normal = self._normal[draw[0] : draw[0] + frame.shape[0], draw[1] : draw[1] + frame.shape[1]]
+        # one set of random numbers for the read noise and the photon noise alike: shifted, both repeat with the place
         shot = np.sqrt(light * np.float32(1 / self._sensor.electrons_per_count)) * normal[top:bottom, left:right]
         part = frame[top:bottom, left:right]
         total = np.rint(part + light + shot)

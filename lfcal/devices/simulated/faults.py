@@ -41,7 +41,7 @@ class Fault:
 
 
 class FaultBook:
-    """Count the calls of one device and tell which faults strike."""
+    """Count the calls of one device and decide which faults occur."""
 
     def __init__(self, faults: Iterable[Fault], kinds: tuple[str, ...]) -> None:
         self._faults = [fault for fault in faults if fault.kind in kinds]

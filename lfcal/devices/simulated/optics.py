@@ -53,6 +53,7 @@ class PatternRenderer:
         column = self._centre[1] + source_um[0] / step
         sigma = self._sigma(source_um[2])
         peak = np.float32(self._rate * exposure_s / sigma**2)
+        # rounded, so that the cache also serves the same place reached over another path
         top, down = _profile(round(row, 6), sigma, self._plan.period[0])
         left, along = _profile(round(column, 6), sigma, self._plan.period[1])
         return Patch(top, left, np.multiply.outer(peak * down, along))
@@ -94,7 +95,7 @@ class FramesRenderer:
         self._index = {tuple(frames.info(k).position): k for k in range(len(frames))}
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> Patch:
-        """Return the frame of the nearest position, whatever ``roi`` is."""
+        """Return the frame of the nearest position; ``roi`` is ignored."""
         plan = self._plan
         z = int(np.argmin(np.abs(np.array(plan.depths_um) - source_um[2])))
         step = plan.camera.step_um(plan.depths_um[z])

@@ -114,7 +114,7 @@ class SimStage:
         here = self.position()
         # ringing stays within the backlash and drags nothing along
         self._true = self._follow(here if self._time.monotonic() < self._ends else self._settled())
-        # the read-back tells it: the encoder sees where the motor stopped
+        # the read-back shows it: the encoder sees where the motor stopped
         short = 0.6 if "stops short" in struck else 1.0
         self._start = here
         self._target = _between(here, target, short) if short < 1 else target

@@ -24,6 +24,7 @@ Plane = tuple[float, float, float]
 def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
     """Return the regions that cover a border of ``width`` pixels once: top, bottom, left, right."""
     rows, columns = shape
+    # a frame so small is all border
     if 2 * width >= min(rows, columns):
         return [(slice(0, rows), slice(0, columns))]
     inner = slice(width, rows - width)
@@ -39,12 +40,15 @@ def fit_plane(rows: NDArray[Any], columns: NDArray[Any], values: NDArray[Any], *
     """Fit ``p0 + p1 row + p2 column`` by least squares, leaving out what lies beyond 3 robust sigma of the rest."""
     design = np.stack([np.ones(rows.size), rows, columns], axis=1).astype(np.float64)
     values = values.astype(np.float64)
+    # a wider first cut: the median knows nothing of the slope yet, and a steep plane is wide about it
     keep = np.abs(values - np.median(values)) <= 6 * _sigma(values) + 1e-12
     solution = np.zeros(3)
     for _ in range(rounds):
         solution = np.linalg.lstsq(design[keep], values[keep], rcond=None)[0]
         residual = values - design @ solution
+        # the last term keeps all values of a plane without noise, whose sigma is rounding alone
         again = np.abs(residual) <= 3 * _sigma(residual[keep]) + 1e-9 * (1 + np.abs(values).max())
+        # fewer than three points do not fix a plane, and an unchanged choice gives the same plane again
         if np.array_equal(again, keep) or np.count_nonzero(again) < 3:
             break
         keep = again
@@ -98,6 +102,7 @@ class Background:
         rows, columns, values = [], [], []
         for region in border_strips(shape, self.width):
             strip = part(region)
+            # NaN marks masked pixels, which are not repaired yet at this place of the chain
             r, c = np.nonzero(np.isfinite(strip))
             values.append(strip[r, c])
             rows.append(r + region[0].start)

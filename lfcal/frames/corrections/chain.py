@@ -32,8 +32,8 @@ class CorrectionChain:
     """Corrections in their order: dark, white, defects, then background and exposure in either order.
 
     Every step may be left out and none comes twice; the empty chain only turns samples into float32. Nothing is
-    clipped. One compiled pass does dark, white, background and exposure together; defects are mended after it
-    with the values they have at their place in the chain.
+    clipped. One compiled pass does dark, white, background and exposure together; defects are interpolated after it
+    from the values that their neighbours have at that place in the chain.
 
     Attributes
     ----------
@@ -56,6 +56,7 @@ class CorrectionChain:
         steps = tuple(self.steps)
         object.__setattr__(self, "steps", steps)
         for step in steps:
+            # exact types, because ranks are looked up by type
             if type(step) not in _RANK:
                 raise InputError.expected(
                     "correction", "Dark, White, Defects, Background or Exposure", type(step).__name__, "leave it out"
@@ -154,6 +155,7 @@ class CorrectionChain:
         InputError
             If the shapes do not fit, or the background of the frame is needed and not given.
         """
+        # without a sensor shape any region fits: the limit only has to exceed every sensor
         limit = self.shape or (1 << 30, 1 << 30)
         region = check_region(region, limit)
         if part.shape != region_shape(region):
@@ -194,6 +196,7 @@ class CorrectionChain:
             return 0.0, 0.0, 0.0
         if not background.measured:
             return background.measure(lambda _: _EMPTY, shape)
+        # the border is corrected by the steps ahead of the background, in whose values it is subtracted
         ahead = CorrectionChain(self.steps[: self.steps.index(background)])
 
         def part(region: Region) -> NDArray[np.float32]:
@@ -252,6 +255,7 @@ class CorrectionChain:
             if isinstance(step, Background):
                 offset = offset + np.array(plane)
             elif isinstance(step, Exposure):
+                # exposure after background scales what was subtracted too, exposure before it does not
                 scale = step.factor(exposure_s)
                 factor, offset = factor * scale, offset * scale
         return factor, offset
@@ -288,6 +292,7 @@ class CorrectionChain:
         for_each_chunk(rows, part.shape[0], workers)
         if defects is not None:
             _kernels.repair_pixels(result, r0, c0, offset, defects.pixels, defects.neighbours)
+            # only floats can hold NaN, and only a reader that masks pixels puts them there
             if part.dtype.kind == "f":
                 repair_nan(result, (r0, c0), offset, defects.cfa)
         return result
@@ -295,6 +300,7 @@ class CorrectionChain:
 
 def _narrow(part: NDArray[Any]) -> NDArray[Any]:
     """Return the samples as uint16 or float32, contiguous: the two types the kernel is compiled for."""
+    # uint8 widens without loss; wider integers and other floats lose nothing that a sensor measures
     return np.ascontiguousarray(part, np.uint16 if part.dtype in (np.uint8, np.uint16) else np.float32)
 
 

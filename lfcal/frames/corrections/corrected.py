@@ -27,6 +27,7 @@ class CorrectedSource(SourceView):
     def __init__(self, source: FrameSource, chain: CorrectionChain) -> None:
         super().__init__(source)
         self.chain = chain
+        # first and last frame stand for all: a session records either cutouts or whole frames
         cut = any(source.info(k).origin != (0, 0) for k in {0, len(source) - 1} if k >= 0 and len(source))
         if cut and chain.measures_frames:
             raise InputError.expected(
@@ -71,6 +72,7 @@ class CorrectedSource(SourceView):
         info = self.source.info(index)
         grown = whole(self.shape) if self.chain.measures_frames else grow_region(inside, self.chain.margin, self.shape)
         raw = self.source.samples(index, grown)
+        # saturation is a property of raw samples: after dark and white the level is no longer one number
         if self.chain.saturation is not None:
             raw = observed(raw.values, self.chain.saturation, raw.noise)
         try:
@@ -99,6 +101,7 @@ class CorrectedSource(SourceView):
         if raw.valid is None:
             return None, raw.saturated
         valid = np.array(raw.valid)
+        # a repaired pixel holds its neighbours' mean, so its own raw value no longer counts
         repaired = self.chain.repaired(moved(grown, origin))
         valid[repaired[:, 0], repaired[:, 1]] = True
         valid = np.ascontiguousarray(valid[part_of(inside, grown)])
@@ -110,6 +113,7 @@ class CorrectedSource(SourceView):
         """Return the variance of corrected samples: scaled as they are, by the mean gain where it varies."""
         if noise is None:
             return None
+        # variance scales with the square of the factor
         return noise.scaled(self.chain.factor(info.exposure_s) * self.chain.gain(moved(inside, info.origin)))
 
 

@@ -32,7 +32,7 @@ RESPONSE = 0.1
 """A pixel whose values span less than this share of its neighbours' does not respond."""
 
 ENCLOSED = 3.0
-"""It must have been enclosed by light of this many times its own span, in one frame, to be believed dead."""
+"""It must have been enclosed by light of this many times its own span, in one frame, to count as dead."""
 
 MIN_FRAMES_HOT = 3
 MIN_FRAMES_RESPONSE = 8
@@ -72,6 +72,7 @@ def iter_find_defects(
         raise InputError.expected(
             "frames to find defects in", f"at least {MIN_FRAMES_HOT}", len(source), "record more frames"
         )
+    # spread over the whole scan, so that the spots move between the frames read
     chosen = np.unique(np.linspace(0, len(source) - 1, frames).round().astype(int)).tolist()
     clock = Clock("find defect pixels", 2 * len(chosen))
     low = source.read(chosen[0])
@@ -79,6 +80,7 @@ def iter_find_defects(
     for done, index in enumerate(chosen[1:], 1):
         yield clock.at(done)
         frame = source.read(index)
+        # fmin and fmax skip NaN: a pixel masked in one frame is judged by the others
         np.fmin(low, frame, out=low)
         np.fmax(high, frame, out=high)
     suspects = _Suspects(low, high, len(chosen), str(source.metadata.get("cfa", "")), threshold, workers)
@@ -121,6 +123,7 @@ class _Suspects:
         deaf = np.zeros_like(hot)
         if count >= MIN_FRAMES_RESPONSE:
             around = self._rank(span, OUTLIERS, workers)
+            # where its neighbours show no light either, a pixel cannot be said not to respond
             deaf = (span < RESPONSE * around) & (around > threshold * noise)
         self._pixels = np.argwhere(hot | deaf)
         at = tuple(self._pixels.T)
@@ -145,7 +148,9 @@ class _Suspects:
         return out
 
     def _stands_out(self, low: NDArray[np.float32], least: float, workers: int | None) -> NDArray[np.bool_]:
+        # of eight sorted neighbours, two may be hot themselves
         upper = self._rank(low, NEIGHBOURS - 1 - OUTLIERS, workers)
+        # next to a static bright object, a pixel must also exceed what its neighbours exceed the field by
         field = np.nanmedian(_sample(low))
         out: NDArray[np.bool_] = low - upper > np.maximum(least, CONTRAST * (upper - field))
         return out
@@ -158,6 +163,7 @@ class _Suspects:
         there = np.all((near >= 0) & (near < np.array(frame.shape)), axis=2)
         near = np.where(there[..., None], near, 0)
         values = frame[near[..., 0], near[..., 1]].astype(np.float32)
+        # at the sensor's edge fewer neighbours are there, and none of them may be left out
         inner = there.all(axis=1)
         falling = np.sort(np.where(there, values, -np.inf), axis=1)[:, ::-1]
         rising = np.sort(np.where(there, values, np.inf), axis=1)
@@ -181,11 +187,13 @@ def nearest_offsets(cfa: str) -> NDArray[np.int32]:
 
 
 def _sample(values: NDArray[np.float32], most: int = 1_000_000) -> NDArray[np.float32]:
+    # a million values fix a median well below the noise, at a hundredth of the time
     return values.ravel()[:: 1 + values.size // most]
 
 
 def _noise(low: NDArray[np.float32], step: int, whole_numbers: bool) -> float:
     """Return the robust standard deviation of a pixel from its neighbour ``step`` away, with a floor."""
     some = _sample(low[:, step:] - low[:, :-step])
+    # the difference of two pixels has sqrt(2) times the noise of one; integers have at least half a count of rounding
     sigma = 1.4826 * float(np.nanmedian(np.abs(some - np.nanmedian(some)))) / np.sqrt(2) if some.size else 0.0
     return max(sigma, 0.5 if whole_numbers else 1e-6 * float(np.nanmax(np.abs(low))))

@@ -16,7 +16,7 @@ from lfcal.frames.corrections.steps import fingerprint
 __all__ = ["Defects", "nearest_good", "repair_nan"]
 
 MAX_SHARE = 0.05
-"""More defects than this share of the sensor are not believed."""
+"""More defects than this share of the sensor are refused: the search has failed then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,9 @@ class Defects:
                 f"{pixels.min(axis=0).tolist()} … {pixels.max(axis=0).tolist()}",
                 "check rows and columns",
             )
+        # row-major numbers sort the pixels and drop repeated ones in one go
         flat, first = np.unique(pixels[:, 0] * self.shape[1] + pixels[:, 1], return_index=True)
+        # a small sensor may have one defect, even where that is more than the share
         if len(flat) > max(1, MAX_SHARE * self.shape[0] * self.shape[1]):
             raise InputError.expected(
                 "defect pixels",
@@ -82,6 +84,7 @@ class Defects:
         neighbours = self._find_neighbours(chosen)
         object.__setattr__(self, "neighbours", neighbours)
         reach = np.abs(neighbours - chosen[:, None, :])[neighbours[..., 0] >= 0]
+        # the pattern's side in addition: a NaN one period away is repaired as well
         object.__setattr__(self, "margin", int(reach.max(initial=0)) + pattern_side(self.cfa))
 
     def _find_neighbours(self, pixels: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -148,6 +151,7 @@ def nearest_good(
     most = max(len(ring) for line in table for rings in line for ring in rings)
     found = np.full((len(pixels), most, 2), -1, np.int32)
     phase = (pixels + np.array(origin)) % side
+    # pixels of one phase of the pattern share their rings, so they are looked up together
     for pr, pc in np.ndindex(side, side):
         todo = np.flatnonzero((phase[:, 0] == pr) & (phase[:, 1] == pc))
         for ring in table[pr][pc]:
@@ -155,9 +159,11 @@ def nearest_good(
                 break
             near = pixels[todo, None, :] + ring[None]
             good: NDArray[np.bool_] = np.all((near >= 0) & (near < np.array(bad.shape)), axis=2)
+            # an index off the map would wrap round; (0, 0) stands in, and stays marked as not good
             inside = np.where(good[..., None], near, 0)
             good &= ~bad[inside[..., 0], inside[..., 1]]
             found[todo, : len(ring)] = np.where(good[..., None], near, -1)
+            # pixels whose ring holds a good neighbour are done; the others try the next ring
             todo = todo[~good.any(axis=1)]
     return found
 

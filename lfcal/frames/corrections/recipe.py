@@ -91,6 +91,7 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
     InputError
         If something the recipe asks for does not fit these frames.
     """
+    # samples first, then what they mean, then which of them: each view reads the facts of the one before
     view = ShiftedSource(source, recipe.shift) if recipe.shift else source
     if plan is not None:
         view = DescribedSource(view, plan)
@@ -106,6 +107,7 @@ def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shi
     """
     place = Path(path)
     if place.is_dir():
+        # sorted, so that the float sums and with them the checksums do not depend on the folder's order
         files = sorted(p for p in place.iterdir() if p.suffix.lower() in image_suffixes())
         if not files:
             raise InputError.expected(f"calibration frames in {place}", "at least one image", "none", "check it")
@@ -141,6 +143,7 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
     if recipe.defects:
         from lfcal.frames.corrections.defect_search import find_defects
 
+        # the search compares one place of the sensor over all frames; cutouts lie at different places
         if any(source.info(k).origin != (0, 0) for k in range(len(source))):
             raise InputError.expected(
                 "search for defect pixels", "whole sensor frames", "cutouts", "record whole frames for it"
@@ -192,6 +195,7 @@ def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
             raise InputError.expected("exposure", "auto, none or seconds", repr(wanted), "correct it") from None
     counts = Counter(source.info(k).exposure_s for k in range(len(source)))
     known = [seconds for seconds in counts if seconds is not None]
+    # one exposure only: scaling all frames alike would change nothing but the unit
     if len(known) < 2:
         return None
     if None in counts:
@@ -201,6 +205,7 @@ def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
             f"{counts[None]} unknown",
             "complete the manifest, or leave exposures alone (exposure none)",
         )
+    # the most frequent exposure leaves the most frames unscaled; of equal counts the longest, to be repeatable
     return max(known, key=lambda seconds: (counts[seconds], seconds))
 
 
@@ -228,6 +233,7 @@ def _of_channel(source: FrameSource, frame: NDArray[np.float32]) -> NDArray[np.f
     step = int(source.metadata.get("pixel_step", 1))
     if step == 1 or frame.shape == source.shape:
         return frame
+    # the frame's own channel, cut out of the mosaic as `channel_source` does
     r0, c0 = source.metadata["channel_phase"]
     return np.ascontiguousarray(frame[r0::step, c0::step])
 

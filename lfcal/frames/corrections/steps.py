@@ -27,6 +27,7 @@ def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
     count = 0
     for frame in frames:
         if total is None:
+            # float32 is exact up to 2^24 only, which 256 bright 16-bit frames reach
             total = np.zeros(frame.shape, np.float64)
         if frame.shape != total.shape:
             raise InputError.expected(
@@ -76,6 +77,7 @@ class Dark:
     @property
     def shape(self) -> tuple[int, int] | None:
         """Shape of the frames it fits, None for any."""
+        # a dark of a part of the sensor cannot state the shape of whole frames
         if self.frame is None or self.origin != (0, 0):
             return None
         return self.frame.shape[0], self.frame.shape[1]
@@ -131,12 +133,14 @@ class DarkSet:
     def at(self, exposure_s: float | None) -> Dark:
         """Return the dark of an exposure; raises `InputError` where none lies within 1 % of it."""
         if exposure_s is None:
+            # one dark must serve where frames do not state their exposure; among several any choice could be wrong
             if len(self.darks) == 1:
                 return next(iter(self.darks.values()))
             raise InputError.expected(
                 "exposure of the frame", "one of those of the darks", "none", "state the exposures, or give one dark"
             )
         nearest = min(self.darks, key=lambda seconds: abs(seconds - exposure_s))
+        # exposures come back from cameras rounded to their own clock
         if abs(nearest - exposure_s) > 0.01 * exposure_s:
             known = ", ".join(f"{seconds:g}" for seconds in sorted(self.darks))
             raise InputError.expected("dark frame", f"one of {exposure_s:g} s", f"{known} s", "record the darks again")
@@ -157,6 +161,7 @@ def white_gain(
     relative = np.empty_like(light)
     for rows, columns in phases(cfa):
         part = light[rows, columns]
+        # the 99th percentile and not the maximum: a hot pixel or a reflection must not set the scale
         peak = float(np.percentile(part, 99))
         if not peak > 0:
             raise InputError.expected(
@@ -166,6 +171,7 @@ def white_gain(
                 "check lamp, shutter and that white and dark are not swapped",
             )
         np.divide(part, np.float32(peak), out=relative[rows, columns])
+    # in place from here on: a frame of 29 MP takes 115 MB in float32
     dim = relative < floor
     np.maximum(relative, np.float32(floor), out=relative)
     return np.reciprocal(relative, out=relative), dim
@@ -223,6 +229,7 @@ class White:
             )
         gain, dim = white_gain(white - level, self.floor, self.cfa)
         for name, value in (("gain", gain), ("dim", dim)):
+            # shared by every frame and thread, so it must not change
             value.setflags(write=False)
             object.__setattr__(self, name, value)
 
@@ -233,6 +240,7 @@ class White:
         if level is None:
             return
         share = float(np.count_nonzero(raw >= level)) / raw.size
+        # clipped pixels are too dark against the others, so their gain would be wrong; a few hot pixels do no harm
         if share > 1e-3:
             raise InputError.expected(
                 "white frame", "at most 0.1 % saturated", f"{100 * share:.3g} %", "expose it less"

@@ -1,4 +1,4 @@
-"""HDF5 stacks as frames, opened without trusting them."""
+"""HDF5 stacks as frames, opened with every declared size checked."""
 
 from __future__ import annotations
 

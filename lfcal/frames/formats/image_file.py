@@ -1,4 +1,4 @@
-"""Image files: found out by their first bytes, opened as pages, never trusted."""
+"""Image files: recognised by their first bytes, opened as pages; every size in them is checked."""
 
 from __future__ import annotations
 
@@ -98,15 +98,17 @@ class Format:
 
 @contextmanager
 def decoding(path: Path, kind: str) -> Iterator[None]:
-    """Turn whatever a decoder raises into one line of `FileFormatError` that names the file."""
+    """Turn any error of a decoder into one line of `FileFormatError` that names the file."""
     try:
         yield
     except (LfcalError, MemoryError):
         raise
     except Exception as error:
+        # an error with errno is one of the disk, and damaged data is not its cause
         if isinstance(error, OSError) and error.errno is not None:
             with storage_errors(path):
                 raise
+        # decoders raise bytes, several lines or nothing at all
         said = error.args[0].decode(errors="replace") if error.args and isinstance(error.args[0], bytes) else str(error)
         reason = " ".join(said.split())[:120] or type(error).__name__
         raise FileFormatError.expected(
@@ -115,13 +117,16 @@ def decoding(path: Path, kind: str) -> Iterator[None]:
 
 
 def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: int) -> None:
-    """Raise unless ``shape`` is that of a frame and its bytes are believable for ``stored`` bytes of file."""
+    """Raise unless ``shape`` is that of a frame and its bytes fit ``stored`` bytes of file."""
     rows, columns = shape[:2]
     if not (1 <= rows <= MAX_SIDE and 1 <= columns <= MAX_SIDE):
         raise UnsafeFileError.expected(
             str(path), f"frames of 1 … {MAX_SIDE} px a side", f"{rows} x {columns}", "check the file"
         )
+    # Python integers: a forged header would overflow 64 bits
     nbytes = int(np.prod(shape, dtype=object)) * itemsize
+    # a header that declares far more than its file can hold is a decompression bomb or damaged; 1 MB lets tiny files
+    # pass
     if nbytes > MAX_EXPANSION * stored + (1 << 20):
         raise UnsafeFileError.expected(
             str(path),

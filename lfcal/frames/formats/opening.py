@@ -1,4 +1,4 @@
-"""Image files opened by what their first bytes say, whatever their name."""
+"""Image files opened by the kind that their first bytes show; the suffix does not count."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Binary PGM frames, 8 and 16 bits, with samples as they are whatever the highest value declared."""
+"""Binary PGM frames, 8 and 16 bits, with samples unscaled, even where the declared maximum is lower than the type's."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ _COLOURS = "RGB"
 
 
 def count_pages(path: Path) -> int:
-    """Return the number of pages by walking their chain, where a reader may stop early without a word.
+    """Return the number of pages by walking their chain: readers may stop early and report no error.
 
     Raises
     ------
@@ -39,10 +39,12 @@ def count_pages(path: Path) -> int:
         size = path.stat().st_size
         head = file.read(16)
         order = "<" if head[:2] == b"II" else ">"
+        # BigTIFF (version 43) has 64-bit offsets
         big = head[2:4] in (b"+\0", b"\0+")
         where = struct.unpack_from(f"{order}Q" if big else f"{order}I", head.ljust(16, b"\0"), 8 if big else 4)[0]
         seen: set[int] = set()
         while where:
+            # a chain that leads back would be walked for ever
             if where in seen:
                 raise _damaged(path, f"page {len(seen)} leads back to an earlier one")
             seen.add(where)
@@ -87,6 +89,7 @@ class TiffImage(ImageFile):
             self._tiff = tifffile.TiffFile(path)
         try:
             with decoding(path, "TIFF"):
+                # tifffile's pages share one file handle and seek in it
                 self._tiff.filehandle.set_lock(True)
                 self._lock = (
                     self._tiff.filehandle.lock
@@ -101,6 +104,7 @@ class TiffImage(ImageFile):
         page = self._first
         bits = int(page.bitspersample)
         compression, photometric = int(page.compression), int(page.photometric)
+        # lossy compression changes the values by more than the sensor's noise
         if compression in _LOSSY:
             raise FileFormatError.expected(
                 str(self.path),
@@ -127,6 +131,7 @@ class TiffImage(ImageFile):
         check_declared(self.path, (*self.shape, self._samples), self.dtype.itemsize, self._size)
         self._virtual = self._imagej_pages()
         self.pages = max(self.pages, self._virtual)
+        # TIFF stores 10, 12 or 14 bits packed; read, they fill 16
         known: dict[str, Any] = {} if bits in (8, 16, 32, 64) else {"bit_depth": bits}
         axes = self._scan_axes()
         self.metadata = known | ({"scan_axes": axes} if axes else {})
@@ -162,6 +167,7 @@ class TiffImage(ImageFile):
         with decoding(self.path, "TIFF"):
             image = part.asarray(squeeze=True, maxworkers=1)
         if self._component is not None:
+            # colours lie in planes or pixel by pixel (PlanarConfiguration)
             image = image[self._component] if image.shape[0] == self._samples else image[..., self._component]
         if image.shape != self.shape:
             raise _damaged(self.path, f"page {page} holds {image.shape}")
@@ -200,6 +206,7 @@ class TiffImage(ImageFile):
         with storage_errors(self.path), self.path.open("rb") as file:
             file.seek(where + rows.start * self.shape[1] * stored.itemsize)
             data = np.fromfile(file, stored, count)
+        # fromfile stops silently at the end of a file
         if data.size != count:
             raise _damaged(self.path, "the file was cut short while open")
         return np.ascontiguousarray(data.reshape(-1, self.shape[1]), self.dtype)

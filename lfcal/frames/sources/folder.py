@@ -34,7 +34,7 @@ MAX_OPEN = 128
 def check_frame(
     frame: NDArray[Any], name: str, *, nan: str = "reject", blank: str = "reject", bit_depth: int | None = None
 ) -> NDArray[Any]:
-    """Return ``frame`` if its values can be those of a sensor; readers hand over much else without a word.
+    """Return ``frame`` if its values can be those of a sensor; readers return other values too without an error.
 
     Parameters
     ----------
@@ -65,6 +65,7 @@ def check_frame(
         if count:
             frame[bad] = np.nan
     first = frame[0, 0]
+    # a few thousand samples first: most frames differ in them, and need no look at every pixel
     if blank == "reject" and (frame[::61, ::53] == first).all() and (frame == first).all() and frame.size > 1:
         raise FileFormatError.expected(
             name, "an image", f"the value {first} in every pixel", "check shutter and lamp; take it again"
@@ -120,9 +121,11 @@ class FolderSource(Frames):
         self._nan, self._blank = nan, blank
         uses = Counter(entry.file for entry in manifest.entries)
         self._paths = resolve_inside(self.root, uses)
+        # files used once are opened and closed; only stacks are worth keeping open
         self._many = {name for name, count in uses.items() if count > 1}
         self._open: dict[str, ImageFile] = {}
         self._lock = threading.Lock()
+        # closes the files also where a source is dropped without close()
         self._finalizer = weakref.finalize(self, _close_all, self._open)
         self._shape, self._dtype, self._metadata = self._look()
 
@@ -131,6 +134,7 @@ class FolderSource(Frames):
         manifest, name = self.manifest, self.manifest.entries[0].file
         with self._image(name) as image:
             shape, dtype = manifest.shape or image.shape, np.dtype(manifest.dtype or image.dtype)
+            # positions and exposures belong to single frames, not to all of them
             found = {key: value for key, value in image.metadata.items() if key not in ("positions", "exposure_s")}
             if manifest.cfa and not found.get("cfa"):
                 found["cfa"] = manifest.cfa
@@ -213,7 +217,7 @@ class FolderSource(Frames):
                 part = check_region(region, self._shape)
                 frame = image.read_region(entry.page, *part)
                 if self._blank == "reject" and frame.size and (frame == frame[0, 0]).all():
-                    # a dark corner may hold one value only: whether the frame does, the whole of it tells
+                    # a dark corner may hold one value only, so the whole frame is checked
                     self._checked(image.read(entry.page), label, self._blank)
                     return self._checked(frame, label, "accept")
         return self._checked(frame, label, self._blank if region is None else "accept")

@@ -65,6 +65,7 @@ def working_f_number(diameters_px: ArrayLike, image_shifts_um: ArrayLike, pixel_
             f"{d.size} diameters and {a.size} depths",
             "give one for each plane, all different",
         )
+    # with the sign of a, both sides of the native plane lie on one line
     signed = d * np.where(a < 0, -1.0, 1.0)
     weight = np.ones(a.size)
     for _ in range(10):
@@ -72,8 +73,10 @@ def working_f_number(diameters_px: ArrayLike, image_shifts_um: ArrayLike, pixel_
         slope, constant = np.linalg.lstsq(matrix, signed * weight, rcond=None)[0]
         residual = signed - slope * a - constant
         scale = 1.4826 * float(np.median(np.abs(residual)))
+        # diameters on the line to rounding: another round would divide by zero
         if scale <= 1e-12 * float(np.abs(d).max()):
             break
+        # Huber weights: square roots, because lstsq squares them
         weight = 1.0 / np.sqrt(np.maximum(1.0, np.abs(residual) / (3.0 * scale)))
     if slope == 0 or not math.isfinite(slope):
         raise InputError.expected("diameters over depth", "a slope", "none", "give planes of different blur")
@@ -81,5 +84,6 @@ def working_f_number(diameters_px: ArrayLike, image_shifts_um: ArrayLike, pixel_
     error = math.nan
     if a.size > 2:
         spread = float(((a - a.mean()) ** 2).sum())
+        # error propagation: N = 1/slope, dN = d(slope)/slope²
         error = math.sqrt(float((residual**2).sum()) / (a.size - 2) / spread) / slope**2
     return FNumber(1.0 / abs(slope), error, -constant / slope, rms / pixel_um)

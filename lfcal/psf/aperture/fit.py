@@ -29,7 +29,7 @@ CLEAR_MARGIN = 20.0
 """Beyond this in both, one fit to the pixels is enough."""
 
 COUNT_CHI2 = 14.0
-"""The pixels' chi-square must tell the two best counts apart by this, in units of the reduced one."""
+"""The pixels' chi-square must separate the two best counts by this, in units of the reduced one."""
 
 CIRCLE_CHI2 = 40.0
 """And the best count from the circle by this, where noise and not ripple limits the fit."""
@@ -88,12 +88,14 @@ def _fit_inside(image: NDArray[np.float64], patch: LitPatch) -> Aperture:
     margin = next(c for c in ranking if not c.blades).bic - irises[0].bic, irises[1].bic - irises[0].bic
     agreed = irises[0].blades == strongest_harmonic(edge)
     pixels = EdgePixels.around(image, patch, shrink(edge))
+    # profile and strongest harmonic agree with a wide margin: comparing all counts on the pixels would not change it
     if agreed and min(margin) > CLEAR_MARGIN:
         best = refine(pixels, patch, irises[0])
         return _judge(best, patch, edge, _Evidence(margin[0], margin[1], math.inf, math.inf))
     round_fit = refine(pixels, patch, Candidate(0.0, 0))
     second = candidates(matched_profile(pixels, patch, round_fit))
     fits = _best_of_each(refine(pixels, patch, c) for c in _likely(irises, [c for c in second if c.blades]))
+    # ripple of the lattice lifts chi-square above the noise's: gaps count in units of it
     unit = max(1.0, fits[0].reduced)
     gaps = (round_fit.chi2 - fits[0].chi2) / unit, (fits[1].chi2 - fits[0].chi2) / unit
     return _judge(fits[0], patch, edge, _Evidence(margin[0], margin[1] if agreed else 0.0, *gaps))
@@ -111,11 +113,13 @@ class _Evidence:
 
 def _likely(first: list[Candidate], second: list[Candidate]) -> list[Candidate]:
     """Return the leading irises of both rankings, and half and twice the first one's count."""
+    # half and twice a count share its harmonics, and are its usual mistakes
     related = [c for c in first[3:] if c.blades in (first[0].blades / 2, 2 * first[0].blades)]
     likely = first[:3] + related
     for c in second[:3]:
         step = 2 * math.pi / c.blades
         turns = [(c.rotation_rad - k.rotation_rad + step / 2) % step - step / 2 for k in likely if k.blades == c.blades]
+        # the same count at another rotation is another minimum of the fit
         if all(abs(turn) > step / 8 for turn in turns):
             likely.append(c)
     return likely
@@ -140,6 +144,7 @@ def _clean(depth_sum: ArrayLike) -> NDArray[np.float64]:
         )
     finite = np.isfinite(image)
     if not finite.all():
+        # not-a-number takes the median, which neither lights nor darkens anything
         image[~finite] = np.median(image[finite]) if finite.any() else 0.0
     # the fit knows no unit: bring the values to the order of one
     size = float(np.abs(image).max())
@@ -173,6 +178,8 @@ def _profile(image: NDArray[np.float64], patch: LitPatch) -> tuple[LitPatch, NDA
     for _ in range(3):
         flat, level = flatten(image, patch.background, row, column, radius)
         edge = edge_profile(flat, row, column, radius)
+        # a centre off by (dx, dy) adds dx cos + dy sin to the edge radius: twice the first coefficient, the imaginary
+        # part negated
         first = np.fft.rfft(edge)[1] / RAYS
         column += 2 * float(first.real)
         row -= 2 * float(first.imag)
@@ -188,6 +195,7 @@ def _judge(fit: IrisFit, patch: LitPatch, edge: NDArray[np.float64], evidence: _
     answer = _aperture(fit, patch)
     misfit = float(np.std(shrink(edge) - _edge_about(answer, patch))) / patch.radius
     bladed = evidence.circle_bic > CIRCLE_MARGIN
+    # where ripple limits the fit, chi-square is no measure of chance and only the information criterion counts
     bladed |= evidence.circle_chi2 > CIRCLE_CHI2 and fit.reduced < NOISE_LIMITED
     counted = evidence.count_chi2 > COUNT_CHI2
     refusal = ""

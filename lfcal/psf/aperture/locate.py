@@ -53,9 +53,11 @@ def despike(image: Image) -> Image:
     """Return ``image`` with pixels replaced that stand out of their 5 x 5 median by six deviations."""
     import cv2
 
+    # float32, because OpenCV's median of 5 x 5 takes no doubles
     smooth = cv2.medianBlur(image.astype(np.float32), 5).astype(np.float64)
     difference = image - smooth
     scale = mad(difference)
+    # an image without noise has no scale to judge outliers by
     if scale == 0:
         return image
     return np.where(np.abs(difference) > 6 * scale, smooth, image)
@@ -70,6 +72,7 @@ def find_patch(image: Image) -> LitPatch | None:
     from scipy import ndimage
 
     side = min(image.shape)
+    # at least two pixels, so that a small cutout's border still gives a median
     edge = max(2, int(0.03 * side))
     border = np.ones(image.shape, bool)
     border[edge:-edge, edge:-edge] = False
@@ -78,19 +81,24 @@ def find_patch(image: Image) -> LitPatch | None:
     sigma = max(0.3, side / 128)
     while True:
         smooth = ndimage.gaussian_filter(image - background, sigma)
+        # the 97th percentile and not the maximum, which a single bright pixel would set
         top = float(np.percentile(smooth, 97))
+        # white noise behind a Gaussian of width sigma has 1/(2 sqrt(pi) sigma) of its standard deviation
         floor = noise / (2 * math.sqrt(math.pi) * sigma)
         if top > 8 * floor or sigma > side / 12:
             break
         sigma *= 1.4
+    # the second limit covers an even image without noise, whose rounding would pass for light
     if not top > max(4 * floor, 1e-12 * abs(background)):
         return None
     level = float(np.median(smooth[smooth > 0.6 * top]))
     labels, count = ndimage.label(smooth > 0.5 * level)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    # holes are left by hot or dead pixels and by the lenslets' gaps
     mask = ndimage.binary_fill_holes(labels == 1 + int(np.argmax(sizes)))
     row, column = ndimage.center_of_mass(mask)
     radius = math.sqrt(float(mask.sum()) / math.pi)
+    # below three pixels there is no outline to fit blades to
     if radius < 3:
         return None
     return LitPatch(background, noise, level, float(row), float(column), radius, mask)
@@ -102,6 +110,7 @@ def flatten(image: Image, background: float, row: float, column: float, radius: 
     A plane plus a paraboloid is fitted robustly inside three quarters of ``radius`` and continued outwards.
     """
     x, y = offsets(image.shape, row, column)
+    # normalised by the radius, so that the four terms are of one order
     x, y = x / radius, y / radius
     r2 = x * x + y * y
     inside = r2 < 0.75**2
@@ -113,7 +122,9 @@ def flatten(image: Image, background: float, row: float, column: float, radius: 
         weighted = terms * weight[:, None]
         p = np.linalg.solve(terms.T @ weighted + 1e-9 * np.eye(4), weighted.T @ values)
         residual = values - terms @ p
+        # Cauchy weights: what lies far off the surface hardly counts
         weight = 1.0 / (1.0 + (residual / (2.5 * mad(residual) + 1e-300)) ** 2)
+    # a paraboloid continued far outwards would turn negative
     lit = p[0] + p[1] * np.clip(x, -1.2, 1.2) + p[2] * np.clip(y, -1.2, 1.2) + p[3] * np.minimum(r2, 1.3**2)
     top = max(float(p[0]), 1e-300)
     return (image - background) / np.clip(lit, 0.3 * top, 3 * top), float(p[0])

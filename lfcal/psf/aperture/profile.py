@@ -38,11 +38,14 @@ def edge_profile(
 
     start = np.broadcast_to(np.asarray(low, float) * radius, RAYS)
     width = np.broadcast_to(np.asarray(high, float) * radius, RAYS) - start
+    # steps of half a pixel or less: longer ones would alias the edge
     steps = max(16, int(np.ceil(width.max() / 0.5)))
     r = start + width * np.linspace(0, 1, steps)[:, None]
     places = [row + r * np.sin(ANGLES), column + r * np.cos(ANGLES)]
     light = ndimage.map_coordinates(flat, places, order=1, mode="nearest") * r
+    # trapezium rule along each ray
     area = (light[1:] + light[:-1]).sum(0) * (width / (2 * (steps - 1)))
+    # noise may make the enclosed light negative, whose root is no radius
     edge: NDArray[np.float64] = np.sqrt(np.maximum(start**2 + 2 * area, (0.3 * radius) ** 2))
     return edge
 
@@ -51,8 +54,10 @@ def shrink(edge: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a smooth ``edge``: each harmonic is shrunk by its noise, taken from harmonics beyond any iris's."""
     spectrum = np.fft.rfft(edge) / RAYS
     power = np.abs(spectrum) ** 2
+    # the power of complex Gaussian noise is exponentially distributed: its median is ln 2 times its mean
     noise = float(np.median(power[HIGHEST + 1 : 90])) / np.log(2)
     gain = np.maximum(1 - 3 * noise / (power + 1e-300), 0)
+    # size, centre and ellipticity stay as they are
     gain[:3] = 1
     gain[HIGHEST + 1 :] = 0
     smooth: NDArray[np.float64] = np.fft.irfft(spectrum * gain, RAYS) * RAYS

@@ -138,9 +138,9 @@ def accumulate(
             edge = 0.5 * (1 + math.erf(u * 0.7071067811865476))
             # lit times the slope of the edge: the Gaussian of the blur, 1/sqrt(2 pi) high
             _edge_slopes(row, p, arc, dx, dy, lit * math.exp(-0.5 * u * u) * 0.3989422804014327 / p[BLUR])
-        elif edge == 0.0:  # far outside: dark whatever the parameters
+        elif edge == 0.0:  # far outside: dark for any parameters
             row[:] = 0.0
-        else:  # far inside: only the level and its shading can tell
+        else:  # far inside: only level and shading matter
             row[:LEVEL] = 0.0
             row[STRETCH:] = 0.0
         row[LEVEL] = edge * shade

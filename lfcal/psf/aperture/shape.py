@@ -15,11 +15,11 @@ __all__ = ["REFUSALS", "Aperture", "blade_radius", "polygon_area"]
 REFUSALS = {
     "too dim": "no lit patch stands out of the noise",
     "cut off": "the lit patch reaches the edge of the cutout",
-    "circle": "no blades can be told from a round aperture",
+    "circle": "the outline cannot be distinguished from a circle",
     "cat-eye": "the outline fits no regular iris: vignetted, obstructed or doubled",
     "unclear": "two blade counts, or a count and a circle, fit about equally well",
 }
-"""Why a fit would rather not say, and what that means."""
+"""Why a fit is refused, and what that means."""
 
 
 def blade_radius(
@@ -45,6 +45,7 @@ def blade_radius(
         Apothem over blade radius, 0 to 1.
     """
     step = 2 * math.pi / blades
+    # counted from the middle of a blade, where the formula has its axis of symmetry
     d = np.mod(np.asarray(theta, float) - rotation_rad, step) - step / 2
     m = 1.0 - curvature
     edge: NDArray[np.float64] = apothem * (2.0 - curvature) / (np.sqrt(1.0 - (m * np.sin(d)) ** 2) + m * np.cos(d))
@@ -56,9 +57,11 @@ def polygon_area(blades: int, apothem: float, curvature: float = 0.0) -> float:
     half = math.pi / blades
     vertex = float(blade_radius(0.0, blades, 0.0, apothem, curvature))
     polygon = blades * vertex * vertex * math.sin(2 * half) / 2
+    # at curvature 0 the segments' radius is infinite, and their area 0
     if curvature <= 0:
         return polygon
     radius = apothem / curvature
+    # rounding may push the sine of a full half circle above one
     opening = 2 * math.asin(min(1.0, vertex * math.sin(half) / radius))
     return polygon + blades * radius * radius * (opening - math.sin(opening)) / 2
 
@@ -97,7 +100,7 @@ class Aperture:
     confident
         Whether blade count and outline may be relied on.
     refusal
-        Key of `REFUSALS`, or empty: why the fit would rather not say.
+        Key of `REFUSALS`, or empty: why the fit was refused.
     """
 
     blades: int

@@ -72,7 +72,9 @@ def depth_sum_of(
     step = 2 * math.pi / blades
     rotation = rng.uniform(0, step)
     radius = fill * side
+    # the circle of the same area has this radius
     apothem = radius * math.sqrt(math.pi / polygon_area(blades, 1.0, curvature))
+    # centres of sub-pixels, so that edges are antialiased by their covered area
     fine = (np.arange(side * OVERSAMPLING) + 0.5) / OVERSAMPLING - 0.5
     x = (fine - column)[None, :] * (1 + disturbance.ellipticity)
     y = (fine - row)[:, None] * (1 - disturbance.ellipticity)

@@ -1,4 +1,4 @@
-"""What planes say of each other: which are dark, which are copies, how large their shadows are."""
+"""Planes compared with each other: which are dark, which are copies, how large their shadows are."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ NOVEL = 0.05
 """A plane that differs from another by less than this share of what neighbours differ by is its copy."""
 
 BLIND = 0.02
-"""Where noise alone makes two recordings differ by more than this, copies cannot be told."""
+"""Where noise alone makes two recordings differ by more than this, copies cannot be found."""
 
 CLEAR = 4.0
-"""The shadow's second moment is told from the lenslets' own where the sum is so many times that."""
+"""The shadow's second moment can be separated from the lenslets' own where the sum is so many times that."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,7 @@ class MatrixMeasures:
 
     @classmethod
     def of(cls, matrix: PSFMatrix, planes: Sequence[PlaneMeasures]) -> MatrixMeasures:
-        """Return what the measured planes, in the order of H, say of each other."""
+        """Return what follows from comparing the measured planes, given in the order of H."""
         energy = np.array([p.energy if p.lit else 0.0 for p in planes])
         usual = float(np.median(energy[energy > 0])) if (energy > 0).any() else 0.0
         dark = energy < DARK_PLANE * usual if usual else np.ones(len(planes), bool)
@@ -78,6 +78,7 @@ def _copies(planes: Sequence[PlaneMeasures], lit: NDArray[np.bool_]) -> NDArray[
     vectors = np.stack([planes[z].sample for z in chosen])
     norms = np.sqrt((vectors.astype(np.float64) ** 2).sum(1))
     apart = 1 - (vectors @ vectors.T).astype(np.float64) / np.maximum(np.outer(norms, norms), 1e-300)
+    # the median over neighbours: one repeated plane must not set the usual step
     step = float(np.median(np.diagonal(apart, 1))) if len(chosen) > 2 else 0.0
     # what noise alone makes two recordings of the same patterns differ by
     noisy = [
@@ -106,8 +107,10 @@ def shadow_sizes(planes: Sequence[PlaneMeasures], camera: Camera | None) -> NDAr
     lens = camera.lattice.clear_diameter_um / 2 / pixel
     bend = float(np.mean([(gap / kind.focal_length_um) ** 2 for kind in camera.lattice.types]))
     airy = 0.42 * camera.wavelength_um * gap / camera.lattice.clear_diameter_um / pixel
+    # second moments add: the lenslet's disc, diffraction and the pixel's box, each over both axes
     own = bend * lens**2 / 2 + 2 * airy**2 + 2 / 12
     for z, p in enumerate(planes):
         if p.lit and p.spread > CLEAR * own:
+            # an even disc of diameter D has the second moment D²/8
             sizes[z] = math.sqrt(8 * (p.spread - own))
     return sizes

@@ -1,4 +1,4 @@
-"""What the dark corners of the cutouts say: background, noise, clipping."""
+"""Measured from the dark corners of the cutouts: background, noise, clipping."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def dark_corners(plane: NDArray[np.float32]) -> DarkCorners:
     corners = [c[np.isfinite(c)].astype(np.float64) for c in blocks]
     if not all(c.size for c in corners):
         return DarkCorners(0.0, 0.0, 0.0, 0.0)
-    means = np.array([c.mean() for c in corners])  # a pattern that reaches one corner spoils that one only
+    means = np.array([c.mean() for c in corners])  # a pattern that reaches one corner changes the mean of that one only
     noise = float(np.median([_spread(c) for c in corners]))
     chance = 1.25 * noise / math.sqrt(sum(c.size for c in corners))
     return DarkCorners(float(np.median(means)), noise, _cut_off(np.stack(blocks)) if noise > 0 else 0.0, chance)

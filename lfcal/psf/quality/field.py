@@ -85,13 +85,17 @@ def _basis(ny: int, nx: int) -> _Basis:
     columns = [np.ones(ny * nx)]
     ramps = tuple(axis for axis, n in enumerate((ny, nx)) if n > 1)
     for axis in ramps:
+        # about the middle of the cell, so that mean and ramp are independent
         columns.append((((y, x)[axis] + 0.5) / (ny, nx)[axis] - 0.5).ravel())
+    # half of all waves: the others are their complex conjugates
     waves = [(my, mx) for my in range(-(ny // 3), ny // 3 + 1) for mx in range(nx // 3 + 1) if (mx, my) > (0, 0)]
+    # lowest frequencies first, ties by their numbers, so that the choice is repeatable
     waves.sort(key=lambda m: ((m[0] / ny) ** 2 + (m[1] / nx) ** 2, m))
     for my, mx in waves[: max(0, int(min(SHARE * ny * nx, MOST_TERMS)) // 2)]:
         phase = (2 * np.pi * (my * y / ny + mx * x / nx)).ravel()
         columns += [np.cos(phase), np.sin(phase)]
     terms = np.stack(columns, 1)
+    # with orthonormal columns each round of the robust fit is two products instead of a solution
     smooth, triangle = np.linalg.qr(terms)
     solve = np.linalg.inv(triangle)
     return _Basis(terms, smooth, solve, np.sqrt((solve**2).sum(1)), ramps)
@@ -125,6 +129,7 @@ def split(field: NDArray[np.float64], use: NDArray[np.bool_] | None = None) -> P
         # Huber by modified residuals: far values are drawn in, unused ones take the fit's
         left = np.where(keep, values - fit, 0.0)
         scale = 1.4826 * float(np.median(np.abs(left[keep])))
+        # an exact fit leaves no scale to clip by
         if scale <= 1e-12 * float(np.abs(values).max()):
             break
         drawn = np.clip(left, -HUBER * scale, HUBER * scale)

@@ -102,7 +102,7 @@ def _tiling(
 
 
 def _ask(spec: MetricSpec, plane: PlaneMeasures) -> Reading:
-    """Return what a metric of single planes says of this one."""
+    """Return a metric's value of this plane."""
     if spec.of_plane is None or (spec.needs_light and not plane.lit):
         return UNKNOWN
     return spec.of_plane(plane)
@@ -142,7 +142,7 @@ def _virtual_depths(measures: MatrixMeasures) -> NDArray[np.float64]:
 
 
 def _f_number(measures: MatrixMeasures) -> FNumber | None:
-    """Return the working f-number from the shadow's sizes over depth, or None where they do not tell."""
+    """Return the working f-number from the shadow's sizes over depth, or None where it cannot be measured."""
     H, sizes = measures.matrix, measures.shadows_px
     if H.camera is None:
         return None

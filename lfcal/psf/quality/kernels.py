@@ -75,6 +75,7 @@ def _totals(frame: NDArray[np.float32], bits: NDArray[np.uint32], line: NDArray[
     squares = 0.0
     top = np.float32(-np.inf)
     bad = 0
+    # FNV-1a, 64 bits: offset basis, then a prime for each word
     h = np.uint64(14695981039346656037)
     for t in range(frame.shape[0]):
         total = 0.0  # by rows: sums of many small values lose less
@@ -177,6 +178,7 @@ def spot_pass(
                     w = v - floor
                     for q in range(waves):
                         line[q] += w * across[s, q]
+            # separable waves: rows without light are most of a pattern, and cost no second product
             if any_lit:
                 for q in range(waves):
                     out[k, q] += line[q] * down[t, q]
@@ -196,6 +198,7 @@ def step_pass(
     bb = 0.0
     ab = 0.0
     for t in range(nt - rows):
+        # float32 within a row lets the loop vectorise; rows add up in float64, so that rounding does not build up
         laa = np.float32(0.0)
         lbb = np.float32(0.0)
         lab = np.float32(0.0)

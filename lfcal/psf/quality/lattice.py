@@ -28,7 +28,7 @@ BRIGHT = 0.92
 """Where the lattice's wave is this strong, the pattern is fully lit and its phase is true."""
 
 STRONG = 0.4
-"""Modulation below which the spots say nothing of the position: too few lenslets are lit."""
+"""Modulation below which positions cannot be measured from the spots: too few lenslets are lit."""
 
 ORDERS = {
     "as planned": "",
@@ -37,7 +37,7 @@ ORDERS = {
     "both reversed": "the scan runs backwards along both axes, or the frames are turned by half a turn",
     "axes swapped": "x and y of the scan are swapped",
 }
-"""Orders in which the positions may have come, and what to say."""
+"""Orders in which the positions may have been recorded, and the words for them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class SpotLattice:
 
     @property
     def usable(self) -> bool:
-        """Whether the phases tell positions."""
+        """Whether positions can be measured from the phases."""
         return self.modulation >= STRONG and self.across >= 1.7
 
     @property
@@ -202,7 +202,7 @@ def _spacing(
 ) -> float:
     """Return the spots' wave number over the lattice's, from the phase across the middle of the pattern.
 
-    ``D(r) = sum_X H_X(r) exp(-i k X)`` runs as ``exp(i scale k r)`` wherever the pattern is fully lit, whatever the
+    ``D(r) = sum_X H_X(r) exp(-i k X)`` runs as ``exp(i scale k r)`` wherever the pattern is fully lit, for any
     spots' shape; its phase from pixel to pixel, summed over the brightest part, is the spacing.
     """
     n, nt, ns = frames.shape

@@ -45,7 +45,7 @@ class PlaneContext:
     waves
         Wave vectors of the lenslet lattice, see `lfcal.psf.quality.lattice.wave_vectors`.
     tiling
-        What control frames said, where there were some.
+        Result of the control frames, where there were some.
     """
 
     matrix: PSFMatrix
@@ -112,7 +112,7 @@ class PlaneMeasures:
     spread
         Second moment of the depth-plane sum (pixels squared); NaN where it cannot be relied on.
     positions
-        What spots and centroids say of the source's positions.
+        The source's positions as measured from spots and centroids.
     continuity
         Seam and odd frames; None where the scan ran in another order, and its neighbours are none.
     sample
@@ -135,7 +135,7 @@ class PlaneMeasures:
 
     @property
     def dark(self) -> DarkCorners:
-        """What the dark corners of the cutouts say."""
+        """Noise and background from the dark corners of the cutouts."""
         return self.table.dark
 
     @property
@@ -158,6 +158,7 @@ def iter_measure(
     yield clock.at(done + 2)
     unread = (table.column("nonfinite") > 0) | (table.column("lit") == 0)
     usual = float(np.median(table.light[~unread])) if (~unread).any() else 0.0
+    # lit if one pixel stands out of the noise, or if the usual sum of a pattern does
     lit = bool(table.peak > 6 * dark.noise) or usual > 3 * dark.noise * math.sqrt(table.lit.size)
     steps = _steps(patterns, dark, workers) if lit else None
     plane = _unmeasured(patterns, context, table, lit, usual, _faulty(context, table, steps, unread, usual))
@@ -235,15 +236,18 @@ def _steps(plane: NDArray[np.float32], dark: DarkCorners, workers: int | None) -
     variance = dark.noise**2
     noise = variance * np.array([(nt - 1) * ns, nt * (ns - 1)])[:, None, None]
     aa, bb, ab = np.moveaxis(products, -1, 0)
+    # noise adds to the sums of squares, and would make equal patterns look unlike
     norms = np.sqrt(np.maximum(aa - noise, 1e-150)) * np.sqrt(np.maximum(bb - noise, 1e-150))
     chance = np.sqrt(variance * (aa + bb) + variance * noise) / norms
     unlike = np.maximum(1 - ab / norms, np.maximum(chance, 1e-9))
+    # equal to the last bit is a copied frame: noise never repeats
     same = (aa == bb) & (aa == ab)
     return np.where(same, 0.0, unlike)
 
 
 def _duplicates(table: PatternTable, steps: NDArray[np.float64], ok: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the frames that are the same as another, or the same but for the cutout's move."""
+    # checksums find copies anywhere in the plane, steps only those of neighbours
     _, inverse, counts = np.unique(table.digest.ravel(), return_inverse=True, return_counts=True)
     same: NDArray[np.bool_] = (counts[inverse] > 1).reshape(ok.shape) & ok
     for axis in (0, 1):
@@ -258,6 +262,7 @@ def _with_light(plane: PlaneMeasures) -> PlaneMeasures:
     shares = 100 * plane.table.light / max(plane.energy, 1e-300)
     shown = _background_free(plane)
     edges = sums.edge_light(shown, plane.dark.noise * math.sqrt(shares.size))
+    # a cut-off sum has lost its outer light, and its second moment with it
     spread = sums.spread(shown) if edges.truncation < 2 else math.nan
     return replace(plane, shares=shares, shares_split=split(shares, plane.use), edges=edges, spread=spread)
 
@@ -274,6 +279,7 @@ def _diameter(plane: PlaneMeasures) -> float:
 def _continuity(plane: PlaneMeasures, steps: NDArray[np.float64]) -> Continuity | None:
     if not plane.positions.as_planned:
         return None
+    # misplaced frames are reported on their own; they would show as odd a second time
     wrong = plane.positions.misplaced
     use = plane.use if wrong is None else plane.use & ~wrong
     return Continuity(seam_ratio(steps, use), odd_frames(steps, use))
@@ -282,10 +288,12 @@ def _continuity(plane: PlaneMeasures, steps: NDArray[np.float64]) -> Continuity 
 def _sample(plane: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
     """Return some whole patterns, dark pixels removed, to hold against other planes."""
     ny, nx = plane.shape[:2]
+    # a fixed seed: the same positions in every plane, so that planes can be compared
     rng = np.random.default_rng(1)
     chosen = rng.choice(ny * nx, min(16, ny * nx), replace=False)
     y, x = np.divmod(np.sort(chosen), nx)
     values = plane[y, x]
+    # a pixel that is no number would make every product with it one
     values[~np.isfinite(values)] = 0
     kept: NDArray[np.float32] = np.maximum(values - np.float32(floor), np.float32(0)).ravel()
     return kept

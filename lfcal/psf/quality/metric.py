@@ -24,7 +24,7 @@ RANK: dict[Merit, int] = {"bad": 0, "fair": 1, "good": 2, "unknown": 3}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """What a metric says of one plane.
+    """A metric's value of one plane.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Reading:
 
 
 UNKNOWN = Reading()
-"""What a metric says that could not be measured: never zero, which would be good."""
+"""The value of a metric that could not be measured: never zero, which would be good."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Limits:
             raise ValueError(f"limits: good {self.good} must not be worse than bad {self.bad}")
 
     def merit(self, value: float) -> Merit:
-        """Return what ``value`` is worth; NaN is unknown."""
+        """Return the merit of ``value``; NaN is unknown."""
         if math.isnan(value):
             return "unknown"
         sign = -1.0 if self.higher_is_better else 1.0
@@ -100,6 +100,7 @@ class CostModel:
         if limits.higher_is_better:
             share = limits.bad / value if value > 0 else math.inf
         else:
+            # a limit of 0 has no proportion: the value itself is the share
             share = abs(value) / limits.bad if limits.bad > 0 else abs(value)
         return min(self.worst, self.at_bad * share)
 
@@ -177,7 +178,7 @@ class Metric:
     spec
         What was measured.
     value, merit
-        Overall value (NaN: unknown) and what it is worth.
+        Overall value (NaN: unknown) and its merit.
     cost
         Estimated reconstruction error (NRMSE); NaN where the value is unknown.
     per_plane
@@ -288,7 +289,7 @@ def _overall(spec: MetricSpec, per_plane: NDArray[np.float64]) -> float:
         value = float(known.sum())
     else:
         value = float(known.min() if spec.limits.higher_is_better else known.max())
-    # what was measured may be bad enough whatever the rest is, but never good
+    # a value from some planes can be bad for certain, but not good: a plane that is not known may be worse
     incomplete = spec.needs_all and known.size < per_plane.size
     return math.nan if incomplete and spec.limits.merit(value) == "good" else value
 

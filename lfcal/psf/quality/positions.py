@@ -15,7 +15,7 @@ from lfcal.psf.quality.pattern_table import PatternTable
 __all__ = ["CentroidPath", "LatticePhases", "Positions", "measure_positions"]
 
 WILD = 0.1
-"""Share of jumping phases beyond which they tell no positions."""
+"""Share of jumping phases beyond which they do not give positions."""
 
 MISPLACED = 0.5
 """Displacement of a frame's pattern that is too much (pixels)."""
@@ -73,12 +73,12 @@ class CentroidPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Positions:
-    """What the patterns say of the source's positions; None is what they do not tell.
+    """The source's positions as measured from the patterns; None where they cannot be measured.
 
     Attributes
     ----------
     spots
-        The spots' lattice, where it tells positions.
+        The spots' lattice, where positions can be measured from it.
     locked
         Whether each pattern is the image of a single lenslet, which does not follow the source.
     phases, path
@@ -95,7 +95,7 @@ class Positions:
 
     @property
     def as_planned(self) -> bool:
-        """Whether nothing says that the scan ran in another order."""
+        """Whether the scan ran in the planned order, as far as is known."""
         return self.spots is None or self.spots.order == "as planned"
 
 
@@ -107,7 +107,7 @@ def measure_positions(
     diameter_px: float,
     workers: int | None = None,
 ) -> Positions:
-    """Return what a plane's patterns say of their positions.
+    """Return the positions measured from a plane's patterns.
 
     Parameters
     ----------
@@ -126,6 +126,7 @@ def measure_positions(
     if spots is None:
         return Positions()
     phases = None
+    # a lattice that does not follow the source does not show its position
     if spots.usable and spots.order == "as planned":
         shift = displacements(patterns, spots, table.floor, workers)
         if _wild(shift, spots, use) < WILD:
@@ -143,6 +144,7 @@ def _wild(shift: NDArray[np.float64], spots: SpotLattice, use: NDArray[np.bool_]
 
     Faults shift frames by a few pixels at most, or few frames by more; phases that jump everywhere are no phases.
     """
+    # neighbours along x were recorded one after the other: a real fault moves few of them so far
     both = use[:, 1:] & use[:, :-1]
     pitch = 2 * math.pi / float(np.hypot(*spots.waves[0]))
     jump = np.hypot(*np.diff(shift, axis=2)) > pitch / 4
@@ -160,10 +162,12 @@ def _path(table: PatternTable, use: NDArray[np.bool_]) -> CentroidPath:
     placed, jitter = use & ~wrong, math.nan
     if placed.any():
         rms = math.hypot(*(float(np.sqrt(np.mean(p.residual[placed] ** 2))) for p in move))
+        # scatter adds in squares, so noise and backlash are taken off in squares
         jitter = math.sqrt(max(0.0, rms**2 - float(np.mean(noise**2)) - swing**2))
     return CentroidPath(
         jitter,
         swing,
+        # along its own axis a centroid's ramp is a wrong step; across it, drift
         gain=max(move[0].sure_ramp(0), move[1].sure_ramp(1)),
         drift=max(move[0].sure_ramp(1), move[1].sure_ramp(0)),
         distance=np.hypot(row - np.median(row[use]), column - np.median(column[use])),

@@ -30,7 +30,7 @@ class QualityReport:
     apertures
         The iris seen from each plane.
     virtual_depths
-        Virtual depth of each plane from its spots' spacing; NaN where it cannot be told.
+        Virtual depth of each plane from its spots' spacing; NaN where it cannot be measured.
     f_number
         Working f-number by the slope of aperture diameters over depth, where camera and planes allow it.
     noise, peak, energy

@@ -21,7 +21,7 @@ def _pairs(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.flo
 def seam_ratio(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> float:
     """Return the change across the wrap over the median change inside the cell, the larger of y and x.
 
-    One less a correlation grows with the square of a change, so the root of the ratio is taken.
+    ``1 - correlation`` grows with the square of a change, so the root of the ratio is taken.
 
     Parameters
     ----------

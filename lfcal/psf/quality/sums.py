@@ -25,11 +25,13 @@ CUT_OFF = 10.0
 def _plateau(shown: NDArray[np.float64]) -> float:
     from scipy import ndimage
 
+    # the largest smoothed value and not the largest pixel, which may be hot
     return float(ndimage.gaussian_filter(shown, 2.0).max())
 
 
 def diameter(shown: NDArray[np.float64]) -> float:
     """Return the diameter of the disc of the same second moment as a depth-plane sum's lit patch (pixels)."""
+    # an even disc of diameter D has the second moment D²/8 about its centre
     return math.sqrt(8 * spread(shown))
 
 
@@ -71,6 +73,7 @@ class _LitArea:
         labels, count = ndimage.label(ndimage.gaussian_filter(shown, 1.0) > 0.1 * top)
         if count == 0:
             return None
+        # by light and not by area: noise makes large faint patches
         sizes = np.bincount(labels.ravel(), weights=np.maximum(shown, 0).ravel(), minlength=count + 1)[1:]
         patch = labels == 1 + int(np.argmax(sizes))
         row, column = ndimage.center_of_mass(patch)
@@ -81,7 +84,7 @@ class _LitArea:
 
 @dataclass(frozen=True, slots=True)
 class EdgeLight:
-    """Light where a depth-plane sum should be dark (per cent); NaN where it cannot be told.
+    """Light where a depth-plane sum should be dark (per cent); NaN where it cannot be measured.
 
     Attributes
     ----------
@@ -105,11 +108,13 @@ def edge_light(shown: NDArray[np.float64], noise: float = 0.0) -> EdgeLight:
     patch = _LitArea.of(shown)
     if patch is None:
         return EdgeLight()
+    # two rows or columns: one alone is noisy, and more would not be the edge any more
     sides = (shown[:2], shown[-2:], shown[:, :2], shown[:, -2:])
     truncation = 100 * max(0.0, max(float(side.mean()) for side in sides)) / patch.plateau
     outside = patch.distance > REACH * patch.radius + MARGIN
     if not outside.mean() > 0.02:  # the patch fills the cutout
         return EdgeLight(truncation)
+    # sum of n noisy pixels: sqrt(n) times the noise of one, twice for certainty
     chance = 2 * noise * math.sqrt(outside.sum())
     return EdgeLight(truncation, 100 * max(0.0, float(shown[outside].sum()) - chance) / float(shown.sum()))
 
@@ -150,8 +155,10 @@ def stuck_pixels(lit: NDArray[np.int32], frames: NDArray[np.intp]) -> int:
     share = np.where(frames > 0, lit / np.maximum(frames, 1), 0.0)
     around = np.ones((3, 3), bool)
     around[1, 1] = False
+    # third highest and third lowest of the eight neighbours: two of them may be defects too
     bright = ndimage.rank_filter(share, -3, footprint=around, mode="nearest")
     dim = ndimage.rank_filter(share, 2, footprint=around, mode="nearest")
+    # pixels near the sensor region's edge appear in few cutouts, whose shares mean little
     seen = frames >= frames.max() / 2
     hot = (share > STUCK[0]) & (share - bright > STUCK[1])
     dead = (share < 1 - STUCK[0]) & (dim - share > STUCK[1])

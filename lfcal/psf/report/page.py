@@ -221,7 +221,7 @@ def _f_number(H: PSFMatrix, quality: QualityReport) -> str:
     f = quality.f_number
     stated = f" The camera's description states {H.camera.optics.working_f_number:.2f}." if H.camera else ""
     if f is None:
-        return f"<p>The working f-number cannot be told from these planes.{stated}</p>"
+        return f"<p>The working f-number cannot be measured from these planes.{stated}</p>"
     error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
     return f"<p>Working f-number from the shadow's size over depth: <b>{f.value:.2f}{error}</b>.{stated}</p>"
 

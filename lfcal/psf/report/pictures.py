@@ -128,7 +128,7 @@ def _of(shown: int, there: int) -> str:
 
 
 def _unspoilt(image: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-    """Return the image with hot pixels cut to the level of the rest, and a word on it where that was needed."""
+    """Return the image with hot pixels clipped to the level of the other pixels, and a note if there were any."""
     level = 1.5 * float(np.nanpercentile(image, 99)) if np.isfinite(image).any() else 0.0
     if level <= 0 or not np.nanmax(image) > level:
         return image, ""

@@ -94,7 +94,7 @@ def iter_report(
         drawn.append(draw())
     yield clock.at(len(draws))
     text = page(H, quality, drawn, comparison, other.path if other is not None else "")
-    # the page comes last: where it is, all it speaks of is there
+    # the page comes last: where it exists, every file that it links to exists
     files = {p.name: p.png for p in drawn}
     result = quality.to_dict() | ({} if comparison is None else {"comparison": comparison.to_dict()})
     files |= {"quality.json": _json(result), "redo.json": _json(redo_list(quality)), PAGE: text.encode()}

@@ -57,7 +57,7 @@ class Engine(Protocol):
 
     name: str
     rounding: float
-    """Error of a projected value relative to the largest one; values below are not to be trusted."""
+    """Error of a projected value relative to the largest one; values below are rounding."""
 
     def prepare(self, plane: NDArray[Any]) -> Any:
         """Return the operand of one plane of H, ``(ny, nx, nt, ns)``."""

@@ -122,8 +122,10 @@ def forecast(problem: Problem, method: str, memory_limit: int) -> ProjectionFore
             options += _polyphase(problem, memory_limit)
         elif name == "direct":
             options.append((_resident(_direct(problem), problem, memory_limit), None, None))
+        # below half density the indices of a sparse matrix cost less than its zeros
         elif name == "sparse" and (method != "auto" or problem.density < 0.5):
             options.append((_resident(_sparse(problem), problem, memory_limit), None, None))
+        # one transform per phase: beyond 16 phases it is never the quickest
         elif name == "fft" and (method != "auto" or problem.grid.phases <= 16):
             options.append((_resident(_fft(problem), problem, memory_limit), None, None))
     fitting = [o for o in options if o[0].memory_bytes <= memory_limit]
@@ -135,13 +137,16 @@ def forecast(problem: Problem, method: str, memory_limit: int) -> ProjectionFore
             format_bytes(memory_limit),
             "raise it, or take a smaller image region",
         )
+    # set-up counts too, shared out over the projections of a usual reconstruction
     cost, plan, band = min(fitting, key=lambda o: o[0].prepare_s + PAIRS * o[0].pair_s)
+    # the slowest first, so that the quickest option of each method stays in the dict
     by_method = {o[0].method: o[0] for o in sorted(options, key=lambda o: -o[0].pair_s)}
     return ProjectionForecast(cost, plan, band, tuple(by_method.values()), memory_limit)
 
 
 def reading_seconds(reader: PlaneReader) -> float:
     """Return the seconds to read one plane, from one row of source positions."""
+    # one row of source positions is enough to time the disk and the decoding
     start = time.perf_counter()
     np.asarray(reader.H[0, 0], reader.dtype)
     return (time.perf_counter() - start) * reader.shape[1]
@@ -157,6 +162,7 @@ def _resident(cost: Cost, problem: Problem, limit: int) -> Cost:
         cost.forward_s + cost.prepare_s,
         cost.adjoint_s + cost.prepare_s,
         cost.operand_bytes,
+        # not all planes but two are held at a time
         cost.scratch_bytes + 2 * cost.operand_bytes // problem.planes,
         False,
     )
@@ -247,5 +253,6 @@ def _polyphase(problem: Problem, limit: int) -> list[Option]:
 
 def _tile_counts(cells: int, reach: int) -> list[int]:
     """Return numbers of tiles worth trying along an axis of ``cells``."""
+    # sizes grow by sqrt(2): finer steps change the estimate by less than its error
     sizes = {max(1, round(max(1, reach) * 2 ** (k / 2))) for k in range(-2, 16)}
     return sorted({1, *(-(-cells // v) for v in sizes if v < cells and v + 2 * reach <= 512)})

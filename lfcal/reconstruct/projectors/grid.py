@@ -55,6 +55,7 @@ class Grid:
     def cells(self) -> Pair:
         """Lattice cells ``(Ly, Lx)`` that cover the image."""
         (oy, ox), (ny, nx), (height, width) = self.origin, self.period, self.image_shape
+        # ceiling division
         return -(-(oy + height) // ny), -(-(ox + width) // nx)
 
     @cached_property
@@ -66,6 +67,7 @@ class Grid:
     def reach(self) -> Pair:
         """How many cells a pattern reaches to either side, at most the lattice itself."""
         y, x = ((c + n - 1) // n for c, n in zip(self.centre, self.period, strict=True))
+        # a pattern wider than the lattice reaches no further than the lattice goes
         return min(y, self.cells[0] - 1), min(x, self.cells[1] - 1)
 
     @property
@@ -81,6 +83,7 @@ class Grid:
     def pack(self, plane: NDArray[Any], dtype: Any, *, before: Pair = (0, 0), after: Pair = (0, 0)) -> NDArray[Any]:
         """Return ``plane`` on whole cells, ``(Ly*ny, Lx*nx)`` and ``before`` and ``after`` zero pixels around."""
         (ny, nx), (cy, cx), (oy, ox) = self.period, self.cells, self.origin
+        # zeros around the image, so that patterns of positions outside of it project to nothing
         out = np.zeros((before[0] + cy * ny + after[0], before[1] + cx * nx + after[1]), dtype)
         top, left = before[0] + oy, before[1] + ox
         out[top : top + self.image_shape[0], left : left + self.image_shape[1]] = plane

@@ -135,7 +135,7 @@ class Projector:
 
     @property
     def depths(self) -> NDArray[np.float64]:
-        """Depth of each plane (µm) where H tells, else plane numbers."""
+        """Depth of each plane (µm) where H has depths, else plane numbers."""
         depths = getattr(self._reader.H, "depths", None)
         return np.arange(self.volume_shape[0], dtype=float) if depths is None else np.asarray(depths, float)
 
@@ -238,7 +238,7 @@ def _phase_mask(phases: ArrayLike, period: tuple[int, int]) -> NDArray[np.bool_]
 
 
 def _free_memory() -> int:
-    """Return the bytes of memory that programs may take now, or 8 GB where the system does not tell."""
+    """Return the bytes of memory that programs may take now, or 8 GB where the system does not report it."""
     try:
         fields = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
         return int(fields["MemAvailable"].split()[0]) * 1024

@@ -79,6 +79,7 @@ class AxisTiles:
         """Return the inverse transform to the valid cells, ``(valid, frequencies)``; its real part counts if `half`."""
         weights = np.full(self.frequencies, 2.0 if self.half else 1.0)
         if self.half:
+            # frequencies at both ends of a real spectrum have no mirror image and count once
             weights[0] = 1.0
             if self.length % 2 == 0:
                 weights[-1] = 1.0

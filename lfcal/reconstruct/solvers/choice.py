@@ -69,7 +69,7 @@ class SolverChoice:
     Raises
     ------
     InputError
-        If nobody knows the solver, or it would ignore a setting that is given.
+        If the solver is unknown, or would ignore a setting that is given.
     """
 
     name: str = "rl"
@@ -145,7 +145,7 @@ def reconstruct(
     choice
         Solver and settings; None: Richardson-Lucy.
     weights
-        Trust in each pixel ``(Y, X)``, not negative.
+        Weight of each pixel ``(Y, X)``, not negative.
     initial
         Start ``(nz, Y, X)``.
     resume

@@ -19,7 +19,7 @@ def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
 
 
 def _smoothing(P: Projector) -> DepthSmoothing:
-    """Return widths by camera and depths of H; half a period at every depth where H does not tell."""
+    """Return widths by camera and depths of H; half a period at every depth where H has no camera."""
     if P.camera is None:
         return DepthSmoothing((min(P.period) / 2,) * P.volume_shape[0])
     return DepthSmoothing.for_camera(P.camera, P.depths)

@@ -30,7 +30,7 @@ class Measurement:
     image
         ``(Y, X)``, finite, not negative; 0 where the weight is 0.
     weights
-        Trust in each pixel, ``(Y, X)``; None: 1 everywhere.
+        Weight of each pixel, ``(Y, X)``; None: 1 everywhere.
     background
         Expected image without any source, a number or ``(Y, X)``.
     notes
@@ -63,7 +63,7 @@ class Measurement:
         dtype
             Type to compute in.
         weights
-            Trust in each pixel, not negative.
+            Weight of each pixel, not negative.
         saturation
             Pixels at or above this value get weight 0.
         background

@@ -76,7 +76,9 @@ class Tikhonov:
         """Return minus the Laplacian over the peak."""
         steps = _differences(volume, self.z_weight)
         if 0 in steps:
+            # z_weight enters twice, once in the difference and once in its adjoint: the gradient of a weighted norm
             steps[0] *= volume.dtype.type(self.z_weight)
+        # over the peak, so that the weight has the same effect in any unit of light
         peak = float(volume.max(initial=0))
         return _scaled(_divergence(steps), -self.weight / peak if peak > 0 else 0.0)
 
@@ -92,6 +94,7 @@ def _differences(volume: NDArray[Any], z_weight: float) -> dict[int, NDArray[Any
     steps = {}
     for axis in axes:
         step = np.zeros_like(volume)
+        # the far border has no forward neighbour: its difference is zero (Neumann border)
         inner = tuple(slice(0, -1) if a == axis else slice(None) for a in range(3))
         step[inner] = np.diff(volume, axis=axis)
         if axis == 0:

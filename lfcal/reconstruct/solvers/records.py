@@ -1,4 +1,4 @@
-"""What a running solver tells, what it can be resumed from, and what it returns."""
+"""What a running solver reports, what it can be resumed from, and what it returns."""
 
 from __future__ import annotations
 

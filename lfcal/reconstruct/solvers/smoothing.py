@@ -41,10 +41,12 @@ def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
 
 def lanczos_kernel(width: float, lobes: int = 4) -> NDArray[np.float64]:
     """Return a low-pass kernel that keeps periods longer than ``2 * width`` pixels: a sinc in a Lanczos window."""
+    # 1 pixel or less: nothing to take away, and np.sinc(x / width) would divide by zero
     if width <= 1:
         return np.ones(1)
     half = int(np.ceil(lobes * width)) - 1
     x = np.arange(-half, half + 1)
+    # the sinc alone rings far out; the Lanczos window ends it after `lobes` zeros
     kernel = np.sinc(x / width) * np.sinc(x / (lobes * width))
     normalised: NDArray[np.float64] = kernel / kernel.sum()
     return normalised
@@ -89,6 +91,7 @@ class DepthSmoothing:
                 out[z] = _smooth(volume[z], lanczos_kernel(self.widths[z], self.lobes))
 
         for_each_chunk(work, len(volume))
+        # the kernel's negative lobes may leave values below zero, which multiplicative solvers cannot take
         np.maximum(out, 0, out=out)
         return out
 

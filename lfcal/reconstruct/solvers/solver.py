@@ -45,7 +45,7 @@ class SolverRun:
     background, read_noise, saturation, strength, subsets, tolerance
         As in `SolverChoice`.
     weights
-        Trust in each pixel ``(Y, X)``, not negative.
+        Weight of each pixel ``(Y, X)``, not negative.
     initial
         Start ``(nz, Y, X)``.
     resume

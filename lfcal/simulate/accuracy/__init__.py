@@ -1,4 +1,4 @@
-"""What accuracy costs, and which effects are worth it.
+"""What accuracy costs, and which effects to simulate.
 
 - ``planner``: the effects a scene calls for; ``cost``, ``forecast``: seconds
 - ``sampling``: how finely an engine computes; ``ladder``: measured error against seconds

@@ -1,4 +1,4 @@
-"""What a simulation costs, foretold from the description and one short timing of this machine.
+"""What a simulation costs, predicted from the description and one short timing of this machine.
 
 The constants were fitted to the engines of this package on a machine that does 2e10 complex multiply-adds per
 second and thread in a small product, and scale with that rate. They hold within a factor of about 2;

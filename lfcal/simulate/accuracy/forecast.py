@@ -37,7 +37,7 @@ def predict_seconds(
 ) -> float:
     """Return the CPU-seconds that `simulate_psf` will take, from a short run of its own engine.
 
-    The middle plane is measured; the others follow from the cost that their description foretells.
+    The middle plane is measured; the others follow from the cost estimated from their description.
     """
     chosen = effects_of(effects, plan, tolerance)
     z = len(plan.depths_um) // 2
@@ -67,8 +67,8 @@ class Whole:
 
 
 def whole_of(plan: ScanPlan, z: int, effects: Sequence[Effect], level: str, runs: int | None = None) -> Whole:
-    """Return how plane ``z`` scales to the whole plan at an engine's level, by what the descriptions foretell."""
-    # Planes differ by how many lenslets they light: their ratio is foretold, one of them is measured.
+    """Return how plane ``z`` scales to the whole plan at an engine's level, by the effects' own estimates."""
+    # Planes differ by how many lenslets they light: their ratio is estimated, one of them is measured.
     costs = [engine_seconds(outlook_of(plan, k), level) for k in range(len(plan.depths_um))]
     if runs is None:
         runs = math.prod(effect.runs(outlook_of(plan, z)) for effect in effects)

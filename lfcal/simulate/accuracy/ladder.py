@@ -48,7 +48,7 @@ class Rung:
     position_seconds
         CPU-seconds for one position.
     whole_seconds
-        CPU-seconds foretold for the whole H: all planes, positions, source points and wavelengths.
+        Predicted CPU-seconds of the whole H: all planes, positions, source points and wavelengths.
     efficient
         Whether no other rung is both faster and more accurate.
     """
@@ -78,7 +78,7 @@ class Ladder:
     reference
         Label of the reference.
     reference_seconds
-        CPU-seconds foretold for the whole H by the reference itself.
+        Predicted CPU-seconds of the whole H by the reference itself.
     virtual_depth
         Of the plane measured.
     positions

@@ -71,7 +71,7 @@ class EffectSelection:
     level
         Level of the engine that the effects call for.
     seconds
-        CPU-seconds for the whole plan with everything that is on, foretold within a factor of about 2.
+        CPU-seconds for the whole plan with everything that is on, predicted within a factor of about 2.
     ideal_seconds
         CPU-seconds of the ideal camera.
     """
@@ -181,7 +181,7 @@ def _settings(overrides: Mapping[str, str], candidates: Sequence[Effect]) -> dic
 
 
 class _Costs:
-    """Foretold CPU-seconds of the whole plan."""
+    """Predicted CPU-seconds of the whole plan."""
 
     def __init__(self, planes: Sequence[Outlook], waves: str, tolerance: float) -> None:
         self.waves = waves

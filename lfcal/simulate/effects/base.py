@@ -77,7 +77,7 @@ class EngineSeconds:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What an effect changes, foretold from the description alone.
+    """What an effect changes, predicted from the description alone.
 
     Attributes
     ----------
@@ -186,6 +186,7 @@ class Effect(ABC):
                 continue  # letters of a colour filter, Zernike terms: checked by what reads them
             bounds = self.limits.get(field.name, (-math.inf, math.inf))
             low, high = (bound if math.isfinite(bound) else None for bound in bounds)
+            # refuses NaN and infinity, which a file or a command line may bring
             check_number(f"{self.title}: {field.name}", value, at_least=low, at_most=high)
 
     @abstractmethod

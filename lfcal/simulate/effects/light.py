@@ -43,6 +43,7 @@ class FiniteSource(LightEffect):
         The shadow's edge is blurred too: an annulus of the image's mean chord, 2/pi of its rms, of the area.
         """
         image = self.image_px(outlook)
+        # the rms of a disc's coordinate is a quarter of its diameter, and defocus scales the image by 1/v
         spot = image / outlook.depth
         edge = outlook.shadow_moved(0.4 * image / 4)
         return Estimate(spot, "px", min(2.0, outlook.blurred(spot / 4) + edge), "D |M|/v; 0.74 (s/w)² + edge, s = D/4")
@@ -117,9 +118,11 @@ class Bandwidth(LightEffect):
         width = self.width(outlook)
         if width == 0:
             return samples
+        # fringes of the iris that wash out over the spectrum: their number grows with Fresnel number times width
         count = min(9, 3 + math.ceil(outlook.fresnel_main * width / outlook.wavelength_um / 4))
         nodes, weights = np.polynomial.legendre.leggauss(count)
         return tuple(
+            # leggauss integrates over [-1, 1], whose weights sum to 2
             LightSample(s.rows, s.columns, s.wavelength_um + 0.5 * width * float(u), s.weight * float(w) / 2)
             for s in samples
             for u, w in zip(nodes, weights, strict=True)

@@ -326,7 +326,7 @@ class Quantisation(FrameEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rms LSB/sqrt(12), and a quarter of an LSB over the pixels of the pattern.
 
-        Between the spots lies less than an LSB of diffracted light, which is lost: it counts like the rest.
+        Between the spots lies less than an LSB of diffracted light, which is lost: it counts as an error too.
         """
         sensor = outlook.camera.sensor
         lsb = sensor.electrons_per_count

@@ -144,7 +144,7 @@ def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> FieldTab
     shadow = outline * to_shadow
     reach = float(np.abs(shadow).max())
     box = min(half + 8 * fringe, 0.5 * MOST_SAMPLES * dx - 4.5 * fringe)
-    local = max(half, box) < reach  # of a large shadow only a part is looked at; the rest fades out beyond it
+    local = max(half, box) < reach  # of a large shadow only a part is computed; the remainder fades out beyond it
     if local:
         shadow = clip(shadow, box * _SQUARE)
         reach = box

@@ -61,7 +61,7 @@ class GeometricPlane:
         about, reach = (float(np.hypot(*p.T).max()) for p in (window, subject))
         far, inner = reach * abs(factor), float(limits.min())
         self._shapes = Shapes(np.ascontiguousarray(subject), normals, limits, factor, sign, far, inner, about)
-        # the same radius on the sensor whatever the subject's unit
+        # the same radius on the sensor in any unit of the subject
         least = LEAST_SPOT_PX * scene.reduced_pixel_um / reach
         self._drawing = Drawing(scene.reduced_pixel_um, density * scene.pixel_fill**2, least)
         self._reach = about + far

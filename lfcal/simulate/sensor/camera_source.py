@@ -46,7 +46,7 @@ class SimulatedCamera(Frames):
 
     Every frame depends on its index and the seed alone: they may be read in any order, from several threads.
     The source's windows are placed where its chief ray meets the sensor; the lenslets are fixed to the sensor.
-    Motion effects displace the source without telling.
+    Motion effects displace the source; the frames' records do not show it.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class SimulatedCamera(Frames):
         return self.plan.exposures[self.position(index).z]
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``: not the motion effects, which displace without telling."""
+        """Return what is known of frame ``index``: without motion effects, which a real stage would not report."""
         z, y, x = self.position(index)
         label = f"simulated frame {index} (z {z}, y {y}, x {x})"
         return FrameInfo((Position(z, y, x),), exposure_s=self.plan.exposures[z], drift=(0.0, 0.0), label=label)

@@ -1,4 +1,4 @@
-"""Whether H holds what it says: its depth-plane sums, and its transpose."""
+"""Whether the file agrees with itself: its depth-plane sums, and its transpose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Single frames: missing, copied, spoilt, odd; and the seam between the last position and the first."""
+"""Single frames: missing, duplicate, not finite, odd; and the seam from the last position to the first."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ METRICS = (
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.3, worst=3.0),
         plot="map",
-        meaning="Pixels that are not a number: one of them spoils a whole reconstruction.",
+        meaning="Pixels that are not a number: a single one makes a whole reconstruction NaN.",
         advice="Record these positions again, or assemble again with the corrections checked.",
         overall="sum",
         redo=True,

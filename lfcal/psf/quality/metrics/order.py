@@ -1,4 +1,4 @@
-"""Whether the frames came in the order their positions say."""
+"""Whether the frames were recorded in the order of their positions."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def _at_depth(h: MatrixMeasures, camera: Camera) -> tuple[Values, Values]:
     if known.size < 2:
         return off, order
     wanted = np.abs(away[known])
-    # the f-number may not be what the camera states: one scale for all, found whatever the order
+    # the f-number may not be what the camera states: one scale for all planes, found in any order
     scale = float(np.median(np.sort(h.shadows_px[known]) / np.sort(wanted)))
     beyond = [_beyond(h.planes[z]) for z in known]
     for k, z in enumerate(known):
@@ -97,7 +97,7 @@ def _at_depth(h: MatrixMeasures, camera: Camera) -> tuple[Values, Values]:
 
 
 def _beyond(plane: PlaneMeasures) -> bool | None:
-    """Return whether the image lies beyond the sensor (v > 1), by the spots' spacing; None if they do not tell."""
+    """Return whether the image lies beyond the sensor (v > 1), by the spots' spacing; None if it cannot be measured."""
     spots = plane.positions.spots
     if spots is None or spots.order != "as planned" or abs(spots.scale - 1) < 0.05:
         return None

@@ -17,7 +17,7 @@ LIMITS = Limits(good=2, bad=10)
 
 def _saturation(plane: PlaneMeasures) -> Reading:
     saturated = plane.about.matrix.saturated
-    # a count below zero is one that nobody took
+    # below zero marks a position whose saturated pixels were not counted
     counts = None if saturated is None else np.asarray(saturated[plane.about.z], float)
     if counts is None or (counts < 0).all():
         return _suspected(plane)
@@ -46,7 +46,7 @@ def _suspected(plane: PlaneMeasures) -> Reading:
     piled = np.where(top >= float(top[use].max()) - table.tolerance, table.column("clipped") - 1, 0.0)
     if LIMITS.merit(float(piled.sum())) == "good":
         return UNKNOWN
-    words = "suspected from equal highest values; nobody counted"
+    words = "suspected from equal highest values; not counted"
     return Reading(float(piled.sum()), map=piled, positions=piled > 0, detail=words)
 
 

@@ -29,7 +29,7 @@ METRICS = (
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.010, worst=0.3),
         plot="sum",
-        meaning="Pixels that stay lit or dark whatever the position.",
+        meaning="Pixels that stay lit or dark at every position.",
         advice="Map the sensor's defects with dark and white frames, and assemble again.",
         overall="sum",
         of_plane=_stuck,
