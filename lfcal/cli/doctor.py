@@ -34,7 +34,7 @@ LIBRARIES = (
     "pyqtgraph",
     "dask",
 )
-OPTIONAL = {"PySide6-Essentials": "gui", "pyqtgraph": "gui", "dask": "cluster"}
+OPTIONAL = {"PySide6-Essentials": "gui", "pyqtgraph": "gui"}
 """Libraries that belong to an extra."""
 
 

@@ -43,9 +43,9 @@ class AssemblyReport:
     missing, repeated
         Positions without a frame, and positions with several, which are averaged.
     saturated
-        Positions with saturated pixels in their pattern; None: nobody could tell of any.
+        Positions with saturated pixels in their pattern; None: unknown for all of them.
     unknown_saturation
-        Positions of which nobody could tell whether they are saturated.
+        Positions whose saturation is unknown.
     padded
         Positions whose cutout leaves the sensor and was padded with zeros.
     residual_px
@@ -230,7 +230,7 @@ class _Plane:
         return int(row[-1] - row[0])
 
     def facts(self) -> Facts:
-        """Return what is known of the positions; what nobody measured is left out."""
+        """Return what is known of the positions; what is unknown is left out."""
         valid = None
         if self.invalid:
             masks = np.full((*self.recorded.shape, len(pack_valid(np.ones(self.cutout, bool)))), 255, np.uint8)

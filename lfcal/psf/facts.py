@@ -16,14 +16,14 @@ __all__ = ["Facts", "fitting", "pack_valid", "packed_bytes", "stacked", "unpack_
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """Facts of every position of a matrix ``(nz, ny, nx)``, or of one plane ``(ny, nx)``; None: nobody measured it.
+    """Facts of every position of a matrix ``(nz, ny, nx)``, or of one plane ``(ny, nx)``; None: unknown.
 
     Attributes
     ----------
     recorded
         Frames that each pattern is the mean of; 0: the position is missing.
     saturated
-        Saturated pixels in each pattern; -1 where nobody could tell.
+        Saturated pixels in each pattern; -1: unknown.
     noise
         ``(…, 2)``: the variance of a sample of value v is ``noise[0] + noise[1] * max(v, 0)``; NaN where not known.
     spread

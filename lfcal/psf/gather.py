@@ -122,7 +122,7 @@ def _padded(found: Samples, region: Region, inside: Region) -> tuple[NDArray[np.
 def _mean(cuts: list[Samples]) -> Pattern:
     """Return the mean of repeated cutouts, each weighted by the inverse of its variance where that is known.
 
-    With weights w_i the variance of the mean is sum w_i^2 var_i / (sum w_i)^2. Where nobody states the noise it is
+    With weights w_i the variance of the mean is sum w_i^2 var_i / (sum w_i)^2. Where the noise is not stated it is
     estimated from the repeats, alike for all samples of the pattern.
     """
     values = np.stack([cut.values for cut in cuts]).astype(np.float64)

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import contextlib
 import copy
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -173,8 +175,11 @@ def test_json_gives_the_plan_back(camera: Camera, data: st.DataObject) -> None:
         exposure_s=data.draw(st.sampled_from([0.5, tuple(0.1 * (k + 1) for k in range(len(planes)))])),
         settle_s=data.draw(numbers(0, 1)),
         frames_averaged=data.draw(st.integers(1, 9)),
-        resample=data.draw(st.booleans()),
     )
+    if data.draw(st.booleans()):
+        # a period far from the lattice's would be scaled so much that its cutout may leave the sensor
+        with contextlib.suppress(InputError):
+            plan = replace(plan, resample=True)
     again = ScanPlan.from_json(plan.to_json())
     assert again == plan and again.exposures == plan.exposures
 
