@@ -32,7 +32,6 @@ LIBRARIES = (
     "rich",
     "PySide6-Essentials",
     "pyqtgraph",
-    "dask",
 )
 OPTIONAL = {"PySide6-Essentials": "gui", "pyqtgraph": "gui"}
 """Libraries that belong to an extra."""
