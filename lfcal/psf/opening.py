@@ -107,6 +107,10 @@ def _matrix_of(file: Any, region: str) -> tuple[PSFMatrix, NDArray[np.uint32] | 
         provenance = json.loads(attributes.get("provenance", "{}"))
     except ValueError:
         provenance = {}
+    provenance = provenance if isinstance(provenance, dict) else {}
+    if file.attrs.get("version") == 1 and "saturated" in small and not provenance.get("corrections"):
+        # assembly without corrections did not count then, and wrote zeros
+        small["saturated"] = np.where(small["saturated"] == 0, -1, small["saturated"].astype(np.int32))
     anchor = np.asarray(attributes.get("anchor", (0.0, 0.0)), np.float64).ravel()
     matrix = PSFMatrix(
         data,
@@ -119,7 +123,7 @@ def _matrix_of(file: Any, region: str) -> tuple[PSFMatrix, NDArray[np.uint32] | 
         depth_sums=_small(file, f"{prefix}depth_sum") if f"{prefix}depth_sum" in file else None,
         region=str(attributes.get("region", "")),
         transposed=attributes.get("matrix") == "HT",
-        provenance=provenance if isinstance(provenance, dict) else {},
+        provenance=provenance,
     )
     sums = _small(file, f"{prefix}checksum") if f"{prefix}checksum" in file else None
     return matrix, sums
