@@ -62,7 +62,9 @@ class ChannelSource(SourceView):
                 "record whole frames for it",
             )
         drift = None if info.drift is None else (info.drift[0] / self._step, info.drift[1] / self._step)
-        return replace(info, drift=drift, label=f"{info.label} {self.channel}")
+        (r0, c0), step = self._origin, self._step
+        mask = None if info.mask is None else info.mask[r0::step, c0::step]
+        return replace(info, drift=drift, label=f"{info.label} {self.channel}", mask=mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return the channel of frame ``index``, or a part of it."""

@@ -10,13 +10,24 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lfcal.axes import Position
 from lfcal.errors import InputError
 from lfcal.frames.regions import Region
 
-__all__ = ["FrameInfo", "FrameSource", "Frames", "Noise", "Position", "Samples", "check_index", "observed"]
+__all__ = [
+    "FrameInfo",
+    "FrameSource",
+    "Frames",
+    "Noise",
+    "Position",
+    "Samples",
+    "check_index",
+    "check_mask",
+    "masked",
+    "observed",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +48,8 @@ class FrameInfo:
         Saturated pixels of the frame, where they were counted when it was recorded.
     label
         A short name for messages, such as the file's.
+    mask
+        Pixels of the frame that carry a measurement, ``(rows, columns)``; None: no pixel is known to carry none.
     """
 
     points: tuple[Position, ...]
@@ -45,6 +58,7 @@ class FrameInfo:
     drift: tuple[float, float] | None = None
     saturated: int | None = None
     label: str = ""
+    mask: NDArray[np.bool_] | None = None
 
     @property
     def position(self) -> Position:
@@ -158,9 +172,11 @@ class Frames(ABC):
         """Return frame ``index``, or the rows and columns ``region`` of it, as a new array of `dtype`."""
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return what `read` returns, with saturated samples marked by the level the source knows."""
+        """Return what `read` returns; samples that are saturated or masked are marked."""
         facts = self.metadata
-        return observed(self.read(index, region), facts.get("saturation"), facts.get("noise"))
+        found = observed(self.read(index, region), facts.get("saturation"), facts.get("noise"))
+        mask = self.info(index).mask
+        return found if mask is None else masked(found, mask if region is None else mask[region])
 
     def close(self) -> None:  # noqa: B027  most sources keep nothing open
         """Release what the source keeps open."""
@@ -200,8 +216,27 @@ def observed(values: NDArray[Any], saturation: float | None, noise: Noise | None
     return Samples(values, ~full, noise, count)
 
 
+def masked(found: Samples, mask: NDArray[np.bool_]) -> Samples:
+    """Return the samples with those outside ``mask`` marked as not valid; whether these were saturated is no matter."""
+    if found.valid is None:
+        return found if mask.all() else found._replace(valid=np.array(mask))
+    count = None if found.saturated is None else int(np.count_nonzero(mask & ~found.valid))
+    return found._replace(valid=found.valid & mask, saturated=count)
+
+
 def check_index(index: int, count: int) -> int:
     """Return ``index`` or raise `InputError` unless it is one of ``count`` frames."""
     if not 0 <= index < count:
         raise InputError.expected("frame index", f"0 … {count - 1}", index, "ask for a frame that is there")
     return int(index)
+
+
+def check_mask(mask: ArrayLike, shape: tuple[int, int], what: str) -> NDArray[np.bool_]:
+    """Return ``mask`` as a read-only array of bool; raises `InputError` unless it has ``shape`` and leaves a pixel."""
+    checked = np.array(mask, np.bool_)
+    if checked.shape != shape or not checked.any():
+        raise InputError.expected(
+            f"{what}, pixel mask", f"shape {shape} with some pixels valid", checked.shape, "1 is valid, 0 is not"
+        )
+    checked.flags.writeable = False
+    return checked

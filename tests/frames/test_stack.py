@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import h5py
 import numpy as np
 import pytest
 
 from lfcal.errors import InputError
-from lfcal.frames import ArraySource, FrameInfo, FrameSource, Position
+from lfcal.frames import (
+    ArraySource,
+    CorrectionChain,
+    Defects,
+    FrameInfo,
+    FrameSource,
+    Position,
+    channel_source,
+    corrected,
+    open_frames,
+)
 from lfcal.frames.regions import check_region, grow_region, whole
 from tests.frames.scenes import session
 
@@ -82,3 +95,28 @@ def test_index_and_region_out_of_range() -> None:
 def test_grown_region_stops_at_the_border() -> None:
     assert grow_region((slice(1, 5), slice(20, 29)), 2, (20, 30)) == (slice(0, 7), slice(18, 30))
     assert check_region((slice(None), slice(None)), (20, 30)) == whole((20, 30))
+
+
+def test_a_pixel_mask_travels_with_the_frames(tmp_path: Path) -> None:
+    """Masked pixels are not valid and do not count as saturated, in views and files alike."""
+    frames = session((2, 20, 30))
+    frames[0, 3, 4] = frames[0, 5, 6] = 4095
+    mask = np.ones((20, 30), bool)
+    mask[3, 4] = mask[10, 11] = False
+    places, facts = [(0, 0, 0), (0, 0, 1)], {"saturation": 4095.0, "cfa": "GRBG"}
+    source = ArraySource(frames, places, mask=mask, metadata=facts)
+    with h5py.File(tmp_path / "stack.h5", "w") as file:
+        file["frames"], file["positions"], file["mask"] = frames, np.array(places), mask.astype(np.uint8)
+    view = corrected(source, CorrectionChain((Defects([(10, 11)], (20, 30)),)))
+    for found, expected in ((source, {(3, 4), (5, 6), (10, 11)}), (view, {(3, 4), (5, 6)})):
+        samples = found.samples(0)
+        assert samples.valid is not None and samples.saturated == 1
+        assert set(map(tuple, np.argwhere(~samples.valid).tolist())) == expected
+        part = found.samples(0, (slice(5, 12), slice(6, 30)))
+        assert part.valid is not None and not part.valid[0, 0] and part.saturated == 1
+    red = channel_source(source, "B").samples(0)
+    assert red.valid is not None and np.argwhere(~red.valid).tolist() == [[1, 2], [2, 3]]
+    with open_frames(tmp_path / "stack.h5") as stack:
+        assert stack.info(1).mask is not None and not stack.samples(1).valid[10, 11]  # type: ignore[index]
+    with pytest.raises(InputError, match="pixel mask: expected shape"):
+        ArraySource(frames, places, mask=np.ones((3, 3)))

@@ -79,7 +79,7 @@ class CorrectedSource(SourceView):
             values = self._correct(raw.values, grown, inside, info)
         except LfcalError as error:
             raise type(error)(f"{info.label}: {error}") from error
-        valid, count = self._usable(raw, grown, inside, info.origin)
+        valid, count = self._usable(raw, grown, inside, info)
         return Samples(values, valid, self._noise(raw.noise, inside, info), count)
 
     def _correct(self, part: NDArray[Any], grown: Region, inside: Region, info: FrameInfo) -> NDArray[np.float32]:
@@ -95,19 +95,20 @@ class CorrectedSource(SourceView):
         )
 
     def _usable(
-        self, raw: Samples, grown: Region, inside: Region, origin: tuple[int, int]
+        self, raw: Samples, grown: Region, inside: Region, info: FrameInfo
     ) -> tuple[NDArray[np.bool_] | None, int | None]:
         """Return which samples of ``inside`` are valid, and how many are saturated; repaired defects are neither."""
         if raw.valid is None:
             return None, raw.saturated
         valid = np.array(raw.valid)
         # a repaired pixel holds its neighbours' mean, so its own raw value no longer counts
-        repaired = self.chain.repaired(moved(grown, origin))
+        repaired = self.chain.repaired(moved(grown, info.origin))
         valid[repaired[:, 0], repaired[:, 1]] = True
-        valid = np.ascontiguousarray(valid[part_of(inside, grown)])
-        bad = int(valid.size - np.count_nonzero(valid))
-        count = bad if raw.saturated is not None else None
-        return (valid if bad else None), count
+        bad = ~valid[part_of(inside, grown)]
+        # what the mask excludes is not valid either, but says nothing of saturation
+        full = bad if info.mask is None else bad & info.mask[inside]
+        count = None if raw.saturated is None else int(np.count_nonzero(full))
+        return (~bad if bad.any() else None), count
 
     def _noise(self, noise: Noise | None, inside: Region, info: FrameInfo) -> Noise | None:
         """Return the variance of corrected samples: scaled as they are, by the mean gain where it varies."""

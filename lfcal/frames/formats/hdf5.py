@@ -20,8 +20,8 @@ __all__ = ["Hdf5Image"]
 class Hdf5Image(ImageFile):
     """A dataset with axes (frame, row, column) or (z, y, x, row, column) of an HDF5 file.
 
-    Beside the frames, in the same group, ``positions`` (frame, 3) as z, y, x and ``exposure_s`` (frame) are read
-    where they are there.
+    Beside the frames, in the same group, ``positions`` (frame, 3) as z, y, x, ``exposure_s`` (frame) and
+    ``mask`` (row, column; 0: no measurement) are read where they are there.
 
     Parameters
     ----------
@@ -64,10 +64,11 @@ class Hdf5Image(ImageFile):
         self.pages = int(np.prod(self._lead))
         metadata: dict[str, Any] = {"plan_shape": self._lead} if len(self._lead) == 3 else {}
         folder = name.rpartition("/")[0]
-        for key, width in (("positions", (3,)), ("exposure_s", ())):
+        tables = {"positions": (self.pages, 3), "exposure_s": (self.pages,), "mask": self.shape}
+        for key, wanted in tables.items():
             beside = f"{folder}/{key}" if folder else key
             if beside in self._file:
-                metadata[key] = self._table(beside, (self.pages, *width))
+                metadata[key] = self._table(beside, wanted)
         self.metadata = metadata
 
     def _choose(self) -> str:
@@ -91,9 +92,10 @@ class Hdf5Image(ImageFile):
 
     def _table(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
         data = check_dataset(self._file, name)
+        each = ", one per frame" if shape[0] == self.pages else " of a frame"
         if data.shape != shape:
             raise FileFormatError.expected(
-                f"{self.path}:/{name}", f"shape {shape}, one per frame", data.shape, "correct the file"
+                f"{self.path}:/{name}", f"shape {shape}{each}", data.shape, "correct the file"
             )
         return np.asarray(data[...])
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
 from lfcal.frames.regions import Region, check_region, whole
-from lfcal.frames.source import FrameInfo, Frames, Position, check_index
+from lfcal.frames.source import FrameInfo, Frames, Position, check_index, check_mask
 
 __all__ = ["ArraySource"]
 
@@ -30,6 +30,8 @@ class ArraySource(Frames):
         Drift ``(dy, dx)`` of each frame (px), or None.
     origins
         Sensor (row, column) of each frame's first pixel, or None for whole sensor frames.
+    mask
+        Pixels that carry a measurement in every frame, ``(rows, columns)``, or None for all.
     metadata
         What is known of the frames; ``exposure_s`` is that of every frame where ``exposures_s`` is None.
     name
@@ -49,6 +51,7 @@ class ArraySource(Frames):
         exposures_s: Sequence[float] | None = None,
         drifts: Sequence[tuple[float, float]] | None = None,
         origins: Sequence[tuple[int, int]] | None = None,
+        mask: ArrayLike | None = None,
         metadata: Mapping[str, Any] | None = None,
         name: str = "frames",
     ) -> None:
@@ -82,6 +85,7 @@ class ArraySource(Frames):
         self._exposures = None if exposures_s is None else [float(t) for t in exposures_s]
         self._drifts = None if drifts is None else [(float(dy), float(dx)) for dy, dx in drifts]
         self._origins = None if origins is None else [(int(r), int(c)) for r, c in origins]
+        self._mask = None if mask is None else check_mask(mask, self.shape, name)
         self._metadata = dict(metadata or {})
         common = self._metadata.pop("exposure_s", None)
         if self._exposures is None and common is not None:
@@ -117,6 +121,7 @@ class ArraySource(Frames):
             None if self._exposures is None else self._exposures[k],
             None if self._drifts is None else self._drifts[k],
             label=f"{self._name}[{k}]",
+            mask=self._mask,
         )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:

@@ -20,7 +20,7 @@ from lfcal.frames.formats.image_file import ImageFile
 from lfcal.frames.formats.opening import open_image
 from lfcal.frames.manifest import Manifest, resolve_inside
 from lfcal.frames.regions import Region, check_region
-from lfcal.frames.source import FrameInfo, Frames, check_index
+from lfcal.frames.source import FrameInfo, Frames, check_index, check_mask
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -128,6 +128,8 @@ class FolderSource(Frames):
         # closes the files also where a source is dropped without close()
         self._finalizer = weakref.finalize(self, _close_all, self._open)
         self._shape, self._dtype, self._metadata = self._look()
+        mask = self._metadata.pop("mask", None)
+        self._mask = None if mask is None else check_mask(mask, self._shape, str(root))
 
     def _look(self) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
         """Return shape, dtype and metadata as the first frame and the manifest have them."""
@@ -203,7 +205,9 @@ class FolderSource(Frames):
         """Return what the manifest says of frame ``index``."""
         entry = self.manifest.entries[check_index(index, len(self))]
         label = f"{entry.file} page {entry.page}" if entry.file in self._many else entry.file
-        return FrameInfo((entry.position,), (0, 0), entry.exposure_s, (entry.dy, entry.dx), label=label)
+        return FrameInfo(
+            (entry.position,), (0, 0), entry.exposure_s, (entry.dy, entry.dx), label=label, mask=self._mask
+        )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or a part of it, as a new array, checked by `check_frame`."""
