@@ -118,6 +118,30 @@ def check_regular(path: Path) -> None:
         raise StorageError(f"{path}: is a pipe or a device; name a file on a disk")
 
 
+def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26) -> str:
+    """Return a text file in UTF-8 of at most ``limit`` bytes (64 MB).
+
+    Raises
+    ------
+    StorageError
+        If it cannot be read, or is no file on a disk.
+    FileFormatError
+        If it is larger, or not text.
+    """
+    source = Path(path)
+    check_regular(source)
+    with storage_errors(source), source.open("rb") as file:
+        data = file.read(limit + 1)  # one byte more shows that there is more
+    if len(data) > limit:
+        raise FileFormatError.expected(
+            str(source), f"text of at most {format_bytes(limit)}", "a larger file", "check the path"
+        )
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise FileFormatError.expected(str(source), "text in UTF-8", "other bytes", "check the path") from None
+
+
 def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
     """Raise `InputError` where the output ``target`` would replace the input ``source``, links followed."""
     if not str(source):

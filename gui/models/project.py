@@ -10,7 +10,7 @@ from typing import Any
 
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.errors import FileFormatError, LfcalError
-from lfcal.files import replace_whole, storage_errors
+from lfcal.files import read_text, replace_whole
 
 __all__ = ["Project", "ProjectState", "RecentProjects"]
 
@@ -197,8 +197,7 @@ class Project:
 
     def open(self, path: Path) -> None:
         """Replace the state by that of a project file; the old one stays if the file cannot be read."""
-        with storage_errors(path):
-            text = path.read_text(encoding="utf-8", errors="replace")
+        text = read_text(path)
         self.start(ProjectState.from_json(text), path)
 
     def start(self, state: ProjectState, path: Path | None = None) -> None:

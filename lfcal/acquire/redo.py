@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lfcal.errors import FileFormatError, StorageError
-from lfcal.files import replace_whole, storage_errors
+from lfcal.files import check_regular, replace_whole, storage_errors
 from lfcal.frames.source import Position
 
 __all__ = ["RedoList"]
@@ -46,6 +46,7 @@ class RedoList:
     @classmethod
     def read(cls, path: Path) -> RedoList:
         """Return the list in ``path``; raises `FileFormatError` if it is not one."""
+        check_regular(path)
         with storage_errors(path):
             if path.stat().st_size > LARGEST:
                 raise StorageError.expected(str(path), "a list of positions", "a huge file", "check the path")

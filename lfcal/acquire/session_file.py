@@ -14,7 +14,7 @@ from lfcal.camera import ScanPlan
 from lfcal.camera.description import build
 from lfcal.devices.protocols import Rig
 from lfcal.errors import FileFormatError, InputError, StorageError
-from lfcal.files import replace_whole, storage_errors
+from lfcal.files import read_text, replace_whole
 
 __all__ = ["Devices", "Run", "SessionFile"]
 
@@ -103,8 +103,7 @@ class SessionFile:
         if not path.exists():
             raise StorageError.expected(str(folder), "a session folder", f"no {NAME} in it", "check the path")
         try:
-            with storage_errors(path):
-                data: Any = json.loads(path.read_text(encoding="utf-8"))
+            data: Any = json.loads(read_text(path))
         except (ValueError, RecursionError) as error:
             raise FileFormatError.expected(str(path), "JSON text", str(error), "restore it") from None
         if not isinstance(data, Mapping) or data.get("format") != FORMAT or data.get("version") != VERSION:

@@ -17,7 +17,7 @@ from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Optics
 from lfcal.camera.sensor import Sensor
 from lfcal.errors import FileFormatError, InputError, UnsafeFileError
-from lfcal.files import storage_errors
+from lfcal.files import check_regular, storage_errors
 
 __all__ = ["read_raytrix_xml"]
 
@@ -103,6 +103,7 @@ def read_raytrix_xml(
 
 
 def _parse(source: Path) -> ElementTree.Element:
+    check_regular(source)
     with storage_errors(source), source.open("rb") as file:
         # one byte more than allowed shows that the file is too large, without reading all of it
         data = file.read(MAX_BYTES + 1)

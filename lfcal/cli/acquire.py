@@ -215,10 +215,9 @@ class _Cover:
 def _read_plan(path: Path, origin: str) -> ScanPlan:
     from lfcal.camera import ScanPlan
     from lfcal.errors import InputError
-    from lfcal.files import storage_errors
+    from lfcal.files import read_text
 
-    with storage_errors(path):
-        plan = ScanPlan.from_json(path.read_text(encoding="utf-8", errors="replace"))
+    plan = ScanPlan.from_json(read_text(path))
     if not origin:
         return plan
     place = _numbers(origin, "--origin") or ()

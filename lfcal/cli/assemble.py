@@ -158,15 +158,14 @@ def open_scan(
 def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
     """Return the plan of a file, or of ``plan.json`` in or above the folder of the frames; None without one."""
     from lfcal.camera import ScanPlan
-    from lfcal.files import storage_errors
+    from lfcal.files import read_text
 
     folder = frames if frames.is_dir() else frames.parent
     # Beside the frames, or one folder above: where lfcal simulate puts it.
     places = [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]
     if not places:
         return None
-    with storage_errors(places[0]):
-        return ScanPlan.from_json(places[0].read_text(encoding="utf-8", errors="replace"))
+    return ScanPlan.from_json(read_text(places[0]))
 
 
 def parse_cutout(text: str) -> tuple[int, int] | str | None:

@@ -12,7 +12,7 @@ from lfcal.camera import PRESETS, Camera, Forecast, ScanPlan, StageAxes, preset,
 from lfcal.cli.console import print_json, print_table
 from lfcal.cli.options import CameraArgument, CutoutOption, DepthsOption, JsonOption, VirtualDepthsOption
 from lfcal.errors import InputError, StorageError
-from lfcal.files import replace_whole, storage_errors
+from lfcal.files import read_text, replace_whole
 from lfcal.units import format_bytes, format_length, format_seconds
 
 __all__ = ["load_camera", "parse_cutout", "parse_depths", "parse_pair", "parse_planes", "register"]
@@ -32,15 +32,7 @@ def load_camera(name: str) -> Camera:
         raise StorageError.expected("camera", f"{known}, a JSON file or a Raytrix XML file", name, "check the name")
     if path.suffix.lower() == ".xml":
         return read_raytrix_xml(path)
-    with storage_errors(path), path.open("rb") as file:
-        # Read up to a limit: a path to a device or a large frame must not fill the memory.
-        data = file.read(MAX_JSON + 1)
-    if len(data) > MAX_JSON:
-        raise InputError.expected(str(path), "a camera description of a few kB", "a large file", "check the path")
-    try:
-        return Camera.from_json(data.decode("utf-8"))
-    except UnicodeDecodeError:
-        raise InputError.expected(str(path), "JSON in UTF-8", "other bytes", "check the path") from None
+    return Camera.from_json(read_text(path, limit=MAX_JSON))
 
 
 def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:

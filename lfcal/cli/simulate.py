@@ -101,11 +101,12 @@ def _plan(camera: str, depths: str, virtual_depths: str, cutout: str) -> ScanPla
 def _ready_plan(path: Path) -> ScanPlan | None:
     """Return the scan plan in a JSON file, or None where it is something else."""
     from lfcal.camera import ScanPlan
-    from lfcal.files import storage_errors
+    from lfcal.files import read_text
 
-    with storage_errors(path):
-        # A camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
-        text = path.read_text(encoding="utf-8", errors="replace")[: 1 << 24]
+    if path.suffix.lower() == ".xml":
+        return None
+    # A camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
+    text = read_text(path)
     return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None
 
 

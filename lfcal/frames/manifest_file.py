@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lfcal.errors import FileFormatError, InputError
-from lfcal.files import replace_whole, storage_errors
+from lfcal.files import check_regular, replace_whole, storage_errors
 from lfcal.frames.manifest import COLUMNS, FrameEntry, Manifest, entry_from
 from lfcal.units import format_bytes
 
@@ -93,6 +93,7 @@ def _csv_text(manifest: Manifest) -> str:
 
 
 def _text(path: Path) -> str:
+    check_regular(path)
     with storage_errors(path):
         size = path.stat().st_size
         if size > MAX_BYTES:

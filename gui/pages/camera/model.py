@@ -10,7 +10,7 @@ from typing import Any
 from gui.models.form import Field
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Microscope, Sensor, read_raytrix_xml
 from lfcal.errors import LfcalError
-from lfcal.files import storage_errors
+from lfcal.files import read_text
 from lfcal.units import format_length
 
 __all__ = [
@@ -197,8 +197,7 @@ def read_camera(path: Path) -> Camera:
     """Return the camera of a JSON or Raytrix XML file."""
     if path.suffix.lower() == ".xml":
         return read_raytrix_xml(path)
-    with storage_errors(path):
-        return Camera.from_json(path.read_text(encoding="utf-8", errors="replace"))
+    return Camera.from_json(read_text(path))
 
 
 def facts(camera: Camera) -> str:

@@ -17,6 +17,7 @@ from gui.pages.frames.model import FrameSettings, Loaded, Opened, iter_assembly,
 from gui.pages.frames.panel import FramesPanel
 from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError
+from lfcal.files import read_text
 from lfcal.frames.source import Position
 
 __all__ = ["Page"]
@@ -111,7 +112,7 @@ class Page(BasePage):
         plan = around / "plan.json"
         if plan.is_file():
             try:
-                changes["plan"] = ScanPlan.from_json(plan.read_text(encoding="utf-8"))
+                changes["plan"] = ScanPlan.from_json(read_text(plan))
                 changes["camera"] = changes["plan"].camera
             except (LfcalError, OSError) as error:
                 self.context.message.emit(str(error))

@@ -15,7 +15,7 @@ from gui.pages.plan.model import apply_change, default_plan
 from gui.pages.plan.panel import PlanPanel
 from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError
-from lfcal.files import replace_whole, storage_errors
+from lfcal.files import read_text, replace_whole
 
 __all__ = ["Page"]
 
@@ -72,8 +72,7 @@ class Page(BasePage):
         if not path:
             return
         try:
-            with storage_errors(Path(path)):
-                plan = ScanPlan.from_json(Path(path).read_text(encoding="utf-8", errors="replace"))
+            plan = ScanPlan.from_json(read_text(path))
         except LfcalError as error:
             self.context.message.emit(str(error))
             return

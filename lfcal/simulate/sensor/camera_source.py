@@ -18,7 +18,7 @@ from lfcal.camera.plan import FORMAT as PLAN_FORMAT
 from lfcal.camera.shadow import half_extent_px
 from lfcal.checks import check_number
 from lfcal.errors import InputError
-from lfcal.files import storage_errors
+from lfcal.files import read_text
 from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, Frames
 from lfcal.frames.sources.base import FrameOptions, SourceKind
@@ -297,9 +297,7 @@ def _place(out: NDArray[np.float32], values: NDArray[np.float32], row: int, colu
 
 def _open_plan(path: Path, options: FrameOptions) -> SimulatedCamera:
     options.refuse("simulated camera of a plan")
-    with storage_errors(path):
-        text = path.read_text(encoding="utf-8", errors="replace")
-    return SimulatedCamera(ScanPlan.from_json(text))
+    return SimulatedCamera(ScanPlan.from_json(read_text(path)))
 
 
 def _is_plan(path: Path) -> bool:
