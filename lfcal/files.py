@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import glob
 import os
 import shutil
 import stat
@@ -87,25 +88,53 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a scratch path beside ``path``; put it in place when the block ends well, else remove it.
 
     The scratch file is flushed to disk before it takes the name (`os.replace`), so that ``path`` is at
-    every moment the old file, the new file whole, or absent. Folders above ``path`` are made.
+    every moment the old file, the new file whole, or absent. Folders above ``path`` are made. A link is followed, not
+    replaced; an existing file keeps its mode, and one that is read-only is refused. Scratch files that dead processes
+    left for the same name are removed.
     """
-    target = Path(path)
+    target = Path(os.path.realpath(path))
     if target.is_dir():
         raise StorageError(f"{target}: is a folder; name a file in it")
     with storage_errors(target):
+        mode = stat.S_IMODE(target.stat().st_mode) if target.exists() else None
+        if mode is not None and not mode & stat.S_IWUSR:
+            raise StorageError(f"{target}: is read-only; choose another name, or make it writable")
         target.parent.mkdir(parents=True, exist_ok=True)
-        # hidden, with the process number: two programs that write one file do not share a scratch file
+        _sweep(target)
         part = target.with_name(f".{target.name}.{os.getpid()}.part")
         try:
             part.touch(exist_ok=True)
             yield part
             _flush(part)
+            if mode is not None:
+                os.chmod(part, mode)
             os.replace(part, target)
-            # after the rename, or a power cut may bring back the old folder entry
-            _flush(target.parent)
+            _flush_folder(target.parent)
         finally:
             with suppress(FileNotFoundError):
                 part.unlink()
+
+
+def _sweep(target: Path) -> None:
+    """Remove scratch files for ``target`` whose process is gone."""
+    for part in target.parent.glob(f".{glob.escape(target.name)}.*.part"):
+        process = part.name.removesuffix(".part").rpartition(".")[2]
+        if process.isdigit() and int(process) != os.getpid() and not _alive(int(process)):
+            with suppress(OSError):
+                part.unlink()
+
+
+def _alive(process: int) -> bool:
+    """Return whether a process may still run; where that cannot be asked without harm (Windows) it may."""
+    if os.name == "nt":
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # somebody else's
+        return True
+    return True
 
 
 def check_regular(path: Path) -> None:
@@ -152,12 +181,19 @@ def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[s
 
 
 def _flush(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
+    """Bring a file's bytes to the disk; it is opened for writing, as some systems flush nothing else."""
+    with path.open("r+b") as file:
+        os.fsync(file.fileno())
+
+
+def _flush_folder(path: Path) -> None:
+    """Bring a folder's names to the disk where the system can."""
+    if not hasattr(os, "O_DIRECTORY"):  # a folder cannot be opened there
+        return
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        os.fsync(descriptor)
-    except OSError:
-        if not path.is_dir():  # some file systems cannot flush a folder; a file must be flushed
-            raise
+        with suppress(OSError):  # some file systems cannot flush a folder
+            os.fsync(descriptor)
     finally:
         os.close(descriptor)
 

@@ -1,0 +1,86 @@
+"""Files that appear whole or not at all: links, modes, scratch files of dead processes, other systems."""
+
+from __future__ import annotations
+
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lfcal.errors import InputError, StorageError
+from lfcal.files import check_other_file, replace_whole
+
+
+def write(path: Path, text: str) -> None:
+    with replace_whole(path) as part:
+        part.write_text(text)
+
+
+def test_a_link_is_followed_not_replaced(tmp_path: Path) -> None:
+    target, link = tmp_path / "data" / "H.h5", tmp_path / "H.h5"
+    target.parent.mkdir()
+    target.write_text("old")
+    link.symlink_to(target)
+    write(link, "new")
+    assert link.is_symlink() and target.read_text() == "new"
+    assert [p.name for p in target.parent.iterdir()] == ["H.h5"]
+
+
+def test_an_existing_file_keeps_its_mode(tmp_path: Path) -> None:
+    path = tmp_path / "H.h5"
+    write(path, "old")
+    path.chmod(0o640)
+    write(path, "new")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640 and path.read_text() == "new"
+
+
+def test_a_read_only_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "H.h5"
+    write(path, "old")
+    path.chmod(0o400)
+    with pytest.raises(StorageError, match=r"H\.h5: is read-only; choose another name, or make it writable"):
+        write(path, "new")
+    assert path.read_text() == "old" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_an_error_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "H.h5"
+    write(path, "old")
+    with pytest.raises(RuntimeError), replace_whole(path) as part:
+        part.write_text("half")
+        raise RuntimeError
+    assert path.read_text() == "old" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_scratch_files_of_dead_processes_are_swept_and_only_those(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    left = [f".H.h5.{dead.pid}.part", f".H.h5.{os.getppid()}.part", f".other.h5.{dead.pid}.part", ".H.h5.x.part"]
+    for name in left:
+        (tmp_path / name).write_text("left")
+    write(tmp_path / "H.h5", "new")
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*left[1:], "H.h5"])
+
+
+def test_systems_that_cannot_open_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on Windows: no folder is opened, and no process is asked by a signal that would end it."""
+    monkeypatch.delattr(os, "O_DIRECTORY")
+    monkeypatch.setattr(os, "kill", lambda *_: pytest.fail("a signal was sent"))
+    monkeypatch.setattr("lfcal.files._alive", lambda process: True)
+    (tmp_path / ".H.h5.1.part").write_text("left")
+    write(tmp_path / "H.h5", "new")
+    assert (tmp_path / "H.h5").read_text() == "new" and (tmp_path / ".H.h5.1.part").exists()
+
+
+def test_the_input_is_never_the_output(tmp_path: Path) -> None:
+    path = tmp_path / "H.h5"
+    path.write_text("H")
+    (tmp_path / "hard.h5").hardlink_to(path)
+    for other in (path, tmp_path / "." / "H.h5", tmp_path / "hard.h5"):
+        with pytest.raises(InputError, match="output: expected another file than the input"):
+            check_other_file(path, other)
+    check_other_file(path, tmp_path / "new.h5")
+    check_other_file("", path)
