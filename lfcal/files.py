@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import glob
 import os
+import re
 import shutil
 import stat
 from collections.abc import Iterator
@@ -39,26 +40,45 @@ KNOWN_FILTERS = {1, 2, 3, 32000, 32001, 32004, 32008, 32015}
 """HDF5 filters that are read: deflate, shuffle, fletcher32, lzf, blosc, lz4, bitshuffle, zstd."""
 
 
+_REMEDIES = {
+    errno.ENOSPC: "free some space or choose another disk",
+    errno.EDQUOT: "free some of your space or choose another disk",
+    errno.EFBIG: "choose a disk that takes files of this size",
+    errno.EACCES: "choose a folder you may write to",
+    errno.EPERM: "choose a folder you may write to",
+    errno.EROFS: "the disk is read-only; choose another one",
+    errno.ENOENT: "check the path",
+    errno.ENOTDIR: "a part of the path is a file; check the path",
+    errno.EEXIST: "a part of the path is a file; check the path",
+    errno.EISDIR: "the path is a folder; name a file in it",
+}
+
+
 @contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Turn what the operating system says about ``path`` into a one-line `StorageError`."""
+    """Turn what the operating system says about ``path`` into a one-line `StorageError`.
+
+    HDF5 reports a disk that fails as OSError or RuntimeError with the system's number in its text.
+    """
     try:
         yield
     except StorageError:
         raise
-    except OSError as error:
-        reason = error.strerror or str(error)
-        remedy = {
-            errno.ENOSPC: "free some space or choose another disk",
-            errno.EACCES: "choose a folder you may write to",
-            errno.EPERM: "choose a folder you may write to",
-            errno.EROFS: "the disk is read-only; choose another one",
-            errno.ENOENT: "check the path",
-            errno.ENOTDIR: "a part of the path is a file; check the path",
-            errno.EEXIST: "a part of the path is a file; check the path",
-            errno.EISDIR: "the path is a folder; name a file in it",
-        }.get(error.errno or 0, "check the disk and the path")
-        raise StorageError(f"{path}: {reason}; {remedy}") from error
+    except (OSError, RuntimeError) as error:
+        number = _system_error(error)
+        if number is None and not isinstance(error, OSError):
+            raise
+        known = None if number is None else os.strerror(number)
+        reason = known or getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise StorageError(f"{path}: {reason}; {_REMEDIES.get(number or 0, 'check the disk and the path')}") from error
+
+
+def _system_error(error: OSError | RuntimeError) -> int | None:
+    """Return the system's error number, also where HDF5 only writes it in its message."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return error.errno
+    found = re.search(r"errno = (\d+)", str(error))
+    return int(found[1]) if found else None
 
 
 def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:

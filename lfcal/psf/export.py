@@ -21,20 +21,23 @@ __all__ = ["WRITERS", "ExportOptions", "export", "iter_export"]
 
 
 def iter_write_npy(matrix: PSFMatrix, path: str | os.PathLike[str]) -> Work[Path]:
-    """Write an ``.npy`` file that numpy can memory-map, one plane at a time."""
+    """Write an ``.npy`` file that numpy can memory-map, one plane at a time.
+
+    It is written, not mapped: a map onto a disk that fills up ends the process instead of raising an error.
+    """
     target = Path(path)
-    # checked beforehand: a full disk after an hour of writing would be worse
     require_space(target.parent, matrix.nbytes, what=target.name)
     clock = Clock("write npy file", len(matrix))
-    with replace_whole(target) as part:
-        with storage_errors(target):
-            out = np.lib.format.open_memmap(part, mode="w+", dtype=matrix.dtype, shape=matrix.shape)
+    header = {
+        "descr": np.lib.format.dtype_to_descr(matrix.dtype),
+        "fortran_order": False,
+        "shape": matrix.shape,
+    }
+    with storage_errors(target), replace_whole(target) as part, part.open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, header)
         for z in range(len(matrix)):
-            out[z] = matrix.plane(z)
+            file.write(np.ascontiguousarray(matrix.plane(z), matrix.dtype).data)
             yield clock.at(z + 1)
-        out.flush()
-        # on Windows a mapped file cannot be renamed
-        del out
     return target
 
 
