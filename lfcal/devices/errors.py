@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 from lfcal.errors import InputError, LfcalError, StorageError
 
 __all__ = [
@@ -67,18 +64,26 @@ class LimitError(StageError, InputError):
     """A target lies beyond the stage's limits; nothing was moved."""
 
 
-@contextmanager
-def driver_errors(device: str) -> Iterator[None]:
-    """Raise `DeviceError` with the name of ``device`` for any other error that its driver raises inside.
+class driver_errors:
+    """Context that raises `DeviceError` with the name of ``device`` for any other error that its driver raises inside.
 
     Drivers fail with errors of their own libraries: RuntimeError, an OSError of the USB bus. An OSError, or a
     StorageError of a device that works with files, would otherwise be taken for one of the recording's disk.
     """
-    try:
-        yield
-    except StorageError as error:
-        raise DeviceError(f"{device}: {error}") from error
-    except LfcalError:
-        raise
-    except Exception as error:
-        raise DeviceError(f"{device}: {type(error).__name__}: {error}; check its driver, cable and power") from error
+
+    # a class: entered some ten times a frame, where a generator would cost as much as the frame's checks
+    __slots__ = ("_device",)
+
+    def __init__(self, device: str) -> None:
+        self._device = device
+
+    def __enter__(self) -> None:
+        """Begin to watch the driver."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Raise `DeviceError` instead of the driver's own error; lfcal's errors and interrupts pass."""
+        if isinstance(error, StorageError):
+            raise DeviceError(f"{self._device}: {error}") from error
+        if isinstance(error, Exception) and not isinstance(error, LfcalError):
+            what = f"{type(error).__name__}: {error}"
+            raise DeviceError(f"{self._device}: {what}; check its driver, cable and power") from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from operator import attrgetter
 from typing import Annotated, Any, get_type_hints
 
 import numpy as np
@@ -68,7 +69,7 @@ def _layout() -> list[tuple[str, str]]:
 RECORD = np.dtype([*_layout(), ("record_crc", "<u4"), ("valid", "<u4")])
 """One record: the fields of `Note`, their CRC-32 and the mark of validity; 128 bytes, little-endian."""
 
-_NOTED = [field.name for field in fields(Note)]
+_values = attrgetter(*(field.name for field in fields(Note)))  # of a note, in the record's order
 _BODY = RECORD.itemsize - 8  # a record's CRC-32 covers everything before itself
 _MARK = 0x1FCA1
 
@@ -80,11 +81,9 @@ def frame_crc(frame: bytes | memoryview) -> int:
 
 def pack(note: Note, sequence: int, crc: int) -> bytes:
     """Return the 128 bytes of the record of ``note``, with the frame's place in the session and its CRC-32."""
-    record = np.zeros((), RECORD)
-    for name in _NOTED:
-        record[name] = getattr(note, name)
+    record = np.array((*_values(note), 0, _MARK), RECORD)
     record["sequence"], record["frame_crc"] = sequence, crc
-    record["record_crc"], record["valid"] = zlib.crc32(record.tobytes()[:_BODY]), _MARK
+    record["record_crc"] = zlib.crc32(record.tobytes()[:_BODY])
     return record.tobytes()
 
 
