@@ -1,4 +1,4 @@
-"""Atomic writing of files, and safe opening of HDF5 files from unknown sources."""
+"""Atomic writing of files, and reading of files that may be anything."""
 
 from __future__ import annotations
 
@@ -11,33 +11,22 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from lfcal.errors import FileFormatError, InputError, StorageError, UnsafeFileError
+from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.units import format_bytes
 
-if TYPE_CHECKING:
-    import h5py
-    import numpy as np
-
 __all__ = [
-    "check_dataset",
     "check_other_file",
     "check_regular",
-    "open_h5",
+    "read_text",
     "replace_whole",
     "require_space",
     "storage_errors",
+    "system_error",
 ]
-
-MAX_BYTES = 1 << 44
-"""A dataset with a declared size above this (17.6 TB) is refused."""
 
 MAX_EXPANSION = 2000
 """Declared bytes a dataset may hold per byte of file; gzip reaches 1030 on constant data."""
-
-KNOWN_FILTERS = {1, 2, 3, 32000, 32001, 32004, 32008, 32015}
-"""HDF5 filters that are read: deflate, shuffle, fletcher32, lzf, blosc, lz4, bitshuffle, zstd."""
 
 
 _REMEDIES = {
@@ -65,7 +54,7 @@ def storage_errors(path: Path) -> Iterator[None]:
     except StorageError:
         raise
     except (OSError, RuntimeError) as error:
-        number = _system_error(error)
+        number = system_error(error)
         if number is None and not isinstance(error, OSError):
             raise
         known = None if number is None else os.strerror(number)
@@ -73,7 +62,7 @@ def storage_errors(path: Path) -> Iterator[None]:
         raise StorageError(f"{path}: {reason}; {_REMEDIES.get(number or 0, 'check the disk and the path')}") from error
 
 
-def _system_error(error: OSError | RuntimeError) -> int | None:
+def system_error(error: OSError | RuntimeError) -> int | None:
     """Return the system's error number, also where HDF5 only writes it in its message."""
     if isinstance(error, OSError) and error.errno is not None:
         return error.errno
@@ -216,112 +205,3 @@ def _flush_folder(path: Path) -> None:
             os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-@contextmanager
-def open_h5(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
-    """Open an HDF5 file for reading with one-line errors; use `check_dataset` before reading from it."""
-    file = open_h5_file(path)
-    try:
-        yield file
-    finally:
-        file.close()
-
-
-def open_h5_file(path: str | os.PathLike[str]) -> h5py.File:
-    """Open an HDF5 file for reading and return it; the caller closes it."""
-    import h5py
-    import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
-
-    source = Path(path)
-    if not source.exists():
-        raise StorageError(f"{source}: no such file; check the path")
-    check_regular(source)
-    with storage_errors(source):
-        # a plain open first: h5py's own error does not tell a missing permission from damaged data
-        source.open("rb").close()
-    try:
-        # without HDF5's lock a file can be read while a session writes it, and on network disks
-        return h5py.File(source, "r", locking=False)
-    except OSError as error:
-        raise FileFormatError.expected(
-            str(source), "an intact HDF5 file", "a damaged or other file", "record or copy it again"
-        ) from error
-
-
-def check_dataset(file: h5py.File, name: str, *, max_bytes: int = MAX_BYTES, dtype: np.dtype[Any] | None = None) -> Any:
-    """Return dataset ``name`` of ``file`` after checking that it may be read.
-
-    Soft and external links, external storage, virtual datasets, unknown filters, dtypes other than
-    plain numbers (or exactly the compound ``dtype``), declared sizes beyond ``max_bytes`` or far beyond
-    the file's size, and chunks that were never written are refused with `UnsafeFileError` or
-    `FileFormatError`.
-    """
-    import h5py
-
-    where = f"{file.filename}:/{name}"
-    group: Any = file
-    parts = [p for p in name.split("/") if p]
-    for part in parts:
-        link = group.get(part, getlink=True) if part in group.keys() else None
-        if link is None:
-            names = ", ".join(sorted(group.keys())[:8]) or "nothing"
-            raise FileFormatError.expected(where, "a dataset of this name", f"only {names}", "check the file")
-        # a link may lead to any file of this machine
-        if not isinstance(link, h5py.HardLink):
-            raise UnsafeFileError.expected(
-                where, "data stored in the file itself", type(link).__name__, "copy the data in"
-            )
-        group = group[part]
-    data = group
-    if not isinstance(data, h5py.Dataset):
-        raise FileFormatError.expected(where, "a dataset", type(data).__name__, "check the file")
-    _check_storage(data, where, max_bytes, dtype)
-    return data
-
-
-def _check_storage(data: Any, where: str, max_bytes: int, dtype: np.dtype[Any] | None) -> None:
-    import h5py
-
-    plist = data.id.get_create_plist()
-    # so may external storage and virtual datasets
-    if plist.get_external_count():
-        raise UnsafeFileError.expected(where, "data stored in the file itself", "external storage", "copy it in")
-    if plist.get_layout() == h5py.h5d.VIRTUAL:
-        raise UnsafeFileError.expected(where, "stored data", "a virtual dataset", "copy the data in")
-    if data.dtype.kind not in "iufb" and (dtype is None or data.dtype != dtype):
-        raise UnsafeFileError.expected(where, "plain numbers", f"dtype {data.dtype}", "store it as numbers")
-    filters = {plist.get_filter(k)[0] for k in range(plist.get_nfilters())}
-    if filters - KNOWN_FILTERS:
-        raise UnsafeFileError.expected(
-            where, "gzip, lzf, zstd, blosc or lz4", f"HDF5 filter {sorted(filters)}", "repack the file"
-        )
-    nbytes = int(data.size or 0) * data.dtype.itemsize
-    stored = os.path.getsize(data.file.filename)
-    if nbytes > max_bytes:
-        raise UnsafeFileError.expected(
-            where, f"at most {format_bytes(max_bytes)}", format_bytes(nbytes), "check the file"
-        )
-    if nbytes > MAX_EXPANSION * stored + (1 << 20):
-        raise UnsafeFileError.expected(
-            where,
-            "a size the file can hold",
-            f"{format_bytes(nbytes)} declared in a file of {format_bytes(stored)}",
-            "the header is wrong; take it from its source again",
-        )
-    if data.chunks is not None and nbytes:
-        want = 1
-        for n, c in zip(data.shape, data.chunks, strict=True):
-            want *= -(-n // c)
-        have = data.id.get_num_chunks()
-        if have < want:
-            raise FileFormatError.expected(
-                where, f"{want} written chunks", f"{have}", "the file is unfinished; write it again"
-            )
-    elif data.chunks is None and nbytes and data.id.get_storage_size() < nbytes:
-        raise FileFormatError.expected(
-            where,
-            f"{format_bytes(nbytes)} of data",
-            format_bytes(data.id.get_storage_size()),
-            "the file is unfinished; write it again",
-        )

@@ -16,6 +16,7 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.errors import FileFormatError
 from lfcal.files import replace_whole, require_space
 from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
+from lfcal.h5.writing import new_h5
 from lfcal.progress import Clock, Work
 from lfcal.psf.assemble import AssemblyReport
 from lfcal.psf.assemble_plan import AssemblySettings, iter_assemble_plan
@@ -101,11 +102,9 @@ def iter_repack(path: Path, *, workers: int | None = None) -> Work[int]:
 
 
 def _write_packed(source: RecordingFile, part: Path, workers: int) -> Work[None]:
-    import h5py
-
     layout = source.layout
     clock = Clock(f"pack {source.path.name}", layout.count)
-    with h5py.File(part, "w") as file, ThreadPoolExecutor(workers) as pool:
+    with new_h5(part) as file, ThreadPoolExecutor(workers) as pool:
         file.attrs.update(layout.attributes)
         file.create_dataset("records", data=source.records)
         frames = file.create_dataset(

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, InputError
+from lfcal.errors import InputError
+from lfcal.h5.dataset import H5Data
 from lfcal.psf._chunk_filters import PIPELINE, decode_chunk, encode_chunk, fletcher32
 from lfcal.threads import worker_count
 
@@ -29,25 +30,39 @@ __all__ = [
     "fletcher32",
     "parallel_read",
     "parallel_write",
+    "pipeline_of_new",
 ]
 
 # numbers that the HDF5 library registers its built-in filters under (H5Zpublic.h)
 _FILTERS = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
 _BATCH_BYTES = 1 << 19  # chunks are handed to threads in batches of about this size
 
-Index = tuple[int, ...]
 
-
-def chunk_pipeline(dataset: Any) -> tuple[str, ...] | None:
+def chunk_pipeline(
+    shape: tuple[int, ...], chunks: tuple[int, ...] | None, filters: Iterable[int]
+) -> tuple[str, ...] | None:
     """Return the filters of an HDF5 dataset in order, or None where this module does not code its chunks.
 
     It does for chunks ``(1, 1, 1, nt, ns)`` over whole cutouts with any of shuffle, deflate and fletcher32.
+
+    Parameters
+    ----------
+    shape, chunks
+        Of the dataset; ``chunks`` is None for contiguous data.
+    filters
+        Their HDF5 numbers.
     """
-    if dataset.ndim != 5 or dataset.chunks != (1, 1, 1, *dataset.shape[3:]):
+    if len(shape) != 5 or chunks != (1, 1, 1, *shape[3:]):
         return None
-    plist = dataset.id.get_create_plist()
-    names = [_FILTERS.get(plist.get_filter(k)[0]) for k in range(plist.get_nfilters())]
+    names = [_FILTERS.get(number) for number in filters]
     return None if None in names else tuple(name for name in names if name)
+
+
+def pipeline_of_new(dataset: Any) -> tuple[str, ...] | None:
+    """Return `chunk_pipeline` of an h5py dataset that is being written."""
+    plist = dataset.id.get_create_plist()
+    numbers = [plist.get_filter(k)[0] for k in range(plist.get_nfilters())]
+    return chunk_pipeline(dataset.shape, dataset.chunks, numbers)
 
 
 def _check_plane_number(dataset: Any, z: int) -> None:
@@ -113,7 +128,7 @@ def parallel_write(
             checksums[y, x] = zlib.crc32(pattern.astype(little, copy=False).data)
         return pattern
 
-    filters = chunk_pipeline(dataset)
+    filters = pipeline_of_new(dataset)
     if filters is None:
         before = dataset.id.get_storage_size()
         for y, x in np.ndindex(*shape[:2]):
@@ -134,15 +149,15 @@ def parallel_write(
     return stored
 
 
-def parallel_read(dataset: Any, z: int, *, out: NDArray[Any] | None = None, workers: int | None = None) -> NDArray[Any]:
+def parallel_read(data: H5Data, z: int, *, out: NDArray[Any] | None = None, workers: int | None = None) -> NDArray[Any]:
     """Return depth plane ``z`` of an H dataset, ``(ny, nx, nt, ns)``, decompressed in threads.
 
     Datasets that are stored otherwise are read through HDF5. Chunks that were never written hold the fill value.
 
     Parameters
     ----------
-    dataset
-        Open h5py dataset ``(nz, ny, nx, nt, ns)``.
+    data
+        ``(nz, ny, nx, nt, ns)``.
     z
         Depth plane.
     out
@@ -155,14 +170,14 @@ def parallel_read(dataset: Any, z: int, *, out: NDArray[Any] | None = None, work
     FileFormatError
         If a chunk is damaged; it is named.
     """
-    _check_plane_number(dataset, z)
-    ny, nx, nt, ns = dataset.shape[1:]
-    plane = np.empty((ny, nx, nt, ns), dataset.dtype) if out is None else out
-    filters = chunk_pipeline(dataset)
+    _check_plane_number(data, z)
+    ny, nx, nt, ns = data.shape[1:]
+    plane = np.empty((ny, nx, nt, ns), data.dtype) if out is None else out
+    filters = chunk_pipeline(data.shape, data.chunks, data.filters)
     if filters is None:
-        plane[...] = dataset[z]
+        plane[...] = data.read(z)
         return plane
-    dtype, where = dataset.dtype, f"{dataset.file.filename}:{dataset.name}"
+    dtype, where = data.dtype, data.where
 
     def decode(batch: list[tuple[int, int, tuple[int, bytes]]]) -> None:
         for y, x, (mask, raw) in batch:
@@ -170,44 +185,34 @@ def parallel_read(dataset: Any, z: int, *, out: NDArray[Any] | None = None, work
             plane[y, x] = decode_chunk(raw, dtype, (nt, ns), mask, filters, where=name)
 
     # an unfinished plane of a recording has holes: HDF5 stores no chunk for what was never written
-    absent = _absent(dataset, z)
+    absent = _absent(data, z)
     for position in absent:
-        plane[position] = dataset.fillvalue
+        plane[position] = data.fill_value
     here = (position for position in np.ndindex(ny, nx) if position not in absent)
     # the generator reads raw chunks in this thread, the workers decode them: HDF5 holds a global lock while it reads
-    stored = ((y, x, _stored_chunk(dataset, (z, y, x), where)) for y, x in here)
-    for _ in _in_threads(decode, _batches(stored, _batch_size(dataset)), worker_count(workers)):
+    stored = ((y, x, data.stored_chunk((z, y, x, 0, 0))) for y, x in here)
+    for _ in _in_threads(decode, _batches(stored, _batch_size(data)), worker_count(workers)):
         pass
     return plane
 
 
-def _absent(dataset: Any, z: int) -> set[tuple[int, int]]:
+def _absent(data: H5Data, z: int) -> set[tuple[int, int]]:
     """Return the positions (y, x) of plane ``z`` that were never written.
 
     Asked beforehand, because h5py reads a size that was never set for such a chunk.
     """
-    nz, ny, nx = dataset.shape[:3]
     # a complete dataset needs no walk over its chunk index
-    if dataset.id.get_num_chunks() == nz * ny * nx:
+    if data.complete:
         return set()
-    present: set[tuple[int, int]] = set()
+    _, ny, nx = data.shape[:3]
+    present: set[tuple[int, ...]] = set()
 
-    def visit(chunk: Any) -> None:
-        if chunk.chunk_offset[0] == z:
-            present.add(chunk.chunk_offset[1:3])
+    def visit(start: tuple[int, ...]) -> None:
+        if start[0] == z:
+            present.add(start[1:3])
 
-    dataset.id.chunk_iter(visit)
+    data.written_chunks(visit)
     return {(y, x) for y in range(ny) for x in range(nx)} - present
-
-
-def _stored_chunk(dataset: Any, index: Index, where: str) -> tuple[int, bytes]:
-    try:
-        mask, raw = dataset.id.read_direct_chunk((*index, 0, 0))
-    except (OSError, RuntimeError, ValueError, MemoryError) as error:
-        raise FileFormatError.expected(
-            f"{where} chunk {index}", "a readable chunk", str(error), "the file is damaged; copy it again"
-        ) from error
-    return mask, raw
 
 
 def _in_threads(function: Any, batches: Iterator[Any], workers: int) -> Iterator[Any]:

@@ -6,7 +6,6 @@ reversed: the C-ordered ``H[z, y, x, t, s]`` is MATLAB's ``H(s, t, x, y, z)`` by
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from pathlib import Path
@@ -16,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError, InputError
-from lfcal.files import check_dataset, open_h5_file, replace_whole, require_space, storage_errors
+from lfcal.files import require_space, storage_errors
+from lfcal.h5.file import H5File
+from lfcal.h5.writing import new_h5
 from lfcal.progress import Clock, Work
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.store import store_plane
@@ -89,27 +90,21 @@ def iter_write_mat(
     -----
     ``Nnum`` is one number where nx = ny; else ``[nx ny]`` and the codes that take a square period cannot use it.
     """
-    import h5py
-
     target = Path(path)
     copies = 2 if include_transpose else 1
     require_space(target.parent, matrix.nbytes * copies, what=target.name)
     clock = Clock("write MATLAB file", len(matrix) * copies)
-    with replace_whole(target) as part:
-        # MATLAB expects its header in HDF5's user block; libver keeps to formats that its older HDF5 reads
-        with storage_errors(target), h5py.File(part, "w", userblock_size=512, libver=("earliest", "v110")) as file:
-            done = 0
-            for name, one in (("H", matrix), ("Ht", matrix.T))[:copies]:
-                data = _create(file, name, one, rows_first, compress)
-                for z in range(len(one)):
-                    plane = one.plane(z)
-                    store_plane(data, z, plane.transpose(1, 0, 3, 2) if rows_first else plane)
-                    done += 1
-                    yield clock.at(done)
-            _write_small(file, matrix, rows_first)
-        # the header goes in last: HDF5 leaves the user block alone, but the file must be closed
-        with storage_errors(target), part.open("r+b") as raw:
-            raw.write(mat_header())
+    # libver keeps to formats that MATLAB's older HDF5 reads
+    with new_h5(target, header=mat_header(), libver=("earliest", "v110")) as file:
+        done = 0
+        for name, one in (("H", matrix), ("Ht", matrix.T))[:copies]:
+            data = _create(file, name, one, rows_first, compress)
+            for z in range(len(one)):
+                plane = one.plane(z)
+                store_plane(data, z, plane.transpose(1, 0, 3, 2) if rows_first else plane)
+                done += 1
+                yield clock.at(done)
+        _write_small(file, matrix, rows_first)
     return target
 
 
@@ -160,11 +155,11 @@ def open_mat(path: Path) -> PSFMatrix:
         raise FileFormatError.expected(
             str(path), "a MATLAB v7.3 file", "one of version 5 to 7", "save it with save(..., '-v7.3')"
         )
-    file = open_h5_file(path)
+    file = H5File(path)
     try:
-        data = check_dataset(file, "H")
+        data = file.dataset("H")
         if data.ndim == 4:
-            return PSFMatrix(data[()][None], depths=_depths(file, 1), provenance={"imported": path.name})
+            return PSFMatrix(data.read()[None], depths=_depths(file, 1), provenance={"imported": path.name})
         if data.ndim != 5:
             raise FileFormatError.expected(
                 f"{path}: H", "5 axes (s, t, x, y, z)", f"{data.ndim} axes", "check the file"
@@ -175,9 +170,9 @@ def open_mat(path: Path) -> PSFMatrix:
         raise
 
 
-def _depths(file: Any, nz: int) -> NDArray[np.float64] | None:
+def _depths(file: H5File, nz: int) -> NDArray[np.float64] | None:
+    """Return the depths (µm); None where the file has none, or as many as it has planes of another matrix."""
     if "x3objspace" not in file:
         return None
-    # m to µm
-    values = np.asarray(check_dataset(file, "x3objspace", max_bytes=1 << 24)[()], np.float64).ravel() * 1e6
-    return values if values.size == nz and all(math.isfinite(v) for v in values) else None
+    values = file.values("x3objspace", finite=True).astype(np.float64).ravel() * 1e6  # m to µm
+    return values if values.size == nz else None

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.axes import check_psf_shape
 from lfcal.errors import InputError
+from lfcal.h5.dataset import H5Data
 from lfcal.psf.facts import Facts, fitting, unpack_valid
-from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, Planes, ScaledPlanes, TransposedPlanes
+from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, FilePlanes, Planes, ScaledPlanes, TransposedPlanes
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
@@ -32,7 +33,7 @@ class PSFMatrix:
     Parameters
     ----------
     data
-        Any ``(nz, ny, nx, nt, ns)`` array of numbers, memory map or HDF5 dataset.
+        Any ``(nz, ny, nx, nt, ns)`` array of numbers, memory map, HDF5 dataset, or planes of a file.
     depths
         Object-space depth of each plane (µm); by default the plane numbers.
     camera
@@ -211,10 +212,15 @@ class PSFMatrix:
     @property
     def path(self) -> str:
         """The file behind H, or behind the H that HT is computed from; empty for an array in memory."""
+        stored = self._stored()
+        return str(stored.path) if isinstance(stored, DatasetPlanes | FilePlanes) else ""
+
+    def _stored(self) -> Planes:
+        """Return the planes as they are stored, before scales and transposes."""
         planes = self._planes
         while isinstance(planes, ScaledPlanes | TransposedPlanes):
             planes = planes.base
-        return str(planes.dataset.file.filename) if isinstance(planes, DatasetPlanes) else ""
+        return planes
 
     @property
     def is_transposed(self) -> bool:
@@ -316,9 +322,9 @@ class PSFMatrix:
 
     def close(self) -> None:
         """Close the file behind H, if there is one; values can no longer be read then."""
-        planes = self._planes.base if isinstance(self._planes, ScaledPlanes) else self._planes
-        if isinstance(planes, DatasetPlanes) and planes.dataset.id.valid:
-            planes.dataset.file.close()
+        stored = self._stored()
+        if isinstance(stored, DatasetPlanes):
+            stored.close()
 
     def __enter__(self) -> PSFMatrix:
         """Use H as a context: its file is closed at the end."""
@@ -345,9 +351,13 @@ def _read_only(values: NDArray[Any]) -> NDArray[Any]:
 def _as_planes(data: Any) -> Planes:
     if isinstance(data, PSFMatrix):
         return data._planes
+    if isinstance(data, H5Data):
+        return DatasetPlanes(data)
+    if isinstance(data, FilePlanes):
+        return data
     # recognised by its attributes: importing h5py here would slow down every use of an array
     if hasattr(data, "id") and hasattr(data, "chunks") and hasattr(data, "file"):
-        return DatasetPlanes(data)
+        return DatasetPlanes(H5Data(data, holes=True))
     array = data if isinstance(data, np.ndarray) else np.asarray(data)
     if array.dtype.kind not in "iufcb":
         raise InputError.expected("PSF matrix", "numbers", f"dtype {array.dtype}", "convert it to numbers")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.axes import check_psf_shape
+from lfcal.axes import AXES, check_psf_shape
 from lfcal.camera import Camera
 from lfcal.errors import FileFormatError, InputError, StorageError
-from lfcal.files import check_dataset, check_regular, open_h5, open_h5_file
+from lfcal.files import check_regular
+from lfcal.h5.attributes import Attributes
+from lfcal.h5.file import H5File
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.facts import Facts
-from lfcal.psf.layout import plane_checksum
+from lfcal.psf.layout import CENTRE_RULE, plane_checksum
 from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.planes import FilePlanes
 from lfcal.psf.store import FORMAT, REGIONS, VERSION
 
 __all__ = ["open_psf", "regions_of"]
@@ -52,16 +56,17 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     source = Path(path)
     suffix = source.suffix.lower()
     if suffix == ".npy":
-        return PSFMatrix(_map_npy(source))
+        return PSFMatrix(FilePlanes(_map_npy(source), source))
     if suffix == ".mat":
         from lfcal.psf.matlab import open_mat
 
         return open_mat(source)
-    file = open_h5_file(source)
+    file = H5File(source)
     try:
-        matrix, sums = _matrix_of(file, region)
+        group = _region_group(file, region)
+        matrix = _matrix_of(file, group)
         if check:
-            _check_planes(file, matrix, sums)
+            _check_planes(file, group)
         return matrix
     except BaseException:
         file.close()
@@ -70,81 +75,113 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
 
 def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:
     """Return the names of the regions of the field in an H file, the one it opens with first (``""`` if unnamed)."""
-    with open_h5(path) as file:
+    with H5File(Path(path)) as file:
         _check_format(file)
-        return (str(file.attrs.get("region", "")), *_further(file))
+        return (file.attributes().text("region", ""), *file.names(REGIONS))
 
 
-def _further(file: Any) -> tuple[str, ...]:
-    return tuple(file[REGIONS]) if REGIONS in file else ()
-
-
-def _check_format(file: Any) -> None:
-    found = file.attrs.get("format")
+def _check_format(file: H5File) -> int:
+    """Return the version of the format; raises `FileFormatError` unless it is one that can be read."""
+    attributes = file.attributes()
+    found = attributes.text("format")
     if found != FORMAT:
-        what = f"format {found!r}" if found is not None else "an HDF5 file of another kind"
-        raise FileFormatError.expected(file.filename, "an H file of lfcal", what, "import it as frames instead")
-    version = file.attrs.get("version")
+        what = f"format {found[:60]!r}" if found is not None else "an HDF5 file of another kind"
+        raise FileFormatError.expected(str(file.path), "an H file of lfcal", what, "import it as frames instead")
+    version = attributes.integer("version")
     if version not in VERSIONS:
-        raise FileFormatError.expected(file.filename, f"version {VERSION} or older", version, "update lfcal")
+        raise FileFormatError.expected(str(file.path), f"version {VERSION} or older", version, "update lfcal")
+    return version
 
 
-def _matrix_of(file: Any, region: str) -> tuple[PSFMatrix, NDArray[np.uint32] | None]:
-    """Return the matrix of a region and the checksums of its planes, None where the file has none."""
+def _region_group(file: H5File, region: str) -> str:
+    """Return the group of a region, empty for the one the file opens with."""
     _check_format(file)
-    prefix = ""
-    if region and region != file.attrs.get("region", ""):
-        names = (str(file.attrs.get("region", "")), *_further(file))
-        if region not in names:
-            raise InputError.expected(f"{file.filename}, region", " or ".join(names), repr(region), "choose one")
-        prefix = f"{REGIONS}/{region}/"
-    data = check_dataset(file, f"{prefix}H")
-    shape = check_psf_shape(tuple(data.shape))
-    attributes = data.parent.attrs
-    small = {entry.name: _small(file, prefix + entry.name) for entry in fields(Facts) if prefix + entry.name in file}
-    camera = attributes.get("camera")
-    try:
-        provenance = json.loads(attributes.get("provenance", "{}"))
-    except ValueError:
-        provenance = {}
-    provenance = provenance if isinstance(provenance, dict) else {}
-    if file.attrs.get("version") == 1 and "saturated" in small and not provenance.get("corrections"):
-        # assembly without corrections did not count then, and wrote zeros
-        small["saturated"] = np.where(small["saturated"] == 0, -1, small["saturated"].astype(np.int32))
-    anchor = np.asarray(attributes.get("anchor", (0.0, 0.0)), np.float64).ravel()
-    matrix = PSFMatrix(
+    own = file.attributes().text("region", "")
+    if not region or region == own:
+        return ""
+    names = (own, *file.names(REGIONS))
+    if region not in names:
+        raise InputError.expected(f"{file.path}, region", " or ".join(names), repr(region), "choose one")
+    return f"{REGIONS}/{region}"
+
+
+def _matrix_of(file: H5File, group: str) -> PSFMatrix:
+    prefix = f"{group}/" if group else ""
+    data = file.dataset(f"{prefix}H")
+    shape = check_psf_shape(data.shape)
+    attributes = file.attributes(group)
+    _check_conventions(file, attributes)
+    camera = attributes.text("camera")
+    provenance = _provenance(file, attributes)
+    sums = f"{prefix}depth_sum"
+    scale, offset = (data.attributes.numbers(name, (1, shape[0])) for name in ("scale", "offset"))
+    if scale is not None and not scale.all():
+        raise FileFormatError.expected(data.where, "a scale above 0", "0", "take the file from its source again")
+    anchor = attributes.numbers("anchor", (2,))
+    return PSFMatrix(
         data,
-        depths=_small(file, f"{prefix}depths"),
+        depths=file.values(f"{prefix}depths", shape[:1], finite=True),
         camera=Camera.from_json(camera) if camera is not None else None,
-        anchor=(float(anchor[0]), float(anchor[1])),
-        scale=data.attrs.get("scale", 1.0),
-        offset=data.attrs.get("offset", 0.0),
-        facts=Facts.of(shape[:3], shape[3:], **small),
-        depth_sums=_small(file, f"{prefix}depth_sum") if f"{prefix}depth_sum" in file else None,
-        region=str(attributes.get("region", "")),
-        transposed=attributes.get("matrix") == "HT",
+        anchor=(0.0, 0.0) if anchor is None else (float(anchor[0]), float(anchor[1])),
+        scale=1.0 if scale is None else scale,
+        offset=0.0 if offset is None else offset,
+        facts=_facts(file, prefix, shape, provenance),
+        depth_sums=file.values(sums, (shape[0], *shape[3:]), finite=True) if sums in file else None,
+        region=attributes.text("region", ""),
+        transposed=attributes.text("matrix", "H") == "HT",
         provenance=provenance,
     )
-    sums = _small(file, f"{prefix}checksum") if f"{prefix}checksum" in file else None
-    return matrix, sums
 
 
-def _check_planes(file: Any, matrix: PSFMatrix, sums: NDArray[np.uint32] | None) -> None:
-    if sums is None:
-        raise FileFormatError.expected(file.filename, "checksums", "version 1 without them", "save it again")
-    prefix = f"{REGIONS}/{matrix.region}/" if matrix.region in _further(file) else ""
-    data = check_dataset(file, f"{prefix}H")
-    for z in range(len(matrix)):
-        found = plane_checksum(parallel_read(data, z))
-        if found != int(sums[z]):
+def _check_conventions(file: H5File, attributes: Attributes) -> None:
+    """Raise where the file says that it counts otherwise than lfcal does."""
+    for key, wanted in (("matrix", ("H", "HT")), ("axes", (",".join(AXES),)), ("centre", (CENTRE_RULE,))):
+        found = attributes.text(key, wanted[0])
+        if found not in wanted:
             raise FileFormatError.expected(
-                f"{file.filename}, plane {z}", f"checksum {int(sums[z]):08x}", f"{found:08x}", "copy the file again"
+                f"{file.path}, attribute {key}", " or ".join(wanted), repr(found[:60]), "take it from its source again"
             )
 
 
-def _small(file: Any, name: str) -> NDArray[Any]:
-    values: NDArray[Any] = check_dataset(file, name, max_bytes=1 << 32)[()]
-    return values
+def _provenance(file: H5File, attributes: Attributes) -> dict[str, Any]:
+    try:
+        found = json.loads(attributes.text("provenance", "{}"))
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise FileFormatError.expected(
+            f"{file.path}, attribute provenance", "a JSON object", "other text", "take it from its source again"
+        )
+    return found
+
+
+_KINDS = {"recorded": "iu", "saturated": "iu", "noise": "f", "spread": "f", "valid": "u", "error": "f"}
+"""Kinds of numbers of each fact, as numpy's ``dtype.kind``."""
+
+
+def _facts(file: H5File, prefix: str, shape: tuple[int, ...], provenance: Mapping[str, Any]) -> Facts:
+    """Return what the file says of its positions."""
+    names = [entry.name for entry in fields(Facts) if prefix + entry.name in file]
+    found = {name: file.values(prefix + name, kinds=_KINDS[name]) for name in names}
+    if _check_format(file) == 1 and "saturated" in found and not provenance.get("corrections"):
+        # assembly without corrections did not count then, and wrote zeros
+        found["saturated"] = np.where(found["saturated"] == 0, -1, found["saturated"].astype(np.int32))
+    return Facts.of(shape[:3], (shape[3], shape[4]), **found)
+
+
+def _check_planes(file: H5File, group: str) -> None:
+    """Raise `FileFormatError` unless every plane is what its checksum says."""
+    prefix = f"{group}/" if group else ""
+    if f"{prefix}checksum" not in file:
+        raise FileFormatError.expected(str(file.path), "checksums", "version 1 without them", "save it again")
+    data = file.dataset(f"{prefix}H")
+    sums = file.values(f"{prefix}checksum", data.shape[:1], kinds="u")
+    for z, wanted in enumerate(sums.tolist()):
+        found = plane_checksum(parallel_read(data, z))
+        if found != wanted:
+            raise FileFormatError.expected(
+                f"{file.path}, plane {z}", f"checksum {wanted:08x}", f"{found:08x}", "copy the file again"
+            )
 
 
 def _map_npy(path: Path) -> NDArray[Any]:
@@ -153,7 +190,7 @@ def _map_npy(path: Path) -> NDArray[Any]:
     check_regular(path)
     try:
         mapped: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
+    except Exception as error:  # numpy parses the header as Python: SyntaxError, TokenError, MemoryError and others
         reason = "pickled objects" if "pickle" in str(error).lower() else "a damaged or other file"
         raise FileFormatError.expected(
             str(path), "an .npy file of plain numbers", reason, "save the array itself again"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,8 +11,9 @@ from numpy.typing import NDArray
 
 from lfcal.axes import check_psf_shape
 from lfcal.errors import FileFormatError
+from lfcal.h5.dataset import H5Data
 
-__all__ = ["ArrayPlanes", "DatasetPlanes", "Planes", "ScaledPlanes", "TransposedPlanes"]
+__all__ = ["ArrayPlanes", "DatasetPlanes", "FilePlanes", "Planes", "ScaledPlanes", "TransposedPlanes"]
 
 Index = tuple[int | slice, ...]
 
@@ -58,13 +60,33 @@ class ArrayPlanes:
         return TransposedPlanes(self)
 
 
+class FilePlanes(ArrayPlanes):
+    """Planes of a memory-mapped file, of which nothing is known but its shape."""
+
+    def __init__(self, array: NDArray[Any], path: Path) -> None:
+        super().__init__(array)
+        self.path = path
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return plane ``z`` as a view; raises `FileFormatError` where it holds NaN or infinity."""
+        plane = super().plane(z)
+        _check_finite(plane, f"{self.path}, plane {z}")
+        return plane
+
+    def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
+        """Return one pattern as a view; raises `FileFormatError` where it holds NaN or infinity."""
+        pattern = super().cutout(z, y, x)
+        _check_finite(pattern, f"{self.path}, position ({z}, {y}, {x})")
+        return pattern
+
+
 class DatasetPlanes:
     """Planes of an HDF5 dataset; the last plane read is kept, so memory is bounded by one plane."""
 
-    def __init__(self, dataset: Any) -> None:
-        self.dataset = dataset
-        self.shape = check_psf_shape(tuple(dataset.shape))
-        self.dtype = dataset.dtype
+    def __init__(self, data: H5Data) -> None:
+        self.dataset = data
+        self.shape = check_psf_shape(data.shape)
+        self.dtype = data.dtype
         # the kept plane is shared: a second thread must not replace it while it is filled
         self._lock = threading.RLock()
         self._kept: tuple[int, NDArray[Any]] | None = None
@@ -76,8 +98,10 @@ class DatasetPlanes:
         with self._lock:
             if self._kept is None or self._kept[0] != z:
                 self._kept = None  # free the old plane before taking memory for the new one: a plane may be several GB
-                with _damage(self.dataset, f"plane {z}"):
-                    self._kept = (z, parallel_read(self.dataset, z))
+                self._check_open()
+                plane = parallel_read(self.dataset, z)
+                _check_finite(plane, f"{self.dataset.where}, plane {z}")
+                self._kept = (z, plane)
             return self._kept[1]
 
     def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
@@ -86,32 +110,44 @@ class DatasetPlanes:
             if self._kept is not None and self._kept[0] == z:
                 pattern: NDArray[Any] = self._kept[1][y, x]
                 return pattern
-            with _damage(self.dataset, f"position ({z}, {y}, {x})"):
-                pattern = self.dataset[z, y, x]
-                return pattern
+            self._check_open()
+            pattern = self.dataset.read((z, y, x))
+            _check_finite(pattern, f"{self.dataset.where}, position ({z}, {y}, {x})")
+            return pattern
 
     def transposed(self) -> Planes:
         """Return the planes of the transposed matrix."""
         return TransposedPlanes(self)
 
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.dataset.path
 
-class _damage:
-    """Turn HDF5's error on damaged data into a `FileFormatError`."""
+    def close(self) -> None:
+        """Close the file; may be called twice."""
+        self.dataset.close_file()
 
-    def __init__(self, dataset: Any, part: str) -> None:
-        self.dataset, self.part = dataset, part
-
-    def __enter__(self) -> None:
+    def _check_open(self) -> None:
         # h5py raises a bare ValueError on a closed file, which does not name the remedy
-        if not self.dataset.id.valid:
+        if not self.dataset.is_open:
             raise FileFormatError("PSF matrix: its file is closed; open it again with open_psf")
 
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, OSError) and not isinstance(error, FileFormatError):
-            where = f"{self.dataset.file.filename}:{self.dataset.name}, {self.part}"
-            raise FileFormatError.expected(
-                where, "intact data", f"{error}", "copy the file again from its source"
-            ) from error
+
+def _check_finite(values: NDArray[Any], where: str) -> None:
+    """Raise `FileFormatError` where ``values`` ``(…, nt, ns)`` hold NaN or infinity."""
+    if values.dtype.kind not in "fc":
+        return
+    # a sum is not finite where a value is not, and needs no array of its own
+    with np.errstate(invalid="ignore", over="ignore"):
+        sums = values.sum(axis=(-2, -1))
+    if np.isfinite(sums).all():
+        return
+    bad = tuple(int(k) for k in np.argwhere(~np.isfinite(sums))[0])
+    place = f", position {bad}" if bad else ""
+    raise FileFormatError.expected(
+        f"{where}{place}", "finite values", "NaN or infinity", "set it to 0 where nothing was measured"
+    )
 
 
 class TransposedPlanes:

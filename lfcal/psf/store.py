@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.axes import check_psf_shape
 from lfcal.camera import Camera
 from lfcal.errors import InputError
-from lfcal.files import check_other_file, replace_whole, require_space, storage_errors
+from lfcal.files import check_other_file, require_space
+from lfcal.h5.writing import new_h5
 from lfcal.progress import Clock, Work, drain
-from lfcal.psf.chunk_codec import chunk_pipeline, parallel_write
+from lfcal.psf.chunk_codec import parallel_write, pipeline_of_new
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import STORED_TYPES, MatrixGroup, MatrixHeader
 from lfcal.psf.matrix import PSFMatrix
@@ -113,8 +114,7 @@ class PSFWriter:
         require_space(self.path.parent, nbytes, what=self.path.name)
         try:
             self._file = self._stack.enter_context(_new_file(self.path))
-            with storage_errors(self.path):
-                self._matrix = MatrixGroup(self._file, self._header)
+            self._matrix = MatrixGroup(self._file, self._header)
         except BaseException as error:
             self._stack.__exit__(type(error), error, error.__traceback__)
             raise
@@ -136,8 +136,7 @@ class PSFWriter:
         """
         if facts is None:
             facts = Facts.of(self.shape[1:3], self.shape[3:], recorded=recorded, saturated=saturated)
-        with storage_errors(self.path):
-            self._matrix.write_plane(z, plane, facts)
+        self._matrix.write_plane(z, plane, facts)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -150,38 +149,19 @@ class PSFWriter:
             raise error
         try:
             if error is None:
-                with storage_errors(self.path):
-                    self._matrix.complete()
-                    _mark_default_plot(self._file)
+                self._matrix.complete()
+                _mark_default_plot(self._file)
         except BaseException as failure:
             self._stack.__exit__(type(failure), failure, failure.__traceback__)
             raise
         self._stack.__exit__(kind, error, trace)
 
 
-class _new_file:
-    """An HDF5 file that takes its name when the block ends well."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._stack = ExitStack()
-
-    def __enter__(self) -> Any:
-        import h5py
-
-        with storage_errors(self._path):
-            part = self._stack.enter_context(replace_whole(self._path))
-            try:
-                file = self._stack.enter_context(h5py.File(part, "w"))
-            except BaseException as error:
-                self._stack.__exit__(type(error), error, error.__traceback__)
-                raise
+@contextmanager
+def _new_file(path: Path) -> Iterator[Any]:
+    with new_h5(path) as file:
         file.attrs.update({"format": FORMAT, "version": VERSION})
-        return file
-
-    def __exit__(self, *error: Any) -> None:
-        with storage_errors(self._path):
-            self._stack.__exit__(*error)
+        yield file
 
 
 def _mark_default_plot(file: Any) -> None:
@@ -196,7 +176,7 @@ def _mark_default_plot(file: Any) -> None:
 
 def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None = None) -> None:
     """Write one plane ``(ny, nx, nt, ns)`` into an HDF5 dataset, compressing in threads where that is possible."""
-    if chunk_pipeline(data) is None:
+    if pipeline_of_new(data) is None:
         data[z] = plane
         return
     parallel_write(data, z, plane, workers=workers)

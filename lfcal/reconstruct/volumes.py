@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
-from lfcal.files import check_dataset, open_h5, replace_whole, require_space, storage_errors
+from lfcal.files import replace_whole, require_space, storage_errors
+from lfcal.h5.file import H5File
+from lfcal.h5.writing import new_h5
 
 __all__ = ["SUFFIXES", "check_suffix", "load_volume", "save_volume"]
 
@@ -65,14 +67,15 @@ def save_volume(
         raise InputError.expected("volume", "three axes (z, y, x)", data.shape, "add the missing axis")
     depths = None if depths_um is None else np.asarray(depths_um, np.float64)
     require_space(target.parent, data.nbytes + (1 << 16), what="the volume")
+    if target.suffix.lower() in (".h5", ".hdf5"):
+        _save_h5(target, data, depths, voxel_um, details)
+        return
     with replace_whole(target) as part, storage_errors(target):
-        if target.suffix.lower() in (".tif", ".tiff"):
-            _save_tiff(part, data, depths, voxel_um, details)
-        elif target.suffix.lower() == ".npy":
+        if target.suffix.lower() == ".npy":
             with part.open("wb") as file:
                 np.save(file, data, allow_pickle=False)
         else:
-            _save_h5(part, data, depths, voxel_um, details)
+            _save_tiff(part, data, depths, voxel_um, details)
 
 
 def _save_tiff(
@@ -96,15 +99,13 @@ def _save_tiff(
 
 
 def _save_h5(
-    part: Path,
+    target: Path,
     data: NDArray[np.float32],
     depths: NDArray[np.float64] | None,
     voxel_um: float | None,
     details: Mapping[str, Any] | None,
 ) -> None:
-    import h5py
-
-    with h5py.File(part, "w") as file:
+    with new_h5(target) as file:
         stored = file.create_dataset(
             DATASET,
             data=data,
@@ -135,8 +136,8 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     """
     source = check_suffix(path)
     if source.suffix.lower() in (".h5", ".hdf5"):
-        with open_h5(source) as file:
-            data = check_dataset(file, DATASET)[...]
+        with H5File(source) as file:
+            data = file.dataset(DATASET).read()
     elif source.suffix.lower() == ".npy":
         with storage_errors(source):
             # pickled objects of a foreign file could run code

@@ -11,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMON = {
+    "h5",
     "errors",
     "checks",
     "axes",
@@ -34,6 +35,7 @@ ALLOWED: dict[str, set[str]] = {
     "compiled": set(),
     "registry": {"errors"},
     "files": {"errors", "units"},
+    "h5": {"errors", "files", "units"},
     "figures": {"files"},
     "camera": COMMON,
     "lattice": COMMON | {"camera"},

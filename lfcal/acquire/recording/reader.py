@@ -15,7 +15,8 @@ from lfcal.acquire.recording.durable import OPEN_FLAGS
 from lfcal.acquire.recording.records import RECORD, frame_crc, intact
 from lfcal.acquire.recording.slots import Layout, read_at, read_layout
 from lfcal.errors import FileFormatError
-from lfcal.files import open_h5_file, storage_errors
+from lfcal.files import storage_errors
+from lfcal.h5.file import H5File
 
 __all__ = ["RecordingFile"]
 
@@ -31,12 +32,13 @@ class RecordingFile:
         self.layout: Layout = read_layout(path)
         self._lock = threading.Lock()
         self._descriptor: int | None = None
-        self._file: Any = None
+        self._file: H5File | None = None
         if self.layout.in_place:
             with storage_errors(path):
                 self._descriptor = os.open(path, os.O_RDONLY | OPEN_FLAGS)
         else:
-            self._file = open_h5_file(path)
+            self._file = H5File(path)
+            self._frames = self._file.dataset("frames")
         self.records: NDArray[Any] = self._read_records()
         self.taken: NDArray[np.bool_] = intact(self.records)
 
@@ -52,7 +54,7 @@ class RecordingFile:
         else:
             # h5py's file is shared by all threads, a descriptor read at a position is not
             with self._lock:
-                frame = self._file["frames"][slot]
+                frame = self._frames.read(slot)
         if (
             not self.taken[slot]
             or frame_crc(np.ascontiguousarray(frame).data.cast("B")) != self.records["frame_crc"][slot]
@@ -86,7 +88,8 @@ class RecordingFile:
 
     def _read_records(self) -> NDArray[Any]:
         layout = self.layout
-        if self._descriptor is None:
-            return np.asarray(self._file["records"][...])
+        if self._file is not None:
+            return self._file.dataset("records", dtype=RECORD).read()
+        assert self._descriptor is not None
         data = read_at(self._descriptor, layout.count * RECORD.itemsize, layout.records_at, self.path)
         return np.frombuffer(data, RECORD).copy()

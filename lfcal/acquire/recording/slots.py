@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from lfcal.acquire.recording.durable import OPEN_FLAGS, reserve, sync_data, sync_folder, write_at
 from lfcal.acquire.recording.records import RECORD, Note, frame_crc, intact, pack
 from lfcal.errors import FileFormatError, StorageError
-from lfcal.files import check_dataset, open_h5, storage_errors
+from lfcal.files import storage_errors
+from lfcal.h5.file import H5File
 
 __all__ = ["FORMAT", "VERSION", "Journal", "Layout", "read_at", "read_layout"]
 
@@ -64,13 +65,16 @@ class Layout:
 
 def read_layout(path: Path) -> Layout:
     """Return the layout of recording ``path``, checked; raises `FileFormatError` if it is not one."""
-    with open_h5(path) as file:
-        if file.attrs.get("format") != FORMAT:
+    with H5File(path) as file:
+        attributes = file.attributes()
+        if attributes.text("format") != FORMAT:
             raise FileFormatError.expected(str(path), "a recording", "another HDF5 file", "choose recording.h5")
-        if int(file.attrs.get("version", 0)) != VERSION:
-            raise FileFormatError.expected(str(path), f"version {VERSION}", file.attrs.get("version"), "update lfcal")
-        frames = check_dataset(file, "frames")
-        records = check_dataset(file, "records", dtype=RECORD)
+        if attributes.integer("version") != VERSION:
+            raise FileFormatError.expected(
+                str(path), f"version {VERSION}", attributes.integer("version"), "update lfcal"
+            )
+        frames = file.dataset("frames")
+        records = file.dataset("records", dtype=RECORD)
         if frames.ndim != 3 or records.shape != (frames.shape[0],) or frames.dtype.kind not in "uf":
             raise FileFormatError.expected(
                 str(path),
@@ -78,14 +82,14 @@ def read_layout(path: Path) -> Layout:
                 f"{frames.shape} and {records.shape}",
                 "take the recording from its source again",
             )
-        frames_at, records_at = frames.id.get_offset(), records.id.get_offset()
+        frames_at, records_at = frames.offset, records.offset
         return Layout(
             int(frames.shape[0]),
             (int(frames.shape[1]), int(frames.shape[2])),
-            np.dtype(frames.dtype),
-            -1 if frames.chunks or frames_at is None else int(frames_at),
-            -1 if records.chunks or records_at is None else int(records_at),
-            dict(file.attrs),
+            frames.dtype,
+            -1 if frames_at is None else frames_at,
+            -1 if records_at is None else records_at,
+            attributes.plain(),
         )
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
-from lfcal.files import check_dataset, open_h5_file
-from lfcal.frames.formats.image_file import Format, ImageFile, decoding
+from lfcal.frames.formats.image_file import Format, ImageFile
 from lfcal.frames.regions import check_region
+from lfcal.h5.file import H5File
 
 __all__ = ["Hdf5Image"]
 
@@ -33,24 +33,23 @@ class Hdf5Image(ImageFile):
     Raises
     ------
     FileFormatError, UnsafeFileError
-        As `lfcal.files.check_dataset`, or if there is not one stack to choose.
+        As `lfcal.h5.dataset.H5Data`, or if there is not one stack to choose.
     """
 
     def __init__(self, path: Path, dataset: str | None = None) -> None:
         self.path = path
         self._lock = threading.Lock()
-        self._file = open_h5_file(path)
+        self._file = H5File(path)
         try:
-            with decoding(path, "HDF5"):
-                self._open(dataset)
+            self._open(dataset)
         except BaseException:
             self._file.close()
             raise
 
     def _open(self, name: str | None) -> None:
         name = self._choose() if name is None else name
-        self._data = check_dataset(self._file, name)
-        shape = tuple(int(n) for n in self._data.shape)
+        self._data = self._file.dataset(name)
+        shape = self._data.shape
         if len(shape) not in (3, 5) or 0 in shape or self._data.dtype.kind not in "iuf":
             raise FileFormatError.expected(
                 f"{self.path}:/{name}",
@@ -72,15 +71,7 @@ class Hdf5Image(ImageFile):
         self.metadata = metadata
 
     def _choose(self) -> str:
-        import h5py
-
-        found = [
-            key
-            for key in self._file
-            if self._file.get(key, getclass=True, getlink=True) is h5py.HardLink
-            and isinstance(self._file[key], h5py.Dataset)
-            and len(self._file[key].shape or ()) in (3, 5)
-        ]
+        found = [key for key in self._file.names() if len(self._file.dataset_shape(key)) in (3, 5)]
         if "frames" in found or "frames" in self._file:
             return "frames"
         if len(found) != 1:
@@ -91,13 +82,13 @@ class Hdf5Image(ImageFile):
         return str(found[0])
 
     def _table(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-        data = check_dataset(self._file, name)
+        data = self._file.dataset(name)
         each = ", one per frame" if shape[0] == self.pages else " of a frame"
         if data.shape != shape:
             raise FileFormatError.expected(
                 f"{self.path}:/{name}", f"shape {shape}{each}", data.shape, "correct the file"
             )
-        return np.asarray(data[...])
+        return data.read()
 
     def read(self, page: int = 0) -> NDArray[Any]:
         """Return one frame."""
@@ -107,8 +98,8 @@ class Hdf5Image(ImageFile):
         """Return a part of one frame; only the chunks it touches are read."""
         rows, columns = check_region((rows, columns), self.shape)
         at = np.unravel_index(self.check_page(page), self._lead)
-        with self._lock, decoding(self.path, "HDF5"):
-            part = self._data[(*(int(k) for k in at), rows, columns)]
+        with self._lock:
+            part = self._data.read((*(int(k) for k in at), rows, columns))
         return np.ascontiguousarray(part, self.dtype)
 
     def close(self) -> None:

@@ -1,0 +1,210 @@
+"""A dataset of a file, checked before a byte of it is read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError, UnsafeFileError
+from lfcal.files import MAX_EXPANSION
+from lfcal.h5.attributes import Attributes
+from lfcal.h5.errors import damage
+from lfcal.units import format_bytes
+
+__all__ = ["MAX_BYTES", "H5Data"]
+
+MAX_BYTES = 1 << 44
+"""A dataset with a declared size above this (17.6 TB) is refused."""
+
+KNOWN_FILTERS = {1, 2, 3, 32000, 32001, 32004, 32008, 32015}
+"""HDF5 filters that are read: deflate, shuffle, fletcher32, lzf, blosc, lz4, bitshuffle, zstd."""
+
+
+class H5Data:
+    """Numbers in an HDF5 file: what they are, and every way of reading them, with one-line errors.
+
+    Attributes
+    ----------
+    path, name
+        Where it is.
+    complete
+        Whether all its chunks were written.
+    shape, dtype, chunks
+        As declared; ``chunks`` is None for contiguous data.
+    filters
+        Numbers of its HDF5 filters, in the order of writing.
+
+    Parameters
+    ----------
+    dataset
+        Open h5py dataset.
+    max_bytes
+        Largest size declared (bytes).
+    dtype
+        The only compound type accepted; by default plain numbers.
+    holes
+        Whether chunks may be missing; they read as the fill value.
+
+    Raises
+    ------
+    UnsafeFileError
+        For external storage, virtual datasets, unknown filters, other types, and sizes beyond ``max_bytes`` or far
+        beyond the file's.
+    FileFormatError
+        If it is damaged or unfinished.
+    """
+
+    def __init__(
+        self, dataset: Any, *, max_bytes: int = MAX_BYTES, dtype: np.dtype[Any] | None = None, holes: bool = False
+    ) -> None:
+        self.path = Path(dataset.file.filename)
+        self.name = str(dataset.name).lstrip("/")
+        self._data = dataset
+        with damage(self.path, self.name):
+            self._describe(max_bytes, dtype, holes)
+
+    def _describe(self, max_bytes: int, dtype: np.dtype[Any] | None, holes: bool) -> None:
+        data = self._data
+        plist = data.id.get_create_plist()
+        self._check_inside(plist)
+        self.dtype: np.dtype[Any] = np.dtype(data.dtype)
+        if self.dtype.kind not in "iufcb" and (dtype is None or self.dtype != dtype):
+            raise self._unsafe("plain numbers", f"dtype {self.dtype}", "store it as numbers")
+        if data.shape is None:
+            raise FileFormatError.expected(self.where, "numbers", "an empty dataset", "take it from its source again")
+        self.shape = tuple(int(n) for n in data.shape)
+        self.chunks = None if data.chunks is None else tuple(int(n) for n in data.chunks)
+        self.filters = tuple(int(plist.get_filter(k)[0]) for k in range(plist.get_nfilters()))
+        if set(self.filters) - KNOWN_FILTERS:
+            raise self._unsafe("gzip, lzf, zstd, blosc or lz4", f"HDF5 filter {self.filters}", "repack the file")
+        self._check_size(max_bytes)
+        self._holes = holes
+        self.complete = True
+        self._check_stored()
+
+    def _check_inside(self, plist: Any) -> None:
+        import h5py
+
+        # both may lead to any file of this machine
+        if plist.get_external_count():
+            raise self._unsafe("data stored in the file itself", "external storage", "copy it in")
+        if plist.get_layout() == h5py.h5d.VIRTUAL:
+            raise self._unsafe("stored data", "a virtual dataset", "copy the data in")
+
+    def _check_size(self, max_bytes: int) -> None:
+        stored = self._file_size()
+        if self.nbytes > max_bytes:
+            raise self._unsafe(f"at most {format_bytes(max_bytes)}", format_bytes(self.nbytes), "check the file")
+        if self.nbytes > MAX_EXPANSION * stored + (1 << 20):
+            raise self._unsafe(
+                "a size the file can hold",
+                f"{format_bytes(self.nbytes)} declared in a file of {format_bytes(stored)}",
+                "the header is wrong; take it from its source again",
+            )
+
+    def _check_stored(self) -> None:
+        """Raise unless all data are there, and every chunk lies within the file."""
+        if not self.nbytes:
+            return
+        if self.chunks is None:
+            have = self._data.id.get_storage_size()
+            if have < self.nbytes and not self._holes:
+                raise self._unfinished(f"{format_bytes(self.nbytes)} of data", format_bytes(have))
+            return
+        wanted = int(np.prod([-(-n // c) for n, c in zip(self.shape, self.chunks, strict=True)], dtype=np.int64))
+        size = self._file_size()
+        largest = 2 * int(np.prod(self.chunks, dtype=np.int64)) * self.dtype.itemsize + 4096
+        count = 0
+
+        def look(chunk: Any) -> None:
+            nonlocal count
+            count += 1
+            # a size that is not that of a chunk makes HDF5's filters read beyond it
+            if not 4 < chunk.size <= largest or not 0 < chunk.byte_offset <= size - chunk.size:
+                raise FileFormatError.expected(
+                    self.where, "chunks within the file", f"one of {chunk.size} bytes", "copy the file again"
+                )
+
+        self._data.id.chunk_iter(look)
+        self.complete = count == wanted
+        if not self.complete and not self._holes:
+            raise self._unfinished(f"{wanted} written chunks", str(count))
+
+    def _file_size(self) -> int:
+        # of a file that is being written, HDF5 knows of more bytes than the system
+        return int(self._data.file.id.get_filesize())
+
+    @property
+    def where(self) -> str:
+        """File and name, for messages."""
+        return f"{self.path}:/{self.name}"
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return len(self.shape)
+
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        return int(np.prod(self.shape, dtype=object))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all samples, as declared."""
+        return self.size * self.dtype.itemsize
+
+    @property
+    def attributes(self) -> Attributes:
+        """Its attributes."""
+        return Attributes(self.path, self._data, self.name)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether its file is open."""
+        return bool(self._data.id.valid)
+
+    @property
+    def offset(self) -> int | None:
+        """Byte of the file at which contiguous data begin, None for chunks."""
+        with damage(self.path, self.name):
+            found = None if self.chunks is not None else self._data.id.get_offset()
+        return None if found is None else int(found)
+
+    @property
+    def fill_value(self) -> Any:
+        """Value of chunks that were never written."""
+        with damage(self.path, self.name):
+            return self._data.fillvalue
+
+    def read(self, index: Any = ()) -> NDArray[Any]:
+        """Return the part ``index`` (numpy's basic rules; all by default) as a new array."""
+        with damage(self.path, self.name):
+            return np.asarray(self._data[index])
+
+    def stored_chunk(self, start: tuple[int, ...]) -> tuple[int, bytes]:
+        """Return the filters left out of a chunk (bits) and its bytes as stored; ``start`` is its first sample."""
+        with damage(self.path, f"{self.name} chunk {start}"):
+            mask, raw = self._data.id.read_direct_chunk(start)
+        return mask, raw
+
+    def written_chunks(self, visit: Callable[[tuple[int, ...]], None]) -> None:
+        """Call ``visit`` with the first sample of every chunk that was written."""
+        with damage(self.path, self.name):
+            self._data.id.chunk_iter(lambda chunk: visit(chunk.chunk_offset))
+
+    def close_file(self) -> None:
+        """Close the file it lies in; may be called twice."""
+        with damage(self.path, self.name):
+            if self.is_open:
+                self._data.file.close()
+
+    def _unsafe(self, wanted: str, got: str, remedy: str) -> UnsafeFileError:
+        return UnsafeFileError.expected(self.where, wanted, got, remedy)
+
+    def _unfinished(self, wanted: str, got: str) -> FileFormatError:
+        return FileFormatError.expected(self.where, wanted, got, "the file is unfinished; write it again")
