@@ -275,3 +275,13 @@ def test_an_image_of_another_size_is_refused(scene):
         richardson_lucy(P, image[:-1], 2)
     with pytest.raises(InputError, match="solver"):
         SolverChoice("magic")
+
+
+@pytest.mark.parametrize("name", [solver.name for solver in SOLVERS])
+@pytest.mark.parametrize("level", [0.0, -1.0])
+def test_a_matrix_without_light_is_refused(name: str, level: float) -> None:
+    projector = Projector(np.full((1, 2, 2, 3, 3), level, np.float32), (8, 8))
+    if name == "cg" and level < 0:
+        return  # least squares take signed matrices
+    with pytest.raises(InputError, match="PSF matrix: expected light of the volume on the image"):
+        reconstruct(projector, np.ones((8, 8)), SolverChoice(name, 2))

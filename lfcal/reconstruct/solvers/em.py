@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.errors import InputError
 from lfcal.reconstruct.projectors.projector import Projector
 from lfcal.reconstruct.solvers.acceleration import check_acceleration, extrapolate, remember
-from lfcal.reconstruct.solvers.measurement import GoodnessOfFit, Measurement
+from lfcal.reconstruct.solvers.measurement import GoodnessOfFit, Measurement, no_light
 from lfcal.reconstruct.solvers.penalty import Penalty
 from lfcal.reconstruct.solvers.records import (
     Reconstruction,
@@ -180,6 +180,10 @@ def _part(P: Projector, mask: NDArray[np.bool_] | None, data: Measurement, optio
 
 
 def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: ArrayLike | None) -> NDArray[Any]:
+    sensitivity = sum(part.sensitivity for part in parts)
+    reach = float(np.sum(sensitivity, dtype=np.float64))
+    if not reach > 0 and data.ones().any():
+        raise no_light()
     if initial is not None:
         volume = np.array(initial, P.dtype)
         if volume.shape != P.volume_shape or not np.isfinite(volume).all() or (volume < 0).any():
@@ -187,9 +191,7 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
                 "initial volume", f"shape {P.volume_shape}, finite, not negative", volume.shape, "correct it"
             )
         return volume
-    sensitivity = sum(part.sensitivity for part in parts)
     light = float(data.weighted(np.maximum(data.image - data.background, 0)).sum(dtype=np.float64))
-    reach = float(np.sum(sensitivity, dtype=np.float64))
     level = light / reach if reach > 0 else 0.0
     # A voxel no pixel sees would keep its start for ever: it starts, and stays, at zero.
     seen = sensitivity > UNSEEN * np.max(sensitivity)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.errors import InputError
 from lfcal.progress import drain
 from lfcal.reconstruct.projectors.projector import Projector
-from lfcal.reconstruct.solvers.measurement import Measurement
+from lfcal.reconstruct.solvers.measurement import Measurement, no_light
 from lfcal.reconstruct.solvers.records import (
     Reconstruction,
     SolverProgress,
@@ -156,6 +156,8 @@ def _check(P: Projector, data: Measurement, iterations: int, damping: float) -> 
 def _start(P: Projector, data: Measurement) -> SolverState:
     miss = data.image - data.background
     descent = P.adjoint(data.weighted(miss))
+    if not descent.any() and data.weighted(miss).any():
+        raise no_light()
     return SolverState(np.zeros(P.volume_shape, P.dtype), arrays=(miss, descent), numbers=(_square(descent),))
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.errors import InputError
 
-__all__ = ["GoodnessOfFit", "Measurement"]
+__all__ = ["GoodnessOfFit", "Measurement", "no_light"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +130,16 @@ class Measurement:
         terms = m - data
         terms[lit] += data[lit] * (np.log(data[lit]) - np.log(m[lit]))
         return GoodnessOfFit(miss / norm if norm > 0 else float(miss > 0), -float((trust * terms).sum()))
+
+
+def no_light() -> InputError:
+    """Return the error of a PSF matrix whose entries are all zero or, summed, negative."""
+    return InputError.expected(
+        "PSF matrix",
+        "light of the volume on the image",
+        "none: its entries are zero, or negative in sum",
+        "check how H was assembled",
+    )
 
 
 def _fitting(what: str, value: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
