@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.recording.durable import OPEN_FLAGS
 from lfcal.acquire.recording.records import RECORD, frame_crc, intact
 from lfcal.acquire.recording.slots import Layout, read_at, read_layout
 from lfcal.errors import FileFormatError
 from lfcal.files import open_h5_file, storage_errors
+from lfcal.system import OPEN_FLAGS
 
 __all__ = ["RecordingFile"]
 
