@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from lfcal.errors import FileFormatError, InputError, StorageError
+from lfcal.system import is_alive, replace, sync_file, sync_folder
 from lfcal.units import format_bytes
 
 __all__ = [
@@ -96,7 +97,7 @@ def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
 def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a scratch path beside ``path``; put it in place when the block ends well, else remove it.
 
-    The scratch file is flushed to disk before it takes the name (`os.replace`), so that ``path`` is at
+    The scratch file is flushed to disk before it takes the name (`lfcal.system.replace`), so that ``path`` is at
     every moment the old file, the new file whole, or absent. Folders above ``path`` are made. A link is followed, not
     replaced; an existing file keeps its mode, and one that is read-only is refused. Scratch files that dead processes
     left for the same name are removed.
@@ -114,11 +115,11 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         try:
             part.touch(exist_ok=True)
             yield part
-            _flush(part)
+            sync_file(part)
             if mode is not None:
                 os.chmod(part, mode)
-            os.replace(part, target)
-            _flush_folder(target.parent)
+            replace(part, target)
+            sync_folder(target.parent)
         finally:
             with suppress(FileNotFoundError):
                 part.unlink()
@@ -128,22 +129,9 @@ def _sweep(target: Path) -> None:
     """Remove scratch files for ``target`` whose process is gone."""
     for part in target.parent.glob(f".{glob.escape(target.name)}.*.part"):
         process = part.name.removesuffix(".part").rpartition(".")[2]
-        if process.isdigit() and int(process) != os.getpid() and not _alive(int(process)):
+        if process.isdigit() and int(process) != os.getpid() and not is_alive(int(process)):
             with suppress(OSError):
                 part.unlink()
-
-
-def _alive(process: int) -> bool:
-    """Return whether a process may still run; where that cannot be asked without harm (Windows) it may."""
-    if os.name == "nt":
-        return True
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:  # somebody else's
-        return True
-    return True
 
 
 def check_regular(path: Path) -> None:
@@ -187,21 +175,3 @@ def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[s
     with suppress(OSError):  # what is not there yet is another file
         if os.path.samefile(source, target):
             raise InputError.expected("output", "another file than the input", str(target), "choose another name")
-
-
-def _flush(path: Path) -> None:
-    """Bring a file's bytes to the disk; it is opened for writing, as some systems flush nothing else."""
-    with path.open("r+b") as file:
-        os.fsync(file.fileno())
-
-
-def _flush_folder(path: Path) -> None:
-    """Bring a folder's names to the disk where the system can."""
-    if not hasattr(os, "O_DIRECTORY"):  # a folder cannot be opened there
-        return
-    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        with suppress(OSError):  # some file systems cannot flush a folder
-            os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -7,13 +7,14 @@ enter them at once, as a window with jobs does.
 from __future__ import annotations
 
 import itertools
-import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from typing import Any, TypeVar
+
+from lfcal.system import processors
 
 __all__ = ["chunks", "for_each_chunk", "one_blas_thread", "worker_count"]
 
@@ -24,10 +25,7 @@ def worker_count(workers: int | None = None) -> int:
     """Return ``workers``, or the number of processors this process may use when it is None."""
     if workers is not None:
         return max(1, workers)
-    # in a container or under taskset a process may use fewer processors than the machine has
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return processors()
 
 
 def chunks(n: int, parts: int) -> list[tuple[int, int]]:

@@ -67,16 +67,6 @@ def test_scratch_files_of_dead_processes_are_swept_and_only_those(tmp_path: Path
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*left[1:], "H.h5"])
 
 
-def test_systems_that_cannot_open_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on Windows: no folder is opened, and no process is asked by a signal that would end it."""
-    monkeypatch.delattr(os, "O_DIRECTORY")
-    monkeypatch.setattr(os, "kill", lambda *_: pytest.fail("a signal was sent"))
-    monkeypatch.setattr("lfcal.files._alive", lambda process: True)
-    (tmp_path / ".H.h5.1.part").write_text("left")
-    write(tmp_path / "H.h5", "new")
-    assert (tmp_path / "H.h5").read_text() == "new" and (tmp_path / ".H.h5.1.part").exists()
-
-
 def test_the_input_is_never_the_output(tmp_path: Path) -> None:
     path = tmp_path / "H.h5"
     path.write_text("H")

@@ -16,11 +16,11 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.errors import FileFormatError
 from lfcal.files import replace_whole, require_space
 from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
+from lfcal.h5.filters import encode_chunk
 from lfcal.h5.writing import new_h5
 from lfcal.progress import Clock, Work
 from lfcal.psf.assemble import AssemblyReport
 from lfcal.psf.assemble_plan import AssemblySettings, iter_assemble_plan
-from lfcal.psf.chunk_codec import encode_chunk
 from lfcal.threads import worker_count
 
 __all__ = ["iter_assemble_session", "iter_finish", "iter_repack"]

@@ -106,8 +106,8 @@ def time_session(plan: ScanPlan, folder: Path) -> float:
 
 def time_bare_loop(plan: ScanPlan, folder: Path) -> float:
     """Return the seconds per frame to write the same bytes at the same places, one fdatasync each."""
-    from lfcal.acquire.recording.durable import reserve, sync_data
     from lfcal.acquire.recording.records import RECORD
+    from lfcal.system import reserve, sync_data, write_at
 
     count, record = plan.n_positions, bytes(RECORD.itemsize)
     frame = np.random.default_rng(0).integers(0, 4096, plan.cutout, np.uint16).tobytes()
@@ -117,11 +117,11 @@ def time_bare_loop(plan: ScanPlan, folder: Path) -> float:
         first = count * len(record)
         # The recording reserves its space too: growing a file costs more than writing into it.
         reserve(descriptor, first + count * len(frame))
-        os.pwrite(descriptor, bytes(first), 0)
-        os.fsync(descriptor)
+        write_at(descriptor, bytes(first), 0)
+        sync_data(descriptor)
         for k in range(count):
-            os.pwrite(descriptor, frame, first + k * len(frame))
-            os.pwrite(descriptor, record, k * len(record))
+            write_at(descriptor, frame, first + k * len(frame))
+            write_at(descriptor, record, k * len(record))
             sync_data(descriptor)
     finally:
         os.close(descriptor)

@@ -20,7 +20,7 @@ OWN_FILTERS = {1, 2, 3}  # deflate, shuffle, fletcher32: they take damaged bytes
 
 
 class Examination:
-    """Everything a reader might ask of a file, asked; errors that Python can raise are no concern of this process."""
+    """Everything a reader might ask of a file, asked in the same way; errors that Python raises are left to it."""
 
     def __init__(self) -> None:
         self.finding = ""
@@ -39,13 +39,14 @@ class Examination:
     def group(self, group: Any, above: frozenset[Any]) -> None:
         """Look at a group and all below it; ``above`` are the groups it lies in."""
         self.attributes(group)
-        names = self.ask(lambda: list(group.keys())) or []
+        names = self.ask(lambda: list(group)) or []
         for name in names:
             if not isinstance(self.ask(lambda name=name: group.get(name, getlink=True)), h5py.HardLink):
                 continue
             entry = self.ask(lambda name=name: group[name])
             self.left -= 1
             if self.left < 0:
+                self.finding = f"more than {OBJECTS} entries"
                 return
             if isinstance(entry, h5py.Dataset):
                 self.attributes(entry)

@@ -33,6 +33,8 @@ class Attributes:
         self._path, self._name = path, name
         with damage(path, name):
             self._values = owner.attrs
+            # the child that looked at the file went by this list: what is not in it is not asked for
+            self._keys = tuple(str(key) for key in self._values)
 
     @overload
     def text(self, key: str) -> str | None: ...
@@ -75,12 +77,12 @@ class Attributes:
     def plain(self) -> dict[str, Any]:
         """Return all attributes that are text or numbers."""
         with damage(self._path, self._name):
-            found = {str(key): self._values[key] for key in self._values}
+            found = {key: self._values[key] for key in self._keys}
         return {key: value for key, value in found.items() if isinstance(value, str | np.ndarray | np.generic)}
 
     def _get(self, key: str) -> Any:
         with damage(self._path, self._name):
-            return self._values[key] if key in self._values else None
+            return self._values[key] if key in self._keys else None
 
     def _wrong(self, key: str, wanted: str, value: Any) -> FileFormatError:
         place = f"{self._path}:/{self._name}" if self._name else str(self._path)

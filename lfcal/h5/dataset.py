@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from lfcal.errors import FileFormatError, UnsafeFileError
 from lfcal.files import MAX_EXPANSION
 from lfcal.h5.attributes import Attributes
+from lfcal.h5.chunks import ChunkTable
 from lfcal.h5.errors import damage
 from lfcal.units import format_bytes
 
@@ -19,6 +19,8 @@ __all__ = ["MAX_BYTES", "H5Data"]
 
 MAX_BYTES = 1 << 44
 """A dataset with a declared size above this (17.6 TB) is refused."""
+
+Index = int | slice | tuple[int | slice, ...]
 
 KNOWN_FILTERS = {1, 2, 3, 32000, 32001, 32004, 32008, 32015}
 """HDF5 filters that are read: deflate, shuffle, fletcher32, lzf, blosc, lz4, bitshuffle, zstd."""
@@ -31,8 +33,8 @@ class H5Data:
     ----------
     path, name
         Where it is.
-    complete
-        Whether all its chunks were written.
+    table
+        Its chunks; None for contiguous or no data.
     shape, dtype, chunks
         As declared; ``chunks`` is None for contiguous data.
     filters
@@ -83,7 +85,7 @@ class H5Data:
             raise self._unsafe("gzip, lzf, zstd, blosc or lz4", f"HDF5 filter {self.filters}", "repack the file")
         self._check_size(max_bytes)
         self._holes = holes
-        self.complete = True
+        self.table: ChunkTable | None = None
         self._check_stored()
 
     def _check_inside(self, plist: Any) -> None:
@@ -115,24 +117,9 @@ class H5Data:
             if have < self.nbytes and not self._holes:
                 raise self._unfinished(f"{format_bytes(self.nbytes)} of data", format_bytes(have))
             return
-        wanted = int(np.prod([-(-n // c) for n, c in zip(self.shape, self.chunks, strict=True)], dtype=np.int64))
-        size = self._file_size()
-        largest = 2 * int(np.prod(self.chunks, dtype=np.int64)) * self.dtype.itemsize + 4096
-        count = 0
-
-        def look(chunk: Any) -> None:
-            nonlocal count
-            count += 1
-            # a size that is not that of a chunk makes HDF5's filters read beyond it
-            if not 4 < chunk.size <= largest or not 0 < chunk.byte_offset <= size - chunk.size:
-                raise FileFormatError.expected(
-                    self.where, "chunks within the file", f"one of {chunk.size} bytes", "copy the file again"
-                )
-
-        self._data.id.chunk_iter(look)
-        self.complete = count == wanted
-        if not self.complete and not self._holes:
-            raise self._unfinished(f"{wanted} written chunks", str(count))
+        self.table = ChunkTable(self._data, self.path, self.where)
+        if self.table.missing and not self._holes:
+            raise self._unfinished("all chunks written", f"{self.table.missing} missing")
 
     def _file_size(self) -> int:
         # of a file that is being written, HDF5 knows of more bytes than the system
@@ -175,36 +162,55 @@ class H5Data:
             found = None if self.chunks is not None else self._data.id.get_offset()
         return None if found is None else int(found)
 
-    @property
-    def fill_value(self) -> Any:
-        """Value of chunks that were never written."""
-        with damage(self.path, self.name):
-            return self._data.fillvalue
+    def read(self, index: Index = ()) -> NDArray[Any]:
+        """Return the part ``index``, an integer or a slice per axis, all of it by default, as a new array.
 
-    def read(self, index: Any = ()) -> NDArray[Any]:
-        """Return the part ``index`` (numpy's basic rules; all by default) as a new array."""
+        Raises `IndexError` beyond the dataset.
+        """
+        if not self.is_open:
+            raise FileFormatError(f"{self.where}: its file is closed; open it again")
+        box, key = _box(index, self.shape)
         with damage(self.path, self.name):
-            return np.asarray(self._data[index])
-
-    def stored_chunk(self, start: tuple[int, ...]) -> tuple[int, bytes]:
-        """Return the filters left out of a chunk (bits) and its bytes as stored; ``start`` is its first sample."""
-        with damage(self.path, f"{self.name} chunk {start}"):
-            mask, raw = self._data.id.read_direct_chunk(start)
-        return mask, raw
-
-    def written_chunks(self, visit: Callable[[tuple[int, ...]], None]) -> None:
-        """Call ``visit`` with the first sample of every chunk that was written."""
-        with damage(self.path, self.name):
-            self._data.id.chunk_iter(lambda chunk: visit(chunk.chunk_offset))
+            if self.table is None or self.table.filters is None:
+                values = np.asarray(self._data[box])
+            else:
+                values = self.table.read(box)
+        return np.asarray(values[key], self.dtype)  # numpy turns single values to the native order
 
     def close_file(self) -> None:
         """Close the file it lies in; may be called twice."""
+        self.release()
         with damage(self.path, self.name):
             if self.is_open:
                 self._data.file.close()
+
+    def release(self) -> None:
+        """Close what reading opened beside HDF5's own file."""
+        if self.table is not None:
+            self.table.close()
 
     def _unsafe(self, wanted: str, got: str, remedy: str) -> UnsafeFileError:
         return UnsafeFileError.expected(self.where, wanted, got, remedy)
 
     def _unfinished(self, wanted: str, got: str) -> FileFormatError:
         return FileFormatError.expected(self.where, wanted, got, "the file is unfinished; write it again")
+
+
+def _box(index: Index, shape: tuple[int, ...]) -> tuple[tuple[slice, ...], tuple[int | slice, ...]]:
+    """Return the smallest box of samples that holds ``index``, and the index within that box."""
+    given = index if isinstance(index, tuple) else (index,)
+    if len(given) > len(shape):
+        raise IndexError(f"{len(given)} indices for {len(shape)} axes")
+    box: list[slice] = []
+    within: list[int | slice] = []
+    for part, n in zip((*given, *[slice(None)] * (len(shape) - len(given))), shape, strict=True):
+        if isinstance(part, slice):
+            picked = range(n)[part]
+            first, last = (min(picked[0], picked[-1]), max(picked[0], picked[-1]) + 1) if picked else (0, 0)
+            box.append(slice(first, last))
+            within.append(slice(None, None, part.step) if picked else slice(None))
+        else:
+            at = range(n)[part]
+            box.append(slice(at, at + 1))
+            within.append(0)
+    return tuple(box), tuple(within)

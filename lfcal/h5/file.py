@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,7 @@ class H5File:
         import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
 
         self.path = path
+        self._given: WeakSet[H5Data] = WeakSet()
         try:
             # without HDF5's lock a file can be read while another program writes it, and on network disks
             self._file = h5py.File(path, "r", locking=False)
@@ -55,6 +57,8 @@ class H5File:
 
     def close(self) -> None:
         """Close the file; may be called twice."""
+        for data in self._given:
+            data.release()
         with damage(self.path):
             self._file.close()
 
@@ -90,7 +94,7 @@ class H5File:
         import h5py
 
         with damage(self.path, name):
-            if self._file.get(name, getclass=True, getlink=True) is not h5py.HardLink:
+            if name not in self.names() or self._file.get(name, getclass=True, getlink=True) is not h5py.HardLink:
                 return ()
             entry = self._file[name]
             return tuple(entry.shape or ()) if isinstance(entry, h5py.Dataset) else ()
@@ -104,7 +108,9 @@ class H5File:
         data = self._object(name)
         if not isinstance(data, h5py.Dataset):
             raise FileFormatError.expected(f"{self.path}:/{name}", "a dataset", type(data).__name__, "check the file")
-        return H5Data(data, max_bytes=max_bytes, dtype=dtype, holes=holes)
+        found = H5Data(data, max_bytes=max_bytes, dtype=dtype, holes=holes)
+        self._given.add(found)
+        return found
 
     def values(
         self, name: str, shape: tuple[int, ...] | None = None, *, kinds: str = "iuf", finite: bool = False
@@ -141,15 +147,14 @@ class H5File:
         entry: Any = self._file
         with damage(self.path, name):
             for part in (p for p in name.split("/") if p):
-                link = entry.get(part, getlink=True) if isinstance(entry, h5py.Group) and part in entry.keys() else None
-                if link is None:
-                    names = ", ".join(sorted(entry.keys())[:8]) if isinstance(entry, h5py.Group) else ""
+                # by the list: see `Attributes`
+                names = [str(key) for key in entry] if isinstance(entry, h5py.Group) else []
+                if part not in names:
+                    only = ", ".join(sorted(names)[:8]) or "nothing"
                     raise FileFormatError.expected(
-                        f"{self.path}:/{name}",
-                        "a dataset of this name",
-                        f"only {names or 'nothing'}",
-                        "check the file",
+                        f"{self.path}:/{name}", "a dataset of this name", f"only {only}", "check the file"
                     )
+                link = entry.get(part, getlink=True)
                 # a link may lead to any file of this machine
                 if not isinstance(link, h5py.HardLink):
                     raise UnsafeFileError.expected(

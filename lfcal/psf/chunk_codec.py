@@ -1,8 +1,8 @@
 """HDF5 chunks coded outside of HDF5, so that threads can compress and decompress at once.
 
 HDF5 runs its filters on one thread. Here a chunk passes shuffle, deflate and fletcher32 in worker threads
-(libdeflate and the kernels release the GIL), and only the finished bytes pass through h5py, from the caller's thread.
-What is written is an ordinary HDF5 file.
+(libdeflate and the kernels release the GIL); what is written passes through h5py, from the caller's thread, as finished
+bytes, and what is read does not pass through it at all. The files are ordinary HDF5 files.
 """
 
 from __future__ import annotations
@@ -18,51 +18,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
+from lfcal.h5.chunks import FILTER_NAMES
 from lfcal.h5.dataset import H5Data
-from lfcal.psf._chunk_filters import PIPELINE, decode_chunk, encode_chunk, fletcher32
+from lfcal.h5.filters import encode_chunk
 from lfcal.threads import worker_count
 
-__all__ = [
-    "PIPELINE",
-    "chunk_pipeline",
-    "decode_chunk",
-    "encode_chunk",
-    "fletcher32",
-    "parallel_read",
-    "parallel_write",
-    "pipeline_of_new",
-]
+__all__ = ["chunk_pipeline", "parallel_read", "parallel_write"]
 
-# numbers that the HDF5 library registers its built-in filters under (H5Zpublic.h)
-_FILTERS = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
 _BATCH_BYTES = 1 << 19  # chunks are handed to threads in batches of about this size
 
 
-def chunk_pipeline(
-    shape: tuple[int, ...], chunks: tuple[int, ...] | None, filters: Iterable[int]
-) -> tuple[str, ...] | None:
-    """Return the filters of an HDF5 dataset in order, or None where this module does not code its chunks.
+def chunk_pipeline(dataset: Any) -> tuple[str, ...] | None:
+    """Return the filters of an h5py dataset in order, or None where this module does not code its chunks.
 
     It does for chunks ``(1, 1, 1, nt, ns)`` over whole cutouts with any of shuffle, deflate and fletcher32.
-
-    Parameters
-    ----------
-    shape, chunks
-        Of the dataset; ``chunks`` is None for contiguous data.
-    filters
-        Their HDF5 numbers.
     """
-    if len(shape) != 5 or chunks != (1, 1, 1, *shape[3:]):
+    if not _one_pattern_each(dataset.shape, dataset.chunks):
         return None
-    names = [_FILTERS.get(number) for number in filters]
+    plist = dataset.id.get_create_plist()
+    names = [FILTER_NAMES.get(plist.get_filter(k)[0]) for k in range(plist.get_nfilters())]
     return None if None in names else tuple(name for name in names if name)
 
 
-def pipeline_of_new(dataset: Any) -> tuple[str, ...] | None:
-    """Return `chunk_pipeline` of an h5py dataset that is being written."""
-    plist = dataset.id.get_create_plist()
-    numbers = [plist.get_filter(k)[0] for k in range(plist.get_nfilters())]
-    return chunk_pipeline(dataset.shape, dataset.chunks, numbers)
+def _one_pattern_each(shape: tuple[int, ...], chunks: tuple[int, ...] | None) -> bool:
+    return len(shape) == 5 and chunks == (1, 1, 1, *shape[3:])
 
 
 def _check_plane_number(dataset: Any, z: int) -> None:
@@ -128,7 +107,7 @@ def parallel_write(
             checksums[y, x] = zlib.crc32(pattern.astype(little, copy=False).data)
         return pattern
 
-    filters = pipeline_of_new(dataset)
+    filters = chunk_pipeline(dataset)
     if filters is None:
         before = dataset.id.get_storage_size()
         for y, x in np.ndindex(*shape[:2]):
@@ -173,46 +152,18 @@ def parallel_read(data: H5Data, z: int, *, out: NDArray[Any] | None = None, work
     _check_plane_number(data, z)
     ny, nx, nt, ns = data.shape[1:]
     plane = np.empty((ny, nx, nt, ns), data.dtype) if out is None else out
-    filters = chunk_pipeline(data.shape, data.chunks, data.filters)
-    if filters is None:
+    table = data.table
+    if table is None or table.filters is None or not _one_pattern_each(data.shape, data.chunks):
         plane[...] = data.read(z)
         return plane
-    dtype, where = data.dtype, data.where
 
-    def decode(batch: list[tuple[int, int, tuple[int, bytes]]]) -> None:
-        for y, x, (mask, raw) in batch:
-            name = f"{where} chunk (z={z}, y={y}, x={x})"
-            plane[y, x] = decode_chunk(raw, dtype, (nt, ns), mask, filters, where=name)
+    def decode(batch: list[tuple[int, ...]]) -> None:
+        for y, x in batch:
+            plane[y, x] = table.decoded((z, y, x, 0, 0))[0, 0, 0]
 
-    # an unfinished plane of a recording has holes: HDF5 stores no chunk for what was never written
-    absent = _absent(data, z)
-    for position in absent:
-        plane[position] = data.fill_value
-    here = (position for position in np.ndindex(ny, nx) if position not in absent)
-    # the generator reads raw chunks in this thread, the workers decode them: HDF5 holds a global lock while it reads
-    stored = ((y, x, data.stored_chunk((z, y, x, 0, 0))) for y, x in here)
-    for _ in _in_threads(decode, _batches(stored, _batch_size(data)), worker_count(workers)):
+    for _ in _in_threads(decode, _batches(np.ndindex(ny, nx), _batch_size(data)), worker_count(workers)):
         pass
     return plane
-
-
-def _absent(data: H5Data, z: int) -> set[tuple[int, int]]:
-    """Return the positions (y, x) of plane ``z`` that were never written.
-
-    Asked beforehand, because h5py reads a size that was never set for such a chunk.
-    """
-    # a complete dataset needs no walk over its chunk index
-    if data.complete:
-        return set()
-    _, ny, nx = data.shape[:3]
-    present: set[tuple[int, ...]] = set()
-
-    def visit(start: tuple[int, ...]) -> None:
-        if start[0] == z:
-            present.add(start[1:3])
-
-    data.written_chunks(visit)
-    return {(y, x) for y in range(ny) for x in range(nx)} - present
 
 
 def _in_threads(function: Any, batches: Iterator[Any], workers: int) -> Iterator[Any]:

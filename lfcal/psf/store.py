@@ -18,7 +18,7 @@ from lfcal.errors import InputError
 from lfcal.files import check_other_file, require_space
 from lfcal.h5.writing import new_h5
 from lfcal.progress import Clock, Work, drain
-from lfcal.psf.chunk_codec import parallel_write, pipeline_of_new
+from lfcal.psf.chunk_codec import chunk_pipeline, parallel_write
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import STORED_TYPES, MatrixGroup, MatrixHeader
 from lfcal.psf.matrix import PSFMatrix
@@ -176,7 +176,7 @@ def _mark_default_plot(file: Any) -> None:
 
 def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None = None) -> None:
     """Write one plane ``(ny, nx, nt, ns)`` into an HDF5 dataset, compressing in threads where that is possible."""
-    if pipeline_of_new(data) is None:
+    if chunk_pipeline(data) is None:
         data[z] = plane
         return
     parallel_write(data, z, plane, workers=workers)

@@ -15,7 +15,7 @@ import pytest
 from lfcal.acquire.errors import AcquisitionStopped
 from lfcal.acquire.motion import LAST_POLL_S
 from lfcal.acquire.recording import slots as journal_module
-from lfcal.acquire.recording.durable import FolderLock, write_at
+from lfcal.acquire.recording.durable import FolderLock
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
@@ -32,6 +32,7 @@ from lfcal.devices.errors import (
 from lfcal.devices.simulated.faults import Fault
 from lfcal.devices.simulated.stage import StageModel
 from lfcal.errors import LfcalError, StorageError
+from lfcal.system import write_at
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 PLAN = small_plan()

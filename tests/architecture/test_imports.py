@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,7 @@ COMMON = {
     "axes",
     "progress",
     "files",
+    "system",
     "units",
     "threads",
     "compiled",
@@ -31,11 +33,12 @@ ALLOWED: dict[str, set[str]] = {
     "axes": {"errors"},
     "checks": {"errors"},
     "progress": set(),
-    "threads": set(),
+    "system": {"errors"},
+    "threads": {"errors", "system"},
     "compiled": set(),
     "registry": {"errors"},
-    "files": {"errors", "units"},
-    "h5": {"errors", "files", "units"},
+    "files": {"errors", "units", "system"},
+    "h5": {"compiled", "errors", "files", "system", "units"},
     "figures": {"files"},
     "camera": COMMON,
     "lattice": COMMON | {"camera"},
@@ -127,3 +130,15 @@ def test_every_module_says_what_it_is() -> None:
             text = path.read_text(encoding="utf-8")
             if text.strip() and package != "tests":
                 assert ast.get_docstring(ast.parse(text)), f"{path} has no docstring"
+
+
+PLATFORM_CALLS = re.compile(
+    r"\bos\.(fsync|fdatasync|posix_fallocate|pwrite|pread|kill|replace|rename|cpu_count|sched_getaffinity|sync)\b"
+    r"|\bimport (fcntl|msvcrt)\b|\bO_(BINARY|CLOEXEC|DIRECTORY)\b|\bflock\("
+)
+
+
+@pytest.mark.parametrize("path", [*modules("lfcal"), *modules("gui")], ids=lambda p: str(p.relative_to(ROOT)))
+def test_calls_that_differ_between_systems_have_one_home(path: Path) -> None:
+    if path != ROOT / "lfcal" / "system.py":
+        assert not PLATFORM_CALLS.search(path.read_text(encoding="utf-8")), f"{path.name}: use lfcal.system"

@@ -2,6 +2,6 @@
 
 - ``records``: what is noted with every frame, and the proof that both are whole
 - ``slots``: one recording file, written in place; ``store``: the files of one session; ``writer``: the writing thread
-- ``durable``: locks, reservation and syncs of the operating system
+- ``durable``: the lock of a session folder, and a look at the free space
 - ``reader``: one recording file, read; ``source``: a recorded session as frames
 """

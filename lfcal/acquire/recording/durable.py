@@ -1,73 +1,20 @@
-"""The few things asked of the operating system for bytes that must survive, on every platform."""
+"""What keeps a session on the disk whole: one program at a time, and a look at the free space."""
 
 from __future__ import annotations
 
 import json
 import os
 import shutil
-import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from lfcal.errors import StorageError
 from lfcal.files import storage_errors
+from lfcal.system import OPEN_FLAGS, lock, write_at
 from lfcal.units import format_bytes
 
-__all__ = ["DiskGuard", "FolderLock", "reserve", "sync_data", "sync_folder", "write_at"]
-
-BLOCK = 1 << 24
-OPEN_FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
-"""Flags every descriptor here is opened with."""
-
-
-def reserve(descriptor: int, size: int) -> None:
-    """Reserve ``size`` bytes on disk for the file, so that a full disk shows now and not later."""
-    if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(descriptor, 0, size)
-        return
-    have = os.fstat(descriptor).st_size
-    zeros = bytes(BLOCK)
-    while have < size:
-        have += write_at(descriptor, zeros[: min(BLOCK, size - have)], have)
-
-
-def write_at(descriptor: int, data: bytes | memoryview, offset: int) -> int:
-    """Write all of ``data`` at ``offset``, however many calls it takes; return the number of bytes."""
-    view = memoryview(data).cast("B")
-    done = 0
-    while done < len(view):
-        if hasattr(os, "pwrite"):
-            done += os.pwrite(descriptor, view[done:], offset + done)
-        else:
-            os.lseek(descriptor, offset + done, os.SEEK_SET)
-            done += os.write(descriptor, view[done:])
-    return done
-
-
-def sync_data(descriptor: int) -> None:
-    """Return when what was written is on the disk itself."""
-    if sys.platform == "darwin":  # fsync stops at the drive's cache there
-        import fcntl
-
-        fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
-    elif hasattr(os, "fdatasync"):
-        os.fdatasync(descriptor)
-    else:
-        os.fsync(descriptor)
-
-
-def sync_folder(folder: Path) -> None:
-    """Make the names in ``folder`` durable where the platform can."""
-    if not hasattr(os, "O_DIRECTORY"):
-        return
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        with suppress(OSError):  # some file systems cannot flush a folder
-            os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+__all__ = ["DiskGuard", "FolderLock"]
 
 
 class FolderLock:
@@ -78,7 +25,7 @@ class FolderLock:
         with storage_errors(self.path):
             self._descriptor: int | None = os.open(self.path, os.O_RDWR | os.O_CREAT | OPEN_FLAGS, 0o644)
         try:
-            _lock(self._descriptor)
+            lock(self._descriptor)
         except OSError as error:
             holder = self._holder()
             self.release()
@@ -103,18 +50,6 @@ class FolderLock:
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
-
-
-def _lock(descriptor: int) -> None:
-    if sys.platform == "win32":
-        import msvcrt
-
-        os.lseek(descriptor, 1 << 30, os.SEEK_SET)  # locked bytes cannot be read by others; lock one far away
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-    else:
-        import fcntl
-
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 class DiskGuard:

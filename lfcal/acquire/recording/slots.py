@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.recording.durable import OPEN_FLAGS, reserve, sync_data, sync_folder, write_at
 from lfcal.acquire.recording.records import RECORD, Note, frame_crc, intact, pack
 from lfcal.errors import FileFormatError, StorageError
 from lfcal.files import storage_errors
 from lfcal.h5.file import H5File
+from lfcal.system import OPEN_FLAGS, replace, reserve, sync_data, sync_folder, write_at
+from lfcal.system import read_at as read_bytes
 
 __all__ = ["FORMAT", "VERSION", "Journal", "Layout", "read_at", "read_layout"]
 
@@ -127,11 +128,11 @@ class Journal:
                 try:
                     reserve(descriptor, end)
                     write_at(descriptor, bytes(count * RECORD.itemsize), records_at)
-                    os.fsync(descriptor)
+                    sync_data(descriptor)
                 finally:
                     os.close(descriptor)
                 # under its name only when it is laid out, reserved and on the disk
-                os.replace(part, path)
+                replace(part, path)
                 sync_folder(path.parent)
         finally:
             part.unlink(missing_ok=True)
@@ -210,11 +211,7 @@ class Journal:
 def read_at(descriptor: int, size: int, offset: int, path: Path) -> bytes:
     """Return ``size`` bytes of an open file at ``offset``; ``path`` is for messages."""
     with storage_errors(path):
-        if hasattr(os, "pread"):
-            data = os.pread(descriptor, size, offset)
-        else:
-            os.lseek(descriptor, offset, os.SEEK_SET)
-            data = os.read(descriptor, size)
+        data = read_bytes(descriptor, size, offset)
     if len(data) != size:
         raise FileFormatError.expected(str(path), f"{size} bytes at {offset}", len(data), "the file was cut short")
     return data

@@ -1,0 +1,145 @@
+"""The chunks of a dataset: where they lie in the file, read and decoded without HDF5.
+
+HDF5's own look-up and filters can end the process on a damaged index. Here the index is walked once, every entry of it
+must lie within the file, and what it points at is read as plain bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import weakref
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError
+from lfcal.files import storage_errors
+from lfcal.system import OPEN_FLAGS, read_at
+
+__all__ = ["FILTER_NAMES", "ChunkTable"]
+
+FILTER_NAMES = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
+"""Filters of HDF5 itself that are decoded here, by the numbers of H5Zpublic.h."""
+
+Start = tuple[int, ...]
+
+
+class ChunkTable:
+    """Where the chunks of a dataset are.
+
+    Parameters
+    ----------
+    dataset
+        Open h5py dataset in chunks.
+    path, where
+        Its file, and file and name for messages.
+
+    Raises
+    ------
+    FileFormatError
+        If the index names a chunk that is none, or twice, or lies beyond the file.
+    """
+
+    def __init__(self, dataset: Any, path: Path, where: str) -> None:
+        self._path, self._where = path, where
+        self._shape = tuple(int(n) for n in dataset.shape)
+        self._chunk = tuple(int(n) for n in dataset.chunks)
+        self._dtype = np.dtype(dataset.dtype)
+        self._grid = tuple(-(-n // c) for n, c in zip(self._shape, self._chunk, strict=True))
+        plist = dataset.id.get_create_plist()
+        numbers = [int(plist.get_filter(k)[0]) for k in range(plist.get_nfilters())]
+        self.filters: tuple[str, ...] | None = None
+        """Names of the filters in the order of writing; None where HDF5 must decode them."""
+        if set(numbers) <= set(FILTER_NAMES):
+            self.filters = tuple(FILTER_NAMES[number] for number in numbers)
+        self._at = np.full(self._grid, -1, np.int64)
+        self._size = np.zeros(self._grid, np.int64)
+        self._left_out = np.zeros(self._grid, np.uint32)
+        self._fill = dataset.fillvalue
+        self._lock = threading.Lock()
+        self._walk(dataset)
+        self._closer: weakref.finalize[..., Any] | None = None
+
+    def _walk(self, dataset: Any) -> None:
+        # of a file that is being written HDF5 knows of more bytes than the system
+        if dataset.file.mode != "r":
+            dataset.file.flush()
+        end = dataset.file.id.get_filesize()
+        largest = 2 * int(np.prod(self._chunk, dtype=np.int64)) * self._dtype.itemsize + 4096
+
+        def look(chunk: Any) -> None:
+            place = tuple(start // length for start, length in zip(chunk.chunk_offset, self._chunk, strict=True))
+            inside = all(k < n for k, n in zip(place, self._grid, strict=True))
+            fits = 4 < chunk.size <= largest and 0 < chunk.byte_offset <= end - chunk.size
+            if not inside or not fits or self._at[place] >= 0:
+                raise FileFormatError.expected(
+                    self._where,
+                    "an index of the chunks in the file",
+                    f"chunk {tuple(chunk.chunk_offset)} of {chunk.size} bytes at {chunk.byte_offset}",
+                    "copy the file again from its source",
+                )
+            self._at[place], self._size[place] = chunk.byte_offset, chunk.size
+            self._left_out[place] = chunk.filter_mask
+
+        dataset.id.chunk_iter(look)
+
+    @property
+    def missing(self) -> int:
+        """Number of chunks that were never written."""
+        return int((self._at < 0).sum())
+
+    def stored(self, start: Start) -> tuple[int, bytes] | None:
+        """Return the filters left out of a chunk (bits) and its bytes as stored, None if it was never written.
+
+        ``start`` is its first sample. Safe from several threads.
+        """
+        place = tuple(k // length for k, length in zip(start, self._chunk, strict=True))
+        at, size = int(self._at[place]), int(self._size[place])
+        if at < 0:
+            return None
+        with storage_errors(self._path):
+            raw = read_at(self._open(), size, at)
+        return int(self._left_out[place]), raw
+
+    def _open(self) -> int:
+        """Return a descriptor of the file: HDF5's own must not be moved under its feet."""
+        with self._lock:
+            if self._closer is None:
+                self._descriptor = os.open(self._path, os.O_RDONLY | OPEN_FLAGS)
+                self._closer = weakref.finalize(self, os.close, self._descriptor)
+            return self._descriptor
+
+    def close(self) -> None:
+        """Close the file until the next read."""
+        with self._lock:
+            if self._closer is not None:
+                self._closer()
+                self._closer = None
+
+    def decoded(self, start: Start) -> NDArray[Any]:
+        """Return the values of a whole chunk, the fill value where it was never written."""
+        from lfcal.h5.filters import decode_chunk
+
+        stored = self.stored(start)
+        if stored is None:
+            return np.full(self._chunk, self._fill, self._dtype)
+        assert self.filters is not None
+        name = f"{self._where}, chunk {start}"
+        return decode_chunk(stored[1], self._dtype, self._chunk, stored[0], self.filters, where=name)
+
+    def read(self, slices: tuple[slice, ...]) -> NDArray[Any]:
+        """Return a box of samples, one slice of step 1 and known ends for each axis."""
+        out = np.empty([s.stop - s.start for s in slices], self._dtype)
+        starts = [range(s.start - s.start % c, s.stop, c) for s, c in zip(slices, self._chunk, strict=True)]
+        for start in product(*starts):
+            values = self.decoded(start)
+            ends = [a + n for a, n in zip(start, self._chunk, strict=True)]
+            both = [(max(s.start, a), min(s.stop, b)) for s, a, b in zip(slices, start, ends, strict=True)]
+            there = tuple(slice(a - s.start, b - s.start) for (a, b), s in zip(both, slices, strict=True))
+            here = tuple(slice(a - first, b - first) for (a, b), first in zip(both, start, strict=True))
+            out[there] = values[here]
+        return out

@@ -1,0 +1,230 @@
+"""What is asked of the operating system, on every platform: syncs, reservation, locks, processes, processors."""
+
+from __future__ import annotations
+
+import errno
+import math
+import os
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+from lfcal.errors import StorageError
+
+__all__ = [
+    "OPEN_FLAGS",
+    "is_alive",
+    "lock",
+    "processors",
+    "read_at",
+    "replace",
+    "reserve",
+    "sync_data",
+    "sync_file",
+    "sync_folder",
+    "write_at",
+]
+
+BLOCK = 1 << 24
+OPEN_FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+"""Flags every descriptor is opened with: bytes as they are, and not handed to child processes."""
+
+_SEEKING = threading.Lock()
+"""Where a place in a file cannot be named in the call itself, moving there and writing are one step."""
+
+
+def reserve(descriptor: int, size: int) -> None:
+    """Give a file ``size`` bytes of the disk and keep what is in it, so that a full disk shows now and not later."""
+    if hasattr(os, "posix_fallocate"):
+        try:
+            os.posix_fallocate(descriptor, 0, size)
+            return
+        except OSError as error:
+            if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):
+                raise
+    # written back, as a file may have a length that no blocks of the disk stand behind
+    for offset in range(0, size, BLOCK):
+        length = min(BLOCK, size - offset)
+        write_at(descriptor, read_at(descriptor, length, offset).ljust(length, b"\0"), offset)
+
+
+def write_at(descriptor: int, data: bytes | memoryview, offset: int) -> int:
+    """Write all of ``data`` at ``offset``, however many calls it takes; return the number of bytes."""
+    view = memoryview(data).cast("B")
+    done = 0
+    while done < len(view):
+        done += _write_some(descriptor, view[done:], offset + done)
+    return done
+
+
+def _write_some(descriptor: int, view: memoryview, offset: int) -> int:
+    if hasattr(os, "pwrite"):
+        return os.pwrite(descriptor, view, offset)
+    with _SEEKING:
+        os.lseek(descriptor, offset, os.SEEK_SET)
+        return os.write(descriptor, view)
+
+
+def read_at(descriptor: int, size: int, offset: int) -> bytes:
+    """Return ``size`` bytes at ``offset``, fewer only at the end of the file."""
+    parts = []
+    while size > 0:
+        part = _read_some(descriptor, size, offset)
+        if not part:
+            break
+        parts.append(part)
+        size, offset = size - len(part), offset + len(part)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def _read_some(descriptor: int, size: int, offset: int) -> bytes:
+    if hasattr(os, "pread"):
+        return os.pread(descriptor, size, offset)
+    with _SEEKING:
+        os.lseek(descriptor, offset, os.SEEK_SET)
+        return os.read(descriptor, size)
+
+
+def sync_data(descriptor: int) -> None:
+    """Return when what was written is on the disk itself."""
+    if sys.platform == "darwin":
+        import fcntl
+
+        # fsync stops at the drive's cache there; network disks know nothing else
+        with suppress(OSError):
+            fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
+            return
+    if hasattr(os, "fdatasync"):
+        os.fdatasync(descriptor)
+    else:
+        os.fsync(descriptor)
+
+
+def sync_file(path: Path) -> None:
+    """Bring a file's bytes to the disk; it is opened for writing, as some systems flush nothing else."""
+    descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
+    try:
+        sync_data(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in ``folder`` durable where the system can."""
+    if not hasattr(os, "O_DIRECTORY"):  # a folder cannot be opened there
+        return
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | OPEN_FLAGS)
+    try:
+        with suppress(OSError):  # some file systems cannot flush a folder
+            os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def replace(source: Path, target: Path) -> None:
+    """Give ``source`` the name ``target`` in one step; whatever had it is gone.
+
+    Raises
+    ------
+    StorageError
+        Where the system keeps a file that another program has open (Windows).
+    """
+    try:
+        os.replace(source, target)
+    except PermissionError as error:
+        if sys.platform != "win32":
+            raise
+        raise StorageError(f"{target}: is open in another program; close it there and start again") from error
+
+
+def lock(descriptor: int) -> None:
+    """Lock an open file for this process, until it is closed or the process ends; OSError if it is locked."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        os.lseek(descriptor, 1 << 30, os.SEEK_SET)  # locked bytes cannot be read by others; lock one far away
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+    else:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_alive(process: int) -> bool:
+    """Return whether a process of this number runs."""
+    if sys.platform == "win32":
+        return _is_alive_on_windows(process)
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:  # somebody else's
+        return True
+    return True
+
+
+def _is_alive_on_windows(process: int) -> bool:
+    """Ask by a handle: ``os.kill`` ends the process there, whatever the signal."""
+    import ctypes
+
+    query_limited, denied, still_active = 0x1000, 5, 259
+    kernel = ctypes.WinDLL("kernel32", use_last_error=True)  # type: ignore[attr-defined,unused-ignore]
+    handle = kernel.OpenProcess(query_limited, False, process)
+    if not handle:
+        return bool(ctypes.get_last_error() == denied)  # type: ignore[attr-defined,unused-ignore]
+    try:
+        code = ctypes.c_ulong()
+        return not kernel.GetExitCodeProcess(handle, ctypes.byref(code)) or code.value == still_active
+    finally:
+        kernel.CloseHandle(handle)
+
+
+def processors(root: Path = Path("/")) -> int:
+    """Return how many processors this process may use: of the machine, by affinity, and by a container's limit.
+
+    ``root`` holds ``proc`` and ``sys``, from which the limit is read.
+    """
+    # under taskset and in some containers a process sees fewer processors than the machine has
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, math.ceil(min(count, _quota(root))))
+
+
+def _quota(root: Path) -> float:
+    """Return the processors that the control groups of this process allow, infinite without a limit.
+
+    Version 2 says it in ``cpu.max``, version 1 in ``cpu.cfs_quota_us``; a group above may allow less than its own.
+    """
+    found = [math.inf]
+    for line in _read(root / "proc" / "self" / "cgroup").splitlines():
+        number, _, rest = line.partition(":")
+        controllers, _, place = rest.partition(":")
+        if number == "0":
+            bases = [root / "sys" / "fs" / "cgroup"]
+        elif "cpu" in controllers.split(","):
+            bases = [root / "sys" / "fs" / "cgroup" / name for name in (controllers, "cpu")]
+        else:
+            continue
+        for base in bases:
+            group = base / place.strip("/")
+            # inside a container the path may be that of the machine: the group at the base is then its own
+            found += [_limit(g) for g in (group, *group.parents) if g == base or base in g.parents]
+    return min(found)
+
+
+def _limit(group: Path) -> float:
+    quota, _, period = _read(group / "cpu.max").partition(" ")
+    if not quota:
+        quota, period = _read(group / "cpu.cfs_quota_us"), _read(group / "cpu.cfs_period_us")
+    try:
+        share = int(quota) / int(period)
+    except (ValueError, ZeroDivisionError):  # "max", or no such file
+        return math.inf
+    return share if share > 0 else math.inf  # -1: none
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii").strip()
+    except (OSError, ValueError):
+        return ""

@@ -1,0 +1,251 @@
+"""Calls of the operating system, with and without what single systems lack."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import subprocess
+import sys
+import types
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from lfcal import system
+from lfcal.errors import StorageError
+from lfcal.files import replace_whole
+from lfcal.system import (
+    is_alive,
+    lock,
+    processors,
+    read_at,
+    replace,
+    reserve,
+    sync_data,
+    sync_file,
+    sync_folder,
+    write_at,
+)
+
+POSIX = pytest.mark.skipif(os.name == "nt", reason="this system has no such call to hide")
+
+
+@pytest.fixture
+def descriptor(tmp_path: Path) -> Iterator[int]:
+    found = os.open(tmp_path / "f", os.O_RDWR | os.O_CREAT)
+    yield found
+    os.close(found)
+
+
+def hide(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    for name in names:
+        monkeypatch.delattr(os, name, raising=False)
+
+
+@pytest.mark.parametrize("plain", [False, True])
+def test_write_read_and_reserve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plain: bool, descriptor: int) -> None:
+    if plain:
+        hide(monkeypatch, "pwrite", "pread", "posix_fallocate", "fdatasync", "O_DIRECTORY")
+        monkeypatch.setattr(system, "BLOCK", 1000)
+    reserve(descriptor, 12345)
+    assert os.fstat(descriptor).st_size == 12345
+    assert write_at(descriptor, b"hello", 7) == 5
+    sync_data(descriptor)
+    sync_file(tmp_path / "f")
+    sync_folder(tmp_path)
+    assert read_at(descriptor, 5, 7) == b"hello" and read_at(descriptor, 10, 12340) == bytes(5)
+    reserve(descriptor, 13000)  # what is there stays
+    assert (tmp_path / "f").read_bytes() == bytes(7) + b"hello" + bytes(13000 - 12)
+
+
+@pytest.mark.parametrize("why", ["no call", errno.EOPNOTSUPP, errno.EINVAL])
+def test_a_length_without_blocks_is_reserved(monkeypatch: pytest.MonkeyPatch, why: str | int, descriptor: int) -> None:
+    """HDF5 lays a recording out at full length without a byte on the disk behind it."""
+    os.ftruncate(descriptor, 1 << 20)
+    if os.fstat(descriptor).st_blocks * 512 >= 1 << 20:
+        pytest.skip("this file system has no files with holes")
+
+    def refuse(*_: int) -> None:
+        raise OSError(why, "refused")
+
+    if why == "no call":
+        hide(monkeypatch, "posix_fallocate")
+    else:
+        monkeypatch.setattr(os, "posix_fallocate", refuse, raising=False)
+    reserve(descriptor, 1 << 20)
+    assert os.fstat(descriptor).st_blocks * 512 >= 1 << 20
+
+
+@POSIX
+def test_a_disk_that_is_full_is_not_taken_for_one_that_cannot_reserve(
+    monkeypatch: pytest.MonkeyPatch, descriptor: int
+) -> None:
+    def full(*_: int) -> None:
+        raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr(os, "posix_fallocate", full, raising=False)
+    with pytest.raises(OSError, match="full"):
+        reserve(descriptor, 100)
+
+
+@POSIX
+def test_short_writes_and_reads_are_completed(monkeypatch: pytest.MonkeyPatch, descriptor: int) -> None:
+    write, read = os.pwrite, os.pread
+    monkeypatch.setattr(os, "pwrite", lambda fd, data, at: write(fd, memoryview(data)[:3], at))
+    monkeypatch.setattr(os, "pread", lambda fd, size, at: read(fd, min(size, 3), at))
+    write_at(descriptor, b"0123456789", 2)
+    assert read_at(descriptor, 12, 0) == b"\0\x000123456789"
+
+
+@pytest.mark.parametrize("able", [True, False])
+def test_on_a_mac_the_drive_is_flushed_too(monkeypatch: pytest.MonkeyPatch, descriptor: int, able: bool) -> None:
+    asked: list[str] = []
+
+    def call(fd: int, command: int) -> None:
+        asked.append(f"fcntl {command}")
+        if not able:
+            raise OSError(errno.ENOTSUP, "a network disk")
+
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setitem(sys.modules, "fcntl", types.SimpleNamespace(fcntl=call, F_FULLFSYNC=51))  # type: ignore[misc]
+    hide(monkeypatch, "fdatasync")
+    monkeypatch.setattr(os, "fsync", lambda fd: asked.append("fsync"))
+    sync_data(descriptor)
+    assert asked == ["fcntl 51"] + ([] if able else ["fsync"])
+
+
+def test_files_are_flushed_by_a_descriptor_that_may_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows flushes no other, and opens no folder."""
+    modes: list[int] = []
+    real = os.open
+
+    def opened(path: Path, flags: int, *more: int) -> int:
+        modes.append(flags & (os.O_RDONLY | os.O_WRONLY | os.O_RDWR))
+        return real(path, flags, *more)
+
+    (tmp_path / "f").write_bytes(b"1")
+    hide(monkeypatch, "O_DIRECTORY")
+    monkeypatch.setattr(os, "open", opened)
+    sync_file(tmp_path / "f")
+    sync_folder(tmp_path)
+    assert modes == [os.O_RDWR]
+
+
+def test_a_target_that_is_open_elsewhere_is_one_line_on_windows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(os, "replace", refused)
+    with pytest.raises(PermissionError):
+        replace(tmp_path / "a", tmp_path / "b")
+    monkeypatch.setattr(sys, "platform", "win32")
+    with pytest.raises(StorageError, match=r"b: is open in another program; close it there and start again"):
+        replace(tmp_path / "a", tmp_path / "b")
+
+
+def test_a_file_is_written_whole_without_the_calls_of_unix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hide(monkeypatch, "pwrite", "pread", "posix_fallocate", "fdatasync", "O_DIRECTORY", "sched_getaffinity")
+    for text in ("old", "new"):
+        with replace_whole(tmp_path / "H.h5") as part:
+            part.write_text(text)
+    assert (tmp_path / "H.h5").read_text() == "new" and len(list(tmp_path.iterdir())) == 1
+
+
+@POSIX
+def test_a_lock_is_held_until_the_file_is_closed(tmp_path: Path, descriptor: int) -> None:
+    lock(descriptor)
+    other = os.open(tmp_path / "f", os.O_RDWR)
+    try:
+        with pytest.raises(OSError, match=r"."):
+            lock(other)
+    finally:
+        os.close(other)
+
+
+def test_windows_locks_a_byte_far_from_the_data(monkeypatch: pytest.MonkeyPatch, descriptor: int) -> None:
+    places: list[tuple[int, int]] = []
+    fake = types.SimpleNamespace(
+        LK_NBLCK=2, locking=lambda fd, mode, n: places.append((os.lseek(fd, 0, os.SEEK_CUR), n))
+    )
+    monkeypatch.setitem(sys.modules, "msvcrt", fake)  # type: ignore[misc]
+    monkeypatch.setattr(sys, "platform", "win32")
+    lock(descriptor)
+    assert places == [(1 << 30, 1)]
+
+
+@POSIX
+def test_processes_live_and_die() -> None:
+    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    assert is_alive(child.pid) and is_alive(os.getpid()) and is_alive(1)
+    child.communicate(b"\n")
+    assert not is_alive(child.pid)
+    assert not is_alive(1 << 80)
+
+
+@pytest.mark.parametrize(
+    ("handle", "error", "code", "alive"), [(0, 87, 0, False), (0, 5, 0, True), (7, 0, 259, True), (7, 0, 1, False)]
+)
+def test_windows_is_asked_by_a_handle_and_never_by_a_signal(
+    monkeypatch: pytest.MonkeyPatch, handle: int, error: int, code: int, alive: bool
+) -> None:
+    closed: list[int] = []
+
+    def exit_code(_: int, place: object) -> int:
+        place._obj.value = code  # type: ignore[attr-defined]
+        return 1
+
+    kernel = types.SimpleNamespace(
+        OpenProcess=lambda *_: handle, GetExitCodeProcess=exit_code, CloseHandle=closed.append
+    )
+    monkeypatch.setattr(ctypes, "WinDLL", lambda *_, **__: kernel, raising=False)
+    monkeypatch.setattr(ctypes, "get_last_error", lambda: error, raising=False)
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(os, "kill", lambda *_: pytest.fail("a signal was sent"))
+    assert is_alive(1234) is alive
+    assert closed == ([7] if handle else [])
+
+
+@pytest.mark.parametrize(
+    ("groups", "files", "expected"),
+    [
+        ("0::/", {"cpu.max": "150000 100000"}, 2),
+        ("0::/", {"cpu.max": "max 100000"}, 64),
+        ("0::/", {}, 64),
+        ("0::/a/b", {"a/b/cpu.max": "max 100000", "a/cpu.max": "300000 100000"}, 3),
+        ("0::/docker/123", {"cpu.max": "50000 100000"}, 1),
+        ("0::/../..", {"cpu.max": "200000 100000"}, 2),
+        (
+            "4:cpu,cpuacct:/d",
+            {"cpu,cpuacct/d/cpu.cfs_quota_us": "250000", "cpu,cpuacct/d/cpu.cfs_period_us": "1e5"},
+            64,
+        ),
+        ("4:cpu,cpuacct:/d", {"cpu/cpu.cfs_quota_us": "250000", "cpu/cpu.cfs_period_us": "100000"}, 3),
+        ("4:cpu:/d\n0::/", {"cpu/d/cpu.cfs_quota_us": "-1", "cpu/d/cpu.cfs_period_us": "100000"}, 64),
+        ("4:memory:/d", {"memory/d/cpu.max": "100000 100000"}, 64),
+        ("nonsense", {"cpu.max": "7 0"}, 64),
+        ("0::/", {"cpu.max": "9999999 100000"}, 64),
+    ],
+)
+def test_the_limits_of_containers_are_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, groups: str, files: dict[str, str], expected: int
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(64)), raising=False)
+    (tmp_path / "proc" / "self").mkdir(parents=True)
+    (tmp_path / "proc" / "self" / "cgroup").write_text(groups + "\n")
+    for name, text in files.items():
+        path = tmp_path / "sys" / "fs" / "cgroup" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+    assert processors(tmp_path) == expected
+
+
+def test_processors_where_affinity_is_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hide(monkeypatch, "sched_getaffinity")
+    monkeypatch.setattr(os, "cpu_count", lambda: 5)
+    assert processors(tmp_path) == 5
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert processors(tmp_path) == 1
