@@ -35,6 +35,7 @@ print(json.dumps(found))
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="resident memory is read from /proc")
+@pytest.mark.long
 def test_memory_is_flat_over_ten_thousand_positions(tmp_path: Path) -> None:
     quick = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=quick if os.access(quick, os.W_OK) else tmp_path) as folder:

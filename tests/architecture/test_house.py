@@ -30,6 +30,7 @@ def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@cache
 def imports(path: Path) -> set[tuple[str, str]]:
     """Return (module, name) of every import anywhere in a file; the name is empty where a module is imported."""
     found: set[tuple[str, str]] = set()

@@ -130,6 +130,7 @@ def swap(path: Path, one: str, other: str) -> None:
     path.write_text(text.replace(one, "<>").replace(other, one).replace("<>", other), encoding="utf-8")
 
 
+@pytest.mark.long
 def test_a_warm_cache_sees_a_record_in_the_file_of_its_kernel_only(tmp_path: Path) -> None:
     """The second half is why: should it fail one day, numba has learnt to look and the rule may go."""
     (tmp_path / "together.py").write_text(RECORD + KERNEL)
@@ -163,7 +164,12 @@ REGION = (
 @pytest.mark.parametrize(
     ("file", "fields", "code"),
     [
-        ("reconstruct/projectors/_kernels.py", ("    period_y: int", "    period_x: int"), WINDOWS),
+        pytest.param(
+            "reconstruct/projectors/_kernels.py",
+            ("    period_y: int", "    period_x: int"),
+            WINDOWS,
+            marks=pytest.mark.long,
+        ),
         ("frames/corrections/_kernels.py", ("    per_row: float", "    per_column: float"), REGION),
     ],
 )

@@ -43,6 +43,7 @@ def bench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     return Bench(monkeypatch, capsys)
 
 
+@pytest.mark.long
 def test_accuracy_of_a_plane_in_micrometres(bench: Bench, tmp_path: Path) -> None:
     chart = tmp_path / "curve.png"
     options = ("--depth", -20000, "--positions", 1, "--tolerance", 0.2, "--out", chart)
@@ -51,6 +52,7 @@ def test_accuracy_of_a_plane_in_micrometres(bench: Bench, tmp_path: Path) -> Non
     assert found["ladder"]["positions"] == 1 and chart.stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_accuracy_checks_the_prediction(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """The whole H takes minutes: what is predicted and run is a stand-in, what is said of it is not."""
     monkeypatch.setattr("lfcal.simulate.predict_seconds", lambda *_, **__: 4.0)
@@ -93,6 +95,7 @@ def test_transpose_file(bench: Bench) -> None:
     assert found["seconds"] > 0 and found["peak_bytes"] > found["plane_bytes"]
 
 
+@pytest.mark.long
 def test_inspect(bench: Bench, tmp_path: Path) -> None:
     common = ("--preset", "bench", "--cutout", 41, "--folder", tmp_path, "--workers", 1)
     quiet = bench.json("inspect", *common, "--planes", 2, "--noise", 0, "--compression", "zstd")

@@ -12,6 +12,7 @@ from lfcal.cli import main
 from lfcal.errors import InputError
 
 
+@pytest.mark.long
 def test_error_falls_with_the_nodes():
     rows = measure(5.0, 31, 1)
     errors = [row.error for row in rows if row.name.startswith("lfcal")]

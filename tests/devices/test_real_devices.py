@@ -179,6 +179,7 @@ def test_aravis_losing_packets_retries_and_keeps_only_whole_frames(tmp_path: Pat
 
 
 @ARAVIS
+@pytest.mark.long
 def test_aravis_camera_killed_in_the_middle_stops_and_resumes(tmp_path: Path) -> None:
     plan = plan_for((2048, 2048), 8)
     options = replace(OPTIONS, grab_timeout_s=0.3)
