@@ -17,6 +17,7 @@ from lfcal.camera import Camera
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.files import check_regular
 from lfcal.h5.attributes import Attributes
+from lfcal.h5.dataset import H5Data
 from lfcal.h5.file import H5File
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.facts import Facts
@@ -114,23 +115,36 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
     camera = attributes.text("camera")
     provenance = _provenance(file, attributes)
     sums = f"{prefix}depth_sum"
-    scale, offset = (data.attributes.numbers(name, (1, shape[0])) for name in ("scale", "offset"))
-    if scale is not None and not scale.all():
-        raise FileFormatError.expected(data.where, "a scale above 0", "0", "take the file from its source again")
+    scale, offset = _scaling(data, shape[0])
     anchor = attributes.numbers("anchor", (2,))
     return PSFMatrix(
         data,
         depths=file.values(f"{prefix}depths", shape[:1], finite=True),
         camera=Camera.from_json(camera) if camera is not None else None,
         anchor=(0.0, 0.0) if anchor is None else (float(anchor[0]), float(anchor[1])),
-        scale=1.0 if scale is None else scale,
-        offset=0.0 if offset is None else offset,
+        scale=scale,
+        offset=offset,
         facts=_facts(file, prefix, shape, provenance),
         depth_sums=file.values(sums, (shape[0], *shape[3:]), finite=True) if sums in file else None,
         region=attributes.text("region", ""),
         transposed=attributes.text("matrix", "H") == "HT",
         provenance=provenance,
     )
+
+
+def _scaling(data: H5Data, planes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return scale and offset, one number or one per plane; every stored value must stay a finite float32."""
+    given = (data.attributes.numbers(name, (1, planes)) for name in ("scale", "offset"))
+    scale, offset = (np.full(1, default) if v is None else v for v, default in zip(given, (1.0, 0.0), strict=True))
+    largest = float(np.iinfo(data.dtype).max) if data.dtype.kind in "iu" else 1.0
+    if not scale.all() or (np.abs(scale) * largest + np.abs(offset) > np.finfo(np.float32).max).any():
+        raise FileFormatError.expected(
+            f"{data.where}, scale and offset",
+            "numbers that give finite values",
+            f"{scale[0]:g} and {offset[0]:g}",
+            "take the file from its source again",
+        )
+    return scale, offset
 
 
 def _check_conventions(file: H5File, attributes: Attributes) -> None:

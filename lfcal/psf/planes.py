@@ -188,10 +188,13 @@ class ScaledPlanes:
         self.dtype = np.dtype(np.float32)
 
     def _values(self, stored: NDArray[Any], z: int) -> NDArray[np.float32]:
-        values = stored.astype(np.float32)
-        # in place: a plane may be several GB
-        values *= np.float32(self.scale[z])
-        values += np.float32(self.offset[z])
+        with np.errstate(over="ignore"):  # of stored floats; integers were checked when the file was opened
+            values = stored.astype(np.float32)
+            # in place: a plane may be several GB
+            values *= np.float32(self.scale[z])
+            values += np.float32(self.offset[z])
+        if stored.dtype.kind == "f":
+            _check_finite(values, f"plane {z}, scaled")
         return values
 
     def plane(self, z: int) -> NDArray[Any]:
