@@ -1,0 +1,66 @@
+"""A recording whose header is gone or whose end is cut off: where its frames lie follows from the session.
+
+`lfcal.acquire.recording.slots.lay_out` puts the same recording at the same place every time, and the records prove it.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lfcal.acquire.recording.durable import OPEN_FLAGS, reserve, write_at
+from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.records import FILES, Kind
+from lfcal.acquire.recording.slots import Layout, lay_out, read_layout
+from lfcal.errors import LfcalError
+from lfcal.files import storage_errors
+
+__all__ = ["Made", "as_made", "recovered", "restore"]
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A recording as the session laid it out: where everything lies, its size (bytes), and the bytes of its header."""
+
+    layout: Layout
+    size: int
+    header: bytes
+
+
+def as_made(kind: Kind, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]) -> Made:
+    """Return how the file for ``kind`` was laid out; see `lfcal.acquire.recording.slots.Journal.create`."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "layout.h5"  # sparse: it takes the room of its header only
+        size, records_at = lay_out(path, count, shape, dtype, {**attributes, "holds": FILES[kind]})
+        with path.open("rb") as file:
+            header = file.read(records_at)
+        return Made(read_layout(path), size, header)
+
+
+def recovered(path: Path, made: Made) -> RecordingFile | None:
+    """Return a recording that HDF5 cannot open, read where it was ``made``; None where no record is found there."""
+    try:
+        file = RecordingFile(path, made.layout)
+    except (LfcalError, OSError):
+        return None
+    if file.taken.any():
+        return file
+    file.close()
+    return None
+
+
+def restore(path: Path, made: Made) -> None:
+    """Give a recording its header and its size again; records and frames that are there stay as they are."""
+    with storage_errors(path):
+        descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
+        try:
+            reserve(descriptor, made.size)
+            write_at(descriptor, made.header, 0)
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
