@@ -59,10 +59,10 @@ class RecordingFile:
             or frame_crc(np.ascontiguousarray(frame).data.cast("B")) != self.records["frame_crc"][slot]
         ):
             raise FileFormatError.expected(
-                f"{self.path.name} frame {slot}",
+                f"{self.path.name}[{slot}]",
                 "the recorded bytes",
                 "damaged or never taken ones",
-                "record this position again",
+                "record it again (lfcal acquire --resume)",
             )
         return frame
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,7 @@ from lfcal.acquire.recording.slots import Layout, lay_out, read_layout
 from lfcal.errors import LfcalError
 from lfcal.files import storage_errors
 
-__all__ = ["Made", "as_made", "recovered", "restore"]
+__all__ = ["Made", "as_made", "opened", "recovered", "restore"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,3 +66,30 @@ def restore(path: Path, made: Made) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+@contextmanager
+def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFile | None, str]]:
+    """Open a recording as far as that is possible; give it, or None, and what is wrong with the file."""
+    fault, file = "", None
+    try:
+        file = RecordingFile(path)
+        want, got = made.layout, file.layout
+        if (got.count, got.shape, got.dtype) != (want.count, want.shape, want.dtype):
+            fault = f"{got.count} frames of {got.shape} {got.dtype}, not those of this session"
+        elif got.attributes.get("session") != identity:
+            fault = "one of another session"
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+        fault = " ".join(str(error).split()).removeprefix(f"{path}: ")
+        size = path.stat().st_size if path.is_file() else 0
+        file = recovered(path, made) if size else None
+        if file is not None:
+            fault = f"cut short: {size} of {made.size} bytes" if size < made.size else "its header is damaged"
+    if fault and file is not None and file.layout is not made.layout:
+        file.close()
+        file = None
+    try:
+        yield file, fault
+    finally:
+        if file is not None:
+            file.close()

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from lfcal.acquire.recording.contents import files_made
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import Kind, file_name
 from lfcal.acquire.recording.recovery import restore
 from lfcal.acquire.recording.slots import Journal
-from lfcal.acquire.recording.verify import SessionReport, files_made
+from lfcal.acquire.recording.verify import SessionReport
 from lfcal.acquire.session_file import SessionFile
 from lfcal.errors import FileFormatError
 from lfcal.files import replace_whole, require_space

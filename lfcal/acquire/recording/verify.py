@@ -4,26 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.acquire.recording.contents import Slots, files_made, slots_of
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import Kind, file_name
-from lfcal.acquire.recording.recovery import Made, as_made, recovered
-from lfcal.acquire.recording.store import files_of
-from lfcal.acquire.schedule import Schedule
-from lfcal.acquire.session_file import SessionFile, frame_dtype
+from lfcal.acquire.recording.recovery import opened
+from lfcal.acquire.session_file import SessionFile
 from lfcal.frames.source import Position
 from lfcal.progress import Clock, Work, drain
 from lfcal.threads import worker_count
 
-__all__ = ["DamagedFrame", "FileReport", "SessionReport", "Slots", "files_made", "iter_verify", "slots_of", "verify"]
+__all__ = ["DamagedFrame", "FileReport", "SessionReport", "iter_verify", "verify"]
 
 BLOCK_BYTES = 1 << 24
 """Frames are handed to the threads in blocks of about this size."""
@@ -122,27 +119,6 @@ class SessionReport:
         return np.array([d.slot for d in self.damaged if d.file == file], np.int64)
 
 
-class Slots(NamedTuple):
-    """What belongs into each slot of one file: its ``kinds`` ``(N,)`` and ``flat`` positions ``(N,)`` of the plan."""
-
-    kinds: NDArray[np.uint8]
-    flat: NDArray[np.int64]
-
-
-def slots_of(schedule: Schedule, kind: Kind) -> Slots:
-    """Return what belongs into the slots of the file for ``kind``."""
-    here = np.isin(schedule.kinds, [k for k in Kind if file_name(k, 0) == file_name(kind, 0)])
-    order = np.argsort(schedule.slots[here])
-    return Slots(schedule.kinds[here][order], schedule.flat[here][order])
-
-
-def files_made(session: SessionFile, run: int, schedule: Schedule) -> dict[Kind, Made]:
-    """Return how the files of recording ``run`` were laid out, by the kind they are for."""
-    plans = files_of(schedule, frame_dtype(session.plan, session.options, session.devices))
-    about = session.attributes(run, schedule)
-    return {kind: as_made(kind, *plan, about) for kind, plan in plans.items()}
-
-
 def iter_verify(folder: Path, *, workers: int | None = None) -> Work[SessionReport]:
     """Check every record and every frame of a session against its CRC-32.
 
@@ -168,7 +144,7 @@ def iter_verify(folder: Path, *, workers: int | None = None) -> Work[SessionRepo
     for run, schedule in enumerate(schedules):
         for kind, made in files_made(session, run, schedule).items():
             part = _Checked(file_name(kind, run), run, slots_of(schedule, kind))
-            with _opened(folder / part.file, made, session.identity) as (file, part.fault):
+            with opened(folder / part.file, made, session.identity) as (file, part.fault):
                 if file is None:
                     part.states[:] = State.LOST
                 else:
@@ -184,33 +160,6 @@ def iter_verify(folder: Path, *, workers: int | None = None) -> Work[SessionRepo
 def verify(folder: Path, *, workers: int | None = None) -> SessionReport:
     """Check every record and every frame of a session; see `iter_verify`."""
     return drain(iter_verify(folder, workers=workers))
-
-
-@contextmanager
-def _opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFile | None, str]]:
-    """Open a recording as far as that is possible; give it, or None, and what is wrong with the file."""
-    fault, file = "", None
-    try:
-        file = RecordingFile(path)
-        want, got = made.layout, file.layout
-        if (got.count, got.shape, got.dtype) != (want.count, want.shape, want.dtype):
-            fault = f"{got.count} frames of {got.shape} {got.dtype}, not those of this session"
-        elif got.attributes.get("session") != identity:
-            fault = "one of another session"
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-        fault = " ".join(str(error).split()).removeprefix(f"{path}: ")
-        size = path.stat().st_size if path.is_file() else 0
-        file = recovered(path, made) if size else None
-        if file is not None:
-            fault = f"cut short: {size} of {made.size} bytes" if size < made.size else "its header is damaged"
-    if fault and file is not None and file.layout is not made.layout:
-        file.close()
-        file = None
-    try:
-        yield file, fault
-    finally:
-        if file is not None:
-            file.close()
 
 
 class _Checked:

@@ -80,7 +80,7 @@ def test_damaged_frames_are_taken_again(sessions: dict[str, Path], tmp_path: Pat
 def test_damaged_darks_are_taken_again(sessions: dict[str, Path], tmp_path: Path, how: str) -> None:
     folder = copy_of(sessions[how], tmp_path)
     rot_frame(folder / "darks.h5", 0)
-    with pytest.raises(FileFormatError, match=r"darks\.h5 frame 0"):
+    with pytest.raises(FileFormatError, match=r"dark frame: darks\.h5\[0\]"):
         matrix(folder)
     assert resume(folder).damaged == 1
     assert verify(folder).ok
