@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.acquire.recording.durable import OPEN_FLAGS, reserve, write_at
 from lfcal.acquire.recording.reader import RecordingFile
@@ -27,11 +28,20 @@ __all__ = ["Made", "as_made", "opened", "recovered", "restore"]
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A recording as the session laid it out: where everything lies, its size (bytes), and the bytes of its header."""
+    """A recording as the session laid it out.
+
+    ``layout`` says where everything lies; ``size`` (bytes) and ``header`` are the file's.
+    """
 
     layout: Layout
     size: int
     header: bytes
+
+    @property
+    def frame_ends(self) -> NDArray[np.int64]:
+        """Where in the file each frame ends (bytes), ``(N,)``."""
+        layout = self.layout
+        return layout.frames_at + layout.frame_bytes * np.arange(1, layout.count + 1, dtype=np.int64)
 
 
 def as_made(kind: Kind, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]) -> Made:
@@ -45,12 +55,16 @@ def as_made(kind: Kind, count: int, shape: tuple[int, int], dtype: np.dtype[Any]
 
 
 def recovered(path: Path, made: Made) -> RecordingFile | None:
-    """Return a recording that HDF5 cannot open, read where it was ``made``; None where no record is found there."""
+    """Return a recording that HDF5 cannot open, read where it was ``made``; None where no frame is whole there.
+
+    A packed recording may have its records at the same place, but never a frame.
+    """
     try:
         file = RecordingFile(path, made.layout)
     except (LfcalError, OSError):
         return None
-    if file.taken.any():
+    within = np.flatnonzero(file.taken & (made.frame_ends <= path.stat().st_size))
+    if any(file.is_whole(slot) for slot in within.tolist()):
         return file
     file.close()
     return None

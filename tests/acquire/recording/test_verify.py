@@ -95,7 +95,7 @@ def test_a_page_of_zeros_names_the_frames_on_it(sessions: dict[str, Path], tmp_p
     assert 3 <= len(lost) <= 6
 
 
-@pytest.mark.parametrize("kept", [26.5, 9.0, 0.0])
+@pytest.mark.parametrize("kept", [26.5, 9.0, 1.0])
 def test_a_file_cut_short_names_what_is_lost(sessions: dict[str, Path], tmp_path: Path, kept: float) -> None:
     folder = copy_of(sessions["in place"], tmp_path)
     path = folder / "recording.h5"
@@ -105,6 +105,22 @@ def test_a_file_cut_short_names_what_is_lost(sessions: dict[str, Path], tmp_path
     assert report.files[0].fault.startswith("cut short: ")
     assert [d.slot for d in report.damaged] == list(range(int(kept), 27))
     assert {d.what for d in report.damaged} == {"lost"}
+
+
+@pytest.mark.parametrize("how", ["in place", "packed"])
+def test_a_file_without_a_whole_frame_is_never_taken_for_one_in_place(
+    sessions: dict[str, Path], tmp_path: Path, how: str
+) -> None:
+    """What is restored must not be a packed recording: its records may lie where those of one in place do."""
+    folder = copy_of(sessions[how], tmp_path)
+    path = folder / "recording.h5"
+    if how == "packed":
+        wipe(path, 0, 600)
+    else:
+        cut(path, read_layout(path).frames_at + 40)
+    report = verify(folder)
+    assert report.files[0].whole == 0 and report.files[0].damaged == 27
+    assert "cut short" not in report.files[0].fault and "header" not in report.files[0].fault
 
 
 def test_a_header_of_zeros_loses_no_frame(sessions: dict[str, Path], tmp_path: Path) -> None:
