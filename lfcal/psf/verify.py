@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, LfcalError
-from lfcal.files import check_dataset, open_h5
+from lfcal.errors import FileFormatError, StorageError
 from lfcal.frames.source import Position
+from lfcal.h5.dataset import H5Data
+from lfcal.h5.file import H5File
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.layout import plane_checksum
@@ -101,17 +102,17 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
     for number, region in enumerate(regions):
         with open_psf(source, region=region) as matrix:
             missing += int((matrix.recorded == 0).sum())
-        with open_h5(source) as file:
+        with H5File(source) as file:
             prefix = f"{REGIONS}/{region}/" if number else ""
-            data = check_dataset(file, f"{prefix}H")
-            stored = _Stored.of(file, prefix, len(data)) if f"{prefix}checksum" in file else None
+            data = file.dataset(f"{prefix}H")
+            stored = _Stored.of(file, prefix, data) if f"{prefix}checksum" in file else None
             compared &= stored is not None
-            clock = Clock(f"check planes {region}".rstrip(), len(data))
-            for z in range(len(data)):
+            clock = Clock(f"check planes {region}".rstrip(), data.shape[0])
+            for z in range(data.shape[0]):
                 yield clock.at(z)
                 found += _look(data, z, stored, region, workers)
-            planes += len(data)
-            yield clock.at(len(data))
+            planes += data.shape[0]
+            yield clock.at(data.shape[0])
     return MatrixCheck(source, planes, compared, tuple(found), missing)
 
 
@@ -129,13 +130,17 @@ class _Stored(NamedTuple):
     offset: NDArray[np.float64]
 
     @classmethod
-    def of(cls, file: Any, prefix: str, planes: int) -> _Stored:
+    def of(cls, file: H5File, prefix: str, data: H5Data) -> _Stored:
         """Read it."""
-        checksum, sums = (check_dataset(file, prefix + name)[()] for name in ("checksum", "depth_sum"))
-        about = check_dataset(file, f"{prefix}H").attrs
+        planes = data.shape[0]
+        checksum = file.values(f"{prefix}checksum", (planes,), kinds="u")
+        sums = file.values(f"{prefix}depth_sum", (planes, *data.shape[3:]))
         scale, offset = (
-            np.broadcast_to(np.asarray(about.get(name, default), np.float64), planes)
-            for name, default in (("scale", 1.0), ("offset", 0.0))
+            np.broadcast_to(default if found is None else found, planes)
+            for found, default in (
+                (data.attributes.numbers("scale", (1, planes)), 1.0),
+                (data.attributes.numbers("offset", (1, planes)), 0.0),
+            )
         )
         return cls(checksum, sums, scale, offset)
 
@@ -146,11 +151,11 @@ class _Stored(NamedTuple):
         return bool(np.allclose(found, self.depth_sum[z], rtol=0, atol=1e-5 * float(np.abs(found).max()) + 1e-300))
 
 
-def _look(data: Any, z: int, stored: _Stored | None, region: str, workers: int | None) -> Iterator[DamagedPlane]:
+def _look(data: H5Data, z: int, stored: _Stored | None, region: str, workers: int | None) -> Iterator[DamagedPlane]:
     """Yield what is wrong with plane ``z``."""
     try:
         plane = parallel_read(data, z, workers=workers)
-    except (LfcalError, OSError, RuntimeError, ValueError):
+    except (FileFormatError, StorageError):  # a bad sector is damage too
         yield DamagedPlane(region, z, "damaged", _undecodable(data, z))
         return
     if stored is not None and plane_checksum(plane, workers) != int(stored.checksum[z]):
@@ -162,13 +167,13 @@ def _look(data: Any, z: int, stored: _Stored | None, region: str, workers: int |
         yield DamagedPlane(region, z, "depth sum changed")
 
 
-def _undecodable(data: Any, z: int) -> tuple[Position, ...]:
+def _undecodable(data: H5Data, z: int) -> tuple[Position, ...]:
     """Return the positions of plane ``z`` whose patterns HDF5 cannot decode."""
     bad = np.zeros(data.shape[1:3], np.bool_)
     for y, x in np.ndindex(*bad.shape):
         try:
-            data[z, y, x]
-        except (OSError, RuntimeError, ValueError, FileFormatError):
+            data.read((z, y, x))
+        except (FileFormatError, StorageError):  # a bad sector is damage too
             bad[y, x] = True
     return _at(z, bad)
 

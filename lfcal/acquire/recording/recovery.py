@@ -22,6 +22,7 @@ from lfcal.acquire.recording.records import FILES, Kind
 from lfcal.acquire.recording.slots import Layout, lay_out, read_layout
 from lfcal.errors import LfcalError
 from lfcal.files import storage_errors
+from lfcal.h5.probe import trust
 
 __all__ = ["Made", "as_made", "opened", "recovered", "restore"]
 
@@ -49,6 +50,7 @@ def as_made(kind: Kind, count: int, shape: tuple[int, int], dtype: np.dtype[Any]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "layout.h5"  # sparse: it takes the room of its header only
         size, records_at = lay_out(path, count, shape, dtype, {**attributes, "holds": FILES[kind]})
+        trust(path)
         with path.open("rb") as file:
             header = file.read(records_at)
         return Made(read_layout(path), size, header)
