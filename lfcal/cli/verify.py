@@ -48,6 +48,8 @@ def _session(path: Path, redo: Path | None, workers: int | None, json: bool) -> 
     from lfcal.cli.console import print_json, run_work
     from lfcal.plain import plain
 
+    if redo is not None and redo.exists():
+        RedoList.read(redo)  # an earlier list may be replaced, nothing else
     report = run_work(iter_verify(path, workers=workers), quiet=json)
     if redo is not None and report.to_redo:
         RedoList.of(report.to_redo, ["damaged"] * len(report.to_redo)).write(redo)

@@ -130,4 +130,9 @@ def test_what_cannot_be_checked_is_refused_in_one_line(lfcal: Lfcal, sample: Pat
     for arguments in cases:
         run = lfcal("verify", *arguments)
         assert run.code == 2 and run.err.count("\n") == 1 and not run.out, arguments
+    rot_frame(sample / "recording.h5", 3)
+    before = (sample / "session.json").read_bytes()
+    run = lfcal("verify", sample, "--redo", sample / "session.json")
+    assert run.code == 2 and run.err.count("\n") == 1
+    assert (sample / "session.json").read_bytes() == before, "what is no list is never replaced by one"
     assert "name its folder" in lfcal("verify", sample / "recording.h5").err
