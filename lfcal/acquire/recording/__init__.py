@@ -3,5 +3,7 @@
 - ``records``: what is noted with every frame, and the proof that both are whole
 - ``slots``: one recording file, written in place; ``store``: the files of one session; ``writer``: the writing thread
 - ``durable``: the lock of a session folder, and a look at the free space
+- ``verify``: what of a session is whole, damaged, or was never taken; ``recovery``: files without header or end;
+  ``repair``: a session made ready to take its damaged frames again
 - ``reader``: one recording file, read; ``source``: a recorded session as frames
 """
