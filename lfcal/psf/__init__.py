@@ -5,6 +5,7 @@
 - ``opening``, ``store``, ``layout``: the H file; ``chunk_codec`` compresses it on all processors
 - ``cutout``, ``gather``, ``assemble``, ``assemble_plan``, ``pedestal``: frames to H with the shifting cutout
 - ``transpose``: HT, one slice of it, depth-plane sums
+- ``verify``: is a file still what was written?
 - ``aperture``, ``quality``, ``compare``, ``report``: is it any good?
 - ``export``, ``matlab``: H for other programs, and theirs for lfcal
 """
@@ -21,6 +22,7 @@ from lfcal.psf.quality import QualityReport, inspect, iter_inspect
 from lfcal.psf.report import iter_report, report
 from lfcal.psf.store import PSFWriter, iter_save, save, save_regions
 from lfcal.psf.transpose import transpose
+from lfcal.psf.verify import MatrixCheck, iter_verify, verify
 
 __all__ = [
     "AssemblyReport",
@@ -28,6 +30,7 @@ __all__ = [
     "Comparison",
     "Cutout",
     "Facts",
+    "MatrixCheck",
     "PSFMatrix",
     "PSFWriter",
     "QualityReport",
@@ -44,10 +47,12 @@ __all__ = [
     "iter_inspect",
     "iter_report",
     "iter_save",
+    "iter_verify",
     "open_psf",
     "regions_of",
     "report",
     "save",
     "save_regions",
     "transpose",
+    "verify",
 ]

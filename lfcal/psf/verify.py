@@ -1,0 +1,182 @@
+"""Every plane of an H file compared with its checksum; damage is located as far as that is possible."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError, StorageError
+from lfcal.frames.source import Position
+from lfcal.h5.dataset import H5Data
+from lfcal.h5.file import H5File
+from lfcal.progress import Clock, Work, drain
+from lfcal.psf.chunk_codec import parallel_read
+from lfcal.psf.layout import plane_checksum
+from lfcal.psf.opening import open_psf, regions_of
+from lfcal.psf.store import REGIONS
+from lfcal.psf.transpose import depth_sum
+
+__all__ = ["DamagedPlane", "MatrixCheck", "iter_verify", "verify"]
+
+
+@dataclass(frozen=True, slots=True)
+class DamagedPlane:
+    """A plane that is not what was written.
+
+    Attributes
+    ----------
+    region
+        Region of the field, empty for the only one.
+    z
+        Depth plane.
+    what
+        ``"damaged"``: patterns cannot be decoded; ``"changed"``: all can, but their checksum is another;
+        ``"not finite"``: there are NaN or infinite values; ``"depth sum changed"``: the stored sum over all positions
+        is not that of the patterns.
+    positions
+        The patterns (z, y, x) that are at fault; empty where only the plane is known.
+    """
+
+    region: str
+    z: int
+    what: str
+    positions: tuple[Position, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class MatrixCheck:
+    """What a full check of an H file found.
+
+    Attributes
+    ----------
+    path
+        The file.
+    planes
+        Planes read, over all regions.
+    compared
+        Whether they could be compared with checksums; files of version 1 have none.
+    damaged
+        Planes that are not what was written.
+    missing
+        Positions that were never recorded.
+    """
+
+    path: Path
+    planes: int
+    compared: bool
+    damaged: tuple[DamagedPlane, ...]
+    missing: int
+
+    @property
+    def ok(self) -> bool:
+        """Whether everything that could be checked is as it was written."""
+        return not self.damaged
+
+
+def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> Work[MatrixCheck]:
+    """Read every plane of an H file, all regions of the field, and compare it with its checksum.
+
+    Parameters
+    ----------
+    path
+        H file of lfcal (.h5).
+    workers
+        Threads; None takes every processor.
+
+    Raises
+    ------
+    StorageError, FileFormatError, UnsafeFileError
+        If it is no H file, or damaged so far that it cannot be opened.
+    """
+    source = Path(path)
+    regions = regions_of(source)
+    found: list[DamagedPlane] = []
+    planes = missing = 0
+    compared = True
+    for number, region in enumerate(regions):
+        with open_psf(source, region=region) as matrix:
+            missing += int((matrix.recorded == 0).sum())
+        with H5File(source) as file:
+            prefix = f"{REGIONS}/{region}/" if number else ""
+            data = file.dataset(f"{prefix}H")
+            stored = _Stored.of(file, prefix, data) if f"{prefix}checksum" in file else None
+            compared &= stored is not None
+            clock = Clock(f"check planes {region}".rstrip(), data.shape[0])
+            for z in range(data.shape[0]):
+                yield clock.at(z)
+                found += _look(data, z, stored, region, workers)
+            planes += data.shape[0]
+            yield clock.at(data.shape[0])
+    return MatrixCheck(source, planes, compared, tuple(found), missing)
+
+
+def verify(path: str | os.PathLike[str], *, workers: int | None = None) -> MatrixCheck:
+    """Check every plane of an H file; see `iter_verify`."""
+    return drain(iter_verify(path, workers=workers))
+
+
+class _Stored(NamedTuple):
+    """What a file of version 2 says of its planes: checksums, sums over all positions, scale and offset."""
+
+    checksum: NDArray[np.uint32]
+    depth_sum: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, file: H5File, prefix: str, data: H5Data) -> _Stored:
+        """Read it."""
+        planes = data.shape[0]
+        checksum = file.values(f"{prefix}checksum", (planes,), kinds="u")
+        sums = file.values(f"{prefix}depth_sum", (planes, *data.shape[3:]))
+        scale, offset = (
+            np.broadcast_to(default if found is None else found, planes)
+            for found, default in (
+                (data.attributes.numbers("scale", (1, planes)), 1.0),
+                (data.attributes.numbers("offset", (1, planes)), 0.0),
+            )
+        )
+        return cls(checksum, sums, scale, offset)
+
+    def sums_agree(self, z: int, plane: NDArray[Any], workers: int | None) -> bool:
+        """Return whether the stored sum of plane ``z`` is that of its patterns, to rounding."""
+        count = plane.shape[0] * plane.shape[1]
+        found = depth_sum(plane, workers) * self.scale[z] + count * self.offset[z]
+        return bool(np.allclose(found, self.depth_sum[z], rtol=0, atol=1e-5 * float(np.abs(found).max()) + 1e-300))
+
+
+def _look(data: H5Data, z: int, stored: _Stored | None, region: str, workers: int | None) -> Iterator[DamagedPlane]:
+    """Yield what is wrong with plane ``z``."""
+    try:
+        plane = parallel_read(data, z, workers=workers)
+    except (FileFormatError, StorageError):  # a bad sector is damage too
+        yield DamagedPlane(region, z, "damaged", _undecodable(data, z))
+        return
+    if stored is not None and plane_checksum(plane, workers) != int(stored.checksum[z]):
+        yield DamagedPlane(region, z, "changed")
+    finite = np.array([[bool(np.isfinite(pattern).all()) for pattern in row] for row in plane])
+    if not finite.all():
+        yield DamagedPlane(region, z, "not finite", _at(z, ~finite))
+    elif stored is not None and not stored.sums_agree(z, plane, workers):
+        yield DamagedPlane(region, z, "depth sum changed")
+
+
+def _undecodable(data: H5Data, z: int) -> tuple[Position, ...]:
+    """Return the positions of plane ``z`` whose patterns HDF5 cannot decode."""
+    bad = np.zeros(data.shape[1:3], np.bool_)
+    for y, x in np.ndindex(*bad.shape):
+        try:
+            data.read((z, y, x))
+        except (FileFormatError, StorageError):  # a bad sector is damage too
+            bad[y, x] = True
+    return _at(z, bad)
+
+
+def _at(z: int, mask: NDArray[np.bool_]) -> tuple[Position, ...]:
+    return tuple(Position(z, y, x) for y, x in np.argwhere(mask).tolist())
