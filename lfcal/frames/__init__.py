@@ -6,6 +6,7 @@
 - ``manifest``, ``manifest_file``, ``positions``: which frame was taken where
 - ``regions``: parts of a frame; ``cfa``, ``channels``: colour filter patterns, and mosaics by channel
 - ``described``: what a scan plan adds to what frames say of themselves; ``aligned``: left-aligned samples
+- ``damage``: frames that cannot be read, named and left out
 - ``corrections``: single corrections, their chain, the recipe, and the corrected view made from it
 """
 
@@ -17,12 +18,13 @@ from lfcal.frames.corrections.defect_search import find_defects, iter_find_defec
 from lfcal.frames.corrections.defects import Defects
 from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
 from lfcal.frames.corrections.steps import Dark, Exposure, White, average_frames
+from lfcal.frames.damage import iter_undamaged
 from lfcal.frames.formats.opening import open_image, read_image
 from lfcal.frames.manifest import FrameEntry, Manifest
 from lfcal.frames.manifest_file import read_manifest, write_manifest
 from lfcal.frames.opening import open_frames
 from lfcal.frames.positions import NamePattern, scan_positions
-from lfcal.frames.source import FrameInfo, Frames, FrameSource, Noise, Position, Samples
+from lfcal.frames.source import FrameInfo, Frames, FrameSource, LeftOut, Noise, Position, Samples
 from lfcal.frames.sources.array import ArraySource
 from lfcal.frames.sources.folder import FolderSource
 
@@ -42,6 +44,7 @@ __all__ = [
     "FrameInfo",
     "FrameSource",
     "Frames",
+    "LeftOut",
     "Manifest",
     "NamePattern",
     "Noise",
@@ -55,6 +58,7 @@ __all__ = [
     "corrected_view",
     "find_defects",
     "iter_find_defects",
+    "iter_undamaged",
     "open_frames",
     "open_image",
     "read_image",

@@ -32,6 +32,7 @@ def open_frames(
     dataset: str | None = None,
     nan: str = "reject",
     blank: str = "reject",
+    skip_damaged: bool = False,
 ) -> Frames:
     """Open frames together with what is known of each.
 
@@ -56,6 +57,9 @@ def open_frames(
         As in `open_image`.
     nan, blank
         As in `lfcal.frames.sources.folder.check_frame`.
+    skip_damaged
+        Do not let damaged frames stand in the way of opening, where `lfcal.frames.iter_undamaged` leaves them out
+        afterwards; damaged dark frames of a recorded session are left out of their mean.
 
     Raises
     ------
@@ -66,5 +70,5 @@ def open_frames(
     if not path.exists():
         raise StorageError(f"{path}: no such file or folder; check the path")
     shape = None if plan_shape is None else check_plan_shape(plan_shape)
-    options = FrameOptions(manifest, pattern, order, shape, colour, dataset, nan, blank)
+    options = FrameOptions(manifest, pattern, order, shape, colour, dataset, nan, blank, skip_damaged)
     return next(kind for kind in SOURCES if kind.recognises(path)).open(path, options)

@@ -20,6 +20,7 @@ __all__ = [
     "FrameInfo",
     "FrameSource",
     "Frames",
+    "LeftOut",
     "Noise",
     "Position",
     "Samples",
@@ -70,6 +71,14 @@ class FrameInfo:
         return self.points[0]
 
 
+class LeftOut(NamedTuple):
+    """A damaged frame that was left out: its name, its scan position (None for a dark frame), and what is wrong."""
+
+    label: str
+    position: Position | None
+    reason: str
+
+
 class Noise(NamedTuple):
     """The variance of a sample of value v, ``constant + slope * max(v, 0)``, in squared sample values.
 
@@ -106,7 +115,8 @@ class FrameSource(Protocol):
     Frames come in any order; a position may be missing or given more than once. Reading is safe from several
     threads. ``metadata`` holds what is known of all frames: ``bit_depth``, ``saturation`` (sample value),
     ``black_level``, ``cfa``, ``gains``, ``noise`` (`Noise` of raw samples), ``darks`` (recorded with the frames),
-    ``plan_shape``, ``plan``, ``path`` …; an entry that is not there is not known.
+    ``plan_shape``, ``plan``, ``path``, ``left_out`` (damaged frames, `LeftOut`) …; an entry that is not there is not
+    known.
     """
 
     @property

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import Camera
 from lfcal.errors import InputError
-from lfcal.frames.source import FrameSource, Position
+from lfcal.frames.source import FrameSource, LeftOut, Position
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.cutout import Cutout
 from lfcal.psf.facts import Facts, pack_valid, stacked
@@ -52,6 +52,8 @@ class AssemblyReport:
         Largest sub-pixel distance (rows, columns) that ``nearest`` left between point and cutout.
     spread
         Median relative difference between repeated frames; None without repeats.
+    left_out
+        Damaged frames, of positions and dark ones, that were left out.
     """
 
     matrix: PSFMatrix
@@ -63,11 +65,14 @@ class AssemblyReport:
     padded: tuple[Position, ...] = ()
     residual_px: tuple[float, float] = (0.0, 0.0)
     spread: float | None = None
+    left_out: tuple[LeftOut, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know, a line each."""
         notes = []
+        if self.left_out:
+            notes.append(f"{len(self.left_out)} damaged frames are left out")
         if self.missing:
             notes.append(f"{len(self.missing)} positions are missing, first (z, y, x) = {tuple(self.missing[0])}")
         if self.repeated:
@@ -150,6 +155,9 @@ def iter_assemble(
         "corrections": source.metadata.get("corrections", {}),
         **(provenance or {}),
     }
+    left_out: tuple[LeftOut, ...] = tuple(source.metadata.get("left_out", ()))
+    if left_out:
+        history["left_out"] = [found._asdict() for found in left_out]
     meta: dict[str, Any] = {"depths": depths, "camera": camera, "anchor": cutout.anchor}
     sink: _Memory | PSFWriter
     if out is None:
@@ -166,7 +174,7 @@ def iter_assemble(
         )
     yield from _fill(gatherer, order, starts, counts, sink, workers)
     matrix = sink.matrix() if isinstance(sink, _Memory) else open_psf(sink.path)
-    return _report(matrix, len(source), missing, repeated, padded, residual)
+    return replace(_report(matrix, len(source), missing, repeated, padded, residual), left_out=left_out)
 
 
 def _fill(

@@ -27,6 +27,7 @@ class FrameOptions:
     dataset: str | None = None
     nan: str = "reject"
     blank: str = "reject"
+    skip_damaged: bool = False
 
     def refuse(self, what: str, *accepted: str) -> None:
         """Raise `InputError` for the first option that is set and that source ``what`` has no use for."""

@@ -39,7 +39,13 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
     if shape is not None and listed.plan_shape != shape:
         listed = _bounded(listed, shape)
     return FolderSource(
-        root, listed, colour=options.colour, dataset=options.dataset, nan=options.nan, blank=options.blank
+        root,
+        listed,
+        colour=options.colour,
+        dataset=options.dataset,
+        nan=options.nan,
+        blank=options.blank,
+        skip_damaged=options.skip_damaged,
     )
 
 

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.checks import check_choice
-from lfcal.errors import FileFormatError, InputError
+from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.cfa import check_greens
+from lfcal.frames.damage import named
 from lfcal.frames.formats.image_file import ImageFile
 from lfcal.frames.formats.opening import open_image
-from lfcal.frames.manifest import Manifest, resolve_inside
+from lfcal.frames.manifest import FrameEntry, Manifest, resolve_inside
 from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, Frames, check_index, check_mask
 
@@ -96,6 +97,8 @@ class FolderSource(Frames):
         As in `open_image`.
     nan, blank
         As in `check_frame`.
+    skip_damaged
+        Take shape and dtype from the first frame that can be read.
 
     Raises
     ------
@@ -112,6 +115,7 @@ class FolderSource(Frames):
         dataset: str | None = None,
         nan: str = "reject",
         blank: str = "reject",
+        skip_damaged: bool = False,
     ) -> None:
         check_choice("NaN in frames", nan, ("reject", "mask"))
         check_choice("blank frames", blank, ("reject", "accept"))
@@ -127,13 +131,24 @@ class FolderSource(Frames):
         self._lock = threading.Lock()
         # closes the files also where a source is dropped without close()
         self._finalizer = weakref.finalize(self, _close_all, self._open)
-        self._shape, self._dtype, self._metadata = self._look()
+        self._shape, self._dtype, self._metadata = self._first_look() if skip_damaged else self._look()
         mask = self._metadata.pop("mask", None)
         self._mask = None if mask is None else check_mask(mask, self._shape, str(root))
 
-    def _look(self) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
-        """Return shape, dtype and metadata as the first frame and the manifest have them."""
-        manifest, name = self.manifest, self.manifest.entries[0].file
+    def _first_look(self) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
+        """Return what the first frame that can be read, and the manifest, say."""
+        for number, entry in enumerate(self.manifest.entries):
+            try:
+                with self._image(entry.file) as image:
+                    image.read(entry.page)
+            except (FileFormatError, StorageError):
+                continue
+            return self._look(number)
+        return self._look()
+
+    def _look(self, number: int = 0) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
+        """Return shape, dtype and metadata as one frame and the manifest have them."""
+        manifest, name = self.manifest, self.manifest.entries[number].file
         with self._image(name) as image:
             shape, dtype = manifest.shape or image.shape, np.dtype(manifest.dtype or image.dtype)
             # positions and exposures belong to single frames, not to all of them
@@ -142,7 +157,7 @@ class FolderSource(Frames):
                 found["cfa"] = manifest.cfa
             self._check_kind(name, image, shape, dtype, manifest.cfa)
             if found.get("cfa"):
-                check_greens(image.read(manifest.entries[0].page), found["cfa"], name)
+                check_greens(image.read(manifest.entries[number].page), found["cfa"], name)
         if manifest.bit_depth is not None:
             found["bit_depth"] = manifest.bit_depth
         if found.get("bit_depth"):
@@ -213,6 +228,10 @@ class FolderSource(Frames):
         """Return frame ``index``, or a part of it, as a new array, checked by `check_frame`."""
         entry = self.manifest.entries[check_index(index, len(self))]
         label = self.info(index).label
+        with named(label, entry.position):
+            return self._read(entry, label, region)
+
+    def _read(self, entry: FrameEntry, label: str, region: Region | None) -> NDArray[Any]:
         with self._image(entry.file) as image:
             self._check_kind(label, image, self._shape, self._dtype, self._metadata.get("cfa", ""))
             if region is None:

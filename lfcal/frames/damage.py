@@ -1,0 +1,105 @@
+"""Frames that cannot be read any more: named with their position, and left out where that is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError, StorageError
+from lfcal.frames.regions import Region
+from lfcal.frames.source import FrameInfo, FrameSource, LeftOut, Position, Samples
+from lfcal.frames.view import SourceView
+from lfcal.progress import Clock, Work
+from lfcal.threads import worker_count
+
+__all__ = ["SelectedSource", "iter_undamaged", "named"]
+
+BLOCK = 64
+
+
+@contextmanager
+def named(label: str, position: Position) -> Iterator[None]:
+    """Name frame and position in the error of a frame that cannot be read, and the way to go on without it."""
+    try:
+        yield
+    except (FileFormatError, StorageError) as error:
+        said = str(error).removeprefix(f"{label}: ")
+        where = f"{label}, (z, y, x) = {tuple(position)}"
+        raise type(error)(f"{where}: {said}, or leave it out (--skip-damaged)") from error
+
+
+class SelectedSource(SourceView):
+    """The frames ``chosen`` (indices) of another source; those ``left_out`` are named in its metadata."""
+
+    def __init__(self, source: FrameSource, chosen: NDArray[np.int64], left_out: tuple[LeftOut, ...]) -> None:
+        super().__init__(source)
+        self._chosen = chosen
+        self._left_out = left_out
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """What is known of the frames, with those ``left_out``."""
+        return {**self.source.metadata, "left_out": self._left_out}
+
+    def __len__(self) -> int:
+        """Return the number of frames chosen."""
+        return len(self._chosen)
+
+    def info(self, index: int) -> FrameInfo:
+        """Return what is known of frame ``index``."""
+        return self.source.info(int(self._chosen[index]))
+
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
+        """Return frame ``index``, or a part of it."""
+        return self.source.read(int(self._chosen[index]), region)
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return the source's samples."""
+        return self.source.samples(int(self._chosen[index]), region)
+
+
+def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[SelectedSource]:
+    """Read every frame once, in threads, and return the source without those that cannot be read.
+
+    Parameters
+    ----------
+    source
+        Raw frames.
+    workers
+        Threads; None takes every processor.
+
+    Raises
+    ------
+    FileFormatError
+        If none can be read.
+    """
+    clock = Clock("check frames", len(source))
+    left_out: dict[int, LeftOut] = {}
+
+    def reason(index: int) -> str:
+        try:
+            source.read(index)
+        except (FileFormatError, StorageError) as error:
+            return str(error)
+        return ""
+
+    with ThreadPoolExecutor(worker_count(workers)) as pool:
+        for start in range(0, len(source), BLOCK):
+            yield clock.at(start)
+            indices = range(start, min(start + BLOCK, len(source)))
+            for index, why in zip(indices, pool.map(reason, indices), strict=True):
+                if why:
+                    info = source.info(index)
+                    left_out[index] = LeftOut(info.label, info.position, why)
+    yield clock.at(len(source))
+    chosen = np.setdiff1d(np.arange(len(source)), list(left_out))
+    if not chosen.size:
+        raise FileFormatError.expected(
+            "frames", "some that can be read", f"{len(left_out)} damaged ones", "record or copy them again"
+        )
+    return SelectedSource(source, chosen, (*source.metadata.get("left_out", ()), *left_out.values()))
