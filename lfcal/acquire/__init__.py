@@ -21,6 +21,7 @@ from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.recording.source import CheckFrame, RecordingSource, read_checks
+from lfcal.acquire.recording.verify import DamagedFrame, SessionReport, iter_verify, verify
 from lfcal.acquire.redo import RedoList
 from lfcal.acquire.runner import Observer, Outcome
 from lfcal.acquire.schedule import Schedule, Step
@@ -33,6 +34,7 @@ __all__ = [
     "Alarm",
     "CheckFrame",
     "Control",
+    "DamagedFrame",
     "Kind",
     "LiveFrame",
     "LiveQuality",
@@ -47,6 +49,7 @@ __all__ = [
     "Schedule",
     "SessionFile",
     "SessionForecast",
+    "SessionReport",
     "Step",
     "check_devices",
     "coarse_order",
@@ -54,8 +57,10 @@ __all__ = [
     "iter_assemble_session",
     "iter_finish",
     "iter_record",
+    "iter_verify",
     "open_rig",
     "read_checks",
     "record",
+    "verify",
     "window_shape",
 ]

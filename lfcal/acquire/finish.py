@@ -16,6 +16,8 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.errors import FileFormatError
 from lfcal.files import replace_whole, require_space
 from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
+from lfcal.frames.damage import iter_undamaged
+from lfcal.frames.source import FrameSource
 from lfcal.h5.filters import encode_chunk
 from lfcal.h5.writing import new_h5
 from lfcal.progress import Clock, Work
@@ -35,6 +37,7 @@ def iter_assemble_session(
     planes: Sequence[int] | None = None,
     recipe: CorrectionRecipe | None = None,
     settings: AssemblySettings | None = None,
+    skip_damaged: bool = False,
 ) -> Work[AssemblyReport]:
     """Assemble H from a session, also from planes that are complete while others are being recorded.
 
@@ -50,9 +53,14 @@ def iter_assemble_session(
         Corrections; None: the session's own darks, and nothing else.
     settings
         As in `lfcal.psf.iter_assemble_plan`.
+    skip_damaged
+        Leave damaged frames out, and name them in report and file, instead of refusing the session.
     """
-    with RecordingSource(folder, planes=planes) as source:
-        view = corrected_view(source, recipe or CorrectionRecipe(), source.plan)
+    with RecordingSource(folder, planes=planes, skip_damaged=skip_damaged) as source:
+        frames: FrameSource = source
+        if skip_damaged:
+            frames = yield from iter_undamaged(source, workers=settings.workers if settings else None)
+        view = corrected_view(frames, recipe or CorrectionRecipe(), source.plan)
         return (yield from iter_assemble_plan(view, source.plan, out, settings))
 
 

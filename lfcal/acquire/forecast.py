@@ -12,7 +12,8 @@ from lfcal.acquire.motion import check_limits
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import RECORD, Kind
 from lfcal.acquire.schedule import Schedule
-from lfcal.acquire.session import check_devices, frame_dtype
+from lfcal.acquire.session import check_devices
+from lfcal.acquire.session_file import frame_dtype
 from lfcal.camera import Forecast, ScanPlan
 from lfcal.devices.protocols import Rig
 from lfcal.files import require_space, storage_errors

@@ -38,12 +38,16 @@ Observer = Callable[[Step, Note, NDArray[Any]], None]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a run ended: ``"complete"``, ``"stopped"`` or ``"aborted"``; positions acknowledged, of how many."""
+    """How a run ended: ``"complete"``, ``"stopped"`` or ``"aborted"``; positions acknowledged, of how many.
+
+    ``damaged`` frames of earlier runs were found on resuming, to be taken again.
+    """
 
     how: str
     acknowledged: int
     total: int
     seconds: float
+    damaged: int = 0
 
 
 class Runner:

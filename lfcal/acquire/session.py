@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
@@ -18,12 +19,13 @@ from lfcal.acquire.options import Options
 from lfcal.acquire.origin import check_origin
 from lfcal.acquire.preview import Preview
 from lfcal.acquire.recording.durable import DiskGuard, FolderLock
+from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import Kind, file_name
-from lfcal.acquire.recording.slots import read_layout
+from lfcal.acquire.recording.repair import iter_repair
 from lfcal.acquire.recording.store import Store
+from lfcal.acquire.recording.verify import SessionReport, iter_verify
 from lfcal.acquire.runner import Observer, Outcome, Runner
-from lfcal.acquire.schedule import Schedule
-from lfcal.acquire.session_file import Devices, Run, SessionFile
+from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Rig
 from lfcal.errors import InputError, LfcalError, StorageError
@@ -31,7 +33,7 @@ from lfcal.files import storage_errors
 from lfcal.frames.source import Position
 from lfcal.progress import Work, drain
 
-__all__ = ["check_devices", "frame_dtype", "iter_record", "record"]
+__all__ = ["check_devices", "iter_record", "record"]
 
 
 def iter_record(
@@ -56,7 +58,8 @@ def iter_record(
         What, with which devices, how; by default the options of the session that goes on, or `Options()`.
     resume
         Go on where an earlier run was interrupted, after checking that plan, options, devices and the
-        stage's origin are the same.
+        stage's origin are the same. Every frame is checked first, and those that are damaged are taken again: in
+        their place, or, where the recording was packed, in a file of their own.
     redo
         Record these positions of a finished session again, into a file of their own; the later frame counts.
     control, preview, observers
@@ -80,13 +83,17 @@ def iter_record(
     with _locked(folder):
         new = SessionFile(uuid.uuid4().hex, plan, options, devices)
         file, first = _prepare(folder, rig, new, resume=resume, redo=redo)
+        found = None
+        if resume:
+            found = yield from iter_verify(folder)
+            file = yield from _repaired(folder, file, rig, options, found)
         outcome = Outcome("complete", 0, 0, 0.0)
         for run in range(first, len(file.recordings)):
             watching = _Watching(control, preview, observers)
-            file, outcome = yield from _record_one(folder, file, run, rig, options, watching, check=resume)
+            file, outcome = yield from _record_one(folder, file, run, rig, options, watching, found)
             if outcome.how != "complete":
                 break
-        return outcome
+        return replace(outcome, damaged=0 if found is None else found.lost)
 
 
 def record(
@@ -119,13 +126,6 @@ def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
     return devices
 
 
-def frame_dtype(plan: ScanPlan, options: Options, devices: Devices) -> np.dtype[Any]:
-    """Return the sample type of recorded frames: the camera's, or float32 where several exposures make one."""
-    if not options.plain or plan.frames_averaged > 1:
-        return np.dtype(np.float32)
-    return np.dtype(np.uint8 if devices.bit_depth <= 8 else np.uint16)
-
-
 def _check_folder(folder: Path, *, new: bool) -> None:
     if new and (folder / "session.json").exists():
         raise InputError.expected(
@@ -143,22 +143,35 @@ def _prepare(
     file = SessionFile.read(folder)
     file.check_same(new.plan, new.options, new.devices)  # again: another program may have been at it before the lock
     if redo is not None:
-        positions = tuple(tuple(map(int, p)) for p in redo)
-        name = file_name(Kind.POSITION, len(file.recordings))
-        file = replace(file, recordings=(*file.recordings, name), redo=(*file.redo, positions))
-        _create(folder, file, len(file.recordings) - 1, rig, new.options)
+        file = _add_recording(folder, file, redo, rig, new.options)
         return file, len(file.recordings) - 1
     return file, 0
 
 
+def _add_recording(
+    folder: Path, file: SessionFile, redo: Sequence[Position], rig: Rig, options: Options
+) -> SessionFile:
+    """Return the session with a further recording, of the positions ``redo``."""
+    positions = tuple(tuple(map(int, p)) for p in redo)
+    name = file_name(Kind.POSITION, len(file.recordings))
+    file = replace(file, recordings=(*file.recordings, name), redo=(*file.redo, positions))
+    _create(folder, file, len(file.recordings) - 1, rig, options)
+    return file
+
+
+def _repaired(folder: Path, file: SessionFile, rig: Rig, options: Options, found: SessionReport) -> Work[SessionFile]:
+    """Return the session ready to take its damaged frames again; those of packed recordings get one of their own."""
+    again = yield from iter_repair(folder, file, found)
+    return _add_recording(folder, file, again, rig, options) if again else file
+
+
 def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Options) -> None:
     """Lay out recording ``run`` and enter it in ``session.json``, or leave nothing."""
-    schedule = _schedule(file, run)
+    schedule = file.schedule(run)
     # limits and light are checked before anything is made
     Runner(rig, file.plan, options, schedule, _Nowhere(), np.ones(len(schedule), np.bool_))
-    # the region is needed to place dark frames on the sensor
-    attributes = {"session": file.identity, "roi": list(_roi_list(schedule)), "run": run}
-    Store.create(folder, run, schedule, frame_dtype(file.plan, file.options, file.devices), attributes).close()
+    dtype = frame_dtype(file.plan, file.options, file.devices)
+    Store.create(folder, run, schedule, dtype, file.attributes(run, schedule)).close()
     try:
         file.write(folder)
     except BaseException:
@@ -193,16 +206,23 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _record_one(
-    folder: Path, file: SessionFile, run: int, rig: Rig, options: Options, watching: _Watching, *, check: bool
+    folder: Path,
+    file: SessionFile,
+    run: int,
+    rig: Rig,
+    options: Options,
+    watching: _Watching,
+    found: SessionReport | None,
 ) -> Work[tuple[SessionFile, Outcome]]:
-    """Record what recording ``run`` lacks, and note the stretch in ``session.json``."""
-    schedule = _schedule(file, run)
-    if not read_layout(folder / file.recordings[run]).in_place:  # packed, so it was complete
-        count = schedule.count(Kind.POSITION)
-        return file, Outcome("complete", count, count, 0.0)
-    store = Store.open(folder, run, schedule, frame_dtype(file.plan, file.options, file.devices), file.identity)
+    """Record what recording ``run`` lacks or ``found`` damaged, and note the stretch in ``session.json``."""
+    schedule = file.schedule(run)
+    dtype = frame_dtype(file.plan, file.options, file.devices)
+    store = Store.open(folder, run, schedule, dtype, file.identity, _nothing if found is None else found.slots)
     try:
         todo = store.todo()
+        if not store.writable:  # packed, so it was complete
+            count = schedule.count(Kind.POSITION)
+            return file, Outcome("complete", count, count, 0.0)
         runner = Runner(
             rig,
             file.plan,
@@ -214,14 +234,32 @@ def _record_one(
             low_space=DiskGuard(folder, options.keep_free_bytes),
             elapsed_s=store.elapsed_s,
         )
-        latest = store.latest()
-        if check and latest is not None and todo.any() and options.origin_tolerance_px is not None:
-            check_origin(rig, file.plan, options, schedule, latest, watching.control)
+        if found is not None and todo.any():
+            _check_origin(folder, file, rig, options, watching.control, found)
         file = replace(file, runs=(*file.runs, Run(_now())))
         file.write(folder)  # before the first frame: a crash leaves the run as interrupted
         return (yield from _run_noted(folder, file, runner))
     finally:
         store.close()
+
+
+def _check_origin(
+    folder: Path, file: SessionFile, rig: Rig, options: Options, control: Control, found: SessionReport
+) -> None:
+    """Compare the latest position of the session that is whole with what the camera sees there now."""
+    if options.origin_tolerance_px is None:
+        return
+    for name in reversed(file.recordings):
+        with RecordingFile(folder / name) as recording:
+            there = recording.taken.copy()
+            there[found.slots(name)] = False
+            if not there.any():
+                continue
+            records = recording.records
+            slot = int(np.argmax(np.where(there, records["sequence"].astype(np.int64), -1)))
+            latest = slot, recording.read(slot), records[slot]
+        check_origin(rig, file.plan, options, file.schedule(0), latest, control)
+        return
 
 
 def _run_noted(folder: Path, file: SessionFile, runner: Runner) -> Work[tuple[SessionFile, Outcome]]:
@@ -246,19 +284,13 @@ def _note(folder: Path, file: SessionFile, how: str, done: int, seconds: float, 
     return file
 
 
-def _schedule(file: SessionFile, run: int) -> Schedule:
-    # an empty list stands for all positions
-    redo = [Position(*p) for p in file.redo[run]] or None
-    return Schedule.of(file.plan, file.options, redo)
-
-
-def _roi_list(schedule: Schedule) -> tuple[int, int, int, int]:
-    roi = schedule.roi
-    return roi.row, roi.column, roi.rows, roi.columns
-
-
 def _now() -> str:
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
+def _nothing(_: str) -> NDArray[np.int64]:
+    """No damaged slots, whatever the file."""
+    return np.array([], np.int64)
 
 
 class _Nowhere:

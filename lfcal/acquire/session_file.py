@@ -8,15 +8,19 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind, file_name
+from lfcal.acquire.schedule import Schedule
 from lfcal.camera import ScanPlan
 from lfcal.camera.description import build
 from lfcal.devices.protocols import Rig
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.files import read_text, replace_whole
+from lfcal.frames.source import Position
 
-__all__ = ["Devices", "Run", "SessionFile"]
+__all__ = ["Devices", "Run", "SessionFile", "frame_dtype"]
 
 FORMAT = "lfcal-session"
 VERSION = 1
@@ -77,6 +81,25 @@ class SessionFile:
     recordings: tuple[str, ...] = ("recording.h5",)
     redo: tuple[tuple[tuple[int, ...], ...], ...] = ((),)
     runs: tuple[Run, ...] = ()
+
+    def schedule(self, run: int) -> Schedule:
+        """Return the steps of recording ``run``."""
+        whole = Schedule.of(self.plan, self.options)
+        if not self.redo[run]:  # an empty list stands for all positions
+            return whole
+        # the same region of the sensor is read out as before, so that only the position is taken again
+        return replace(Schedule.of(self.plan, self.options, [Position(*p) for p in self.redo[run]]), roi=whole.roi)
+
+    def attributes(self, run: int, schedule: Schedule) -> dict[str, Any]:
+        """Return what the files of recording ``run`` say of themselves."""
+        roi = schedule.roi
+        # the region is needed to place dark frames on the sensor
+        return {"session": self.identity, "roi": [roi.row, roi.column, roi.rows, roi.columns], "run": run}
+
+    def was_complete(self, run: int) -> bool:
+        """Return whether recording ``run`` is known to have been completed at some time."""
+        count = len(set(self.redo[run])) or int(np.prod(self.plan.shape[:3]))
+        return any(past.how == "complete" and past.acknowledged == count for past in self.runs)
 
     def write(self, folder: Path) -> None:
         """Write ``session.json`` into ``folder``, whole or not at all."""
@@ -146,6 +169,13 @@ class SessionFile:
                 got,
                 "record with the same plan and devices, or start a new session folder",
             )
+
+
+def frame_dtype(plan: ScanPlan, options: Options, devices: Devices) -> np.dtype[Any]:
+    """Return the sample type of recorded frames: the camera's, or float32 where several exposures make one."""
+    if not options.plain or plan.frames_averaged > 1:
+        return np.dtype(np.float32)
+    return np.dtype(np.uint8 if devices.bit_depth <= 8 else np.uint16)
 
 
 def _difference(old: Any, new: Any, what: str) -> tuple[str, Any, Any] | None:

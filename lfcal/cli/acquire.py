@@ -315,6 +315,8 @@ def _report(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> 
     else:
         time_taken = format_seconds(outcome.seconds)
         typer.echo(f"{out}: {outcome.how}, {outcome.acknowledged} of {outcome.total} positions in {time_taken}")
+        if outcome.damaged:
+            typer.echo(f"  {outcome.damaged} damaged frames were found; those recorded now replace them")
         for alarm in result["alarms"]:
             typer.echo(f"  {alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
         if "H" in result:

@@ -18,6 +18,7 @@ ORDER = (
     "white",
     "simulate",
     "acquire",
+    "verify",
     "assemble",
     "inspect",
     "transpose",

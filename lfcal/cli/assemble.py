@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from lfcal.psf.assemble_plan import AssemblySettings
 
 
+LISTED = 20
+"""Damaged frames that are listed; all of them are in the JSON output and in the file's provenance."""
+
+
 def register(app: typer.Typer) -> None:
     """Add ``assemble`` to the app."""
     app.command("assemble")(command)
@@ -61,6 +65,9 @@ def command(
     interpolation: str = typer.Option("", "--interpolation", help="nearest, linear, cubic or fourier."),
     pad: bool = typer.Option(False, "--pad", help="Pad cutouts that leave the sensor with zeros, and mark them."),
     strict: bool = typer.Option(False, "--strict", help="Missing and repeated positions are errors."),
+    skip_damaged: bool = typer.Option(
+        False, "--skip-damaged", help="Leave out frames that cannot be read, and list them; every frame is read twice."
+    ),
     keep_pedestal: bool = typer.Option(
         False, "--keep-pedestal", help="Accept frames whose black level nothing subtracts."
     ),
@@ -100,28 +107,44 @@ def command(
         compression=compression,
         workers=workers,
     )
-    source, scan = open_scan(frames, plan, manifest=manifest, pattern=pattern, order=order)
-    _assemble(source, scan, recipe, settings, out=out, json=json)
+    source, scan = open_scan(frames, plan, manifest=manifest, pattern=pattern, order=order, skip_damaged=skip_damaged)
+    _assemble(source, scan, recipe, settings, out=out, json=json, skip_damaged=skip_damaged)
 
 
 def _assemble(
-    source: Frames, plan: ScanPlan, recipe: CorrectionRecipe, settings: AssemblySettings, *, out: Path, json: bool
+    source: Frames,
+    plan: ScanPlan,
+    recipe: CorrectionRecipe,
+    settings: AssemblySettings,
+    *,
+    out: Path,
+    json: bool,
+    skip_damaged: bool,
 ) -> None:
     """Correct, crop and write H; print what was made."""
     from lfcal.cli.console import run_work
-    from lfcal.frames import corrected_view
+    from lfcal.frames import corrected_view, iter_undamaged
     from lfcal.psf.assemble_plan import iter_assemble_plan
 
     start = time.perf_counter()
     with source:
-        view = corrected_view(source, recipe, plan)
+        frames: Frames = source
+        if skip_damaged:
+            frames = run_work(iter_undamaged(source, workers=settings.workers), quiet=json)
+        view = corrected_view(frames, recipe, plan)
         report = run_work(iter_assemble_plan(view, plan, out, settings), quiet=json)
     with report.matrix:
         show_report(report, out, time.perf_counter() - start, json)
 
 
 def open_scan(
-    frames: Path, plan: Path | None, *, manifest: Path | None = None, pattern: str = "", order: str = ""
+    frames: Path,
+    plan: Path | None,
+    *,
+    manifest: Path | None = None,
+    pattern: str = "",
+    order: str = "",
+    skip_damaged: bool = False,
 ) -> tuple[Frames, ScanPlan]:
     """Return the frames and the plan they were recorded by: the one named, their own, or the one that lies there.
 
@@ -135,7 +158,14 @@ def open_scan(
 
     found = find_plan(frames, plan)
     shape = None if found is None else found.shape[:3]
-    source = open_frames(frames, manifest=manifest, pattern=pattern or None, order=order or None, plan_shape=shape)
+    source = open_frames(
+        frames,
+        manifest=manifest,
+        pattern=pattern or None,
+        order=order or None,
+        plan_shape=shape,
+        skip_damaged=skip_damaged,
+    )
     own: ScanPlan | None = source.metadata.get("plan")
     if own is None and found is None:
         source.close()
@@ -198,6 +228,7 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
                 "frames": report.frames,
                 "missing": report.missing,
                 "repeated": report.repeated,
+                "left_out": [found._asdict() for found in report.left_out],
                 "saturated_positions": report.saturated,
                 "unknown_saturation": report.unknown_saturation,
                 "spread": report.spread,
@@ -210,6 +241,9 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
         return
     for note in report.notes:
         line(f"note: {note}")
+    for found in report.left_out[:LISTED]:
+        where = "dark frame" if found.position is None else f"(z, y, x) = {tuple(found.position)}"
+        line(f"left out: {found.label}, {where}")
     size = format_bytes(out.stat().st_size)
     # What the cutout, by whole pixels, leaves of the fractional shifts of the micro-images.
     rows, columns = report.residual_px

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.acquire.recording.records import RECORD, Note, frame_crc, intact, pack
+from lfcal.acquire.recording.records import RECORD, Note, frame_crc, pack
 from lfcal.errors import FileFormatError, StorageError
 from lfcal.files import storage_errors
 from lfcal.h5.file import H5File
 from lfcal.system import OPEN_FLAGS, replace, reserve, sync_data, sync_folder, write_at
 from lfcal.system import read_at as read_bytes
 
-__all__ = ["FORMAT", "VERSION", "Journal", "Layout", "read_at", "read_layout"]
+__all__ = ["FORMAT", "VERSION", "Journal", "Layout", "lay_out", "read_at", "read_layout"]
 
 FORMAT = "lfcal-recording"
 VERSION = 1
@@ -123,7 +123,7 @@ class Journal:
         part = path.with_name(f".{path.name}.part")
         try:
             with storage_errors(path):
-                end, records_at = _lay_out(part, count, shape, dtype, attributes)
+                end, records_at = lay_out(part, count, shape, dtype, attributes)
                 descriptor = os.open(part, os.O_RDWR | OPEN_FLAGS)
                 try:
                     reserve(descriptor, end)
@@ -178,34 +178,19 @@ class Journal:
         data = read_at(self._descriptor, self.layout.count * RECORD.itemsize, self.layout.records_at, self.path)
         return np.frombuffer(data, RECORD).copy()
 
-    def scan(self, *, recheck: int = 256) -> NDArray[np.bool_]:
-        """Return for each slot whether it holds an acknowledged frame.
-
-        Every record is checked; the frames themselves for the ``recheck`` latest, which are the only ones a
-        crash can have torn.
-        """
-        records = self.records()
-        good = intact(records)
-        latest = np.flatnonzero(good)
-        latest = latest[np.argsort(records["sequence"][latest])][-recheck:] if recheck else latest[:0]
-        for slot in latest:
-            data = read_at(self._descriptor, self.layout.frame_bytes, self._frame_at(int(slot)), self.path)
-            good[slot] = frame_crc(data) == records["frame_crc"][slot]
-        return good
-
-    def read(self, slot: int) -> NDArray[Any]:
-        """Return frame ``slot`` as a new array, unchecked."""
-        data = read_at(self._descriptor, self.layout.frame_bytes, self._frame_at(slot), self.path)
-        return np.frombuffer(data, self.layout.dtype).reshape(self.layout.shape).copy()
+    def copy(self, slot: int, frame: NDArray[Any], record: NDArray[Any]) -> None:
+        """Hand over a frame of another recording with its record as it is; see `put`."""
+        layout = self.layout
+        with storage_errors(self.path):
+            data = np.ascontiguousarray(frame).data.cast("B")
+            write_at(self._descriptor, data, layout.frames_at + slot * layout.frame_bytes)
+            write_at(self._descriptor, record.tobytes(), layout.records_at + slot * RECORD.itemsize)
 
     def close(self) -> None:
         """Close the file; may be called twice."""
         if not self._closed:
             self._closed = True
             os.close(self._descriptor)
-
-    def _frame_at(self, slot: int) -> int:
-        return self.layout.frames_at + slot * self.layout.frame_bytes
 
 
 def read_at(descriptor: int, size: int, offset: int, path: Path) -> bytes:
@@ -217,7 +202,7 @@ def read_at(descriptor: int, size: int, offset: int, path: Path) -> bytes:
     return data
 
 
-def _lay_out(
+def lay_out(
     path: Path, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]
 ) -> tuple[int, int]:
     """Make the HDF5 file without any data; return the end of the frames and the start of the records."""

@@ -12,17 +12,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.acquire.recording.darks import read_darks
 from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.recorded import RecordedFile
 from lfcal.acquire.recording.records import Kind, file_name
-from lfcal.acquire.session_file import NAME, SessionFile
+from lfcal.acquire.session_file import NAME, SessionFile, frame_dtype
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
-from lfcal.frames.corrections.steps import Dark, average_frames
+from lfcal.frames.damage import named
 from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, Frames, Position, Samples, check_index
 from lfcal.frames.sources.base import FrameOptions, SourceKind
 
-__all__ = ["SOURCE", "CheckFrame", "RecordingSource", "read_checks", "read_darks"]
+__all__ = ["SOURCE", "CheckFrame", "RecordingSource", "read_checks"]
 
 
 class RecordingSource(Frames):
@@ -37,6 +39,10 @@ class RecordingSource(Frames):
         The session's; it may still be recording.
     planes
         Depth planes to take; their positions are counted from 0 in this order. None takes all.
+    skip_damaged
+        Open files that are damaged, and average the dark frames that are whole. Damaged frames still are among the
+        source's, and cannot be read: `lfcal.frames.iter_undamaged` leaves them out. An older frame never stands in
+        for a damaged one that replaced it.
 
     Raises
     ------
@@ -46,32 +52,38 @@ class RecordingSource(Frames):
         If nothing was recorded.
     """
 
-    def __init__(self, folder: Path, *, planes: Sequence[int] | None = None) -> None:
-        self.session = SessionFile.read(folder)
-        self._shape3 = self.session.plan.shape[:3]
-        self.plan = self.session.plan if planes is None else _part_of(self.session.plan, planes)
+    def __init__(self, folder: Path, *, planes: Sequence[int] | None = None, skip_damaged: bool = False) -> None:
+        self.session = session = SessionFile.read(folder)
+        self._shape3 = session.plan.shape[:3]
+        self.plan = session.plan if planes is None else _part_of(session.plan, planes)
+        self._planes = {z: k for k, z in enumerate(range(self._shape3[0]) if planes is None else planes)}
+        self._folder = folder
         self._stack = ExitStack()
         try:
-            self._files = [self._stack.enter_context(RecordingFile(folder / n)) for n in self.session.recordings]
+            schedules = [session.schedule(run) for run in range(len(session.recordings))]
+            self._frame_shape = schedules[0].window
+            self._files: list[RecordedFile] = []
+            for run, schedule in enumerate(schedules):
+                file = RecordedFile(folder, session, run, schedule, Kind.POSITION, skip_damaged=skip_damaged)
+                self._stack.callback(file.close)
+                self._files.append(file)
             self._where, self._slots, self._flat = self._newest(planes)
-            self._planes = {z: k for k, z in enumerate(range(self._shape3[0]) if planes is None else planes)}
-            self._darks = read_darks(folder)
+            self._darks = read_darks(folder, session, schedules[0], skip_damaged=skip_damaged)
         except BaseException:
             self._stack.close()
             raise
-        self._folder = folder
         self._finalizer = weakref.finalize(self, self._stack.close)  # a source that is let go closes its files
 
     def _newest(self, planes: Sequence[int] | None) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """Return file, slot and flat position of the newest frame of every position there is."""
+        """Return file, slot and flat position of the newest frame of every position there is, damaged or not."""
         count = self._shape3[0] * self._shape3[1] * self._shape3[2]
         where = np.full(count, -1)
         slots = np.zeros(count, np.int64)
         # oldest first, so that a later recording overwrites the entries of an earlier one
         for k, file in enumerate(self._files):
-            taken = np.flatnonzero(file.taken & (file.records["index"] < count))
-            flat = file.records["index"][taken]
-            where[flat], slots[flat] = k, taken
+            held = np.flatnonzero(file.there & (file.records["index"] < count))
+            flat = file.records["index"][held]
+            where[flat], slots[flat] = k, held
         there = where >= 0
         if planes is not None:
             size = self._shape3[1] * self._shape3[2]
@@ -84,12 +96,12 @@ class RecordingSource(Frames):
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of every frame."""
-        return self._files[0].layout.shape
+        return self._frame_shape
 
     @property
     def dtype(self) -> np.dtype[Any]:
         """Sample type of every frame."""
-        return self._files[0].layout.dtype
+        return frame_dtype(self.session.plan, self.session.options, self.session.devices)
 
     @property
     def metadata(self) -> Mapping[str, Any]:
@@ -104,7 +116,9 @@ class RecordingSource(Frames):
             "plan_shape": self.plan.shape[:3],
             "path": str(self._folder),
         }
-        return known | ({"darks": self._darks} if self._darks else {})
+        found = self._darks
+        more = {"darks": found.darks, "lost_darks": found.lost, "left_out": found.left_out}
+        return known | {name: value for name, value in more.items() if value}
 
     def __len__(self) -> int:
         """Return the number of positions with a frame."""
@@ -121,7 +135,7 @@ class RecordingSource(Frames):
             (int(record["row"]), int(record["column"])),
             float(record["exposure_s"]),
             saturated=int(record["saturated"]),
-            label=f"{self._files[self._where[k]].path.name}[{self._slots[k]}]",
+            label=self._files[self._where[k]].label(int(self._slots[k])),
         )
 
     def record(self, index: int) -> Any:
@@ -130,7 +144,9 @@ class RecordingSource(Frames):
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or a part of it; raises `FileFormatError` if it is damaged."""
-        frame = self._files[int(self._where[index])].read(int(self._slots[index]))
+        info = self.info(index)
+        with named(info.label, info.position):
+            frame = self._files[int(self._where[index])].read(int(self._slots[index]))
         if region is None:
             return frame
         return np.ascontiguousarray(frame[check_region(region, self.shape)])
@@ -156,26 +172,9 @@ def _part_of(plan: ScanPlan, planes: Sequence[int]) -> ScanPlan:
     )
 
 
-def read_darks(folder: Path) -> dict[float, Dark]:
-    """Return the mean dark frame of each exposure (s) of a session, empty where none was recorded."""
-    path = folder / file_name(Kind.DARK, 0)
-    if not path.exists():
-        return {}
-    darks: dict[float, Dark] = {}
-    with RecordingFile(path) as file:
-        # nanoseconds: the same exposure read back twice may differ in its last bits
-        exposures = np.round(file.records["exposure_s"], 9)
-        for seconds in np.unique(exposures[file.taken]).tolist():
-            slots = np.flatnonzero(file.taken & (exposures == seconds))
-            first = file.records[slots[0]]
-            mean = average_frames(file.read(slot) for slot in slots.tolist())
-            darks[float(seconds)] = Dark(mean, origin=(int(first["row"]), int(first["column"])))
-    return darks
-
-
 def _open_session(path: Path, options: FrameOptions) -> RecordingSource:
-    options.refuse("recorded session")
-    return RecordingSource(path)
+    options.refuse("recorded session", "skip_damaged")
+    return RecordingSource(path, skip_damaged=options.skip_damaged)
 
 
 SOURCE = SourceKind("recorded session", lambda path: (path / NAME).is_file(), _open_session)

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.records import FILES, RECORD, Kind, Note, file_name
 from lfcal.acquire.recording.slots import Journal
 from lfcal.acquire.schedule import Schedule, Step
 from lfcal.errors import FileFormatError
 from lfcal.files import require_space
 
-__all__ = ["Store"]
+__all__ = ["Store", "files_of"]
 
+T = TypeVar("T")
 CHECKS = (Kind.REFERENCE, Kind.CONTROL)
 
 
@@ -25,32 +28,35 @@ class Store:
     Parameters
     ----------
     journals
-        One per kind that the schedule has.
+        One per kind that the schedule has and whose file is not packed; a packed file was complete.
     schedule
         The steps.
-    recheck
-        How many of the latest frames are read again and checked; see `Journal.scan`.
+    taken
+        For each journal's kind whether its slots hold an acknowledged frame that is whole; None: none does.
+    earlier
+        Records ``[N]`` of all files of the recording, also of packed ones.
     """
 
-    def __init__(self, journals: dict[Kind, Journal], schedule: Schedule, *, recheck: int = 256) -> None:
+    def __init__(
+        self,
+        journals: dict[Kind, Journal],
+        schedule: Schedule,
+        taken: dict[Kind, NDArray[np.bool_]] | None = None,
+        earlier: tuple[NDArray[Any], ...] = (),
+    ) -> None:
         self._journals = journals
         self._schedule = schedule
-        self._taken = {kind: journal.scan(recheck=recheck) for kind, journal in journals.items()}
-        self._sequence = 0
-        self.elapsed_s = 0.0
-        for kind, journal in journals.items():
-            good = journal.records()[self._taken[kind]]
-            if len(good):
-                # a resumed session counts on from its highest number, over all files
-                self._sequence = max(self._sequence, int(good["sequence"].max()) + 1)
-                self.elapsed_s = max(self.elapsed_s, float(good["elapsed_s"].max()))
+        self._taken = taken or {kind: np.zeros(j.layout.count, np.bool_) for kind, j in journals.items()}
+        # a resumed session counts on from its highest number, over all files
+        self._sequence = max((int(found["sequence"].max()) + 1 for found in earlier if len(found)), default=0)
+        self.elapsed_s = max((float(found["elapsed_s"].max()) for found in earlier if len(found)), default=0.0)
 
     @classmethod
     def create(
         cls, folder: Path, run: int, schedule: Schedule, dtype: np.dtype[Any], attributes: dict[str, Any]
     ) -> Store:
         """Lay out and reserve the files of recording ``run``; ``dtype`` is that of its frames."""
-        plans = _files(schedule, dtype)
+        plans = files_of(schedule, dtype)
         need = sum(
             count * (shape[0] * shape[1] * kind.itemsize + RECORD.itemsize) for count, shape, kind in plans.values()
         )
@@ -69,34 +75,42 @@ class Store:
         return cls(_shared(opened), schedule)
 
     @classmethod
-    def open(cls, folder: Path, run: int, schedule: Schedule, dtype: np.dtype[Any], identity: str) -> Store:
-        """Open the files of recording ``run`` to go on; raises `FileFormatError` if they are another session's."""
+    def open(
+        cls,
+        folder: Path,
+        run: int,
+        schedule: Schedule,
+        dtype: np.dtype[Any],
+        identity: str,
+        damaged: Callable[[str], NDArray[np.int64]],
+    ) -> Store:
+        """Open the files of recording ``run`` to go on; ``damaged`` gives the slots of a file to be taken again.
+
+        Raises `FileFormatError` if they are another session's.
+        """
         opened: dict[Kind, Journal] = {}
+        taken: dict[Kind, NDArray[np.bool_]] = {}
+        earlier = []
         try:
-            for kind, (count, shape, sample) in _files(schedule, dtype).items():
+            for kind, wanted in files_of(schedule, dtype).items():
                 path = folder / file_name(kind, run)
-                journal = opened[kind] = Journal(path)
-                layout = journal.layout
-                if (layout.count, layout.shape, layout.dtype) != (count, shape, sample):
-                    raise FileFormatError.expected(
-                        str(path),
-                        f"{count} frames of {shape} {sample}",
-                        f"{layout.count} of {layout.shape} {layout.dtype}",
-                        "restore this session's file",
-                    )
-                # a file put here from another session would be filled up with this one's frames
-                if layout.attributes.get("session") != identity:
-                    raise FileFormatError.expected(
-                        str(path),
-                        f"session {identity}",
-                        layout.attributes.get("session"),
-                        "restore this session's file",
-                    )
-            return cls(_shared(opened), schedule)
+                with RecordingFile(path) as file:
+                    _check_session(file, wanted, identity)
+                    good, records, in_place = file.taken, file.records, file.layout.in_place
+                good[damaged(path.name)] = False
+                earlier.append(records[good])
+                if in_place:
+                    opened[kind], taken[kind] = Journal(path), good
+            return cls(_shared(opened), schedule, _shared(taken), tuple(earlier))
         except BaseException:
             for journal in opened.values():
                 journal.close()
             raise
+
+    @property
+    def writable(self) -> bool:
+        """Whether any of the files still takes frames."""
+        return bool(self._journals)
 
     def put(self, step: Step, frame: NDArray[Any], note: Note) -> None:
         """Hand a frame with its note to the operating system."""
@@ -112,20 +126,11 @@ class Store:
 
     def todo(self) -> NDArray[np.bool_]:
         """Return for each step of the schedule whether it has no acknowledged frame."""
-        todo = np.ones(len(self._schedule), np.bool_)
+        todo = np.zeros(len(self._schedule), np.bool_)
         for kind, taken in self._taken.items():
             steps = self._schedule.kinds == kind
             todo[steps] = ~taken[self._schedule.slots[steps]]
         return todo
-
-    def latest(self) -> tuple[int, NDArray[Any], NDArray[Any]] | None:
-        """Return slot, frame and record of the latest acknowledged position, or None."""
-        journal, taken = self._journals[Kind.POSITION], self._taken[Kind.POSITION]
-        if not taken.any():
-            return None
-        records = journal.records()
-        slot = int(np.argmax(np.where(taken, records["sequence"].astype(np.int64), -1)))
-        return slot, journal.read(slot), records[slot]
 
     def close(self) -> None:
         """Close all files."""
@@ -133,7 +138,7 @@ class Store:
             journal.close()
 
 
-def _files(schedule: Schedule, dtype: np.dtype[Any]) -> dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]]:
+def files_of(schedule: Schedule, dtype: np.dtype[Any]) -> dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]]:
     """Return count, shape and dtype of the file of each kind; references stand for all checks."""
     plans: dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]] = {}
     for kind, count, shape, sample in (
@@ -146,7 +151,20 @@ def _files(schedule: Schedule, dtype: np.dtype[Any]) -> dict[Kind, tuple[int, tu
     return plans
 
 
-def _shared(opened: dict[Kind, Journal]) -> dict[Kind, Journal]:
+def _check_session(file: RecordingFile, wanted: tuple[int, tuple[int, int], np.dtype[Any]], identity: str) -> None:
+    """Raise `FileFormatError` unless ``file`` is one of session ``identity`` with these frames."""
+    layout, (count, shape, sample) = file.layout, wanted
+    found = layout.attributes.get("session")
+    for what, want, got in (
+        ("frames", f"{count} of {shape} {sample}", f"{layout.count} of {layout.shape} {layout.dtype}"),
+        # a file put here from another session would be filled up with this one's frames
+        ("session", identity, found),
+    ):
+        if want != got:
+            raise FileFormatError.expected(f"{file.path}, {what}", want, got, "restore this session's file")
+
+
+def _shared(opened: dict[Kind, T]) -> dict[Kind, T]:
     """Let control frames use the file of the references."""
     if Kind.REFERENCE in opened:
         return {**opened, Kind.CONTROL: opened[Kind.REFERENCE]}

@@ -164,6 +164,14 @@ def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | Non
     if recipe.black_level is None and recipe.dark == "none":
         return None
     darks = source.metadata.get("darks")
+    lost = source.metadata.get("lost_darks")
+    if lost and recipe.black_level is None:
+        raise InputError.expected(
+            "recorded dark frames",
+            f"a whole one of {', '.join(f'{seconds:g}' for seconds in lost)} s",
+            "damaged ones",
+            "record them again (lfcal acquire --resume), or give --dark or --black-level",
+        )
     if darks and recipe.black_level is None:
         return DarkSet(darks)
     if recipe.black_level is not None:

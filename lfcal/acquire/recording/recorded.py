@@ -1,0 +1,91 @@
+"""One file of a session as it was recorded: what should be in it, whatever is left of it."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.recording.contents import Slots, files_made, slots_of
+from lfcal.acquire.recording.reader import RecordingFile
+from lfcal.acquire.recording.records import Kind, file_name
+from lfcal.acquire.recording.recovery import opened
+from lfcal.acquire.schedule import Schedule
+from lfcal.acquire.session_file import SessionFile
+from lfcal.errors import FileFormatError
+
+__all__ = ["RecordedFile"]
+
+
+class RecordedFile:
+    """The frames of one kind in one recording of a session; those that are lost are there and cannot be read.
+
+    Attributes
+    ----------
+    slots
+        What belongs into each slot.
+    records
+        ``(N,)`` what is noted of each frame; where that is lost, what the plan says.
+    there
+        ``(N,)`` whether a slot holds a frame, or held one.
+
+    Parameters
+    ----------
+    folder, session, run, schedule, kind
+        Which file of which session, and the steps of its recording.
+    skip_damaged
+        Also open a file that is cut short or gone: what it held is lost.
+
+    Raises
+    ------
+    FileFormatError, StorageError
+        If the file cannot be read, or holds something else.
+    """
+
+    def __init__(
+        self, folder: Path, session: SessionFile, run: int, schedule: Schedule, kind: Kind, *, skip_damaged: bool
+    ) -> None:
+        self.name = file_name(kind, run)
+        self.slots: Slots = slots_of(schedule, kind)
+        self._stack = ExitStack()
+        self._file: RecordingFile | None
+        if skip_damaged:
+            made = files_made(session, run, schedule)[kind]
+            self._file, _ = self._stack.enter_context(opened(folder / self.name, made, session.identity))
+        else:
+            self._file = self._stack.enter_context(RecordingFile(folder / self.name))
+        count = len(self.slots.flat)
+        if self._file is not None and self._file.layout.count != count:
+            self.close()
+            raise FileFormatError.expected(
+                str(folder / self.name), f"{count} frames", self._file.layout.count, "restore this session's file"
+            )
+        taken = self._taken()
+        complete = self._file is None or not self._file.layout.in_place or session.was_complete(run)
+        self.there = taken | complete
+        planes = self.slots.flat // (session.plan.shape[1] * session.plan.shape[2])
+        self.records: NDArray[Any] = self.slots.records(np.array(session.plan.exposures)[planes])
+        if self._file is not None:
+            self.records[taken] = self._file.records[taken]
+
+    def _taken(self) -> NDArray[np.bool_]:
+        return np.zeros(len(self.slots.flat), np.bool_) if self._file is None else self._file.taken
+
+    def label(self, slot: int) -> str:
+        """Return the name of a frame for messages."""
+        return f"{self.name}[{slot}]"
+
+    def read(self, slot: int) -> NDArray[Any]:
+        """Return frame ``slot``; raises `FileFormatError` if it is not what was recorded."""
+        if self._file is None:
+            raise FileFormatError.expected(
+                self.label(slot), "the recorded bytes", "a file that cannot be read", "restore it, or record this again"
+            )
+        return self._file.read(slot)
+
+    def close(self) -> None:
+        """Close the file; may be called twice."""
+        self._stack.close()

@@ -1,0 +1,118 @@
+"""``lfcal verify``: whether a session or an H file still is what was written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lfcal.cli.options import JsonOption, WorkersOption
+
+if TYPE_CHECKING:
+    from lfcal.acquire.recording.verify import SessionReport
+    from lfcal.psf.verify import MatrixCheck
+
+LISTED = 20
+"""Damaged frames that are listed; all of them are in the JSON output."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``verify`` to the app."""
+    app.command("verify")(command)
+
+
+def command(
+    path: Path = typer.Argument(help="Folder of a recorded session, or H file (.h5)."),
+    *,
+    redo: Path | None = typer.Option(
+        None, "--redo", help="Write the damaged positions of a session into this list, for lfcal acquire --redo."
+    ),
+    workers: WorkersOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Check every frame of a session, or every plane of an H file, against its checksum.
+
+    Exit code 0: all is what was written; 1: something is damaged; 2: it cannot be checked.
+
+    Example: `lfcal verify session/ --redo redo.json`
+    """
+    whole = _session(path, redo, workers, json) if path.is_dir() else _matrix(path, redo, workers, json)
+    if not whole:
+        raise typer.Exit(1)
+
+
+def _session(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
+    from lfcal.acquire.recording.verify import iter_verify
+    from lfcal.acquire.redo import RedoList
+    from lfcal.cli.console import print_json, run_work
+    from lfcal.plain import plain
+
+    if redo is not None and redo.exists():
+        RedoList.read(redo)  # an earlier list may be replaced, nothing else
+    report = run_work(iter_verify(path, workers=workers), quiet=json)
+    if redo is not None and report.to_redo:
+        RedoList.of(report.to_redo, ["damaged"] * len(report.to_redo)).write(redo)
+    if json:
+        print_json(plain(report) | {"ok": report.ok, "to_redo": report.to_redo})
+    else:
+        _show_session(report, redo)
+    return report.ok
+
+
+def _show_session(report: SessionReport, redo: Path | None) -> None:
+    whole, total = (sum(getattr(file, name) for file in report.files) for name in ("whole", "frames"))
+    typer.echo(f"{report.path}: {whole} of {total} frames are whole")
+    for file in report.files:
+        if file.fault:
+            typer.echo(f"  {file.file}: {file.fault}")
+    for found in report.damaged[:LISTED]:
+        where = f"{found.kind} (z, y, x) = {tuple(found.position)}"
+        said = f"{found.what}; recorded again since" if found.replaced else found.what
+        typer.echo(f"  {where}, {found.file}[{found.slot}]: {said}")
+    if len(report.damaged) > LISTED:
+        typer.echo(f"  and {len(report.damaged) - LISTED} more; --json lists all")
+    if report.lacking:
+        typer.echo(f"  {report.lacking} positions that were safe once have no record any more")
+    if report.never_taken:
+        first = tuple(report.never_taken[0])
+        typer.echo(f"  {len(report.never_taken)} positions were never taken, first (z, y, x) = {first}")
+    if not report.ok:
+        typer.echo("  lfcal acquire --resume takes damaged and missing frames again")
+    if redo is not None:
+        count = len(report.to_redo)
+        typer.echo(f"  {redo}: {count} positions to record again" if count else f"  {redo}: not written, no position")
+
+
+def _matrix(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
+    from lfcal.cli.console import print_json, run_work
+    from lfcal.errors import FileFormatError, InputError
+    from lfcal.plain import plain
+    from lfcal.psf.verify import iter_verify
+
+    if redo is not None:
+        raise InputError.expected("--redo", "a session folder to list positions of", path, "leave it out")
+    if path.name == "recording.h5" or path.name.startswith("recording-"):
+        raise FileFormatError.expected(str(path), "a session folder or an H file", "a recording", "name its folder")
+    check = run_work(iter_verify(path, workers=workers), quiet=json)
+    if json:
+        result: dict[str, Any] = plain(check)
+        print_json(result | {"ok": check.ok})
+    else:
+        _show_matrix(check)
+    return check.ok
+
+
+def _show_matrix(check: MatrixCheck) -> None:
+    bad = len({(d.region, d.z) for d in check.damaged})
+    how = "compared with their checksums" if check.compared else "read; a file of version 1 has no checksums"
+    typer.echo(f"{check.path}: {check.planes - bad} of {check.planes} planes are whole ({how})")
+    for found in check.damaged:
+        name = f"{found.region}, plane {found.z}" if found.region else f"plane {found.z}"
+        listed = ", ".join(str(tuple(p)) for p in found.positions[:LISTED])
+        more = f" and {len(found.positions) - LISTED} more" if len(found.positions) > LISTED else ""
+        typer.echo(f"  {name}: {found.what}" + (f" at (z, y, x) = {listed}{more}" if listed else ""))
+    if check.missing:
+        typer.echo(f"  {check.missing} positions were never recorded")
+    if not check.ok:
+        typer.echo("  assemble it again, or copy it again from its source")
