@@ -5,5 +5,6 @@
 - ``durable``: the lock of a session folder, and a look at the free space
 - ``verify``: what of a session is whole, damaged, or was never taken; ``recovery``: files without header or end;
   ``repair``: a session made ready to take its damaged frames again
-- ``reader``: one recording file, read; ``source``: a recorded session as frames
+- ``reader``: one recording file, read; ``contents``: what belongs into it; ``recorded``: what is left of it
+- ``source``: a recorded session as frames; ``darks``: its dark frames
 """
