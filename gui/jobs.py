@@ -94,6 +94,8 @@ class Jobs(QObject):
         self._threads: dict[int, threading.Thread] = {}
         self._callbacks: dict[int, tuple[Callable[[Any], None] | None, Callable[[Job], None] | None]] = {}
         self._workers = Workers(2, "lfcal-compute")
+        self._opening: set[int] = set()
+        self._abandoned: list[threading.Thread] = []
         self._loads = Loads(lambda call: self._queue.put(("call", call)))
         self._generation: dict[str, int] = {}
         self._pending: dict[str, int] = {}
@@ -111,13 +113,20 @@ class Jobs(QObject):
         work: Callable[[], Work[Any]],
         on_done: Callable[[Any], None] | None = None,
         on_failed: Callable[[Job], None] | None = None,
+        *,
+        abandon: bool = False,
     ) -> int:
-        """Run ``work()`` in a thread of its own; return the job's number."""
+        """Run ``work()`` in a thread of its own; return the job's number.
+
+        ``abandon``: until its first record it only opens files, so that stopping it then need not wait for it.
+        """
         number = next(self._numbers)
         job = Job(number, title, page)
         self._jobs[number] = job
         self._stops[number] = threading.Event()
         self._callbacks[number] = (on_done, on_failed)
+        if abandon:
+            self._opening.add(number)
         thread = threading.Thread(target=self._run, args=(number, work), name=f"lfcal-job-{number}", daemon=True)
         self._threads[number] = thread
         self._timer.start()
@@ -153,6 +162,9 @@ class Jobs(QObject):
         """Ask a job to stop; it cleans up behind itself."""
         if number in self._stops:
             self._stops[number].set()
+            if number in self._opening and self._jobs[number].progress is None:
+                self._abandoned.append(self._threads[number])
+                self._end(number, join_s=0, state=JobState.CANCELLED)
 
     def jobs(self) -> list[Job]:
         """Return all jobs since the start, newest first."""
@@ -276,9 +288,12 @@ class Jobs(QObject):
         self.changed.emit(job)
         return job
 
-    def _end(self, number: int, **changes: Any) -> None:
+    def _end(self, number: int, join_s: float = 5, **changes: Any) -> None:
+        if not self._jobs[number].active:  # it was abandoned before
+            return
         job = self._change(number, **changes)
-        self._threads.pop(number).join(timeout=5)
+        self._opening.discard(number)
+        self._threads.pop(number).join(join_s)
         self._stops.pop(number)
         on_done, on_failed = self._callbacks.pop(number)
         if self._closed:
@@ -297,6 +312,7 @@ class Jobs(QObject):
         for stop in self._stops.values():
             stop.set()
         wait_for(list(self._threads.values()), JOBS_S)
+        wait_for(self._abandoned, COMPUTATIONS_S)
         self._loads.close(COMPUTATIONS_S)
         self._workers.close(COMPUTATIONS_S)
         self._timer.stop()

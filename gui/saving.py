@@ -3,25 +3,39 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from PySide6.QtWidgets import QFileDialog, QMessageBox, QWidget
 
-__all__ = ["ask_target", "may_replace"]
+from gui.workers import words_of
+from lfcal.errors import LfcalError, StorageError
+from lfcal.files import replace_whole
+
+__all__ = ["ask_target", "may_replace", "write_file", "write_picture"]
 
 
-def ask_target(parent: QWidget, title: str, name: str, kinds: str) -> str:
+def ask_target(
+    parent: QWidget, title: str, name: str, kinds: str, outputs: Callable[[Path], Sequence[Path]] | None = None
+) -> str:
     """Ask where to write; return the path, empty if the user thought better of it.
 
     A name without a suffix takes that of the chosen kind. The dialog asks about replacing the name as it was typed,
-    so the name with the suffix is asked about here.
+    so the files that are written instead are asked about here.
+
+    Parameters
+    ----------
+    parent, title, name, kinds
+        Of the dialog; ``name`` is offered, ``kinds`` are such as ``"TIFF (*.tif);;numpy (*.npy)"``.
+    outputs
+        Returns the files that are written for a path, where that is not the path itself.
     """
     typed, kind = QFileDialog.getSaveFileName(parent, title, name, kinds)
     if not typed:
         return ""
-    path = with_suffix(typed, kind or kinds)
-    return path if path == typed or may_replace(parent, [Path(path)]) else ""
+    path = Path(with_suffix(typed, kind or kinds))
+    files = [path] if outputs is None else list(outputs(path))
+    return str(path) if may_replace(parent, [file for file in files if file != Path(typed)]) else ""
 
 
 def with_suffix(path: str, kind: str) -> str:
@@ -32,6 +46,27 @@ def with_suffix(path: str, kind: str) -> str:
     if (own and re.fullmatch(r"\.[A-Za-z][A-Za-z0-9]{1,5}", own)) or not offered:
         return path
     return path + str(offered[0])
+
+
+def write_file(parent: QWidget, path: str, write: Callable[[Path], object]) -> bool:
+    """Let ``write`` fill a scratch file that takes the place of ``path`` when it is whole; say why if that fails."""
+    try:
+        with replace_whole(path) as part:
+            write(part)
+    except (LfcalError, OSError) as error:
+        QMessageBox.warning(parent, "Cannot write", words_of(error))
+        return False
+    return True
+
+
+def write_picture(widget: QWidget, path: str) -> bool:
+    """Write what a widget shows as PNG; say why if that fails."""
+
+    def write(part: Path) -> None:
+        if not widget.grab().save(str(part), "PNG"):
+            raise StorageError(f"{path}: the picture could not be written; check the disk and the path")
+
+    return write_file(widget, path, write)
 
 
 def may_replace(parent: QWidget, paths: Iterable[Path]) -> bool:

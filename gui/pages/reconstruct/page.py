@@ -18,6 +18,7 @@ from gui.pages.reconstruct import model as view
 from gui.pages.reconstruct.model import ReconstructSettings, Synthetic
 from gui.pages.reconstruct.model_solving import Solving
 from gui.pages.reconstruct.panel import ReconstructPanel
+from gui.saving import ask_target
 from lfcal.errors import LfcalError
 from lfcal.psf import PSFMatrix
 from lfcal.units import format_seconds
@@ -40,6 +41,8 @@ class Page(BasePage):
         self.synthetic: Synthetic | None = None
         self.saved: NDArray[Any] | None = None
         self._opened = ""
+        self._ready: tuple[str, NDArray[Any]] | None = None
+        """A light field that is read already when the project takes it."""
         self._job = 0
         self._shown_iteration = -1
         self.set_panel(self.panel)
@@ -52,6 +55,7 @@ class Page(BasePage):
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
         context.theme_changed.connect(self.panel.apply_theme)
+        context.matrices.changed.connect(self._matrix_changed)
         context.on_close(self._close)
         self._show(context.state)
         self._load()
@@ -76,16 +80,19 @@ class Page(BasePage):
                 self._load_volume()
 
     def _matrix(self) -> PSFMatrix | None:
-        try:
-            return self.context.matrix(self.context.state.psf)
-        except LfcalError as error:
-            self.context.message.emit(str(error))
-            return None
+        return self.context.matrix(self.context.state.psf)
+
+    def _matrix_changed(self, path: str) -> None:
+        if path == self.context.state.psf:
+            self._show(self.context.state)
+            self._forecast()
 
     def _show(self, state: ProjectState) -> None:
+        self.context.matrices.want(state.psf)
         matrix = self._matrix()
         if matrix is None:
-            self.show_empty(
+            self.show_no_matrix(
+                state.psf,
                 "A reconstruction needs an H: assemble one, simulate one, or open one on the PSF page.",
                 {
                     "PSF": lambda: self.context.go.emit("psf", None),
@@ -145,8 +152,15 @@ class Page(BasePage):
             self.open_light_field(path)
 
     def open_light_field(self, path: str) -> None:
-        """Take an image as the light field."""
-        self.context.project.update("open light field", light_field=path)
+        """Take an image as the light field, once it is known to be good."""
+
+        def read(image: NDArray[Any]) -> None:
+            self._ready = (path, image)
+            self.context.project.update("open light field", light_field=path)
+            if self._ready is not None:  # it was the project's before
+                self._load()
+
+        self.load(Path(path).name, lambda: view.light_field(path), read)
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped image."""
@@ -162,13 +176,19 @@ class Page(BasePage):
         self.image = None
         self.panel.light_field.set_image(None)
         self._show_controls()
-        if path:
-            self.context.jobs.compute(
+        ready, self._ready = self._ready, None
+        if ready is not None and ready[0] == path:
+            self.context.jobs.drop("reconstruct load")
+            self._loaded(*ready)
+        elif path:
+            self.context.jobs.load(
                 "reconstruct load",
                 lambda: view.light_field(path),
                 lambda image: self._loaded(path, image),
                 self._not_loaded,
             )
+        else:
+            self.context.jobs.drop("reconstruct load")
 
     def _loaded(self, path: str, image: NDArray[Any]) -> None:
         self.image, self._opened = image, path
@@ -200,7 +220,7 @@ class Page(BasePage):
             return
         if not path:
             name = Path(self.context.state.psf).with_name(f"{phantom}.tif")
-            path = QFileDialog.getSaveFileName(self, "Light field to make", str(name), "TIFF (*.tif)")[0]
+            path = ask_target(self, "Light field to make", str(name), "TIFF (*.tif)")
         if path:
             self.panel.file.setText(f"making {Path(path).name} …")
             self.context.jobs.compute(
@@ -266,7 +286,7 @@ class Page(BasePage):
         solving, count = self.solving, self.settings.iterations
         assert solving is not None
         self._job = self.context.jobs.start(
-            f"Reconstruct by {solving.settings.solver}", "reconstruct", lambda: solving.work(count)
+            f"Reconstruct by {solving.settings.solver}", "reconstruct", lambda: solving.work(count), abandon=True
         )
         self.panel.show_status("setting up …", None)
         self._show_controls()
@@ -319,7 +339,7 @@ class Page(BasePage):
         solving = self.solving
         if solving is None or solving.state is None:
             return
-        path = path or QFileDialog.getSaveFileName(self, "Save volume", "volume.tif", VOLUMES)[0]
+        path = path or ask_target(self, "Save volume", "volume.tif", VOLUMES)
         if not path:
             return
         volume, depths, voxel, details = solving.state.volume, solving.depths, solving.voxel_um, solving.details()
@@ -328,7 +348,7 @@ class Page(BasePage):
             save_volume(path, volume, depths_um=depths, voxel_um=voxel, details=details)
             return path
 
-        self.context.jobs.compute("reconstruct save", write, self._saved, self.context.message.emit)
+        self.context.jobs.compute("reconstruct save", write, self._saved, self.refuse)
 
     def _saved(self, path: str) -> None:
         self.context.message.emit(f"volume saved as {path}")
@@ -340,11 +360,11 @@ class Page(BasePage):
 
         path = self.context.state.volume
         if path and Path(path).is_file() and self.solving is None:
-            self.context.jobs.compute(
+            self.context.jobs.load(
                 "reconstruct volume",
                 lambda: load_volume(path),
                 lambda volume: self._volume_loaded(path, volume),
-                self.context.message.emit,
+                self.refuse,
             )
 
     def _volume_loaded(self, path: str, volume: NDArray[Any]) -> None:
