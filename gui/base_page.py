@@ -107,20 +107,26 @@ class BasePage(QWidget):
         self.context.message.emit(words)
 
     def load(
-        self, what: str, function: Callable[[], Any], on_result: Callable[[Any], None], group: str = "open"
+        self,
+        what: str,
+        function: Callable[[], Any],
+        on_result: Callable[[Any], None],
+        discard: Callable[[Any], None] | None = None,
     ) -> None:
         """Open ``what`` in the background; the page keeps what it shows until it is known to be good.
 
-        Raises nothing: errors of any kind are said on the page, and the user may stop waiting.
+        Errors of any kind are said on the page, and the user may stop waiting; what opens after that is handed to
+        ``discard``.
         """
-        group = f"{self.spec.key} {group}"
+        group = f"{self.spec.key} import"
 
         def opened(found: Any) -> None:
             self.notice.clear()
             on_result(found)
 
         self.notice.wait(f"Opening {what} …", lambda: self.context.jobs.drop(group))
-        self.context.jobs.load(group, function, opened, self.refuse)
+        self.context.jobs.drop(group)  # it may hang
+        self.context.jobs.load(group, function, opened, self.refuse, discard)
 
     def tool_button(self, text: str, tip: str, action: Any, *, primary: bool = False) -> QPushButton:
         """Add a button to the header."""

@@ -42,7 +42,7 @@ class CrashDialog(QDialog):
         column = QVBoxLayout(self)
         column.setContentsMargins(18, 16, 18, 14)
         column.setSpacing(10)
-        heading = QLabel("Something happened that lfcal did not foresee")
+        heading = QLabel("Something unexpected happened")
         heading.setProperty("role", "title")
         self.words = _wrapped("error")
         self.safe = _wrapped("")

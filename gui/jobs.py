@@ -27,8 +27,8 @@ from lfcal.progress import Progress, Work
 __all__ = ["Job", "JobState", "Jobs"]
 
 POLL_MS = 8
-JOBS_S, COMPUTATIONS_S = 30.0, 5.0
-"""How long closing waits for jobs, which clean up behind themselves, and for what only reads (s)."""
+JOBS_S, COMPUTATIONS_S, LOADS_S = 30.0, 5.0, 1.0
+"""How long closing waits for jobs, which clean up behind themselves, for computations, and for files (s)."""
 
 
 class JobState(Enum):
@@ -231,8 +231,8 @@ class Jobs(QObject):
     ) -> None:
         """Open something in a thread of its own, which a disk that does not answer may keep for ever.
 
-        Only the newest request of a ``group`` reports; what an earlier or dropped one opens after all is handed to
-        ``discard``.
+        Only the newest request of a ``group`` reports. It waits for an earlier one unless that is dropped; what comes
+        too late is handed to ``discard``.
         """
         if not self._closed:
             self._loads.start(group, function, on_result, on_error or self.trouble.emit, discard)
@@ -312,8 +312,8 @@ class Jobs(QObject):
         for stop in self._stops.values():
             stop.set()
         wait_for(list(self._threads.values()), JOBS_S)
-        wait_for(self._abandoned, COMPUTATIONS_S)
-        self._loads.close(COMPUTATIONS_S)
+        wait_for(self._abandoned, LOADS_S)
+        self._loads.close(LOADS_S)
         self._workers.close(COMPUTATIONS_S)
         self._timer.stop()
         self._collector.close()

@@ -77,6 +77,7 @@ class Matrices(QObject):
                 self.changed.emit(path)
 
         self._problems.pop(path, None)
+        self._jobs.drop(_group(path))
         self._jobs.load(_group(path), lambda: _open_file(path), opened, failed, lambda matrix: matrix.close())
         self.changed.emit(path)
 

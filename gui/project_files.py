@@ -83,13 +83,19 @@ class ProjectFiles(QObject):
     def _open(self, path: Path, then: Callable[[], None] | None = None) -> None:
         """Read a project in the background; what is open now stays until the new one is known to be good."""
 
-        def read(state: ProjectState) -> None:
-            self._opened(path, state)
+        def ended(action: Callable[[], None]) -> None:
+            action()
             if then is not None:
                 then()
 
         self.message.emit(f"opening {path} …")
-        self.jobs.load("project", lambda: read_project(path), read, lambda words: self._refuse("Open project", words))
+        self.jobs.drop("project")
+        self.jobs.load(
+            "project",
+            lambda: read_project(path),
+            lambda state: ended(lambda: self._opened(path, state)),
+            lambda words: ended(lambda: self._refuse("Open project", words)),
+        )
 
     def _opened(self, path: Path, state: ProjectState) -> None:
         lock = self._claim(path)
@@ -134,6 +140,7 @@ class ProjectFiles(QObject):
         box.setText(f"{path.name} is open in {who}.")
         box.setInformativeText("A copy can be changed as you like; saving it asks for a name.")
         copy = box.addButton("Open a copy", QMessageBox.ButtonRole.AcceptRole)
+        copy.setProperty("role", "primary")
         # a dead process of this machine is known to be dead; of another one only the user may know
         take = box.addButton("Open anyway", QMessageBox.ButtonRole.DestructiveRole) if away else None
         box.addButton(BUTTONS.Cancel)

@@ -51,6 +51,7 @@ class RestoreDialog(QDialog):
             column.addWidget(hint)
         column.addLayout(self._buttons())
         self.setMinimumWidth(WIDTH)
+        self.resize(WIDTH, column.heightForWidth(WIDTH))  # a label that wraps asks for too much by itself
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()

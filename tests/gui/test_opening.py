@@ -101,10 +101,26 @@ def test_measuring_a_file_that_hangs_can_be_stopped(
 def test_what_opens_too_late_is_closed(window: MainWindow, qtbot: QtBot) -> None:
     go, closed, shown = threading.Event(), threading.Event(), []
     window.jobs.load("x", lambda: go.wait(GUARD_MS / 1e3) and "old", shown.append, None, lambda _: closed.set())
+    window.jobs.drop("x")
     window.jobs.load("x", lambda: "new", shown.append)
     idle(window.jobs, qtbot)
     go.set()
     assert closed.wait(GUARD_MS / 1e3) and shown == ["new"]
+
+
+def test_requests_in_a_hurry_open_the_newest_alone(window: MainWindow, qtbot: QtBot) -> None:
+    go, opened, closed, shown = threading.Event(), [], [], []
+
+    def opener(k: int) -> int:
+        go.wait(GUARD_MS / 1e3)
+        opened.append(k)
+        return k
+
+    for k in range(20):
+        window.jobs.load("x", lambda k=k: opener(k), shown.append, None, closed.append)
+    go.set()
+    idle(window.jobs, qtbot)
+    assert opened == [0, 19] and shown == [19] and closed == [0]
 
 
 @pytest.mark.parametrize("error", DAMAGE, ids=lambda e: type(e).__name__)

@@ -151,6 +151,19 @@ def test_only_the_project_that_is_opened_is_asked_about(
     assert "unsaved work of another project" in window.log_view.toPlainText()
 
 
+def test_a_project_that_is_damaged_has_its_copy_offered(
+    window: MainWindow, place: Path, tmp_path: Path, qtbot: QtBot, boxes: list[str]
+) -> None:
+    own = tmp_path / "own.lfcal"
+    own.write_text("{")
+    left_behind(place, "saved by the copy", own)
+    window.files.begin(own)
+    idle(window.jobs, qtbot)
+    assert len(boxes) == 1 and window.files.rescue.dialog is not None
+    window.files.rescue.dialog.restore.click()
+    assert window.project.state.name == "saved by the copy" and window.project.path == own
+
+
 # -- two windows -------------------------------------------------------------------------------------------
 def test_a_second_window_gets_a_copy(
     window: MainWindow, second: MainWindow, tmp_path: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, boxes: Any

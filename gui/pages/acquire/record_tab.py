@@ -99,6 +99,7 @@ class RecordTab(QObject):
                 if then is not None:
                     then()
 
+        self.context.jobs.drop("acquire folder chosen")
         self.context.jobs.load("acquire folder chosen", lambda: folder_state(path), seen, self._refuse)
 
     def _refuse(self, words: str) -> None:

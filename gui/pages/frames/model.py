@@ -177,6 +177,11 @@ class Imported:
     plan: ScanPlan | None
     opened: Opened | None
 
+    def close(self) -> None:
+        """Close the frames: they are not wanted."""
+        if self.opened is not None:
+            self.opened.source.close()
+
 
 def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None) -> Imported:
     """Open a folder of frames or a recorded session; dark, white and plan beside it are found.

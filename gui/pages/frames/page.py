@@ -112,7 +112,7 @@ class Page(BasePage):
     def open_folder(self, path: str) -> None:
         """Take the frames of a folder, once they are known to be good; dark, white and plan beside it are found."""
         settings, plan = self.settings, self.context.state.plan
-        self.load(Path(path).name, lambda: import_folder(path, settings, plan), self._imported)
+        self.load(Path(path).name, lambda: import_folder(path, settings, plan), self._imported, Imported.close)
 
     def _imported(self, found: Imported) -> None:
         changes: dict[str, Any] = {"frames": found.folder, "settings": found.settings.into(self.context.state)}

@@ -18,15 +18,14 @@ from gui.pages.reconstruct import model as view
 from gui.pages.reconstruct.model import ReconstructSettings, Synthetic
 from gui.pages.reconstruct.model_solving import Solving
 from gui.pages.reconstruct.panel import ReconstructPanel
+from gui.pages.reconstruct.volume_file import VolumeFile
 from gui.saving import ask_target
 from lfcal.errors import LfcalError
-from lfcal.psf import PSFMatrix
 from lfcal.units import format_seconds
 
 __all__ = ["Page"]
 
 IMAGES = "Light fields (*.tif *.tiff *.png *.pgm *.npy *.raw *.nef *.cr2 *.dng);;All files (*)"
-VOLUMES = "TIFF stack, opens in ImageJ (*.tif);;HDF5 (*.h5);;numpy (*.npy)"
 FOLLOWED = ("psf", "light_field", "volume")
 
 
@@ -41,10 +40,11 @@ class Page(BasePage):
         self.synthetic: Synthetic | None = None
         self.saved: NDArray[Any] | None = None
         self._opened = ""
-        self._ready: tuple[str, NDArray[Any]] | None = None
-        """A light field that is read already when the project takes it."""
+        self._ready: tuple[str, NDArray[Any]] | None = None  # read already when the project takes it
         self._job = 0
         self._shown_iteration = -1
+        self.volume_file = VolumeFile(self)
+        self.volume_file.loaded.connect(self._volume_loaded)
         self.set_panel(self.panel)
         self.panel.form.check = self._check
         self.panel.form.edited.connect(self._edited)
@@ -79,9 +79,6 @@ class Page(BasePage):
             if old.volume != new.volume:
                 self._load_volume()
 
-    def _matrix(self) -> PSFMatrix | None:
-        return self.context.matrix(self.context.state.psf)
-
     def _matrix_changed(self, path: str) -> None:
         if path == self.context.state.psf:
             self._show(self.context.state)
@@ -89,7 +86,7 @@ class Page(BasePage):
 
     def _show(self, state: ProjectState) -> None:
         self.context.matrices.want(state.psf)
-        matrix = self._matrix()
+        matrix = self.context.matrix(self.context.state.psf)
         if matrix is None:
             self.show_no_matrix(
                 state.psf,
@@ -177,8 +174,8 @@ class Page(BasePage):
         self.panel.light_field.set_image(None)
         self._show_controls()
         ready, self._ready = self._ready, None
+        self.context.jobs.drop("reconstruct load")
         if ready is not None and ready[0] == path:
-            self.context.jobs.drop("reconstruct load")
             self._loaded(*ready)
         elif path:
             self.context.jobs.load(
@@ -187,8 +184,6 @@ class Page(BasePage):
                 lambda image: self._loaded(path, image),
                 self._not_loaded,
             )
-        else:
-            self.context.jobs.drop("reconstruct load")
 
     def _loaded(self, path: str, image: NDArray[Any]) -> None:
         self.image, self._opened = image, path
@@ -215,7 +210,7 @@ class Page(BasePage):
 
     def make_light_field(self, phantom: str, path: str = "", shape: tuple[int, int] | None = None) -> None:
         """Project a phantom through H and take the result as the light field."""
-        matrix = self._matrix()
+        matrix = self.context.matrix(self.context.state.psf)
         if matrix is None or self._job:
             return
         if not path:
@@ -239,7 +234,7 @@ class Page(BasePage):
 
     # -- forecast --------------------------------------------------------------------------------------
     def _forecast(self) -> None:
-        matrix, image, settings = self._matrix(), self.image, self.settings
+        matrix, image, settings = self.context.matrix(self.context.state.psf), self.image, self.settings
         if matrix is None or image is None or self._job:
             return
         shape = (image.shape[0], image.shape[1])
@@ -334,38 +329,13 @@ class Page(BasePage):
 
     def save(self, path: str = "") -> None:
         """Write the volume."""
-        from lfcal.reconstruct.volumes import save_volume
-
-        solving = self.solving
-        if solving is None or solving.state is None:
-            return
-        path = path or ask_target(self, "Save volume", "volume.tif", VOLUMES)
-        if not path:
-            return
-        volume, depths, voxel, details = solving.state.volume, solving.depths, solving.voxel_um, solving.details()
-
-        def write() -> str:
-            save_volume(path, volume, depths_um=depths, voxel_um=voxel, details=details)
-            return path
-
-        self.context.jobs.compute("reconstruct save", write, self._saved, self.refuse)
-
-    def _saved(self, path: str) -> None:
-        self.context.message.emit(f"volume saved as {path}")
-        self.context.project.update("reconstruction", volume=path)
+        if self.solving is not None:
+            self.volume_file.save(self.solving, path)
 
     def _load_volume(self) -> None:
         """Show the volume of the project until there is a newer one."""
-        from lfcal.reconstruct.volumes import load_volume
-
-        path = self.context.state.volume
-        if path and Path(path).is_file() and self.solving is None:
-            self.context.jobs.load(
-                "reconstruct volume",
-                lambda: load_volume(path),
-                lambda volume: self._volume_loaded(path, volume),
-                self.refuse,
-            )
+        if self.solving is None:
+            self.volume_file.load()
 
     def _volume_loaded(self, path: str, volume: NDArray[Any]) -> None:
         if self.solving is None:
