@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from gui.window import MainWindow
 
-__all__ = ["main", "make_window"]
+__all__ = ["main", "make_window", "safe_now"]
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
@@ -36,21 +38,39 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     app = QApplication.instance() or QApplication(sys.argv[:1])
     assert isinstance(app, QApplication)
+    from gui.crash import CrashGuard
+    from gui.log import Log, log_folder
     from lfcal.errors import LfcalError
+    from lfcal.files import check_regular
 
+    log = Log(log_folder())
     try:
+        if options.project is not None:
+            check_regular(options.project)
         window = make_window(app, options)
     except LfcalError as error:
         print(f"lfcal-gui: {error}", file=sys.stderr)
+        log.close()
         return 2
+    guard = CrashGuard(window, log.path, lambda: safe_now(window))
+    guard.install()
+    _end_on_signals(window)
     window.show()
+    if log.problem:
+        window.log(log.problem)
+    window.files.begin(options.project)
     code = app.exec()
     window.shut_down()
+    guard.close()
+    log.close()
     return code
 
 
 def make_window(app: object, options: argparse.Namespace, *, folder: Path | None = None) -> MainWindow:
-    """Return the window with the asked project; ``folder`` keeps recent projects and autosave."""
+    """Return the window; ``folder`` keeps recent projects and copies of unsaved work.
+
+    The project asked for is opened by ``window.files.begin``, in the background.
+    """
     from platformdirs import user_state_path
     from PySide6.QtCore import QSettings
     from PySide6.QtWidgets import QApplication
@@ -68,13 +88,38 @@ def make_window(app: object, options: argparse.Namespace, *, folder: Path | None
     theme = options.theme or (settings.value("theme", "light") if settings is not None else "light")
     apply_theme(app, DARK if theme == "dark" else LIGHT)
     project = Project()
-    if options.project is not None:
-        project.open(options.project)
-    elif options.demo:
+    if options.demo and options.project is None:
         from gui.demo import demo_state
 
         project.start(demo_state(place / "demo"))
     return MainWindow(project, place, settings)
+
+
+def safe_now(window: MainWindow) -> Sequence[str]:
+    """Keep a copy of unsaved work and return what is safe, a sentence each."""
+    from gui.models.mishaps import safe_words
+
+    project, at_work = window.project, [job for job in window.jobs.jobs() if job.active]
+    return safe_words(
+        unsaved=project.unsaved,
+        project=str(project.path or ""),
+        copy=window.files.rescue.keep(),
+        jobs=[job.title for job in at_work],
+        recording=any(job.page == "acquire" for job in at_work),
+    )
+
+
+def _end_on_signals(window: MainWindow) -> None:
+    """End in order when the system asks to: recordings stop, devices are let go, unsaved work is kept."""
+    from PySide6.QtWidgets import QApplication
+
+    def end(number: int, _: object) -> None:
+        window.shut_down()
+        QApplication.exit(128 + number)
+
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):  # Windows has no hang-up
+            signal.signal(getattr(signal, name), end)
 
 
 if __name__ == "__main__":

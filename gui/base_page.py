@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import Qt
@@ -13,6 +14,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, 
 from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
+from gui.notice import Notice
 
 __all__ = ["BasePage", "EmptyState", "page_class"]
 
@@ -63,6 +65,8 @@ class BasePage(QWidget):
         self.tools = QHBoxLayout()
         header.addLayout(self.tools)
         outer.addLayout(header)
+        self.notice = Notice()
+        outer.addWidget(self.notice)
         self._stack = QStackedWidget()
         self.body = QWidget()
         self._stack.addWidget(self.body)
@@ -84,6 +88,45 @@ class BasePage(QWidget):
             self._stack.removeWidget(self.empty)
             self.empty.deleteLater()
             self.empty = None
+
+    def show_no_matrix(self, path: str, text: str, buttons: dict[str, Any]) -> None:
+        """Show that the H of ``path`` is being opened, or why it cannot be; or ``text`` where neither is so."""
+        matrices = self.context.matrices
+        if matrices.opening(path):
+            self.show_empty(f"Opening {Path(path).name} …", {"Cancel": lambda: matrices.cancel(path)})
+        elif matrices.problem(path):
+            self.show_empty(matrices.problem(path), {"Try again": lambda: matrices.take(path), **buttons})
+        elif path:
+            self.show_empty(f"{Path(path).name} is being written and is shown again afterwards.")
+        else:
+            self.show_empty(text, buttons)
+
+    def refuse(self, words: str) -> None:
+        """Say on the page and in the log why something was refused."""
+        self.notice.refuse(words)
+        self.context.message.emit(words)
+
+    def load(
+        self,
+        what: str,
+        function: Callable[[], Any],
+        on_result: Callable[[Any], None],
+        discard: Callable[[Any], None] | None = None,
+    ) -> None:
+        """Open ``what`` in the background; the page keeps what it shows until it is known to be good.
+
+        Errors of any kind are said on the page, and the user may stop waiting; what opens after that is handed to
+        ``discard``.
+        """
+        group = f"{self.spec.key} import"
+
+        def opened(found: Any) -> None:
+            self.notice.clear()
+            on_result(found)
+
+        self.notice.wait(f"Opening {what} …", lambda: self.context.jobs.drop(group))
+        self.context.jobs.drop(group)  # it may hang
+        self.context.jobs.load(group, function, opened, self.refuse, discard)
 
     def tool_button(self, text: str, tip: str, action: Any, *, primary: bool = False) -> QPushButton:
         """Add a button to the header."""

@@ -102,7 +102,7 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
     row = rng.random((nx, side, side), np.float32)
     matrix = PSFMatrix(np.broadcast_to(row, (1, ny, nx, side, side)).copy())
     context = Context(Project(), jobs := Jobs())
-    context.matrix = lambda path: matrix if path == "plane" else None  # type: ignore[method-assign]
+    context.matrices.put("plane", matrix)
     spec = PAGES.get("psf")
     page: Any = page_class(spec)(spec, context)
     page.resize(1100, 760)

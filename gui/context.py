@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from gui.jobs import Jobs
+from gui.jobs import Job, Jobs
+from gui.matrices import Matrices
 from gui.models.project import Project, ProjectState
+from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 
 __all__ = ["Context"]
@@ -40,7 +42,8 @@ class Context(QObject):
     def __init__(self, project: Project, jobs: Jobs, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.project, self.jobs = project, jobs
-        self._matrices: dict[str, PSFMatrix] = {}
+        self.matrices = Matrices(jobs, self)
+        self.matrices.failed.connect(self.message.emit)
         self._closers: list[Callable[[], None]] = []
         project.listen(self.state_changed.emit)
 
@@ -50,20 +53,33 @@ class Context(QObject):
         return self.project.state
 
     def matrix(self, path: str) -> PSFMatrix | None:
-        """Return the opened PSF matrix of a file, None where there is none; raises what opening it raises."""
-        if not path or not Path(path).exists():
-            return None
-        if path not in self._matrices:
-            from lfcal.psf import open_psf
-
-            self._matrices[path] = open_psf(path)
-        return self._matrices[path]
+        """Return the PSF matrix of a file if it is open; ``matrices.want`` opens it in the background."""
+        return self.matrices.get(path)
 
     def forget(self, path: str) -> None:
         """Close a PSF matrix, so that its file may be replaced or is read anew."""
-        matrix = self._matrices.pop(path, None)
-        if matrix is not None:
-            matrix.close()
+        self.matrices.forget(path)
+
+    def start_writing(
+        self,
+        title: str,
+        page: str,
+        path: str,
+        work: Callable[[], Work[Any]],
+        on_done: Callable[[Any], None] | None = None,
+    ) -> int:
+        """Run a job that writes the H file ``path``; closed meanwhile, it is read anew when the job has ended."""
+        self.forget(path)
+        number = self.jobs.start(title, page, work, on_done)
+
+        def ended(job: Job) -> None:
+            if job.number == number:
+                self.jobs.finished.disconnect(ended)
+                if path in (self.state.psf, self.state.reference):
+                    self.matrices.want(path)
+
+        self.jobs.finished.connect(ended)
+        return number
 
     def on_close(self, closer: Callable[[], None]) -> None:
         """Call ``closer`` when the window closes and no thread is at work any more: devices and files are let go."""
@@ -73,5 +89,4 @@ class Context(QObject):
         """Close what pages hold, and all files."""
         while self._closers:
             self._closers.pop()()
-        for path in list(self._matrices):
-            self.forget(path)
+        self.matrices.close()

@@ -1,7 +1,7 @@
-"""The only threads of the window: long work as jobs, quick computations whose stale results are dropped.
+"""What the window does in threads: long work as jobs, quick computations, files that are opened.
 
-Threads never touch Qt. They put records into a queue; a timer in the window's thread takes them out and
-emits signals there.
+Stale results are dropped. Threads never touch Qt. They put records into a queue; a timer in the window's thread takes
+them out and emits signals there.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
@@ -20,12 +19,16 @@ from typing import Any
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from gui.garbage import Collector
-from lfcal.errors import Cancelled, LfcalError
+from gui.loads import Loads
+from gui.workers import Workers, keep, wait_for, words_of
+from lfcal.errors import Cancelled
 from lfcal.progress import Progress, Work
 
 __all__ = ["Job", "JobState", "Jobs"]
 
 POLL_MS = 8
+JOBS_S, COMPUTATIONS_S, LOADS_S = 30.0, 5.0, 1.0
+"""How long closing waits for jobs, which clean up behind themselves, for computations, and for files (s)."""
 
 
 class JobState(Enum):
@@ -79,6 +82,9 @@ class Jobs(QObject):
     finished = Signal(object)
     """A `Job` that is done, stopped or failed."""
 
+    trouble = Signal(str)
+    """Why a computation failed whose caller did not ask to be told."""
+
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._queue: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
@@ -87,7 +93,10 @@ class Jobs(QObject):
         self._stops: dict[int, threading.Event] = {}
         self._threads: dict[int, threading.Thread] = {}
         self._callbacks: dict[int, tuple[Callable[[Any], None] | None, Callable[[Job], None] | None]] = {}
-        self._pool = ThreadPoolExecutor(2, thread_name_prefix="lfcal-compute")
+        self._workers = Workers(2, "lfcal-compute")
+        self._opening: set[int] = set()
+        self._abandoned: list[threading.Thread] = []
+        self._loads = Loads(lambda call: self._queue.put(("call", call)))
         self._generation: dict[str, int] = {}
         self._pending: dict[str, int] = {}
         self._timer = QTimer(self)
@@ -104,13 +113,20 @@ class Jobs(QObject):
         work: Callable[[], Work[Any]],
         on_done: Callable[[Any], None] | None = None,
         on_failed: Callable[[Job], None] | None = None,
+        *,
+        abandon: bool = False,
     ) -> int:
-        """Run ``work()`` in a thread of its own; return the job's number."""
+        """Run ``work()`` in a thread of its own; return the job's number.
+
+        ``abandon``: until its first record it only opens files, so that stopping it then need not wait for it.
+        """
         number = next(self._numbers)
         job = Job(number, title, page)
         self._jobs[number] = job
         self._stops[number] = threading.Event()
         self._callbacks[number] = (on_done, on_failed)
+        if abandon:
+            self._opening.add(number)
         thread = threading.Thread(target=self._run, args=(number, work), name=f"lfcal-job-{number}", daemon=True)
         self._threads[number] = thread
         self._timer.start()
@@ -139,13 +155,16 @@ class Jobs(QObject):
         except Cancelled:
             self._queue.put(("cancelled", number))
         except BaseException as error:
-            words = str(error) if isinstance(error, LfcalError) else f"{type(error).__name__}: {error}"
-            self._queue.put(("failed", (number, words, traceback.format_exc())))
+            keep(f"job {number}", error)
+            self._queue.put(("failed", (number, words_of(error), traceback.format_exc())))
 
     def cancel(self, number: int) -> None:
         """Ask a job to stop; it cleans up behind itself."""
         if number in self._stops:
             self._stops[number].set()
+            if number in self._opening and self._jobs[number].progress is None:
+                self._abandoned.append(self._threads[number])
+                self._end(number, join_s=0, state=JobState.CANCELLED)
 
     def jobs(self) -> list[Job]:
         """Return all jobs since the start, newest first."""
@@ -158,7 +177,8 @@ class Jobs(QObject):
     @property
     def busy(self) -> bool:
         """Whether a job or a computation is at work, or its result waits to be shown."""
-        return any(self._pending.values()) or any(job.active for job in self._jobs.values())
+        at_work = bool(self._loads) or any(self._pending.values())
+        return at_work or any(job.active for job in self._jobs.values())
 
     # -- quick computations ----------------------------------------------------------------------------
     def compute(
@@ -174,11 +194,14 @@ class Jobs(QObject):
         """
         if self._closed:
             return
-        generation = self._generation.get(group, 0) + 1
-        self._generation[group] = generation
-        self._pool.submit(self._compute, group, generation, function, on_result, on_error)
+        generation = self._next(group)
+        self._workers.submit(lambda: self._compute(group, generation, function, on_result, on_error))
         self._pending[group] = self._pending.get(group, 0) + 1
         self._timer.start()
+
+    def _next(self, group: str) -> int:
+        self._generation[group] = self._generation.get(group, 0) + 1
+        return self._generation[group]
 
     def _compute(
         self,
@@ -194,8 +217,34 @@ class Jobs(QObject):
         try:
             self._queue.put(("result", (group, generation, on_result, function())))
         except BaseException as error:
-            words = str(error) if isinstance(error, LfcalError) else f"{type(error).__name__}: {error}"
-            self._queue.put(("error", (group, generation, on_error, words)))
+            keep(group, error)
+            self._queue.put(("error", (group, generation, on_error, words_of(error))))
+
+    # -- opening files ---------------------------------------------------------------------------------
+    def load(
+        self,
+        group: str,
+        function: Callable[[], Any],
+        on_result: Callable[[Any], None],
+        on_error: Callable[[str], None] | None = None,
+        discard: Callable[[Any], None] | None = None,
+    ) -> None:
+        """Open something in a thread of its own, which a disk that does not answer may keep for ever.
+
+        Only the newest request of a ``group`` reports. It waits for an earlier one unless that is dropped; what comes
+        too late is handed to ``discard``.
+        """
+        if not self._closed:
+            self._loads.start(group, function, on_result, on_error or self.trouble.emit, discard)
+            self._timer.start()
+
+    def loading(self, group: str) -> bool:
+        """Return whether something of the group is being opened."""
+        return group in self._loads
+
+    def drop(self, group: str) -> None:
+        """Wait no longer for what is being opened."""
+        self._loads.drop(group)
 
     # -- the window's thread ---------------------------------------------------------------------------
     def _take(self) -> None:
@@ -216,11 +265,13 @@ class Jobs(QObject):
             self._timer.stop()
 
     def _handle(self, kind: str, data: Any) -> None:
-        if kind in ("result", "error"):
+        if kind == "call":
+            data()
+        elif kind in ("result", "error"):
             group, generation, callback, value = data
             self._pending[group] -= 1
-            if self._generation.get(group) == generation and callback is not None and not self._closed:
-                callback(value)
+            if self._generation.get(group) == generation and not self._closed:
+                (callback or self.trouble.emit)(value)
         elif kind == "stale":
             self._pending[data] -= 1
         elif kind == "done":
@@ -237,26 +288,32 @@ class Jobs(QObject):
         self.changed.emit(job)
         return job
 
-    def _end(self, number: int, **changes: Any) -> None:
+    def _end(self, number: int, join_s: float = 5, **changes: Any) -> None:
+        if not self._jobs[number].active:  # it was abandoned before
+            return
         job = self._change(number, **changes)
-        self._threads.pop(number).join(timeout=5)
+        self._opening.discard(number)
+        self._threads.pop(number).join(join_s)
         self._stops.pop(number)
         on_done, on_failed = self._callbacks.pop(number)
         if self._closed:
             return
-        if job.state is JobState.DONE and on_done is not None:
-            on_done(job.result)
-        elif job.state is JobState.FAILED and on_failed is not None:
-            on_failed(job)
-        self.finished.emit(job)
+        try:
+            if job.state is JobState.DONE and on_done is not None:
+                on_done(job.result)
+            elif job.state is JobState.FAILED and on_failed is not None:
+                on_failed(job)
+        finally:  # whoever waits for the end hears of it, whatever its result met with
+            self.finished.emit(job)
 
     def close(self) -> None:
         """Stop everything and wait for the threads; nothing reports afterwards."""
         self._closed = True
         for stop in self._stops.values():
             stop.set()
-        for thread in list(self._threads.values()):
-            thread.join(timeout=30)
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        wait_for(list(self._threads.values()), JOBS_S)
+        wait_for(self._abandoned, LOADS_S)
+        self._loads.close(LOADS_S)
+        self._workers.close(COMPUTATIONS_S)
         self._timer.stop()
         self._collector.close()

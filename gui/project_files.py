@@ -1,8 +1,9 @@
-"""Opening, saving and leaving the window's project: dialogs, recent files, autosave."""
+"""Opening, saving and leaving the window's project: dialogs, recent files, locks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
@@ -10,12 +11,17 @@ from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QFileDialog, QMenu, QMessageBox, QWidget
 
 from gui.jobs import Jobs
-from gui.models.project import Project, ProjectState, RecentProjects
+from gui.locks import FileLock
+from gui.models.autosave import Kept
+from gui.models.project import Project, ProjectState, RecentProjects, read_project
+from gui.rescue import Rescue
+from gui.saving import ask_target, may_replace
 from lfcal.errors import LfcalError
 
 __all__ = ["ProjectFiles"]
 
 KIND = "lfcal projects (*.lfcal)"
+BUTTONS = QMessageBox.StandardButton
 
 
 class ProjectFiles(QObject):
@@ -26,7 +32,7 @@ class ProjectFiles(QObject):
     project, jobs
         The window's.
     folder
-        Where recent projects and the autosave are kept.
+        Where recent projects and copies of unsaved work are kept.
     window
         Parent of the dialogs.
 
@@ -45,12 +51,23 @@ class ProjectFiles(QObject):
         super().__init__(window)
         self.project, self.jobs, self._window = project, jobs, window
         self.recent = RecentProjects(folder / "recent.json")
-        self.autosave_path = folder / "autosave.lfcal"
+        self.rescue = Rescue(project, jobs, folder / "autosave", window)
+        self.rescue.message.connect(self.message.emit)
+        self.rescue.restored.connect(self._restore)
+        self._lock: FileLock | None = None
+
+    # -- beginning -------------------------------------------------------------------------------------
+    def begin(self, path: Path | None = None) -> None:
+        """Open the project the program was started with, and offer unsaved work of windows that are gone."""
+        if path is None:
+            self.rescue.look()
+        else:
+            self._open(path, then=lambda: self.rescue.look(path))
 
     def new(self) -> None:
         """Begin anew, after asking about unsaved work."""
         if self.may_leave():
-            self.project.start(ProjectState())
+            self._start(ProjectState(), None, None)
 
     def open(self, path: Path | None = None) -> None:
         """Open a project file, after asking about unsaved work; asks for its name where none is given."""
@@ -61,50 +78,127 @@ class ProjectFiles(QObject):
             if not name:
                 return
             path = Path(name)
-        if self._tried("Open project", lambda: self.project.open(path)):
-            self.recent.add(path)
-            self.message.emit(f"opened {path}")
+        self._open(path)
 
+    def _open(self, path: Path, then: Callable[[], None] | None = None) -> None:
+        """Read a project in the background; what is open now stays until the new one is known to be good."""
+
+        def ended(action: Callable[[], None]) -> None:
+            action()
+            if then is not None:
+                then()
+
+        self.message.emit(f"opening {path} …")
+        self.jobs.drop("project")
+        self.jobs.load(
+            "project",
+            lambda: read_project(path),
+            lambda state: ended(lambda: self._opened(path, state)),
+            lambda words: ended(lambda: self._refuse("Open project", words)),
+        )
+
+    def _opened(self, path: Path, state: ProjectState) -> None:
+        lock = self._claim(path)
+        if lock is None:
+            lock, copy = self._ask_about(path)
+            if copy:
+                self._start(replace(state, name=f"{path.stem} copy"), None, None, ProjectState())
+                return
+            if lock is None:
+                return
+        self._start(state, path, lock)
+        self.recent.add(path)
+        self.message.emit(f"opened {path}")
+
+    def _start(
+        self, state: ProjectState, path: Path | None, lock: FileLock | None, saved: ProjectState | None = None
+    ) -> None:
+        self._hold(lock)
+        self.project.start(state, path, saved)
+        self.rescue.keep()
+
+    # -- locks -----------------------------------------------------------------------------------------
+    def _claim(self, path: Path) -> FileLock | None:
+        """Return the lock of a project file, None where another window has it."""
+        if self._lock is not None and self._lock.path == path:
+            return self._lock
+        lock = FileLock(path)
+        return lock if lock.take() else None
+
+    def _hold(self, lock: FileLock | None) -> None:
+        if self._lock is not None and self._lock is not lock:
+            self._lock.release()
+        self._lock = lock
+
+    def _ask_about(self, path: Path) -> tuple[FileLock | None, bool]:
+        """Ask what to do with a project that is open elsewhere: its lock if it is to be taken; whether to copy it."""
+        lock = FileLock(path)
+        who, away = lock.holder()
+        box = QMessageBox(self._window)
+        box.setIcon(QMessageBox.Icon.Question)
+        box.setWindowTitle("The project is open elsewhere")
+        box.setText(f"{path.name} is open in {who}.")
+        box.setInformativeText("A copy can be changed as you like; saving it asks for a name.")
+        copy = box.addButton("Open a copy", QMessageBox.ButtonRole.AcceptRole)
+        copy.setProperty("role", "primary")
+        # a dead process of this machine is known to be dead; of another one only the user may know
+        take = box.addButton("Open anyway", QMessageBox.ButtonRole.DestructiveRole) if away else None
+        box.addButton(BUTTONS.Cancel)
+        box.setDefaultButton(copy)
+        box.exec()
+        if take is not None and box.clickedButton() is take and lock.take_over():
+            return lock, False
+        return None, box.clickedButton() is copy
+
+    # -- restoring -------------------------------------------------------------------------------------
+    def _restore(self, kept: Kept) -> None:
+        if not self.may_leave():
+            self.rescue.later(kept)
+            return
+        lock = None if kept.path is None else self._claim(kept.path)
+        # without its file, or with the file open elsewhere, it is saved under a new name
+        self._start(kept.state, kept.path if lock is not None else None, lock, kept.on_disk or ProjectState())
+        self.rescue.finish(kept)
+        self.message.emit(f"restored {kept.name()}; it is not saved yet")
+
+    # -- saving ----------------------------------------------------------------------------------------
     def save(self) -> bool:
         """Save; ask for a name the first time. Return whether it is saved."""
-        if self.project.path is None:
+        path = self.project.path
+        if path is None:
             return self.save_as()
-        return self._save(self.project.path)
+        if self.project.changed_on_disk and not may_replace(self._window, [path]):
+            return False
+        return self._save(path)
 
     def save_as(self) -> bool:
         """Save under a new name."""
-        name = QFileDialog.getSaveFileName(self._window, "Save project", "project.lfcal", KIND)[0]
+        name = ask_target(self._window, "Save project", "project.lfcal", KIND)
         return bool(name) and self._save(Path(name))
 
     def _save(self, path: Path) -> bool:
-        if not self._tried("Save project", lambda: self.project.save(path)):
+        lock = self._claim(path)
+        if lock is None:
+            self._refuse("Save project", f"{path}: is open in another window; choose another name")
             return False
+        try:
+            self.project.save(path)
+        except LfcalError as error:
+            if lock is not self._lock:
+                lock.release()
+            self._refuse("Save project", str(error))
+            return False
+        self._hold(lock)
+        self.rescue.forget()
         self.recent.add(path)
         self.saved.emit()
         self.message.emit(f"saved {path}")
         return True
 
-    def _tried(self, title: str, action: Callable[[], None]) -> bool:
-        """Do ``action``; say in a box and in the log why it failed."""
-        try:
-            action()
-        except LfcalError as error:
-            self.message.emit(str(error))
-            QMessageBox.warning(self._window, title, str(error))
-            return False
-        return True
-
-    def autosave(self) -> None:
-        """Keep a copy of unsaved work; a failure is only logged."""
-        if self.project.unsaved:
-            try:
-                self.project.autosave(self.autosave_path)
-            except LfcalError as error:
-                self.message.emit(str(error))
-
-    def forget_autosave(self) -> None:
-        """Remove the copy: the window was closed in order."""
-        self.autosave_path.unlink(missing_ok=True)
+    def _refuse(self, title: str, words: str) -> None:
+        """Say in a box and in the log why something failed."""
+        self.message.emit(words)
+        QMessageBox.warning(self._window, title, words)
 
     def fill_recent(self, menu: QMenu) -> None:
         """Put the projects opened lately into a menu."""
@@ -116,20 +210,33 @@ class ProjectFiles(QObject):
         if menu.isEmpty():
             menu.addAction("none yet").setEnabled(False)
 
+    # -- leaving ---------------------------------------------------------------------------------------
     def may_leave(self) -> bool:
-        """Ask about unsaved work and jobs at work; return whether to go on."""
-        if self.jobs.running_pages():
-            answer = QMessageBox.question(self._window, "Jobs are running", "Stop the running jobs?")
-            if answer != QMessageBox.StandardButton.Yes:
+        """Ask about jobs at work and unsaved work; return whether to go on. Jobs stop when all is answered."""
+        at_work = [job for job in self.jobs.jobs() if job.active]
+        if at_work:
+            names = "\n".join(job.title for job in at_work[:8])
+            words = f"At work:\n{names}\n\nStop it? What a recording has counted as done stays."
+            choices = BUTTONS.Yes | BUTTONS.No
+            if QMessageBox.question(self._window, "Jobs are running", words, choices, BUTTONS.No) != BUTTONS.Yes:
                 return False
-            for job in self.jobs.jobs():
-                self.jobs.cancel(job.number)
+        if not self._may_lose_changes():
+            return False
+        for job in at_work:
+            self.jobs.cancel(job.number)
+        return True
+
+    def _may_lose_changes(self) -> bool:
         if not self.project.unsaved:
             return True
-        buttons = QMessageBox.StandardButton
-        choices = buttons.Save | buttons.Discard | buttons.Cancel
+        choices = BUTTONS.Save | BUTTONS.Discard | BUTTONS.Cancel
         words = "Save the changes to this project?"
         answer = QMessageBox.question(self._window, "Unsaved changes", words, choices)
-        if answer == buttons.Save:
+        if answer == BUTTONS.Save:
             return self.save()
-        return answer == buttons.Discard
+        return answer == BUTTONS.Discard
+
+    def close(self, *, answered: bool) -> None:
+        """Let the files go; ``answered``: the user was asked about unsaved work, else a copy of it stays."""
+        self.rescue.close(keep=not answered)
+        self._hold(None)

@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
+from PySide6.QtCore import QByteArray, QSettings, QSize, Qt
 from PySide6.QtGui import QAction, QCloseEvent, QDragEnterEvent, QDropEvent, QKeySequence
 from PySide6.QtWidgets import (
     QApplication,
@@ -24,18 +24,20 @@ from PySide6.QtWidgets import (
 
 from gui.base_page import BasePage, page_class
 from gui.context import Context
+from gui.crash_dialog import open_folder
 from gui.help import about_text, cheat_sheet
 from gui.icons import icon_of
 from gui.job_panel import JobPanel
 from gui.jobs import Job, Jobs, JobState
+from gui.log import log_folder
 from gui.models.page import PAGES, PageSpec, PageState, available_pages, page_states
 from gui.models.project import Project, ProjectState
 from gui.project_files import ProjectFiles
 from gui.theme import DARK, LIGHT, apply_theme, current_theme
+from gui.workers import LOG
 
 __all__ = ["MainWindow"]
 
-AUTOSAVE_MS = 30_000
 _MARKS = {
     PageState.NOTHING: "○",
     PageState.READY: "◔",
@@ -82,10 +84,7 @@ class MainWindow(QMainWindow):
         self.files.message.connect(self.log)
         self.files.saved.connect(self._refresh)
         self.jobs.changed.connect(self._job_changed)
-        self._timer = QTimer(self)
-        self._timer.setInterval(AUTOSAVE_MS)
-        self._timer.timeout.connect(self.files.autosave)
-        self._timer.start()
+        self.jobs.trouble.connect(self.log)
         self.resize(1280, 800)
         self._restore()
         self.rail.setCurrentRow(0)
@@ -144,13 +143,16 @@ class MainWindow(QMainWindow):
         self.recent_menu.aboutToShow.connect(lambda: files.fill_recent(self.recent_menu))
         self._action(file, "Save project", lambda: files.save(), keys.Save)
         self._action(file, "Save project as …", lambda: files.save_as(), QKeySequence("Ctrl+Shift+S"))
+        self._action(file, "Restore unsaved work …", lambda: files.rescue.look(asked=True), None)
         file.addSeparator()
         self._action(file, "Quit", self.close, keys.Quit)
         self._build_edit_menu()
         self._build_view_menu()
         help_ = bar.addMenu("&Help")
-        self._action(help_, "Keyboard shortcuts", self.show_shortcuts, QKeySequence("F1"))
-        self._action(help_, "About lfcal", self.show_about, None)
+        title, sheet = "Keyboard shortcuts", cheat_sheet(self.specs)
+        self._action(help_, title, lambda: QMessageBox.information(self, title, sheet), QKeySequence("F1"))
+        self._action(help_, "Open log folder", lambda: open_folder(log_folder()), None)
+        self._action(help_, "About lfcal", lambda: QMessageBox.about(self, "About lfcal", about_text()), None)
 
     def _build_edit_menu(self) -> None:
         edit = self.menuBar().addMenu("&Edit")
@@ -257,6 +259,7 @@ class MainWindow(QMainWindow):
         line = " ".join(str(text).split())
         self.log_view.appendPlainText(f"{datetime.now():%H:%M:%S}  {line}")
         self.statusBar().showMessage(line, 8000)
+        LOG.info("%s", line)
 
     # -- habits ------------------------------------------------------------------------------------------
     def toggle_theme(self) -> None:
@@ -277,14 +280,6 @@ class MainWindow(QMainWindow):
         """Put a picture of the page on the clipboard."""
         QApplication.clipboard().setPixmap(self.stack.currentWidget().grab())
         self.log("picture of the page copied")
-
-    def show_shortcuts(self) -> None:
-        """Show the cheat sheet."""
-        QMessageBox.information(self, "Keyboard shortcuts", cheat_sheet(self.specs))
-
-    def show_about(self) -> None:
-        """Show versions and licence."""
-        QMessageBox.about(self, "About lfcal", about_text())
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Accept files."""
@@ -317,21 +312,23 @@ class MainWindow(QMainWindow):
             if not self.files.may_leave():
                 event.ignore()
                 return
-            self.shut_down()
+            self.shut_down(asked=True)
         event.accept()
 
-    def shut_down(self) -> None:
-        """Stop timers, jobs and threads; keep the window's state. Closing asks nothing afterwards."""
+    def shut_down(self, *, asked: bool = False) -> None:
+        """Stop timers, jobs and threads; keep the window's state, and what is not saved unless the user was ``asked``.
+
+        Closing asks nothing afterwards.
+        """
         if self._stopped:
             return
         self._stopped = True
-        self._timer.stop()
         if self.settings is not None:
             self.settings.setValue("geometry", self.saveGeometry())
             self.settings.setValue("windowState", self.saveState())
         self.jobs.close()
         self.context.close()
-        self.files.forget_autosave()
+        self.files.close(answered=asked)
 
     def _restore(self) -> None:
         if self.settings is None:

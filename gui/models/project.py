@@ -12,7 +12,7 @@ from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.errors import FileFormatError, LfcalError
 from lfcal.files import read_text, replace_whole
 
-__all__ = ["Project", "ProjectState", "RecentProjects"]
+__all__ = ["Project", "ProjectState", "RecentProjects", "read_project"]
 
 FORMAT = "lfcal-project"
 VERSION = 1
@@ -102,6 +102,11 @@ def _modern(data: dict[str, Any]) -> dict[str, Any]:
     return {**data, "frames": folder, "settings": settings}
 
 
+def read_project(path: Path) -> ProjectState:
+    """Return the project in a file; raises `LfcalError` where there is none."""
+    return ProjectState.from_json(read_text(path))
+
+
 Listener = Callable[[ProjectState, ProjectState], None]
 
 
@@ -112,6 +117,7 @@ class Project:
         self._state = state or ProjectState()
         self._saved = self._state
         self.path = path
+        self._stamp = None if path is None else _stamp(path)
         self._past: list[tuple[str, ProjectState]] = []
         self._future: list[tuple[str, ProjectState]] = []
         self._listeners: list[Listener] = []
@@ -189,23 +195,34 @@ class Project:
         with replace_whole(target) as part:
             part.write_text(self._state.to_json(), encoding="utf-8")
         self.path, self._saved = target, self._state
+        self._stamp = _stamp(target)
 
-    def autosave(self, path: Path) -> None:
-        """Write the state to ``path`` without calling it saved."""
-        with replace_whole(path) as part:
-            part.write_text(self._state.to_json(), encoding="utf-8")
+    @property
+    def changed_on_disk(self) -> bool:
+        """Whether somebody else has written the project's file since it was opened or saved here."""
+        now = None if self.path is None else _stamp(self.path)
+        return now is not None and now != self._stamp
 
     def open(self, path: Path) -> None:
         """Replace the state by that of a project file; the old one stays if the file cannot be read."""
-        text = read_text(path)
-        self.start(ProjectState.from_json(text), path)
+        self.start(read_project(path), path)
 
-    def start(self, state: ProjectState, path: Path | None = None) -> None:
-        """Begin with ``state``: nothing to undo, nothing unsaved."""
+    def start(self, state: ProjectState, path: Path | None = None, saved: ProjectState | None = None) -> None:
+        """Begin with ``state``: nothing to undo; unsaved if its file holds something else (``saved``)."""
         self._past.clear()
         self._future.clear()
-        self.path, self._saved = path, state
+        self.path, self._saved = path, state if saved is None else saved
+        self._stamp = None if path is None else _stamp(path)
         self._set(state)
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Return what changes when a file is written, None where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
 
 
 class RecentProjects:

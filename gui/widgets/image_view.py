@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,10 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QAction, QPen
-from PySide6.QtWidgets import QFileDialog, QGraphicsItem, QMenu, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGraphicsItem, QMenu, QVBoxLayout, QWidget
 
 from gui.models.display import Display, colour_table, levels_of, to_uint8
+from gui.saving import ask_target, write_file, write_picture
 from gui.theme import current_theme
 from gui.widgets.plots import style_axes, theme_plot
 
@@ -249,16 +251,23 @@ class ImageView(QWidget):
 
     def save_picture(self, path: str = "") -> None:
         """Write the picture, axes and all, as PNG."""
-        path = path or QFileDialog.getSaveFileName(self, "Save picture", f"{self._name}.png", "PNG (*.png)")[0]
+        path = path or ask_target(self, "Save picture", f"{self._name}.png", "PNG (*.png)")
         if path:
-            self.grab().save(path, "PNG")
+            write_picture(self, path)
 
     def save_data(self, path: str = "") -> None:
         """Write the values as ``.npy``, or as text with ``.csv``."""
         if self._image is None:
             return
-        path = path or QFileDialog.getSaveFileName(self, "Save data", f"{self._name}.npy", "Data (*.npy *.csv)")[0]
-        if path.endswith(".csv"):
-            np.savetxt(path, self._image, delimiter=",", fmt="%.7g")
-        elif path:
-            np.save(path, self._image)
+        image = self._image
+        path = path or ask_target(self, "Save data", f"{self._name}.npy", "numpy (*.npy);;text (*.csv)")
+        if path:
+            write_file(self, path, lambda part: _write_values(part, image, text=path.endswith(".csv")))
+
+
+def _write_values(part: Path, image: NDArray[Any], *, text: bool) -> None:
+    with part.open("wb") as file:
+        if text:
+            np.savetxt(file, image, delimiter=",", fmt="%.7g")
+        else:
+            np.save(file, image)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,9 @@ import pyqtgraph as pg
 from numpy.typing import ArrayLike
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QFont
-from PySide6.QtWidgets import QApplication, QFileDialog, QMenu, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QMenu, QVBoxLayout, QWidget
 
+from gui.saving import ask_target, write_file, write_picture
 from gui.theme import current_theme
 
 __all__ = ["LINES", "LinePlot", "style_axes", "theme_plot"]
@@ -129,16 +131,18 @@ class LinePlot(QWidget):
 
     def save_picture(self, path: str = "") -> None:
         """Write the plot as PNG."""
-        path = path or QFileDialog.getSaveFileName(self, "Save picture", "plot.png", "PNG (*.png)")[0]
+        path = path or ask_target(self, "Save picture", "plot.png", "PNG (*.png)")
         if path:
-            self.grab().save(path, "PNG")
+            write_picture(self, path)
 
     def save_data(self, path: str = "") -> None:
         """Write all curves as text: columns x and y of each."""
-        path = path or QFileDialog.getSaveFileName(self, "Save data", "plot.csv", "Text (*.csv)")[0]
-        if not path:
-            return
-        with open(path, "w", encoding="utf-8") as file:
+        path = path or ask_target(self, "Save data", "plot.csv", "Text (*.csv)")
+        if path:
+            write_file(self, path, self._write_curves)
+
+    def _write_curves(self, part: Path) -> None:
+        with part.open("w", encoding="utf-8") as file:
             for name, curve in self._curves.items():
                 file.write(f"# {name}: {self._labels[0]}, {self._labels[1]}\n")
                 for x, y in zip(*curve.getData(), strict=True):

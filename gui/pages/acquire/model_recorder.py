@@ -127,7 +127,7 @@ class FolderState:
 
 
 def folder_state(folder: str) -> FolderState:
-    """Return what is recorded in ``folder``; never raises."""
+    """Return what is recorded in ``folder``; a damaged session is a problem in words, not an error."""
     from lfcal.acquire.recording.reader import RecordingFile
     from lfcal.acquire.session_file import SessionFile
     from lfcal.errors import LfcalError

@@ -16,7 +16,8 @@ from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state, record_picture
 from gui.pages.acquire.record_panel import RecordPanel
 from gui.pages.acquire.setup_tab import SetupTab
-from lfcal.errors import LfcalError
+from gui.saving import ask_target, may_replace
+from lfcal.errors import LfcalError, StorageError
 from lfcal.units import format_length, format_seconds
 
 __all__ = ["RecordTab"]
@@ -81,18 +82,34 @@ class RecordTab(QObject):
             self.context.project.update(f"change of {key.replace('_', ' ')}", plan=plan, settings=settings.into(state))
 
     # -- session folder --------------------------------------------------------------------------------
-    def _choose_folder(self) -> None:
+    def _choose_folder(self, then: Callable[[], None] | None = None) -> None:
         path = QFileDialog.getExistingDirectory(self.panel, "Folder of the session")
         if path:
-            self.set_folder(path)
+            self.set_folder(path, then)
 
-    def set_folder(self, path: str) -> None:
-        """Record into (or go on in) another folder."""
-        self.context.project.update("session folder", recording=path)
+    def set_folder(self, path: str, then: Callable[[], None] | None = None) -> None:
+        """Record into (or go on in) another folder, unless what it holds is damaged."""
+
+        def seen(found: FolderState) -> None:
+            if found.problem:
+                self.panel.folder.setText(self.context.state.recording)
+                self._refuse(found.problem)
+            else:
+                self.context.project.update("session folder", recording=path)
+                if then is not None:
+                    then()
+
+        self.context.jobs.drop("acquire folder chosen")
+        self.context.jobs.load("acquire folder chosen", lambda: folder_state(path), seen, self._refuse)
+
+    def _refuse(self, words: str) -> None:
+        """Say why something cannot be done."""
+        self.panel.show_status("Cannot begin.", words, 0.0)
+        self.context.message.emit(words)
 
     def _look_into_folder(self) -> None:
         path = self.context.state.recording
-        self.context.jobs.compute("acquire folder", lambda: folder_state(path), self._folder_seen)
+        self.context.jobs.load("acquire folder", lambda: folder_state(path), self._folder_seen)
 
     def _folder_seen(self, found: FolderState) -> None:
         self.folder = found
@@ -153,23 +170,32 @@ class RecordTab(QObject):
         if state.plan is None or self.recording or not self.setup.free:
             return
         if not state.recording:
-            self._choose_folder()
-            if not self.context.state.recording:
-                return
+            self._choose_folder(lambda: self.start(redo=redo))
+            return
         if self.setup.station is None:
             self.setup.connect_devices(lambda: self.start(redo=redo))
             return
-        folder = Path(self.context.state.recording)
-        self.folder = now = folder_state(str(folder))
+        path = state.recording
+        self.context.jobs.load(
+            "acquire start", lambda: folder_state(path), lambda now: self._begin(now, redo=redo), self._refuse
+        )
+
+    def _begin(self, now: FolderState, *, redo: bool) -> None:
+        """Record, knowing what the folder holds."""
+        state, folder, station = self.context.state, Path(self.context.state.recording), self.setup.station
+        if state.plan is None or station is None or self.recording or not self.setup.free:
+            return
+        self.folder = now
         try:
+            if now.problem:  # what is damaged is not recorded over
+                raise StorageError(now.problem)
             options = now.options or AcquireSettings.of(state).options()
             resume = now.there is not None and not redo
             recorder = Recorder(folder, state.plan, options, resume=resume, redo=state.redo if redo else ())
         except LfcalError as error:
-            self.panel.show_status("Cannot begin.", str(error), 0.0)
-            self.context.message.emit(str(error))
+            self._refuse(str(error))
             return
-        self.recorder, station = recorder, self.setup.station
+        self.recorder = recorder
         self.context.attention.emit("acquire", False)
         self._set_job(
             self.context.jobs.start(
@@ -277,12 +303,14 @@ class RecordTab(QObject):
     def open_plane(self, z: int) -> None:
         """Assemble a complete plane beside the recording and show it, while others are being recorded."""
         folder = Path(self.context.state.recording)
-        self._assemble(folder / f"plane-{z:02d}.h5", planes=[z])
+        out = folder / f"plane-{z:02d}.h5"
+        if may_replace(self.panel, [out]):
+            self._assemble(out, planes=[z])
 
     def assemble(self, path: str = "") -> None:
         """Assemble H as a job."""
         folder = Path(self.context.state.recording)
-        path = path or QFileDialog.getSaveFileName(self.panel, "Assemble H", str(folder / "H.h5"), "H file (*.h5)")[0]
+        path = path or ask_target(self.panel, "Assemble H", str(folder / "H.h5"), "H file (*.h5)")
         if path:
             self._assemble(Path(path))
 
@@ -290,10 +318,10 @@ class RecordTab(QObject):
         from lfcal.acquire.finish import iter_assemble_session
 
         folder = Path(self.context.state.recording)
-        self.context.forget(str(out))
-        self.context.jobs.start(
+        self.context.start_writing(
             f"Assemble {out.name}",
             "acquire",
+            str(out),
             lambda: iter_assemble_session(folder, out, planes=planes),
             self._assembled,
         )

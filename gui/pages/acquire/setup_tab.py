@@ -168,11 +168,11 @@ class SetupTab(QObject):
         )
 
     def _reference(self) -> PSFMatrix | None:
+        """Return what a frame is compared with, as soon as it is open."""
         state = self.context.state
-        try:
-            return self.context.matrix(state.reference) or self.context.matrix(state.psf)
-        except LfcalError:
-            return None
+        for path in (state.reference, state.psf):
+            self.context.matrices.want(path)
+        return self.context.matrix(state.reference) or self.context.matrix(state.psf)
 
     def _looked(self, picture: LivePicture) -> None:
         chosen = AcquireSettings.of(self.context.state)

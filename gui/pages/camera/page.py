@@ -13,9 +13,8 @@ from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.camera.model import apply_change, read_camera
 from gui.pages.camera.panel import CameraPanel, PresetBox
+from gui.saving import ask_target, write_file
 from lfcal.camera import Camera, preset
-from lfcal.errors import LfcalError
-from lfcal.files import replace_whole
 
 __all__ = ["Page"]
 
@@ -55,24 +54,20 @@ class Page(BasePage):
         path = path or QFileDialog.getOpenFileName(self, "Import camera", "", "Cameras (*.xml *.json)")[0]
         if not path:
             return
-        try:
-            self._set(read_camera(Path(path)), f"import of {Path(path).name}")
+
+        def read(camera: Camera) -> None:
+            self._set(camera, f"import of {Path(path).name}")
             self.context.message.emit(f"camera taken from {path}")
-        except LfcalError as error:
-            self.context.message.emit(str(error))
+
+        self.load(Path(path).name, lambda: read_camera(Path(path)), read)
 
     def save_file(self, path: str = "") -> None:
         """Write the camera as JSON."""
         name = f"{self.context.state.camera.name}.json"
-        path = path or QFileDialog.getSaveFileName(self, "Save camera", name, "Camera (*.json)")[0]
-        if not path:
-            return
-        try:
-            with replace_whole(path) as part:
-                part.write_text(self.context.state.camera.to_json(), encoding="utf-8")
+        path = path or ask_target(self, "Save camera", name, "Camera (*.json)")
+        text = self.context.state.camera.to_json()
+        if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
             self.context.message.emit(f"camera saved as {path}")
-        except LfcalError as error:
-            self.context.message.emit(str(error))
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped calibration."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from gui.models.frame_view import FrameNumbers, frame_numbers
 from gui.models.settings import PageSettings
 from lfcal.camera import ScanPlan
+from lfcal.files import read_text
 from lfcal.frames.source import FrameSource, Position
 from lfcal.progress import Work
 from lfcal.psf.cutout import INTERPOLATIONS, Cutout
@@ -18,7 +20,18 @@ from lfcal.psf.cutout import INTERPOLATIONS, Cutout
 if TYPE_CHECKING:
     from lfcal.psf import AssemblyReport
 
-__all__ = ["CORRECTIONS", "WAYS", "FrameSettings", "Loaded", "Opened", "iter_assembly", "load_frame", "open_imported"]
+__all__ = [
+    "CORRECTIONS",
+    "WAYS",
+    "FrameSettings",
+    "Imported",
+    "Loaded",
+    "Opened",
+    "import_folder",
+    "iter_assembly",
+    "load_frame",
+    "open_imported",
+]
 
 CORRECTIONS = (
     ("use_dark", "Dark frame", "Subtract the mean dark frame"),
@@ -141,6 +154,55 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
     for index in range(len(source)):
         frames[source.info(index).position] = index
     return Opened(source, corrected_view(source, recipe, plan), frames, plan, settings.interpolation)
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """What a folder of frames brings, before the project takes it.
+
+    Attributes
+    ----------
+    folder
+        The frames.
+    settings
+        Corrections found beside them.
+    plan
+        The plan they were recorded by, None where there is none.
+    opened
+        The frames, None where no plan says how.
+    """
+
+    folder: str
+    settings: FrameSettings
+    plan: ScanPlan | None
+    opened: Opened | None
+
+    def close(self) -> None:
+        """Close the frames: they are not wanted."""
+        if self.opened is not None:
+            self.opened.source.close()
+
+
+def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None) -> Imported:
+    """Open a folder of frames or a recorded session; dark, white and plan beside it are found.
+
+    Raises what opening raises: then nothing of it is to be used.
+    """
+    from lfcal.acquire import SessionFile
+
+    folder = Path(path)
+    chosen = replace(settings, manifest="", pattern="", dark="", white="")
+    if (folder / "session.json").is_file():
+        plan, frames = SessionFile.read(folder).plan, folder
+    else:
+        inside = (folder / "frames").is_dir()
+        around, frames = (folder, folder / "frames") if inside else (folder.parent, folder)
+        if (around / "plan.json").is_file():
+            plan = ScanPlan.from_json(read_text(around / "plan.json"))
+        found = {name: str(around / name) for name in ("dark", "white") if (around / name).is_dir()}
+        chosen = replace(chosen, dark=found.get("dark", ""), white=found.get("white", ""))
+    opened = None if plan is None else open_imported(str(frames), chosen, plan)
+    return Imported(str(frames), chosen, plan, opened)
 
 
 def load_frame(opened: Opened, position: Position) -> Loaded:

@@ -13,11 +13,18 @@ from gui.base_page import BasePage
 from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
-from gui.pages.frames.model import FrameSettings, Loaded, Opened, iter_assembly, load_frame, open_imported
+from gui.pages.frames.model import (
+    FrameSettings,
+    Imported,
+    Loaded,
+    Opened,
+    import_folder,
+    iter_assembly,
+    load_frame,
+    open_imported,
+)
 from gui.pages.frames.panel import FramesPanel
-from lfcal.camera import ScanPlan
-from lfcal.errors import LfcalError
-from lfcal.files import read_text
+from gui.saving import ask_target
 from lfcal.frames.source import Position
 
 __all__ = ["Page"]
@@ -31,6 +38,8 @@ class Page(BasePage):
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
         self.opened: Opened | None = None
+        self._ready: Imported | None = None
+        """Frames that are open already when the project takes them."""
         self.loaded: Loaded | None = None
         self.position = Position(0, 0, 0)
         self.tool_button(
@@ -101,39 +110,18 @@ class Page(BasePage):
             self.open_folder(path)
 
     def open_folder(self, path: str) -> None:
-        """Take the frames of a folder; dark, white and plan beside it are found. A recorded session brings all."""
-        folder = Path(path)
-        if (folder / "session.json").is_file():
-            self._open_recording(folder)
-            return
-        around = folder if (folder / "frames").is_dir() else folder.parent
-        frames = folder / "frames" if (folder / "frames").is_dir() else folder
-        changes: dict[str, Any] = {}
-        plan = around / "plan.json"
-        if plan.is_file():
-            try:
-                changes["plan"] = ScanPlan.from_json(read_text(plan))
-                changes["camera"] = changes["plan"].camera
-            except (LfcalError, OSError) as error:
-                self.context.message.emit(str(error))
-        found = {name: str(around / name) for name in ("dark", "white") if (around / name).is_dir()}
-        chosen = replace(
-            self.settings, manifest="", pattern="", dark=found.get("dark", ""), white=found.get("white", "")
-        )
-        settings = chosen.into(self.context.state)
-        self.context.project.update("open frames", frames=str(frames), settings=settings, **changes)
+        """Take the frames of a folder, once they are known to be good; dark, white and plan beside it are found."""
+        settings, plan = self.settings, self.context.state.plan
+        self.load(Path(path).name, lambda: import_folder(path, settings, plan), self._imported, Imported.close)
 
-    def _open_recording(self, folder: Path) -> None:
-        from lfcal.acquire import SessionFile
-
-        try:
-            plan = SessionFile.read(folder).plan
-        except LfcalError as error:
-            self.context.message.emit(str(error))
-            return
-        chosen = replace(self.settings, manifest="", pattern="", dark="", white="")
-        settings = chosen.into(self.context.state)
-        self.context.project.update("open frames", frames=str(folder), plan=plan, camera=plan.camera, settings=settings)
+    def _imported(self, found: Imported) -> None:
+        changes: dict[str, Any] = {"frames": found.folder, "settings": found.settings.into(self.context.state)}
+        if found.plan is not None:
+            changes |= {"plan": found.plan, "camera": found.plan.camera}
+        self._ready = found
+        self.context.project.update("open frames", **changes)
+        if self._ready is not None:  # the project had them before
+            self._open()
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped folder of frames."""
@@ -167,16 +155,32 @@ class Page(BasePage):
             return
         self.show_body()
         folder, plan = state.frames, state.plan
+        ready, self._ready = self._ready, None
+        if ready is not None and (ready.folder, ready.settings, ready.plan) == (folder, settings, plan):
+            self.context.jobs.drop("frames open")
+            self._opened(ready.opened)
+            return
         self.panel.position_label.setText("opening frames …")
-        self.context.jobs.compute(
-            "frames open", lambda: open_imported(folder, settings, plan), self._opened, self._failed
+        self.notice.wait(f"Opening {Path(folder).name} …", self._stop_opening)
+        self.context.jobs.load(
+            "frames open",
+            lambda: open_imported(folder, settings, plan),
+            self._opened,
+            self._failed,
+            lambda opened: opened.source.close(),
         )
 
+    def _stop_opening(self) -> None:
+        self.context.jobs.drop("frames open")
+        self._failed("The frames were not opened: stopped")
+
     def _failed(self, words: str) -> None:
-        self.show_empty(words, {"Open frames …": self.choose_folder})
+        self.notice.clear()
+        self.show_empty(words, {"Open frames …": self.choose_folder, "Try again": self._open})
         self.context.message.emit(words)
 
     def _opened(self, opened: Opened) -> None:
+        self.notice.clear()
         self.opened = opened
         self.assemble_button.setEnabled(True)
         rows, columns = opened.source.shape
@@ -201,7 +205,7 @@ class Page(BasePage):
         if opened.frames[where] < 0:
             self.panel.show_missing(f"z {where.z}, y {where.y}, x {where.x}: no frame")
             return
-        self.context.jobs.compute("frames load", lambda: load_frame(opened, where), self._loaded, self._failed)
+        self.context.jobs.compute("frames load", lambda: load_frame(opened, where), self._loaded, self.refuse)
 
     def _step(self, dy: int, dx: int) -> None:
         if self.opened is not None:
@@ -228,13 +232,11 @@ class Page(BasePage):
         """Assemble H as a job."""
         if self.opened is None:
             return
-        path = path or QFileDialog.getSaveFileName(self, "Assemble H", "H.h5", "H file (*.h5)")[0]
+        path = path or ask_target(self, "Assemble H", "H.h5", "H file (*.h5)")
         if not path:
             return
-        opened = self.opened
-        self.context.forget(path)
-        title = f"Assemble {Path(path).name}"
-        self.context.jobs.start(title, "frames", lambda: iter_assembly(opened, path), self._assembled)
+        opened, title = self.opened, f"Assemble {Path(path).name}"
+        self.context.start_writing(title, "frames", path, lambda: iter_assembly(opened, path), self._assembled)
 
     def _assembled(self, report: Any) -> None:
         path = report.matrix.path

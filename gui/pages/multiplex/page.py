@@ -14,7 +14,7 @@ from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.multiplex import model as view
 from gui.pages.multiplex.model import Comparison, ModulatorPicture, MultiplexSettings
-from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct
+from gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, opened
 from gui.pages.multiplex.panel import MultiplexPanel
 from lfcal.errors import LfcalError
 from lfcal.frames.formats.opening import image_suffixes
@@ -123,10 +123,14 @@ class Page(BasePage):
             self.open_image(path)
 
     def open_image(self, path: str) -> None:
-        """Take an image as recorded frame or as scene."""
-        settings = self.settings.changed("image", path).changed("scene", "image")
-        self.context.project.update("open image", settings=settings.into(self.context.state))
-        self.panel.tabs.setCurrentIndex(1)
+        """Take an image as recorded frame or as scene, once it is known to be good."""
+
+        def read(_: object) -> None:
+            settings = self.settings.changed("image", path).changed("scene", "image")
+            self.context.project.update("open image", settings=settings.into(self.context.state))
+            self.panel.tabs.setCurrentIndex(1)
+
+        self.load(Path(path).name, lambda: opened(path), read)
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped image."""

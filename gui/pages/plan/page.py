@@ -13,9 +13,10 @@ from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.plan.model import apply_change, default_plan
 from gui.pages.plan.panel import PlanPanel
+from gui.saving import ask_target, write_file
 from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError
-from lfcal.files import read_text, replace_whole
+from lfcal.files import read_text
 
 __all__ = ["Page"]
 
@@ -71,27 +72,21 @@ class Page(BasePage):
         path = path or QFileDialog.getOpenFileName(self, "Open plan", "", "Plans (*.json)")[0]
         if not path:
             return
-        try:
-            plan = ScanPlan.from_json(read_text(path))
-        except LfcalError as error:
-            self.context.message.emit(str(error))
-            return
-        self.context.project.update(f"plan {Path(path).name}", plan=plan, camera=plan.camera)
+        name = Path(path).name
+        self.load(
+            name,
+            lambda: ScanPlan.from_json(read_text(path)),
+            lambda plan: self.context.project.update(f"plan {name}", plan=plan, camera=plan.camera),
+        )
 
     def save_file(self, path: str = "") -> None:
         """Write the plan as JSON."""
         plan = self.context.state.plan
         if plan is None:
             return
-        path = path or QFileDialog.getSaveFileName(self, "Save plan", "plan.json", "Plans (*.json)")[0]
-        if not path:
-            return
-        try:
-            with replace_whole(path) as part:
-                part.write_text(plan.to_json(), encoding="utf-8")
+        path, text = path or ask_target(self, "Save plan", "plan.json", "Plans (*.json)"), plan.to_json()
+        if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
             self.context.message.emit(f"plan saved as {path}")
-        except LfcalError as error:
-            self.context.message.emit(str(error))
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped plan."""

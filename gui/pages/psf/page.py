@@ -13,9 +13,9 @@ from gui.base_page import BasePage
 from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
-from gui.pages.psf.model import LoadedPlane, PlaneData, PSFIntent, place_words, read_plane, resolve, unit_of
+from gui.pages.psf.model import LoadedPlane, PlaneData, PSFIntent, outputs, place_words, read_plane, resolve, unit_of
 from gui.pages.psf.panel import PSFPanel
-from lfcal.errors import LfcalError
+from gui.saving import ask_target
 from lfcal.psf import PSFMatrix
 from lfcal.units import format_bytes
 
@@ -53,6 +53,7 @@ class Page(BasePage):
         self.set_panel(self.panel)
         self._add_shortcuts()
         context.theme_changed.connect(self.panel.apply_theme)
+        context.matrices.changed.connect(self._matrix_changed)
         self._open()
 
     def _add_shortcuts(self) -> None:
@@ -73,29 +74,49 @@ class Page(BasePage):
             self._open()
 
     def _open(self) -> None:
+        """Open what the project names, in the background."""
         state = self.context.state
+        for path in (state.psf, state.reference):
+            self.context.matrices.want(path)
+        self._show_matrices()
+
+    def _matrix_changed(self, path: str) -> None:
+        if path in (self.context.state.psf, self.context.state.reference):
+            self._show_matrices()
+
+    def _show_matrices(self) -> None:
+        """Show H and the reference as far as they are open."""
+        state, before = self.context.state, self.matrix
         self.plane = self.reference_plane = None
-        try:
-            self.matrix = self.context.matrix(state.psf)
-            self.reference = self.context.matrix(state.reference)
-        except LfcalError as error:
-            self.matrix = None
-            self.context.message.emit(str(error))
-        matrix = self.matrix
-        if self.reference is not None and matrix is not None and self.reference.shape != matrix.shape:
-            self.context.message.emit(f"the reference has shape {self.reference.shape}, H {matrix.shape}: not compared")
-            self.reference = None
+        self.matrix = matrix = self.context.matrix(state.psf)
         if matrix is None:
-            self._show_none()
+            self.reference = None
+            self._show_none(state.psf)
             return
+        self.reference = self._comparable(matrix, state.reference)
         self.show_body()
         self.hint.setText(f"{Path(state.psf).name}: (z, y, x, t, s) = {matrix.shape}, {format_bytes(matrix.nbytes)}")
         self.panel.show_matrix(matrix.depths, unit_of(matrix), reference=self.reference is not None)
         self._load_sums(matrix)
-        self.set_intent(z=len(matrix) // 2, y=matrix.period[0] // 2, x=matrix.period[1] // 2, pixel=None)
+        if matrix is before:
+            self.set_intent()
+        else:
+            self.set_intent(z=len(matrix) // 2, y=matrix.period[0] // 2, x=matrix.period[1] // 2, pixel=None)
 
-    def _show_none(self) -> None:
-        self.show_empty(
+    def _comparable(self, matrix: PSFMatrix, path: str) -> PSFMatrix | None:
+        """Return the reference if it can be compared with H."""
+        reference, problem = self.context.matrix(path), self.context.matrices.problem(path)
+        if problem:
+            self.refuse(f"reference: {problem}")
+        if reference is not None and reference.shape != matrix.shape:
+            self.refuse(f"the reference has shape {reference.shape}, H {matrix.shape}: not compared")
+            return None
+        return reference
+
+    def _show_none(self, path: str) -> None:
+        self.hint.setText(self.spec.hint)
+        self.show_no_matrix(
+            path,
             "No PSF yet.\nAssemble frames, simulate one, or open an H file, a MATLAB v7.3 file or an .npy array.",
             {
                 "Open H …": self.choose_file,
@@ -122,13 +143,25 @@ class Page(BasePage):
         """Ask for an H file."""
         path = QFileDialog.getOpenFileName(self, "Open H", "", FILES)[0]
         if path:
-            self.context.project.update("open H", psf=path)
+            self.open_file(path)
 
     def choose_reference(self) -> None:
         """Ask for a reference."""
         path = QFileDialog.getOpenFileName(self, "Open reference", "", FILES)[0]
         if path:
-            self.context.project.update("open reference", reference=path)
+            self.open_file(path, "reference")
+
+    def open_file(self, path: str, role: str = "psf") -> None:
+        """Take a file as the project's H or ``"reference"``, once it is known to be good."""
+        label = "open H" if role == "psf" else "open reference"
+        changes: dict[str, Any] = {role: path}
+
+        def opened() -> None:
+            self.notice.clear()
+            self.context.project.update(label, **changes)
+
+        self.notice.wait(f"Opening {Path(path).name} …", lambda: self.context.matrices.cancel(path))
+        self.context.matrices.take(path, opened, self.refuse)
 
     def export(self, path: str = "") -> None:
         """Export H (and Ht) as a job."""
@@ -137,7 +170,7 @@ class Page(BasePage):
         matrix = self.matrix
         if matrix is None:
             return
-        path = path or QFileDialog.getSaveFileName(self, "Export H", "H.mat", EXPORTS)[0]
+        path = path or ask_target(self, "Export H", "H.mat", EXPORTS, lambda chosen: outputs(matrix, chosen))
         if path:
             self.context.jobs.start(
                 f"Export {Path(path).name}",
@@ -149,7 +182,7 @@ class Page(BasePage):
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped H file."""
         if len(paths) == 1 and Path(paths[0]).suffix.lower() in SUFFIXES:
-            self.context.project.update("open H", psf=paths[0])
+            self.open_file(paths[0])
             return True
         return False
 

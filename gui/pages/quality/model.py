@@ -3,15 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.progress import Work
+
 if TYPE_CHECKING:
     from lfcal.psf.quality import Metric, QualityReport
 
-__all__ = ["MetricRow", "map_of", "planes_of", "rows_of", "title_of", "words_of", "worst_positions"]
+__all__ = [
+    "Measured",
+    "MetricRow",
+    "iter_measure",
+    "iter_write_report",
+    "map_of",
+    "planes_of",
+    "report_files",
+    "rows_of",
+    "title_of",
+    "words_of",
+    "worst_positions",
+]
 
 
 @dataclass(frozen=True)
@@ -24,6 +39,39 @@ class MetricRow:
     limits: str
     merit: str
     cost: str
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A report, and the depths of the planes it is about (µm)."""
+
+    report: QualityReport
+    depths: NDArray[np.float64]
+
+
+def iter_measure(psf: str) -> Work[Measured]:
+    """Return the work that opens the H in a file and inspects it."""
+    from lfcal.psf import open_psf
+    from lfcal.psf.quality import iter_inspect
+
+    with open_psf(psf) as matrix:
+        report = yield from iter_inspect(matrix)
+        return Measured(report, np.array(matrix.depths))
+
+
+def iter_write_report(psf: str, folder: str, measured: QualityReport | None) -> Work[Path]:
+    """Return the work that opens the H in a file and writes its report; ``measured`` is not measured again."""
+    from lfcal.psf import open_psf
+    from lfcal.psf.report import iter_report
+
+    with open_psf(psf) as matrix:
+        page = yield from iter_report(matrix, Path(folder), quality=measured)
+        return page
+
+
+def report_files(folder: str) -> list[Path]:
+    """Return the files of a report that somebody may have put into ``folder`` before."""
+    return [Path(folder) / name for name in ("index.html", "quality.json", "redo.json")]
 
 
 def rows_of(report: QualityReport) -> tuple[MetricRow, ...]:

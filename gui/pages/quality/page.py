@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
 from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
+from gui.jobs import Job, JobState
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
-from gui.pages.quality.model import map_of, planes_of, rows_of, title_of, words_of, worst_positions
+from gui.pages.quality.model import (
+    Measured,
+    iter_measure,
+    iter_write_report,
+    map_of,
+    planes_of,
+    report_files,
+    rows_of,
+    title_of,
+    words_of,
+    worst_positions,
+)
 from gui.pages.quality.panel import QualityPanel
-from lfcal.errors import LfcalError
-from lfcal.psf import PSFMatrix
+from gui.saving import may_replace
 
 if TYPE_CHECKING:
     from lfcal.psf.quality import Metric, QualityReport
@@ -30,7 +43,8 @@ class Page(BasePage):
         self.report: QualityReport | None = None
         self._measured = ""
         self._running = ""
-        self._row = self._z = 0
+        self._row = self._z = self._job = 0
+        self._depths: NDArray[np.float64] = np.zeros(0)
         self.tool_button("Measure again", "Measure H again", lambda: self.measure(force=True))
         self.redo_button = self.tool_button(
             "Send to Acquire", "Give the list of positions to record again to Acquire", self.send
@@ -48,6 +62,7 @@ class Page(BasePage):
         self.panel.position_clicked.connect(self._position_clicked)
         self.set_panel(self.panel)
         context.theme_changed.connect(self._apply_theme)
+        context.jobs.finished.connect(self._job_finished)
         self._follow()
 
     # -- project ---------------------------------------------------------------------------------------
@@ -79,43 +94,28 @@ class Page(BasePage):
             if self.isVisible():
                 self.measure()
 
-    def _open(self, psf: str) -> PSFMatrix | None:
-        """Open H for a job alone: planes are read while the PSF page shows others."""
-        from lfcal.psf import open_psf
-
-        try:
-            return open_psf(psf)
-        except LfcalError as error:
-            self.context.message.emit(str(error))
-            return None
-
     def measure(self, *, force: bool = False) -> None:
-        """Inspect H as a job, once per H."""
-        from lfcal.psf.quality import iter_inspect
-
+        """Inspect H as a job, once per H; the job opens it for itself, as other pages read other planes."""
         psf = self.context.state.psf
         if not psf or not Path(psf).exists() or self._running == psf or (psf == self._measured and not force):
-            return
-        matrix = self._open(psf)
-        if matrix is None:
             return
         self._running = psf
         self.show_empty("measuring …")
 
-        def done(report: QualityReport) -> None:
-            matrix.close()
-            self._running = ""
+        def done(measured: Measured) -> None:
             if psf == self.context.state.psf:
-                self._measured = psf
-                self._show(report)
-
-        def failed(job: Any) -> None:
-            matrix.close()
-            self._running = ""
-            self.show_empty(job.error, {"Try again": lambda: self.measure(force=True)})
+                self._measured, self._depths = psf, measured.depths
+                self._show(measured.report)
 
         title = f"Inspect {Path(psf).name}"
-        self.context.jobs.start(title, "quality", lambda: iter_inspect(matrix), done, failed)
+        self._job = self.context.jobs.start(title, "quality", lambda: iter_measure(psf), done, abandon=True)
+
+    def _job_finished(self, job: Job) -> None:
+        if job.number != self._job:
+            return
+        same, self._job, self._running = self._running == self.context.state.psf, 0, ""
+        if same and job.state in (JobState.FAILED, JobState.CANCELLED):
+            self.show_empty(job.error or "Stopped.", {"Try again": lambda: self.measure(force=True)})
 
     # -- showing ---------------------------------------------------------------------------------------
     def _show(self, report: QualityReport) -> None:
@@ -141,9 +141,8 @@ class Page(BasePage):
         title = title_of(metric)
         self.panel.show_metric(title, words_of(metric))
         self._show_map()
-        matrix = self.context.matrix(self.context.state.psf)
-        if metric.per_plane.size > 1 and matrix is not None and metric.per_plane.size == len(matrix):
-            self.panel.show_curve(title, matrix.depths, metric.per_plane)
+        if metric.per_plane.size > 1 and metric.per_plane.size == len(self._depths):
+            self.panel.show_curve(title, self._depths, metric.per_plane)
 
     def _plane_chosen(self, z: int) -> None:
         self._z = z
@@ -168,25 +167,18 @@ class Page(BasePage):
 
     def write_report(self, folder: str = "") -> None:
         """Write the report as a job."""
-        from lfcal.psf.report import iter_report
-
-        psf = self.context.state.psf
+        psf, asked = self.context.state.psf, not folder
         folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the report")
-        matrix = self._open(psf) if folder and psf else None
-        if matrix is None:
+        if not folder or not psf or (asked and not may_replace(self, report_files(folder))):
             return
         measured = self.report if psf == self._measured else None
-
-        def done(page: Path) -> None:
-            matrix.close()
-            self.context.message.emit(f"report written: {page}")
-
         self.context.jobs.start(
             "Report",
             "quality",
-            lambda: iter_report(matrix, Path(folder), quality=measured),
-            done,
-            lambda job: matrix.close(),
+            lambda: iter_write_report(psf, folder, measured),
+            lambda page: self.context.message.emit(f"report written: {page}"),
+            lambda job: self.notice.refuse(job.error),
+            abandon=True,
         )
 
     def _apply_theme(self) -> None:

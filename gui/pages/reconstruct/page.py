@@ -18,14 +18,14 @@ from gui.pages.reconstruct import model as view
 from gui.pages.reconstruct.model import ReconstructSettings, Synthetic
 from gui.pages.reconstruct.model_solving import Solving
 from gui.pages.reconstruct.panel import ReconstructPanel
+from gui.pages.reconstruct.volume_file import VolumeFile
+from gui.saving import ask_target
 from lfcal.errors import LfcalError
-from lfcal.psf import PSFMatrix
 from lfcal.units import format_seconds
 
 __all__ = ["Page"]
 
 IMAGES = "Light fields (*.tif *.tiff *.png *.pgm *.npy *.raw *.nef *.cr2 *.dng);;All files (*)"
-VOLUMES = "TIFF stack, opens in ImageJ (*.tif);;HDF5 (*.h5);;numpy (*.npy)"
 FOLLOWED = ("psf", "light_field", "volume")
 
 
@@ -40,8 +40,11 @@ class Page(BasePage):
         self.synthetic: Synthetic | None = None
         self.saved: NDArray[Any] | None = None
         self._opened = ""
+        self._ready: tuple[str, NDArray[Any]] | None = None  # read already when the project takes it
         self._job = 0
         self._shown_iteration = -1
+        self.volume_file = VolumeFile(self)
+        self.volume_file.loaded.connect(self._volume_loaded)
         self.set_panel(self.panel)
         self.panel.form.check = self._check
         self.panel.form.edited.connect(self._edited)
@@ -52,6 +55,7 @@ class Page(BasePage):
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
         context.theme_changed.connect(self.panel.apply_theme)
+        context.matrices.changed.connect(self._matrix_changed)
         context.on_close(self._close)
         self._show(context.state)
         self._load()
@@ -75,17 +79,17 @@ class Page(BasePage):
             if old.volume != new.volume:
                 self._load_volume()
 
-    def _matrix(self) -> PSFMatrix | None:
-        try:
-            return self.context.matrix(self.context.state.psf)
-        except LfcalError as error:
-            self.context.message.emit(str(error))
-            return None
+    def _matrix_changed(self, path: str) -> None:
+        if path == self.context.state.psf:
+            self._show(self.context.state)
+            self._forecast()
 
     def _show(self, state: ProjectState) -> None:
-        matrix = self._matrix()
+        self.context.matrices.want(state.psf)
+        matrix = self.context.matrix(self.context.state.psf)
         if matrix is None:
-            self.show_empty(
+            self.show_no_matrix(
+                state.psf,
                 "A reconstruction needs an H: assemble one, simulate one, or open one on the PSF page.",
                 {
                     "PSF": lambda: self.context.go.emit("psf", None),
@@ -145,8 +149,15 @@ class Page(BasePage):
             self.open_light_field(path)
 
     def open_light_field(self, path: str) -> None:
-        """Take an image as the light field."""
-        self.context.project.update("open light field", light_field=path)
+        """Take an image as the light field, once it is known to be good."""
+
+        def read(image: NDArray[Any]) -> None:
+            self._ready = (path, image)
+            self.context.project.update("open light field", light_field=path)
+            if self._ready is not None:  # it was the project's before
+                self._load()
+
+        self.load(Path(path).name, lambda: view.light_field(path), read)
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped image."""
@@ -162,8 +173,12 @@ class Page(BasePage):
         self.image = None
         self.panel.light_field.set_image(None)
         self._show_controls()
-        if path:
-            self.context.jobs.compute(
+        ready, self._ready = self._ready, None
+        self.context.jobs.drop("reconstruct load")
+        if ready is not None and ready[0] == path:
+            self._loaded(*ready)
+        elif path:
+            self.context.jobs.load(
                 "reconstruct load",
                 lambda: view.light_field(path),
                 lambda image: self._loaded(path, image),
@@ -195,12 +210,12 @@ class Page(BasePage):
 
     def make_light_field(self, phantom: str, path: str = "", shape: tuple[int, int] | None = None) -> None:
         """Project a phantom through H and take the result as the light field."""
-        matrix = self._matrix()
+        matrix = self.context.matrix(self.context.state.psf)
         if matrix is None or self._job:
             return
         if not path:
             name = Path(self.context.state.psf).with_name(f"{phantom}.tif")
-            path = QFileDialog.getSaveFileName(self, "Light field to make", str(name), "TIFF (*.tif)")[0]
+            path = ask_target(self, "Light field to make", str(name), "TIFF (*.tif)")
         if path:
             self.panel.file.setText(f"making {Path(path).name} …")
             self.context.jobs.compute(
@@ -219,7 +234,7 @@ class Page(BasePage):
 
     # -- forecast --------------------------------------------------------------------------------------
     def _forecast(self) -> None:
-        matrix, image, settings = self._matrix(), self.image, self.settings
+        matrix, image, settings = self.context.matrix(self.context.state.psf), self.image, self.settings
         if matrix is None or image is None or self._job:
             return
         shape = (image.shape[0], image.shape[1])
@@ -266,7 +281,7 @@ class Page(BasePage):
         solving, count = self.solving, self.settings.iterations
         assert solving is not None
         self._job = self.context.jobs.start(
-            f"Reconstruct by {solving.settings.solver}", "reconstruct", lambda: solving.work(count)
+            f"Reconstruct by {solving.settings.solver}", "reconstruct", lambda: solving.work(count), abandon=True
         )
         self.panel.show_status("setting up …", None)
         self._show_controls()
@@ -314,38 +329,13 @@ class Page(BasePage):
 
     def save(self, path: str = "") -> None:
         """Write the volume."""
-        from lfcal.reconstruct.volumes import save_volume
-
-        solving = self.solving
-        if solving is None or solving.state is None:
-            return
-        path = path or QFileDialog.getSaveFileName(self, "Save volume", "volume.tif", VOLUMES)[0]
-        if not path:
-            return
-        volume, depths, voxel, details = solving.state.volume, solving.depths, solving.voxel_um, solving.details()
-
-        def write() -> str:
-            save_volume(path, volume, depths_um=depths, voxel_um=voxel, details=details)
-            return path
-
-        self.context.jobs.compute("reconstruct save", write, self._saved, self.context.message.emit)
-
-    def _saved(self, path: str) -> None:
-        self.context.message.emit(f"volume saved as {path}")
-        self.context.project.update("reconstruction", volume=path)
+        if self.solving is not None:
+            self.volume_file.save(self.solving, path)
 
     def _load_volume(self) -> None:
         """Show the volume of the project until there is a newer one."""
-        from lfcal.reconstruct.volumes import load_volume
-
-        path = self.context.state.volume
-        if path and Path(path).is_file() and self.solving is None:
-            self.context.jobs.compute(
-                "reconstruct volume",
-                lambda: load_volume(path),
-                lambda volume: self._volume_loaded(path, volume),
-                self.context.message.emit,
-            )
+        if self.solving is None:
+            self.volume_file.load()
 
     def _volume_loaded(self, path: str, volume: NDArray[Any]) -> None:
         if self.solving is None:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
@@ -24,6 +23,7 @@ from gui.pages.simulate.model import (
     verdict_of,
 )
 from gui.pages.simulate.panel import SimulatePanel
+from gui.saving import ask_target
 from lfcal.camera import ScanPlan
 
 __all__ = ["Page"]
@@ -123,13 +123,13 @@ class Page(BasePage):
         plan, settings, verdict = self.context.state.plan, self.settings, self._answer()
         if plan is None:
             return
-        path = path or QFileDialog.getSaveFileName(self, "Simulate H", "simulated.h5", "H file (*.h5)")[0]
+        path = path or ask_target(self, "Simulate H", "simulated.h5", "H file (*.h5)")
         if not path:
             return
-        self.context.forget(path)
-        self.context.jobs.start(
+        self.context.start_writing(
             f"Simulate {Path(path).name}",
             "simulate",
+            path,
             lambda: iter_simulation(plan, settings, path, verdict),
             self._simulated,
         )

@@ -135,17 +135,18 @@ def test_a_drag_is_one_step_of_undo() -> None:
     assert project.state == ProjectState() and project.undo_label == ""
 
 
-def test_save_open_autosave(tmp_path: Path) -> None:
+def test_save_and_open(tmp_path: Path) -> None:
     project = Project(full_state())
     project.update("rename", name="saved")
     project.save(tmp_path / "s.lfcal")
     assert not project.unsaved
-    project.update("rename", name="later")
-    project.autosave(tmp_path / "auto.lfcal")
-    assert project.unsaved, "an autosave is not a save"
+    assert not project.changed_on_disk
     other = Project()
     other.open(tmp_path / "s.lfcal")
     assert other.state.name == "saved" and other.path == tmp_path / "s.lfcal"
+    other.update("rename", name="other")
+    other.save()
+    assert project.changed_on_disk and not other.changed_on_disk
     with pytest.raises(FileFormatError, match="name"):
         Project().save()
     with pytest.raises(StorageError):

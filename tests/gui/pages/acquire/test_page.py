@@ -237,12 +237,14 @@ def test_a_fault_stops_safely_and_is_said(page: Page, context: Context, qtbot: Q
     assert there is not None and 0 < there.sum() < 24
 
 
-def test_a_dropped_session_is_shown(page: Page, context: Context, tmp_path: Path, qtbot: QtBot) -> None:
+def test_a_dropped_session_that_is_damaged_is_refused(
+    page: Page, context: Context, tmp_path: Path, qtbot: QtBot
+) -> None:
     assert not page.accept_drop([str(tmp_path)])
     (tmp_path / "session.json").write_text("{}")
     assert page.accept_drop([str(tmp_path)])
-    assert context.state.recording == str(tmp_path)
-    qtbot.waitUntil(lambda: "session.json" in page.panel.record.folder_words.text(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: "session.json" in page.panel.record.detail.text(), timeout=GUARD_MS)
+    assert context.state.recording == "", "the folder before stays"
 
 
 def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qapp: QApplication) -> None:
@@ -272,4 +274,4 @@ def test_dialogs_choose_folder_and_file(
     assert len(asked) == 3 and context.state.recording == ""
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path / "chosen"))
     page.panel.record.folder_asked.emit()
-    assert context.state.recording == str(tmp_path / "chosen")
+    qtbot.waitUntil(lambda: context.state.recording == str(tmp_path / "chosen"), timeout=GUARD_MS)

@@ -4,9 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pytestqt.qtbot import QtBot
 
 from gui.window import MainWindow
 from lfcal.camera import PRESETS, Camera, MainLens, preset
+from tests.gui.waiting import idle
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -22,11 +24,13 @@ def test_camera_shows_and_takes_presets(window: MainWindow, name: str) -> None:
     assert not page.panel.view.grab().isNull()
 
 
-def test_camera_files(window: MainWindow, tmp_path: Path) -> None:
+def test_camera_files(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
     page: Any = window.page("camera")
     page.save_file(str(tmp_path / "c.json"))
     assert Camera.from_json((tmp_path / "c.json").read_text()) == window.project.state.camera
     (tmp_path / "bad.json").write_text("{}")
     before = window.project.state
     page.import_file(str(tmp_path / "bad.json"))
+    idle(window.jobs, qtbot)
+    assert "camera description" in page.notice.label.text() and page.notice.isVisibleTo(page)
     assert window.project.state == before and "camera description" in window.log_view.toPlainText()

@@ -4,11 +4,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from pytestqt.qtbot import QtBot
+
 from gui.window import MainWindow
 from lfcal.camera import ScanPlan, preset
+from tests.gui.waiting import idle
 
 
-def test_plan_both_ways(window: MainWindow, tmp_path: Path) -> None:
+def test_plan_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
     window.go("plan")
     page: Any = window.page("plan")
     assert page.empty is not None, "no plan yet: the page says what to do"
@@ -32,4 +35,5 @@ def test_plan_both_ways(window: MainWindow, tmp_path: Path) -> None:
     window.project.update("camera", camera=preset("r29"), plan=None)
     assert page.empty is not None
     page.open_file(str(tmp_path / "plan.json"))
+    idle(window.jobs, qtbot)
     assert window.project.state.camera == preset("bench")

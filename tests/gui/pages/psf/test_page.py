@@ -46,9 +46,10 @@ def test_psf_controls_follow_the_intent_and_back(window: MainWindow, qtbot: QtBo
     assert (tmp_path / "p.png").stat().st_size > 1000 and (tmp_path / "q.csv").read_text().startswith("#")
 
 
-def test_a_damaged_h_says_so(window: MainWindow, tmp_path: Path) -> None:
+def test_a_damaged_h_says_so(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
     (tmp_path / "H.h5").write_bytes(b"no hdf5")
     window.project.update("open", psf=str(tmp_path / "H.h5"))
     page: Any = window.page("psf")
-    assert page.matrix is None and page.empty is not None
+    idle(window.jobs, qtbot)
+    assert page.matrix is None and "HDF5" in page.empty.label.text()
     assert "HDF5" in window.log_view.toPlainText()

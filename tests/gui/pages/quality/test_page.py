@@ -57,10 +57,11 @@ def test_nothing_to_judge(window: MainWindow) -> None:
     assert "No PSF" in page.empty.label.text()
 
 
-def test_a_damaged_h_says_so(window: MainWindow, tmp_path: Path) -> None:
+def test_a_damaged_h_says_so(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
     (tmp_path / "H.h5").write_bytes(b"no hdf5")
     window.project.update("open", psf=str(tmp_path / "H.h5"))
     page: Any = window.page("quality")
     page.write_report(str(tmp_path / "report"))
     page.measure()
-    assert window.log_view.toPlainText().count("HDF5") >= 2 and not window.jobs.busy
+    idle(window.jobs, qtbot)
+    assert window.log_view.toPlainText().count("HDF5") >= 2 and "HDF5" in page.empty.label.text()

@@ -110,8 +110,9 @@ def test_faults_come_in_words(page: Page, context: Context, qtbot: QtBot, tmp_pa
     bad = tmp_path / "bad.tif"
     bad.write_bytes(b"nothing")
     assert page.accept_drop([str(bad)])
-    qtbot.waitUntil(lambda: "bad.tif" in page.panel.file.text() and ":" in page.panel.file.text(), timeout=GUARD_MS)
-    assert not page.panel.buttons["start"].isEnabled()
+    qtbot.waitUntil(lambda: "bad.tif" in page.notice.label.text() and page.notice.isVisible(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: "Dismiss" in page.notice.button.text(), timeout=GUARD_MS)
+    assert context.state.light_field == str(tmp_path / "v.tif") and page.image is not None, "the good one stays"
     assert not page.accept_drop([str(tmp_path)])
 
 

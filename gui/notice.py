@@ -1,0 +1,70 @@
+"""A line over a page: what it is waiting for, or why something was refused, until it is dismissed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QWidget
+
+__all__ = ["Notice"]
+
+WAIT_MS = 300
+"""Work that is done sooner is not announced."""
+
+
+class Notice(QFrame):
+    """One line with one button; hidden where there is nothing to say."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setProperty("role", "card")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(12, 6, 6, 6)
+        self.label = QLabel()
+        self.label.setWordWrap(True)
+        self.label.setTextFormat(Qt.TextFormat.PlainText)
+        self.label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.button = QPushButton()
+        self.button.clicked.connect(self._pressed)
+        row.addWidget(self.label, 1)
+        row.addWidget(self.button, 0, Qt.AlignmentFlag.AlignTop)
+        self._cancel: Callable[[], None] | None = None
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(WAIT_MS)
+        self._timer.timeout.connect(self.show)
+        self.hide()
+
+    def wait(self, text: str, cancel: Callable[[], None]) -> None:
+        """Say what is being waited for, when it takes a while, with a button to wait no longer."""
+        self._say(text, "Cancel", "hint")
+        self._cancel = cancel
+        self.hide()
+        self._timer.start()
+
+    def refuse(self, text: str) -> None:
+        """Say why something was refused."""
+        self._say(text, "Dismiss", "error")
+        self._cancel = None
+        self.show()
+
+    def clear(self) -> None:
+        """Say nothing."""
+        self._timer.stop()
+        self._cancel = None
+        self.hide()
+
+    def _say(self, text: str, button: str, role: str) -> None:
+        self._timer.stop()
+        self.label.setText(text)
+        self.button.setText(button)
+        self.label.setProperty("role", role)
+        self.label.style().unpolish(self.label)
+        self.label.style().polish(self.label)
+
+    def _pressed(self) -> None:
+        cancel = self._cancel
+        self.clear()
+        if cancel is not None:
+            cancel()

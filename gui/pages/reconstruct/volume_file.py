@@ -1,0 +1,65 @@
+"""The volume of the project: written to its file, read from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import QObject, Signal
+
+from gui.base_page import BasePage
+from gui.pages.reconstruct.model_solving import Solving
+from gui.saving import ask_target
+
+__all__ = ["VolumeFile"]
+
+VOLUMES = "TIFF stack, opens in ImageJ (*.tif);;HDF5 (*.h5);;numpy (*.npy)"
+
+
+class VolumeFile(QObject):
+    """Reads and writes beside the window's thread.
+
+    Signals
+    -------
+    loaded(path, volume)
+        The project's volume ``(z, Y, X)`` was read.
+    """
+
+    loaded = Signal(str, object)
+
+    def __init__(self, page: BasePage) -> None:
+        super().__init__(page)
+        self._page, self._context = page, page.context
+
+    def save(self, solving: Solving, path: str = "") -> None:
+        """Write what was reconstructed; asks for a name where none is given."""
+        from lfcal.reconstruct.volumes import save_volume
+
+        if solving.state is None:
+            return
+        path = path or ask_target(self._page, "Save volume", "volume.tif", VOLUMES)
+        if not path:
+            return
+        volume, depths, voxel, details = solving.state.volume, solving.depths, solving.voxel_um, solving.details()
+
+        def write() -> str:
+            save_volume(path, volume, depths_um=depths, voxel_um=voxel, details=details)
+            return path
+
+        self._context.jobs.compute("reconstruct save", write, self._saved, self._page.refuse)
+
+    def _saved(self, path: str) -> None:
+        self._context.message.emit(f"volume saved as {path}")
+        self._context.project.update("reconstruction", volume=path)
+
+    def load(self) -> None:
+        """Read the project's volume if there is one."""
+        from lfcal.reconstruct.volumes import load_volume
+
+        path = self._context.state.volume
+        if path and Path(path).is_file():
+            self._context.jobs.load(
+                "reconstruct volume",
+                lambda: load_volume(path),
+                lambda volume: self.loaded.emit(path, volume),
+                self._page.refuse,
+            )

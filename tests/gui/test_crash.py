@@ -1,0 +1,177 @@
+"""Unexpected errors: logged, told once, and nothing of them ends the window."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from gui.app import safe_now
+from gui.crash import CrashGuard
+from gui.crash_dialog import CrashDialog
+from gui.log import FAULTS, NAME, Log, log_folder
+from gui.window import MainWindow
+from tests.gui.waiting import GUARD_MS
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Iterator[Log]:
+    made = Log(tmp_path / "logs", faults=False)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def guard(window: MainWindow, log: Log) -> Iterator[CrashGuard]:
+    made = CrashGuard(window, log.path, lambda: safe_now(window))
+    made.install()
+    yield made
+    made.close()
+
+
+def break_a_slot(guard: CrashGuard, error: BaseException) -> None:
+    """Raise where Python's own hook is called, as PySide6 does for a slot."""
+    try:
+        raise error
+    except type(error):
+        sys.excepthook(*sys.exc_info())  # type: ignore[arg-type]
+
+
+def test_an_error_in_a_slot_is_told_with_what_is_safe(window: MainWindow, guard: CrashGuard, log: Log) -> None:
+    window.project.update("rename", name="precious")
+    break_a_slot(guard, KeyError("H"))
+    guard.tell()
+    assert guard.dialog is not None and guard.dialog.isVisible() and not guard.dialog.isModal()
+    assert guard.dialog.words.text() == "KeyError: 'H'"
+    copy = window.files.rescue.file
+    assert str(copy) in guard.dialog.safe.text() and "precious" in copy.read_text()
+    assert log.path is not None and str(log.path) in guard.dialog.where.text()
+    guard.dialog.copy_text()
+    assert "break_a_slot" in QApplication.clipboard().text() and "lfcal 0" in QApplication.clipboard().text()
+    assert "break_a_slot" in log.path.read_text()
+    window.go("camera")
+    assert window.stack.currentWidget() is window.page("camera"), "the window stays usable"
+
+
+def test_errors_that_repeat_do_not_stack_dialogs(window: MainWindow, guard: CrashGuard, log: Log) -> None:
+    for _ in range(100):
+        break_a_slot(guard, RuntimeError("each time"))
+    guard.tell()
+    dialogs = [w for w in QApplication.topLevelWidgets() if isinstance(w, CrashDialog) and w.parent() is window]
+    assert len(dialogs) == 1 and "(100 times)" in dialogs[0].words.text()
+    assert log.path is not None and log.path.read_text().count("Traceback") == 1, "the log is not filled by it"
+    dialogs[0].close()
+    break_a_slot(guard, RuntimeError("each time"))
+    guard.tell()
+    assert not dialogs[0].isVisible(), "it has been told"
+    break_a_slot(guard, OSError("another"))
+    guard.tell()
+    assert dialogs[0].isVisible() and "another" in dialogs[0].words.text()
+    assert len([w for w in QApplication.topLevelWidgets() if isinstance(w, CrashDialog) and w.parent() is window]) == 1
+
+
+def test_an_error_of_a_thread_is_told_by_the_windows_thread(guard: CrashGuard, qtbot: QtBot) -> None:
+    thread = threading.Thread(target=lambda: [][1], name="somebody's thread")
+    thread.start()
+    thread.join()
+    assert guard.dialog is None, "threads never touch Qt"
+    qtbot.waitUntil(lambda: guard.dialog is not None, timeout=GUARD_MS)
+    assert guard.dialog is not None
+    assert "IndexError" in guard.dialog.words.text() and "somebody's thread" in guard.dialog.text()
+
+
+def test_a_slot_of_qt_ends_in_the_dialog_too(guard: CrashGuard, qtbot: QtBot) -> None:
+    with qtbot.capture_exceptions() as caught:  # pytest-qt stands in for the hook here
+        QTimer.singleShot(0, lambda: {}["missing"])
+        qtbot.waitUntil(lambda: bool(caught), timeout=GUARD_MS)
+    assert caught[0][0] is KeyError
+
+
+def test_an_interrupt_is_no_error(guard: CrashGuard) -> None:
+    break_a_slot(guard, KeyboardInterrupt())
+    guard.tell()
+    assert guard.dialog is None
+
+
+def test_the_hooks_are_given_back(window: MainWindow) -> None:
+    before = sys.excepthook, threading.excepthook
+    guard = CrashGuard(window, None, lambda: ())
+    guard.install()
+    assert sys.excepthook != before[0]
+    guard.close()
+    assert (sys.excepthook, threading.excepthook) == before
+
+
+def test_logs_rotate_and_begin_with_version_and_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gui.log.MAX_BYTES", 2000)
+    log = Log(tmp_path, faults=False)
+    from gui.workers import LOG
+
+    for k in range(200):
+        LOG.info("line %d", k)
+    log.close()
+    files = sorted(tmp_path.glob(f"{NAME}*"))
+    assert len(files) == 6
+    for file in files:
+        assert file.read_text().startswith("# lfcal 0") and "Python 3" in file.read_text().splitlines()[0]
+        assert file.stat().st_size < 3000
+    assert "line 199" in (tmp_path / NAME).read_text()
+    LOG.info("after")
+    assert "after" not in (tmp_path / NAME).read_text()
+
+
+def test_without_a_folder_the_window_starts_all_the_same(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with warnings.catch_warnings():
+        log = Log(tmp_path / "file" / "logs")
+    assert log.path is None and "no log" in log.problem
+    log.close()
+
+
+def test_the_log_is_where_the_system_keeps_logs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert log_folder().name in ("log", "lfcal", "Logs") and not list(tmp_path.iterdir())
+
+
+KILLED = """
+import faulthandler, sys
+from pathlib import Path
+from gui.log import Log
+log = Log(Path(sys.argv[1]))
+faulthandler._sigabrt()
+"""
+
+
+def test_a_crash_of_the_process_leaves_its_trace(tmp_path: Path) -> None:
+    root = Path(__file__).resolve().parents[2]
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": str(root)},
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode != 0
+    assert "Aborted" in (tmp_path / FAULTS).read_text() and (tmp_path / NAME).read_text().startswith("# lfcal")
+
+
+def test_a_failing_callback_does_not_leave_its_job_at_work(window: MainWindow, qtbot: QtBot) -> None:
+    def work() -> Any:
+        yield from ()
+        return "result"
+
+    ended: list[Any] = []
+    window.jobs.finished.connect(ended.append)
+    with qtbot.capture_exceptions() as caught:
+        window.jobs.start("Work", "psf", work, lambda _: {}["missing"])
+        qtbot.waitUntil(lambda: bool(ended), timeout=GUARD_MS)
+    assert caught[0][0] is KeyError and not window.jobs.busy

@@ -1,0 +1,287 @@
+"""Project files and copies of unsaved work, through the window."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PySide6.QtWidgets import QApplication, QFileDialog, QMessageBox
+from pytestqt.qtbot import QtBot
+
+from gui.app import make_window, parse
+from gui.locks import FileLock
+from gui.models.project import Project, ProjectState
+from gui.saving import ask_target, may_replace, with_suffix
+from gui.window import MainWindow
+from tests.gui.waiting import GUARD_MS, idle
+
+ROOT = Path(__file__).resolve().parents[2]
+BUTTONS = QMessageBox.StandardButton
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from PySide6.QtWidgets import QApplication
+from gui.app import make_window, parse
+app = QApplication([])
+window = make_window(app, parse([]), folder=Path(sys.argv[1]))
+if len(sys.argv) > 2:
+    window.project.save(Path(sys.argv[2]))
+    assert window.files.save()
+window.project.update("rename", name="work of a day")
+window.files.rescue.keep()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def kill_a_window(place: Path, *more: Path) -> None:
+    """Let a window in a process of its own keep a copy, and kill it."""
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, str(place), *map(str, more)],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "QT_QPA_PLATFORM": "offscreen"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == -signal.SIGKILL, done.stderr
+
+
+@pytest.fixture
+def second(qapp: QApplication, place: Path) -> Iterator[MainWindow]:
+    """Return another window of the same user."""
+    made = make_window(qapp, parse([]), folder=place)
+    yield made
+    made.shut_down()
+    made.deleteLater()
+
+
+@pytest.fixture
+def boxes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return what warning boxes said; questions are answered by No."""
+    told: list[str] = []
+    monkeypatch.setattr(QMessageBox, "warning", lambda *args: told.append(args[2]))
+    monkeypatch.setattr(QMessageBox, "question", lambda *args: told.append(args[2]) or BUTTONS.No)
+    return told
+
+
+# -- after a crash -----------------------------------------------------------------------------------------
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal here")
+def test_after_a_kill_the_work_is_offered_and_restored(
+    window: MainWindow, place: Path, tmp_path: Path, qtbot: QtBot
+) -> None:
+    own = tmp_path / "p.lfcal"
+    kill_a_window(place, own)
+    window.files.begin()
+    idle(window.jobs, qtbot)
+    dialog = window.files.rescue.dialog
+    assert dialog is not None and dialog.isVisible() and str(own) in dialog.words.text()
+    assert window.project.state.name == "untitled", "nothing happens before the answer"
+    dialog.restore.click()
+    assert window.project.state.name == "work of a day" and window.project.unsaved and window.project.path == own
+    copies = list((place / "autosave").glob("*.lfcal"))
+    assert copies == [window.files.rescue.file], "the copy is this window's now"
+    assert window.files.save() and not list((place / "autosave").iterdir())
+    other = Project()
+    other.open(own)
+    assert other.state.name == "work of a day"
+
+
+def left_behind(place: Path, name: str = "lost", path: Path | None = None) -> Path:
+    """Put a copy where a window that is gone would have left it."""
+    from gui.models.autosave import keep
+
+    project = Project(ProjectState(), path)
+    project.update("rename", name=name)
+    file = place / "autosave" / f"{name}.lfcal"
+    keep(project, file)
+    return file
+
+
+def test_discard_removes_and_later_keeps(window: MainWindow, place: Path, qtbot: QtBot) -> None:
+    file = left_behind(place)
+    window.files.begin()
+    idle(window.jobs, qtbot)
+    assert window.files.rescue.dialog is not None
+    window.files.rescue.dialog.close()
+    assert file.exists() and window.project.state.name == "untitled"
+    window.files.rescue.look(asked=True)
+    idle(window.jobs, qtbot)
+    window.files.rescue.dialog.discard.click()
+    assert not list((place / "autosave").iterdir())
+
+
+def test_the_work_of_a_living_window_is_not_offered(
+    window: MainWindow, second: MainWindow, place: Path, qtbot: QtBot
+) -> None:
+    window.project.update("rename", name="mine")
+    second.project.update("rename", name="yours")
+    assert window.files.rescue.keep() != second.files.rescue.keep()
+    second.files.begin()
+    idle(second.jobs, qtbot)
+    assert second.files.rescue.dialog is None
+    assert len(list((place / "autosave").glob("*.lfcal"))) == 2
+
+
+def test_a_clean_end_leaves_nothing_and_another_end_keeps(qapp: QApplication, place: Path) -> None:
+    for asked in (False, True):
+        made = make_window(qapp, parse([]), folder=place)
+        made.project.update("rename", name="kept")
+        made.files.rescue.keep()
+        made.shut_down(asked=asked)
+        made.deleteLater()
+        left = [path.suffix for path in (place / "autosave").iterdir()]
+        assert left == [".lfcal"], "of the first alone, and no locks"
+
+
+def test_only_the_project_that_is_opened_is_asked_about(
+    window: MainWindow, place: Path, tmp_path: Path, qtbot: QtBot
+) -> None:
+    own = tmp_path / "own.lfcal"
+    Project(ProjectState("own")).save(own)
+    left_behind(place, "another")
+    window.files.begin(own)
+    idle(window.jobs, qtbot)
+    assert window.files.rescue.dialog is None and window.project.state.name == "own"
+    assert "unsaved work of another project" in window.log_view.toPlainText()
+
+
+def test_a_project_that_is_damaged_has_its_copy_offered(
+    window: MainWindow, place: Path, tmp_path: Path, qtbot: QtBot, boxes: list[str]
+) -> None:
+    own = tmp_path / "own.lfcal"
+    own.write_text("{")
+    left_behind(place, "saved by the copy", own)
+    window.files.begin(own)
+    idle(window.jobs, qtbot)
+    assert len(boxes) == 1 and window.files.rescue.dialog is not None
+    window.files.rescue.dialog.restore.click()
+    assert window.project.state.name == "saved by the copy" and window.project.path == own
+
+
+# -- two windows -------------------------------------------------------------------------------------------
+def test_a_second_window_gets_a_copy(
+    window: MainWindow, second: MainWindow, tmp_path: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, boxes: Any
+) -> None:
+    own = tmp_path / "p.lfcal"
+    window.project.update("rename", name="shared")
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(own), "(*.lfcal)"))
+    assert window.files.save()
+    asked: list[str] = []
+
+    def answer(box: QMessageBox) -> int:
+        asked.append(box.text())
+        box.defaultButton().click()
+        return 0
+
+    monkeypatch.setattr(QMessageBox, "exec", answer)
+    second.files.open(own)
+    idle(second.jobs, qtbot)
+    assert "p.lfcal is open in another window" in asked[0]
+    assert second.project.path is None and second.project.state.name == "p copy" and second.project.unsaved
+    before = own.read_text()
+    assert not second.files.save_as() and "another window" in boxes[-1]
+    assert own.read_text() == before
+    window.shut_down(asked=True)
+    assert second.files.save_as() and second.project.path == own, "it is free now"
+
+
+def test_locks_of_dead_processes_count_for_nothing(tmp_path: Path) -> None:
+    code = "import sys; from pathlib import Path; from gui.locks import FileLock; import os\n"
+    code += "lock = FileLock(Path(sys.argv[1])); assert lock.take(); os._exit(0)"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "p")], env=environment, check=True)
+    assert (tmp_path / ".p.lock").exists()
+    lock, other = FileLock(tmp_path / "p"), FileLock(tmp_path / "p")
+    assert lock.take() and not other.take()
+    words, away = other.holder()
+    assert str(os.getpid()) in words and not away
+    lock.release()
+    assert other.take()
+    other.release()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_lock_of_another_machine_is_only_taken_when_asked_for(tmp_path: Path) -> None:
+    (tmp_path / ".p.lock").write_text("12345\nlfcal\nfar-away\n")
+    lock = FileLock(tmp_path / "p")
+    assert not lock.take() and lock.holder() == ("process 12345 on far-away", True)
+    assert lock.take_over()
+    lock.release()
+
+
+# -- nothing is replaced unasked ---------------------------------------------------------------------------
+def test_a_damaged_project_leaves_the_good_one(
+    window: MainWindow, tmp_path: Path, qtbot: QtBot, boxes: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window.project.update("rename", name="kept")
+    monkeypatch.setattr(QMessageBox, "question", lambda *_: BUTTONS.Discard)
+    (tmp_path / "bad.lfcal").write_text("nothing")
+    window.files.open(tmp_path / "bad.lfcal")
+    idle(window.jobs, qtbot)
+    assert len(boxes) == 1 and "project" in boxes[0]
+    assert window.project.state.name == "kept"
+
+
+def test_a_file_that_changed_on_the_disk_is_asked_about(window: MainWindow, tmp_path: Path, boxes: list[str]) -> None:
+    own = tmp_path / "p.lfcal"
+    window.project.save(own)
+    Project(ProjectState("of another program")).save(own)
+    window.project.update("rename", name="mine")
+    assert not window.files.save() and "Replace" in boxes[-1]
+    assert "of another program" in own.read_text()
+
+
+@pytest.mark.parametrize(
+    ("typed", "kind", "path"),
+    [
+        ("/a/H", "MATLAB (*.mat)", "/a/H.mat"),
+        ("/a/H.h5", "MATLAB (*.mat)", "/a/H.h5"),
+        ("/a/H_0.5um", "TIFF (*.tif *.tiff)", "/a/H_0.5um.tif"),
+        ("/a/v1.2", "Project (*.lfcal)", "/a/v1.2.lfcal"),
+        ("/a/H", "All files (*)", "/a/H"),
+    ],
+)
+def test_names_take_the_suffix_of_the_chosen_kind(typed: str, kind: str, path: str) -> None:
+    assert with_suffix(typed, kind) == path
+
+
+def test_a_suffix_added_does_not_get_round_the_question(
+    window: MainWindow, tmp_path: Path, boxes: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "H.mat").write_text("precious")
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(tmp_path / "H"), "MATLAB (*.mat)"))
+    assert ask_target(window, "Export", "H.mat", "MATLAB (*.mat);;numpy (*.npy)") == ""
+    assert str(tmp_path / "H.mat") in boxes[-1]
+    monkeypatch.setattr(QMessageBox, "question", lambda *_: BUTTONS.Yes)
+    assert ask_target(window, "Export", "H.mat", "") == str(tmp_path / "H.mat")
+    assert may_replace(window, [tmp_path / "new"])
+
+
+def test_jobs_go_on_until_everything_is_answered(
+    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import threading
+
+    from lfcal.progress import Progress
+
+    going = threading.Event()
+
+    def work() -> Any:
+        while not going.wait(0.001):
+            yield Progress(0, 1, "work")
+
+    number = window.jobs.start("Record", "acquire", work)
+    qtbot.waitUntil(lambda: window.jobs.jobs()[0].progress is not None, timeout=GUARD_MS)
+    window.project.update("rename", name="changed")
+    answers = iter((BUTTONS.Yes, BUTTONS.Cancel))
+    monkeypatch.setattr(QMessageBox, "question", lambda *_: next(answers))
+    assert not window.files.may_leave()
+    going.set()
+    idle(window.jobs, qtbot)
+    assert next(job for job in window.jobs.jobs() if job.number == number).state.value == "done"
