@@ -12,9 +12,10 @@ from lfcal.camera.description import build
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 
-__all__ = ["ORDERS", "Options"]
+__all__ = ["ORDERS", "POLICIES", "Options"]
 
 ORDERS = ("plan", "coarse")
+POLICIES = ("stop", "flag")
 _RESHAPING = ("bracket", "margin_px", "darks", "dark_every", "reference_every", "controls")
 
 
@@ -43,6 +44,9 @@ class Options:
         check of periodicity (0: none).
     retries
         How often a position is tried again after a transient fault.
+    on_suspect
+        What becomes of a frame whose content stays suspicious after it was taken again: ``"stop"`` the session, or
+        ``"flag"`` the position, to be recorded again later.
     tolerance_um, overshoot_um
         As in `Motion`; None tolerates a tenth of the smallest step sideways and a whole one in depth.
     move_timeout_s, grab_timeout_s, light_settle_s
@@ -63,6 +67,7 @@ class Options:
     reference_every: int = 100
     controls: int = 0
     retries: int = 2
+    on_suspect: str = "stop"
     tolerance_um: tuple[float, ...] | None = None
     overshoot_um: tuple[float, ...] = (20.0, 20.0, 20.0)
     move_timeout_s: float = 60.0
@@ -74,6 +79,7 @@ class Options:
     def __post_init__(self) -> None:
         """Check every value."""
         check_choice("order", self.order, ORDERS)
+        check_choice("on suspect", self.on_suspect, POLICIES)
         # a bracket without 1 has no frame at the plan's exposure to scale the others to
         if not self.bracket or 1.0 not in self.bracket or len(set(self.bracket)) != len(self.bracket):
             raise InputError.expected(

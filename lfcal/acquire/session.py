@@ -213,6 +213,7 @@ def _record_one(
             **watching._asdict(),
             low_space=DiskGuard(folder, options.keep_free_bytes),
             elapsed_s=store.elapsed_s,
+            recorded={crc: _position(file.plan, flat) for crc, flat in store.checksums().items()},
         )
         latest = store.latest()
         if check and latest is not None and todo.any() and options.origin_tolerance_px is not None:
@@ -250,6 +251,11 @@ def _schedule(file: SessionFile, run: int) -> Schedule:
     # an empty list stands for all positions
     redo = [Position(*p) for p in file.redo[run]] or None
     return Schedule.of(file.plan, file.options, redo)
+
+
+def _position(plan: ScanPlan, flat: int) -> Position:
+    ny, nx = plan.period
+    return Position(flat // (ny * nx), flat // nx % ny, flat % nx)
 
 
 def _roi_list(schedule: Schedule) -> tuple[int, int, int, int]:

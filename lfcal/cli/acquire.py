@@ -55,6 +55,9 @@ def command(
     ),
     controls: int | None = typer.Option(None, "--controls", help="Control frames per plane and direction."),
     retries: int | None = typer.Option(None, "--retries", help="Further attempts after a transient fault."),
+    on_suspect: str | None = typer.Option(
+        None, "--on-suspect", help="Frames whose content stays suspicious: stop (default), or flag the position."
+    ),
     tolerance: str | None = typer.Option(None, "--tolerance", help="Position tolerance X,Y,Z (µm)."),
     overshoot: str | None = typer.Option(
         None, "--overshoot", help="Approach from one side, X,Y,Z (µm); 0,0,0 for none."
@@ -87,6 +90,7 @@ def command(
         "reference_every": reference_every,
         "controls": controls,
         "retries": retries,
+        "on_suspect": on_suspect,
         "tolerance_um": _numbers(tolerance, "--tolerance"),
         "overshoot_um": _numbers(overshoot, "--overshoot"),
     }

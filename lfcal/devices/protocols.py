@@ -52,6 +52,11 @@ class Roi:
         """Rows and columns."""
         return self.rows, self.columns
 
+    def within(self, other: Roi) -> tuple[slice, slice]:
+        """Return where this rectangle lies in a frame of ``other``: slices of its rows and columns."""
+        top, left = self.row - other.row, self.column - other.column
+        return slice(top, top + self.rows), slice(left, left + self.columns)
+
     def holds(self, other: Roi) -> bool:
         """Return whether ``other`` lies inside."""
         return (

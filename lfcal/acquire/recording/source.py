@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.recording.reader import RecordingFile
-from lfcal.acquire.recording.records import Kind, file_name
+from lfcal.acquire.recording.records import Kind, Suspicion, file_name, suspicions
 from lfcal.acquire.session_file import NAME, SessionFile
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
@@ -127,6 +127,11 @@ class RecordingSource(Frames):
     def record(self, index: int) -> Any:
         """Return the record of frame ``index``; see `lfcal.acquire.recording.records.RECORD`."""
         return self._files[self._where[index]].records[self._slots[index]]
+
+    def suspects(self) -> list[tuple[Position, Suspicion]]:
+        """Return the positions whose content was suspicious when it was recorded, and of what."""
+        bits = [int(suspicions(self.record(k))) for k in range(len(self))]
+        return [(self.info(k).position, Suspicion(what)) for k, what in enumerate(bits) if what]
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or a part of it; raises `FileFormatError` if it is damaged."""

@@ -127,6 +127,11 @@ class Store:
         slot = int(np.argmax(np.where(taken, records["sequence"].astype(np.int64), -1)))
         return slot, journal.read(slot), records[slot]
 
+    def checksums(self) -> dict[int, int]:
+        """Return the CRC-32 of every acknowledged position, with its number in the plan."""
+        records = self._journals[Kind.POSITION].records()[self._taken[Kind.POSITION]]
+        return dict(zip(records["frame_crc"].tolist(), records["index"].tolist(), strict=True))
+
     def close(self) -> None:
         """Close all files."""
         for journal in self._journals.values():
