@@ -55,7 +55,7 @@ class Exposer:
     ) -> None:
         self._camera: CameraDevice = rig.camera
         self._name = rig.camera.name
-        self._time, self._control = rig.time, control
+        self._grabber, self._control = rig.grabber, control
         self._bracket, self._black, self._timeout = bracket, black_level, timeout_s
         self._max = rig.camera.max_value
         self._dtype = np.dtype(np.uint8 if rig.camera.bit_depth <= 8 else np.uint16)
@@ -112,14 +112,15 @@ class Exposer:
             with driver_errors(self._name):
                 self._actual = self._camera.set_exposure(exposure_s).actual
             self._requested = exposure_s
-        # the last moment to abort: a long exposure cannot be interrupted
         self._control.check()
         try:
             with driver_errors(self._name):
-                frame = self._camera.grab(self._timeout + exposure_s)
+                frame = self._grabber.grab(self._camera, self._timeout + exposure_s, lambda: self._control.aborting)
         except CameraError:
             self._requested = None  # what the camera still holds is unknown: set the exposure again
             raise
+        if frame is None:
+            raise self._control.aborted()
         check_frame(frame, self.roi.shape, self._dtype, self._last_number, arrived_s)
         self._last_number = frame.number
         # of a camera that reads more than it was asked for, only that is kept in memory

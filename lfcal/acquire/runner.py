@@ -17,7 +17,7 @@ from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
 from lfcal.acquire.guard.content import ContentGuard
 from lfcal.acquire.guard.neighbours import Sensor
 from lfcal.acquire.lighting import check_light
-from lfcal.acquire.motion import check_limits
+from lfcal.acquire.motion import check_limits, limits_of
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.recording.records import Kind, Note
@@ -100,7 +100,7 @@ class Runner:
         motion = options.motion(plan)
         # dark frames are taken wherever the stage stands
         moved = schedule.kinds != Kind.DARK
-        check_limits(schedule.targets[moved], rig.stage.limits, motion.overshoot_um)
+        check_limits(schedule.targets[moved], limits_of(rig.stage), motion.overshoot_um)
         if bool((todo & ~moved).any()):
             check_light(rig)
         taker = Taker(rig, plan, options, schedule, self.control, self._elapsed_s)

@@ -133,7 +133,9 @@ def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome, tuple[Alarm
     if task.options.darks and not task.resume and task.redo is None:
         check_light(rig)
     if check_stage and not task.resume:
-        _check_stage(task, rig)
+        control = Control()
+        with _stoppable(control, at_once=True):
+            _check_stage(task, rig, control)
     control = Control()
     with _stoppable(control):
         return _record(task, rig, control)
@@ -181,12 +183,15 @@ def _watched(work: Work[Outcome], quality: LiveQuality) -> Work[Outcome]:
 
 
 @contextmanager
-def _stoppable(control: Control) -> Iterator[None]:
-    """Let Ctrl-C, a hang-up and the request to terminate stop in order, and a second one of them abort."""
+def _stoppable(control: Control, *, at_once: bool = False) -> Iterator[None]:
+    """Let Ctrl-C, a hang-up and the request to terminate stop in order, and a second one of them abort.
+
+    With ``at_once`` the first one aborts: where nothing is recorded there is no position to finish.
+    """
     from lfcal.cli.console import report
 
     def asked(*_: Any) -> None:
-        if control.stopping:
+        if at_once or control.stopping:
             control.abort()
         else:
             control.stop()
@@ -263,13 +268,14 @@ def _pairs(options: list[str]) -> dict[str, str]:
     return pairs
 
 
-def _check_stage(task: _Task, rig: Rig) -> None:
+def _check_stage(task: _Task, rig: Rig, control: Control) -> None:
     from lfcal.acquire.session import check_devices
     from lfcal.acquire.setup import check_stage, iter_stage_fit
     from lfcal.cli.console import run_work
 
     check_devices(task.plan, rig)
-    check_stage(run_work(iter_stage_fit(rig, task.plan, options=task.options), quiet=task.quiet), task.plan)
+    work = iter_stage_fit(rig, task.plan, options=task.options, control=control)
+    check_stage(run_work(work, quiet=task.quiet), task.plan)
 
 
 def _show_forecast(task: _Task, rig: Rig) -> None:

@@ -108,6 +108,11 @@ class SimCamera:
         self.set_roi(Roi(0, 0, *self._sensor.shape))
 
     @property
+    def waits(self) -> bool:
+        """Whether `grab` takes real time."""
+        return not isinstance(self._time, VirtualTime)
+
+    @property
     def sensor_shape(self) -> tuple[int, int]:
         """Rows and columns of the sensor."""
         return self._sensor.shape
