@@ -115,7 +115,9 @@ class Exposer:
         self._control.check()
         try:
             with driver_errors(self._name):
-                frame = self._grabber.grab(self._camera, self._timeout + exposure_s, lambda: self._control.aborting)
+                frame: Frame | None = self._grabber.grab(
+                    self._camera, self._timeout + exposure_s, lambda: self._control.aborting
+                )
         except CameraError:
             self._requested = None  # what the camera still holds is unknown: set the exposure again
             raise

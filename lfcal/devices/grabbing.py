@@ -6,24 +6,30 @@ import threading
 import weakref
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from lfcal.devices.errors import DeviceLost
-
-if TYPE_CHECKING:
-    from lfcal.devices.protocols import CameraDevice, Frame
 
 __all__ = ["Grabber"]
 
 SLICE_S = 0.05
 
 
+class _Camera(Protocol):
+    """What is asked of a camera here; its frames are handed on as they are."""
+
+    @property
+    def name(self) -> str: ...
+
+    def grab(self, timeout_s: float) -> Any: ...
+
+
 class _Call(NamedTuple):
     """A call of ``grab``, and where its frame or error goes; nobody looks there once the call is abandoned."""
 
-    grab: Callable[[float], Frame]
+    grab: Callable[[float], Any]
     timeout_s: float
-    answer: SimpleQueue[Frame | BaseException]
+    answer: SimpleQueue[Any]
 
 
 class Grabber:
@@ -37,7 +43,7 @@ class Grabber:
 
     def __init__(self) -> None:
         self._calls: SimpleQueue[_Call | None] = SimpleQueue()
-        self._abandoned: SimpleQueue[Frame | BaseException] | None = None
+        self._abandoned: SimpleQueue[Any] | None = None
         self._thread: threading.Thread | None = None
 
     @property
@@ -47,7 +53,7 @@ class Grabber:
             self._abandoned = None
         return self._abandoned is not None
 
-    def grab(self, camera: CameraDevice, timeout_s: float, cancelled: Callable[[], bool]) -> Frame | None:
+    def grab(self, camera: _Camera, timeout_s: float, cancelled: Callable[[], bool]) -> Any:
         """Return what ``camera.grab(timeout_s)`` returns or raise what it raises; None once ``cancelled`` is true.
 
         Raises
@@ -96,7 +102,7 @@ class Grabber:
         return self._calls
 
 
-def _answer(call: _Call, cancelled: Callable[[], bool]) -> Frame | BaseException | None:
+def _answer(call: _Call, cancelled: Callable[[], bool]) -> Any:
     while True:
         try:
             return call.answer.get(timeout=SLICE_S)

@@ -36,16 +36,20 @@ def measure(frame: NDArray[Any], out: NDArray[np.float64]) -> None:
         mean = block.mean()
         if mean < level:
             level, noise = mean, block.std()
-    total, down, along, peak = 0.0, 0.0, 0.0, 0.0
+    # column by column, because sums over an array of columns run on several at a time
+    sums, moments, tops = np.zeros(columns), np.zeros(columns), np.zeros(columns)
     for r in range(rows):
-        line = 0.0
         for c in range(columns):
             value = float(frame[r, c])
-            line += value
-            along += value * c
-            peak = max(peak, value)
-        total += line
-        down += line * r
+            sums[c] += value
+            moments[c] += value * r
+            tops[c] = value if value > tops[c] else tops[c]
+    total, down, along, peak = 0.0, 0.0, 0.0, 0.0
+    for c in range(columns):
+        total += sums[c]
+        down += moments[c]
+        along += sums[c] * c
+        peak = max(peak, tops[c])
     energy = total - level * rows * columns
     out[0], out[1], out[4], out[5] = level, energy, peak, noise
     # the background is symmetrical about the middle, and adds nothing to moments taken from there

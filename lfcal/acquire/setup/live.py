@@ -13,7 +13,7 @@ from lfcal.acquire.setup.levels import Levels, levels
 from lfcal.acquire.spots import Spot, find_spot
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import FrameTimeout, IncompleteFrame, driver_errors
-from lfcal.devices.protocols import Point, Rig, Roi
+from lfcal.devices.protocols import Frame, Point, Rig, Roi
 from lfcal.errors import InputError
 
 __all__ = ["LiveState", "iter_live", "predicted_image"]
@@ -89,7 +89,7 @@ def iter_live(
         expected = None if plan is None else predicted_image(plan, stage)
         try:
             with watched:
-                frame = rig.grabber.grab(camera, timeout_s + seconds, lambda: control.stopping)
+                frame: Frame | None = rig.grabber.grab(camera, timeout_s + seconds, lambda: control.stopping)
             if frame is None:
                 break
             if frame.status != "complete":
