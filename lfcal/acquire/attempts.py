@@ -51,6 +51,10 @@ class Attempts:
         self._standing = NO_DOUBT
         self._attempt = 1
 
+    def trust(self, step: Step, now: Measured) -> None:
+        """Take ``step`` of an earlier run, which looked like ``now``, for one that is known."""
+        self._trusted = step, now
+
     def record(self, step: Step) -> Taken:
         """Return frame and note of ``step``, the latter with what is still suspected of the frame.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +16,7 @@ from lfcal.acquire.control import Aborted, Control
 from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
 from lfcal.acquire.guard.content import ContentGuard
 from lfcal.acquire.guard.neighbours import Sensor
+from lfcal.acquire.known import Known
 from lfcal.acquire.lighting import check_light
 from lfcal.acquire.motion import check_limits, limits_of
 from lfcal.acquire.options import Options
@@ -69,6 +70,8 @@ class Runner:
         Seconds recorded by earlier runs of the session.
     recorded
         CRC-32 of the frames they kept, with their positions.
+    known
+        Frames of them around the steps to do.
 
     Raises
     ------
@@ -92,6 +95,7 @@ class Runner:
         low_space: Callable[[], str] = lambda: "",
         elapsed_s: float = 0.0,
         recorded: Mapping[int, Position] | None = None,
+        known: Sequence[Known] = (),
     ) -> None:
         self._rig, self._plan, self._options, self._schedule = rig, plan, options, schedule
         self._sink, self._todo = sink, todo
@@ -108,6 +112,10 @@ class Runner:
         sensor = Sensor(rig.camera.max_value, plan.camera.sensor.electrons_per_count)
         guard = ContentGuard(plan.shape[:3], sensor, coarse=options.order == "coarse", recorded=recorded)
         self._attempts = Attempts(taker, guard, plan, options)
+        for item in known:
+            seen = guard.know(*item)
+            if item is known[-1]:
+                self._attempts.trust(next(Schedule.of(plan, options, [item.position]).steps()), seen)
         self._earlier_s = elapsed_s
         self._began = time.perf_counter()
         self._since = rig.time.monotonic()

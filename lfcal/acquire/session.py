@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
+from lfcal.acquire.known import known_around
 from lfcal.acquire.options import Options
 from lfcal.acquire.origin import check_origin
 from lfcal.acquire.preview import Preview
@@ -213,6 +215,7 @@ def _record_one(
             **watching._asdict(),
             low_space=DiskGuard(folder, options.keep_free_bytes),
             elapsed_s=store.elapsed_s,
+            known=known_around(folder, _open_positions(file.plan, schedule, todo)) if not todo.all() or run else (),
             recorded={crc: _position(file.plan, flat) for crc, flat in store.checksums().items()},
         )
         latest = store.latest()
@@ -251,6 +254,13 @@ def _schedule(file: SessionFile, run: int) -> Schedule:
     # an empty list stands for all positions
     redo = [Position(*p) for p in file.redo[run]] or None
     return Schedule.of(file.plan, file.options, redo)
+
+
+def _open_positions(plan: ScanPlan, schedule: Schedule, todo: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which positions ``(nz, ny, nx)`` of the plan are still to do."""
+    positions = np.zeros(plan.n_positions, np.bool_)
+    positions[schedule.flat[todo & (schedule.kinds == Kind.POSITION)]] = True
+    return positions.reshape(plan.shape[:3])
 
 
 def _position(plan: ScanPlan, flat: int) -> Position:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from lfcal.progress import Work
 
 ALARM_EVERY_S = 5.0
+SUSPECTS = "suspects.json"
+SHOWN = 10
 
 
 def register(app: typer.Typer) -> None:
@@ -106,7 +108,7 @@ def command(
             _show_forecast(task, rig)
             return
         outcome, alarms = _run(task, rig, check_stage)
-    result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": alarms}
+    result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": alarms, **_suspects(out, outcome)}
     if outcome.how == "complete":
         result |= _finish(out, assemble, pack, json)
     _report(result, outcome, out, json)
@@ -299,6 +301,19 @@ def _show_forecast(task: _Task, rig: Rig) -> None:
     print_table(["what", "value"], rows, title=f"{task.out}: nothing was moved or written")
 
 
+def _suspects(out: Path, outcome: Outcome) -> dict[str, Any]:
+    """Write the list of suspect positions into the session's folder; return it, and where it is, if there are any."""
+    from lfcal.acquire.suspects import read_suspects
+
+    path = out / SUSPECTS
+    found = read_suspects(out) if outcome.acknowledged else None
+    if found is None or not found.positions:
+        path.unlink(missing_ok=True)  # of an earlier run: recorded again since
+        return {}
+    found.write(path)
+    return {"suspects": found, "redo": path}
+
+
 def _finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[str, Any]:
     from lfcal.acquire.finish import iter_assemble_session, iter_finish
     from lfcal.cli.console import run_work
@@ -316,6 +331,15 @@ def _finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[s
     return result
 
 
+def _show_suspects(suspects: RedoList, path: Path) -> None:
+    """Print the first of the positions that are suspect, and how to record all of them again."""
+    for position, why in list(zip(suspects.positions, suspects.reasons, strict=True))[:SHOWN]:
+        typer.echo(f"  suspect: (z, y, x) = {tuple(position)}: {why}")
+    count = len(suspects.positions)
+    more = f", {count - SHOWN} more in the list" if count > SHOWN else ""
+    typer.echo(f"  {count} suspect{more}: remove the cause, then record them again with --redo {path}")
+
+
 def _report(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> None:
     from lfcal.cli.console import print_json
     from lfcal.units import format_seconds
@@ -327,6 +351,8 @@ def _report(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> 
         typer.echo(f"{out}: {outcome.how}, {outcome.acknowledged} of {outcome.total} positions in {time_taken}")
         for alarm in result["alarms"]:
             typer.echo(f"  {alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
+        if "suspects" in result:
+            _show_suspects(result["suspects"], result["redo"])
         if "H" in result:
             typer.echo(f"  {result['H']}: H {result['shape']}")
         if outcome.how != "complete":

@@ -187,6 +187,17 @@ def test_a_resumed_session_and_one_recorded_again_raise_nothing(tmp_path: Path) 
     assert not suspects_of(tmp_path)
 
 
+def test_positions_recorded_again_are_held_against_those_around_them(tmp_path: Path) -> None:
+    """Steps were lost, the list is recorded again, and nobody homed the stage: nothing of that run may count."""
+    options = replace(CAREFUL, on_suspect="flag")
+    record(tmp_path, PLAN, rig_for(PLAN, Fault("loses steps", 90)), options)
+    named = sorted(suspects_of(tmp_path))
+    assert named
+    with pytest.raises(AcquisitionStopped, match="content guard: image: expected within"):
+        record(tmp_path, PLAN, rig_for(PLAN, Fault("loses steps", 0)), CAREFUL, redo=named)
+    assert sorted(suspects_of(tmp_path)) == named
+
+
 def test_a_frame_that_an_earlier_run_kept_is_known_after_a_resume(tmp_path: Path) -> None:
     """The camera hands out an image of before: nothing in the memory of this run shows it, but the recording does."""
     with pytest.raises(AcquisitionStopped):

@@ -94,6 +94,13 @@ class ContentGuard:
             doubt |= same_place(now, self._reference, self.sensor, references=True)
         return Seen(now, doubt, samples)
 
+    def know(self, position: Position, frame: NDArray[Any], saturated: int, exposure_s: float) -> Measured:
+        """Trust a frame that an earlier run of the session recorded, and return it in numbers."""
+        now = measured(frame, saturated, self.sensor)
+        self._neighbours.accept(position, now, exposure_s, self._pitch(position))
+        self._any = True
+        return now
+
     def accept(self, content: Content, seen: Seen) -> None:
         """Trust a frame: later ones are held against it."""
         self._repeats.remember(seen.samples)

@@ -104,7 +104,8 @@ class RecordingSource(Frames):
             "plan_shape": self.plan.shape[:3],
             "path": str(self._folder),
         }
-        return known | ({"darks": self._darks} if self._darks else {})
+        suspect = [[*position, what.words] for position, what in self.suspects()]
+        return known | ({"darks": self._darks} if self._darks else {}) | ({"suspect": suspect} if suspect else {})
 
     def __len__(self) -> int:
         """Return the number of positions with a frame."""
@@ -130,8 +131,11 @@ class RecordingSource(Frames):
 
     def suspects(self) -> list[tuple[Position, Suspicion]]:
         """Return the positions whose content was suspicious when it was recorded, and of what."""
-        bits = [int(suspicions(self.record(k))) for k in range(len(self))]
-        return [(self.info(k).position, Suspicion(what)) for k, what in enumerate(bits) if what]
+        bits = np.zeros(len(self), np.uint8)
+        for k, file in enumerate(self._files):
+            here = self._where == k
+            bits[here] = suspicions(file.records)[self._slots[here]]
+        return [(self.info(k).position, Suspicion(int(bits[k]))) for k in np.flatnonzero(bits).tolist()]
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or a part of it; raises `FileFormatError` if it is damaged."""
