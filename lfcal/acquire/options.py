@@ -44,9 +44,6 @@ class Options:
         check of periodicity (0: none).
     retries
         How often a position is tried again after a transient fault.
-    on_suspect
-        What becomes of a frame whose content stays suspicious after it was taken again: ``"stop"`` the session, or
-        ``"flag"`` the position, to be recorded again later.
     tolerance_um, overshoot_um
         As in `Motion`; None tolerates a tenth of the smallest step sideways and a whole one in depth.
     move_timeout_s, grab_timeout_s, light_settle_s
@@ -57,6 +54,9 @@ class Options:
     origin_tolerance_px
         On resume the last position is taken again; a larger shift of the image says that the stage's
         origin is lost (pixels). None leaves the check out.
+    on_suspect
+        What becomes of a frame whose content stays suspicious after it was taken again: ``"stop"`` the session, or
+        ``"flag"`` the position, to be recorded again later.
     """
 
     order: str = "plan"
@@ -67,7 +67,6 @@ class Options:
     reference_every: int = 100
     controls: int = 0
     retries: int = 2
-    on_suspect: str = "stop"
     tolerance_um: tuple[float, ...] | None = None
     overshoot_um: tuple[float, ...] = (20.0, 20.0, 20.0)
     move_timeout_s: float = 60.0
@@ -75,6 +74,7 @@ class Options:
     light_settle_s: float = 0.5
     keep_free_bytes: int = 1 << 30
     origin_tolerance_px: float | None = 0.5
+    on_suspect: str = "stop"
 
     def __post_init__(self) -> None:
         """Check every value."""
