@@ -2,10 +2,11 @@
 
 - ``options``, ``blocks``, ``schedule``, ``forecast``: everything a session will do, in order, and what it costs
 - ``session``, ``session_file``, ``origin``: a session is begun, resumed, recorded again in parts
-- ``runner``, ``motion``, ``lighting``, ``exposing``, ``combining``: the strict loop and its parts
+- ``runner``, ``attempts``, ``taking``, ``motion``, ``lighting``, ``exposing``, ``combining``: the strict loop in parts
+- ``guard``, ``known``: each frame held against what it should be before it counts, and against earlier runs
 - ``control``, ``preview``, ``live_quality``, ``errors``: requests to a running session, and what it reports
 - ``recording``: frames on the disk that survive a crash and a power cut; a session as a `FrameSource`
-- ``redo``, ``finish``: positions to record again; H from a session; packing
+- ``redo``, ``suspects``, ``finish``: positions to record again; H from a session; packing
 - ``setup``, ``spots``: live set-up
 
 Devices are those of `lfcal.devices`.
@@ -13,13 +14,13 @@ Devices are those of `lfcal.devices`.
 
 from lfcal.acquire.blocks import coarse_order, window_shape
 from lfcal.acquire.control import Control
-from lfcal.acquire.errors import AcquisitionStopped
+from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
 from lfcal.acquire.finish import iter_assemble_session, iter_finish
 from lfcal.acquire.forecast import SessionForecast, forecast
 from lfcal.acquire.live_quality import Alarm, LiveQuality, QualityState
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
-from lfcal.acquire.recording.records import Kind, Note
+from lfcal.acquire.recording.records import Kind, Note, Suspicion
 from lfcal.acquire.recording.source import CheckFrame, RecordingSource, read_checks
 from lfcal.acquire.recording.verify import DamagedFrame, SessionReport, iter_verify, verify
 from lfcal.acquire.redo import RedoList
@@ -27,6 +28,7 @@ from lfcal.acquire.runner import Observer, Outcome
 from lfcal.acquire.schedule import Schedule, Step
 from lfcal.acquire.session import check_devices, iter_record, record
 from lfcal.acquire.session_file import SessionFile
+from lfcal.acquire.suspects import read_suspects
 from lfcal.devices.registry import open_rig
 
 __all__ = [
@@ -51,6 +53,8 @@ __all__ = [
     "SessionForecast",
     "SessionReport",
     "Step",
+    "SuspectFrame",
+    "Suspicion",
     "check_devices",
     "coarse_order",
     "forecast",
@@ -60,6 +64,7 @@ __all__ = [
     "iter_verify",
     "open_rig",
     "read_checks",
+    "read_suspects",
     "record",
     "verify",
     "window_shape",

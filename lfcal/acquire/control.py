@@ -72,7 +72,11 @@ class Control:
     def check(self) -> None:
         """Raise `Aborted` if abort was asked for; called wherever the recording thread waits."""
         if self._abort.is_set():
-            raise Aborted("aborted: the stage was stopped; what was acknowledged is safe")
+            raise self.aborted()
+
+    def aborted(self) -> Aborted:
+        """Return the error that ends a session at once."""
+        return Aborted("aborted: the stage was stopped; what was acknowledged is safe")
 
     def wait(self, seconds: float) -> None:
         """Wait in real time, or until a request comes."""

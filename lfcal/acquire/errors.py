@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from lfcal.acquire.recording.records import Suspicion
 from lfcal.errors import LfcalError
 
-__all__ = ["AcquisitionStopped"]
+__all__ = ["AcquisitionStopped", "SuspectFrame"]
 
 
 class AcquisitionStopped(LfcalError):
@@ -22,3 +23,17 @@ class AcquisitionStopped(LfcalError):
         super().__init__(message)
         self.acknowledged = acknowledged
         self.cause = cause
+
+
+class SuspectFrame(LfcalError):
+    """The content of a frame is not what it should be, and taking it again did not help.
+
+    Attributes
+    ----------
+    what
+        What is suspected.
+    """
+
+    def __init__(self, message: str, what: Suspicion) -> None:
+        super().__init__(message)
+        self.what = what

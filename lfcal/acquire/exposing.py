@@ -23,13 +23,16 @@ class ExposedFrame(NamedTuple):
 
     ``data`` ``(rows, columns)`` of the region: samples as they came, or float32 where several were combined;
     ``saturated`` counts of the whole region, ``mask`` which pixels (None: those at the maximum);
-    ``exposure_s`` the exposure that ``data`` corresponds to.
+    ``exposure_s`` the exposure that ``data`` corresponds to. ``raws`` all that was exposed for it, of the region asked
+    for; ``reported_s`` what the camera said with the frames of the whole exposure, where it says anything.
     """
 
     data: NDArray[Any]
     mask: NDArray[np.bool_] | None
     saturated: int
     exposure_s: float
+    raws: tuple[NDArray[Any], ...] = ()
+    reported_s: tuple[float, ...] = ()
 
 
 class Exposer:
@@ -52,13 +55,15 @@ class Exposer:
     ) -> None:
         self._camera: CameraDevice = rig.camera
         self._name = rig.camera.name
-        self._time, self._control = rig.time, control
+        self._grabber, self._control = rig.grabber, control
         self._bracket, self._black, self._timeout = bracket, black_level, timeout_s
         self._max = rig.camera.max_value
         self._dtype = np.dtype(np.uint8 if rig.camera.bit_depth <= 8 else np.uint16)
         self._last_number = -1
         self._requested: float | None = None
         self._actual = 0.0
+        self._raws: list[NDArray[Any]] = []
+        self._reported: list[float] = []
         self._wanted_roi: Roi | None = None
         self.roi = Roi(0, 0, *rig.camera.sensor_shape)
 
@@ -75,38 +80,56 @@ class Exposer:
 
     def expose(self, exposure_s: float, repeats: int, arrived_s: float) -> ExposedFrame:
         """Return the frame of this place; every exposure starts after ``arrived_s`` on the rig's clock."""
+        self._raws, self._reported = [], []
+        data, mask, saturated, actual = self._combined(exposure_s, repeats, arrived_s)
+        return ExposedFrame(data, mask, saturated, actual, tuple(self._raws), tuple(self._reported))
+
+    def _combined(
+        self, exposure_s: float, repeats: int, arrived_s: float
+    ) -> tuple[NDArray[Any], NDArray[np.bool_] | None, int, float]:
+        """Return data, mask, count of saturated pixels and exposure of an `ExposedFrame`."""
         # a single exposure stays in the camera's own integers
         if len(self._bracket) == 1 and repeats == 1:
             data = self._grab(exposure_s, arrived_s)
-            return ExposedFrame(data, None, int(np.count_nonzero(data >= self._max)), self._actual)
+            return data, None, int(np.count_nonzero(data >= self._max)), self._actual
         means, masks, actual = [], [], []
         for factor in self._bracket:
-            frames = [self._grab(exposure_s * factor, arrived_s) for _ in range(repeats)]
+            frames = [self._grab(exposure_s, arrived_s, factor) for _ in range(repeats)]
             mean, mask = average(frames, self._max)
             means.append(mean)
             masks.append(mask)
             actual.append(self._actual)
         if len(self._bracket) == 1:
-            return ExposedFrame(means[0], masks[0], int(masks[0].sum()), actual[0])
+            return means[0], masks[0], int(masks[0].sum()), actual[0]
         reference = actual[self._bracket.index(1.0)]
         data, mask = merge(means, masks, actual, reference_s=reference, black_level=self._black)
-        return ExposedFrame(data, mask, int(mask.sum()), reference)
+        return data, mask, int(mask.sum()), reference
 
-    def _grab(self, exposure_s: float, arrived_s: float) -> NDArray[Any]:
+    def _grab(self, exposure_s: float, arrived_s: float, factor: float = 1.0) -> NDArray[Any]:
+        whole = factor == 1.0
+        exposure_s *= factor
         if self._requested != exposure_s:
             with driver_errors(self._name):
                 self._actual = self._camera.set_exposure(exposure_s).actual
             self._requested = exposure_s
-        # the last moment to abort: a long exposure cannot be interrupted
         self._control.check()
         try:
             with driver_errors(self._name):
-                frame = self._camera.grab(self._timeout + exposure_s)
+                frame: Frame | None = self._grabber.grab(
+                    self._camera, self._timeout + exposure_s, lambda: self._control.aborting
+                )
         except CameraError:
             self._requested = None  # what the camera still holds is unknown: set the exposure again
             raise
+        if frame is None:
+            raise self._control.aborted()
         check_frame(frame, self.roi.shape, self._dtype, self._last_number, arrived_s)
         self._last_number = frame.number
+        # of a camera that reads more than it was asked for, only that is kept in memory
+        wanted = self._wanted_roi or self.roi
+        self._raws.append(frame.data if wanted == self.roi else frame.data[wanted.within(self.roi)].copy())
+        if whole and frame.exposure_s > 0:
+            self._reported.append(frame.exposure_s)
         return frame.data
 
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lfcal.acquire.recording.durable import FolderLock
 from lfcal.acquire.recording.reader import RecordingFile
@@ -25,7 +25,7 @@ from lfcal.psf.assemble import AssemblyReport
 from lfcal.psf.assemble_plan import AssemblySettings, iter_assemble_plan
 from lfcal.threads import worker_count
 
-__all__ = ["iter_assemble_session", "iter_finish", "iter_repack"]
+__all__ = ["Packed", "iter_assemble_session", "iter_finish", "iter_repack"]
 
 BLOCK = 64
 
@@ -64,23 +64,34 @@ def iter_assemble_session(
         return (yield from iter_assemble_plan(view, source.plan, out, settings))
 
 
-def iter_finish(folder: Path, *, workers: int | None = None) -> Work[int]:
-    """Repack every finished recording of a session; return the bytes gained.
+class Packed(NamedTuple):
+    """What packing a session came to: bytes gained, and why some of its files were left as they are."""
 
-    A recording that lacks frames is left as it is, ready to be resumed.
+    bytes_gained: int
+    left: tuple[str, ...]
+
+
+def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
+    """Repack every finished recording of a session.
+
+    A recording that lacks frames, or holds a damaged one, is left as it is, ready to be resumed.
     """
     session = SessionFile.read(folder)
     lock = FolderLock(folder)
-    gained = 0
+    gained, left = 0, []
     try:
         for run in range(len(session.recordings)):
             for kind in (Kind.POSITION, Kind.REFERENCE, Kind.DARK):
                 path = folder / file_name(kind, run)
-                if path.exists():
+                if not path.exists():
+                    continue
+                try:
                     gained += yield from iter_repack(path, workers=workers)
+                except FileFormatError as error:
+                    left.append(f"{path.name} is not packed: {error}")
     finally:
         lock.release()
-    return gained
+    return Packed(gained, tuple(left))
 
 
 def iter_repack(path: Path, *, workers: int | None = None) -> Work[int]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lfcal.acquire.lighting import check_light
-from lfcal.acquire.motion import check_limits
+from lfcal.acquire.motion import check_limits, limits_of
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import RECORD, Kind
 from lfcal.acquire.schedule import Schedule
@@ -57,7 +57,7 @@ def forecast(plan: ScanPlan, rig: Rig, options: Options, folder: Path) -> Sessio
     devices = check_devices(plan, rig)
     schedule = Schedule.of(plan, options)
     moved = schedule.targets[schedule.kinds != Kind.DARK]
-    check_limits(moved, rig.stage.limits, options.motion(plan).overshoot_um)
+    check_limits(moved, limits_of(rig.stage), options.motion(plan).overshoot_um)
     dark = schedule.kinds == Kind.DARK
     if dark.any():
         check_light(rig)

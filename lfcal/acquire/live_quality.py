@@ -15,7 +15,7 @@ from lfcal.camera import ScanPlan
 
 __all__ = ["Alarm", "LiveQuality", "QualityState"]
 
-LIMITS = {"position": 0.3, "lamp": 0.05, "dim": 0.01, "saturated": 0.0, "follow": 0.5}
+LIMITS = {"position": 0.3, "lamp": 0.05, "dark": 0.005, "dim": 0.01, "saturated": 0.0, "follow": 0.5}
 FEW = 16
 FEW_CENTROIDS = 8
 FIRST = 200
@@ -28,8 +28,9 @@ class Alarm:
     Attributes
     ----------
     what
-        ``"position"`` (px rms), ``"lamp"`` (relative change), ``"dim"`` (share of positions), ``"saturated"``
-        (positions), ``"follow"`` (px the image moves in the cutout per step).
+        ``"position"`` (px rms), ``"lamp"`` (relative change), ``"dark"`` (change of the level without light, share of
+        the range), ``"dim"`` (share of positions), ``"saturated"`` (positions), ``"follow"`` (px the image moves in
+        the cutout per step).
     value, limit
         Numbers in that unit.
     advice
@@ -101,6 +102,8 @@ class LiveQuality:
         self._sums = np.zeros((shape[0], *window))
         self._levels = np.zeros(shape[0])
         self._lamp: list[tuple[float, float]] = []
+        self._dark: list[float] = []
+        self._range = float(plan.camera.sensor.max_value)
         self._normal = np.zeros((3, 3))
         self._right = np.zeros((3, 2))
         self._rows, self._columns = np.arange(window[0]), np.arange(window[1])
@@ -118,7 +121,9 @@ class LiveQuality:
         if step.kind is not Kind.POSITION:
             with self._lock:
                 if step.kind is Kind.REFERENCE:
-                    self._lamp.append((note.elapsed_s, note.energy - self._level * frame.size))
+                    # the same place every time: its border changes with the sensor alone
+                    self._dark.append(float(np.median(frame[self._border])))
+                    self._lamp.append((note.elapsed_s, note.energy - self._dark[-1] * frame.size))
             return
         _, ny, nx = self._shape
         place = step.z, step.flat // nx % ny, step.flat % nx
@@ -188,7 +193,12 @@ class LiveQuality:
         look("position", rms, "the stage misses its targets: check load, speed and tolerance")
         if len(lamp) > 1 and lamp[0, 1] > 0:
             change = float(np.abs(lamp[:, 1] / lamp[0, 1] - 1).max())
-            look("lamp", change, "the lamp drifts: let it warm up, or stabilise it")
+        else:
+            change = max(_seam(plane) for plane in self._energy)
+        look("lamp", change, "the lamp drifts: let it warm up, or stabilise it")
+        if len(self._dark) > 1:
+            moved = max(abs(level - self._dark[0]) for level in self._dark) / self._range
+            look("dark", moved, "the level without light moves: let the camera warm up, take darks more often")
         energy = self._energy[seen]
         dim = float((energy < 0.5 * np.median(energy)).mean())
         look("dim", dim, "some positions are much darker than the others: check lamp, shutter and vignetting")
@@ -196,3 +206,17 @@ class LiveQuality:
         worst = float(np.abs(follow).max())
         look("follow", worst, "the image does not move with the cutout: check sign and scale of the stage's axes")
         return tuple(alarms)
+
+
+def _seam(energy: NDArray[np.float64]) -> float:
+    """Return the relative change of light over a plane ``(ny, nx)`` that its period does not explain.
+
+    The pattern repeats after the last row, so that the row after it would be the first again: what it has become
+    meanwhile is the lamp's. Rows are means, and their slope at the seam is taken from both sides of it.
+    """
+    if len(energy) < 4 or not np.isfinite(energy).all():
+        return 0.0
+    rows = energy.mean(axis=1)
+    slope = 0.5 * (rows[1] - rows[0] + rows[-1] - rows[-2])
+    change = float(rows[-1] + slope - rows[0])
+    return abs(change) / max(abs(float(rows.mean())), 1e-9)

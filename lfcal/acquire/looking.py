@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.exposing import Exposer
-from lfcal.acquire.motion import Mover, check_limits
+from lfcal.acquire.motion import Mover, check_limits, limits_of
 from lfcal.acquire.options import Options
 from lfcal.acquire.spots import find_spot
 from lfcal.camera import ScanPlan
@@ -51,8 +52,8 @@ class Looker:
     ) -> None:
         motion, sensor = options.motion(plan), plan.camera.sensor
         # before anything moves: a limit met halfway would leave the stage anywhere
-        check_limits(targets, rig.stage.limits, motion.overshoot_um)
-        self._time = rig.time
+        check_limits(targets, limits_of(rig.stage), motion.overshoot_um)
+        self._time, self._stage = rig.time, rig.stage
         self._mover = Mover(rig.stage, rig.time, motion, control)
         self._exposer = Exposer(rig, control, bracket, sensor.black_level, options.grab_timeout_s)
         self._exposer.read_region(roi or Roi(0, 0, *sensor.shape))
@@ -64,7 +65,13 @@ class Looker:
 
     def go(self, target: Point) -> Point:
         """Move to ``target``, settle, and return the read-back (µm)."""
-        return self._mover.go(target)
+        try:
+            return self._mover.go(target)
+        except BaseException:
+            # whatever ends a set-up must not leave the stage on its way
+            with suppress(Exception):
+                self._stage.stop()
+            raise
 
     def expose(self, seconds: float, repeats: int = 1) -> NDArray[Any]:
         """Return a new frame of `roi`, exposed for ``seconds``, the mean of ``repeats``."""

@@ -12,7 +12,7 @@ from lfcal.checks import check_number
 from lfcal.devices.errors import LimitError, NotInPosition, StageError, driver_errors
 from lfcal.devices.protocols import Limits, Point, StageDevice, TimeSource
 
-__all__ = ["Motion", "Mover", "check_limits"]
+__all__ = ["Motion", "Mover", "check_limits", "limits_of"]
 
 AXES = "xyz"
 FIRST_POLL_S = 0.0005
@@ -64,6 +64,12 @@ def check_limits(targets: NDArray[np.float64], limits: Limits, overshoot_um: tup
             )
 
 
+def limits_of(stage: StageDevice) -> Limits:
+    """Return the travel of ``stage`` (µm); raises `DeviceError` with its name where the driver fails."""
+    with driver_errors(stage.name):
+        return stage.limits
+
+
 class Mover:
     """Drive one stage along targets; remembers from which side it stands.
 
@@ -79,7 +85,7 @@ class Mover:
 
     def __init__(self, stage: StageDevice, time: TimeSource, motion: Motion, control: Control) -> None:
         self._stage, self._time, self._motion, self._control = stage, time, motion, control
-        self._limits, self._name = stage.limits, stage.name
+        self._limits, self._name = limits_of(stage), stage.name
         self._last: Point | None = None
 
     def forget(self) -> None:

@@ -12,9 +12,10 @@ from lfcal.camera.description import build
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 
-__all__ = ["ORDERS", "Options"]
+__all__ = ["ORDERS", "POLICIES", "Options"]
 
 ORDERS = ("plan", "coarse")
+POLICIES = ("stop", "flag")
 _RESHAPING = ("bracket", "margin_px", "darks", "dark_every", "reference_every", "controls")
 
 
@@ -53,6 +54,9 @@ class Options:
     origin_tolerance_px
         On resume the last position is taken again; a larger shift of the image says that the stage's
         origin is lost (pixels). None leaves the check out.
+    on_suspect
+        What becomes of a frame whose content stays suspicious after it was taken again: ``"stop"`` the session, or
+        ``"flag"`` the position, to be recorded again later.
     """
 
     order: str = "plan"
@@ -70,10 +74,12 @@ class Options:
     light_settle_s: float = 0.5
     keep_free_bytes: int = 1 << 30
     origin_tolerance_px: float | None = 0.5
+    on_suspect: str = "stop"
 
     def __post_init__(self) -> None:
         """Check every value."""
         check_choice("order", self.order, ORDERS)
+        check_choice("on suspect", self.on_suspect, POLICIES)
         # a bracket without 1 has no frame at the plan's exposure to scale the others to
         if not self.bracket or 1.0 not in self.bracket or len(set(self.bracket)) != len(self.bracket):
             raise InputError.expected(

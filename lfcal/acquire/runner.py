@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -11,19 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.acquire.attempts import Attempts
 from lfcal.acquire.control import Aborted, Control
-from lfcal.acquire.errors import AcquisitionStopped
-from lfcal.acquire.exposing import ExposedFrame, Exposer
-from lfcal.acquire.lighting import Lighting, check_light
-from lfcal.acquire.motion import Mover, check_limits
+from lfcal.acquire.errors import AcquisitionStopped, SuspectFrame
+from lfcal.acquire.guard.content import ContentGuard
+from lfcal.acquire.guard.neighbours import Sensor
+from lfcal.acquire.known import Known
+from lfcal.acquire.lighting import check_light
+from lfcal.acquire.motion import check_limits, limits_of
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
 from lfcal.acquire.schedule import Schedule, Step
+from lfcal.acquire.taking import Taker
 from lfcal.camera import ScanPlan
-from lfcal.devices.errors import CameraError, StageError, WrongFrame
-from lfcal.devices.protocols import Point, Rig, Roi
+from lfcal.devices.protocols import Rig, Roi
 from lfcal.errors import LfcalError
 from lfcal.frames.source import Position
 from lfcal.progress import Progress, Work
@@ -69,6 +72,10 @@ class Runner:
         Returns why the session should hold, or an empty string.
     elapsed_s
         Seconds recorded by earlier runs of the session.
+    recorded
+        CRC-32 of the frames they kept, with their positions.
+    known
+        Frames of them around the steps to do.
 
     Raises
     ------
@@ -91,24 +98,29 @@ class Runner:
         observers: tuple[Observer, ...] = (),
         low_space: Callable[[], str] = lambda: "",
         elapsed_s: float = 0.0,
+        recorded: Mapping[int, Position] | None = None,
+        known: Sequence[Known] = (),
     ) -> None:
         self._rig, self._plan, self._options, self._schedule = rig, plan, options, schedule
         self._sink, self._todo = sink, todo
         self.control = control or Control()
         self._preview, self._observers, self._low_space = preview, observers, low_space
-        self._exposures = plan.exposures
         motion = options.motion(plan)
         # dark frames are taken wherever the stage stands
         moved = schedule.kinds != Kind.DARK
-        check_limits(schedule.targets[moved], rig.stage.limits, motion.overshoot_um)
+        check_limits(schedule.targets[moved], limits_of(rig.stage), motion.overshoot_um)
         if bool((todo & ~moved).any()):
             check_light(rig)
-        self._mover = Mover(rig.stage, rig.time, motion, self.control)
-        self._lighting = Lighting(rig, self.control, options.light_settle_s)
-        sensor = plan.camera.sensor
-        self._exposer = Exposer(rig, self.control, options.bracket, sensor.black_level, options.grab_timeout_s)
-        self._max = rig.camera.max_value
-        self._elapsed = elapsed_s
+        taker = Taker(rig, plan, options, schedule, self.control, self._elapsed_s)
+        self._lighting = taker.lighting
+        sensor = Sensor(rig.camera.max_value, plan.camera.sensor.electrons_per_count)
+        guard = ContentGuard(plan.shape[:3], sensor, coarse=options.order == "coarse", recorded=recorded)
+        self._attempts = Attempts(taker, guard, plan, options)
+        for item in known:
+            seen = guard.know(*item)
+            if item is known[-1]:
+                self._attempts.trust(next(Schedule.of(plan, options, [item.position]).steps()), seen)
+        self._earlier_s = elapsed_s
         self._began = time.perf_counter()
         self._since = rig.time.monotonic()
         self._total = schedule.count(Kind.POSITION)
@@ -169,88 +181,21 @@ class Runner:
 
     # -- one step --------------------------------------------------------------------------------------
     def _record(self, step: Step) -> tuple[NDArray[Any], Note]:
-        """Return frame and note of ``step``, after as many attempts as are allowed."""
-        attempt = 1
-        while True:
-            try:
-                return self._take(step, attempt)
-            # the camera was changed from outside: every further frame would be wrong too
-            except WrongFrame:
-                raise
-            except (CameraError, StageError):
-                if attempt > self._options.retries:
-                    raise
-            # the fault may have left the stage anywhere, so the next attempt approaches from the start
-            self._mover.forget()
-            attempt += 1
-
-    def _take(self, step: Step, attempt: int) -> tuple[NDArray[Any], Note]:
-        self._exposer.read_region(self._schedule.roi_of(step.kind))
-        dark = step.kind is Kind.DARK
-        self._lighting.switch(not dark)
-        if dark:
-            repeats = self._options.darks
-            exposure = self._exposer.expose(self._exposures[step.z], repeats, self._rig.time.monotonic())
-            here = self._mover.position()
-        else:
-            self._mover.go(step.target)
-            repeats = self._plan.frames_averaged
-            exposure = self._exposer.expose(self._exposures[step.z], repeats, self._rig.time.monotonic())
-            here = self._mover.check(step.target)  # a stage that crept away during the exposure shows here
-        frame, mask, row, column = self._crop(step, exposure)
-        note = self._note(step, exposure, frame, mask, stage_um=here, place=(row, column), attempts=attempt)
+        """Return frame and note of ``step``, and show the frame."""
+        taken = self._attempts.record(step)
+        note = taken.note
         if self._preview is not None:
-            self._show(step, exposure, Roi(row, column, *frame.shape))
-        return frame, note
+            cutout = Roi(note.row, note.column, *taken.frame.shape)
+            exposed, kind = taken.exposed, step.kind.name.lower()
+            self._preview.put(LiveFrame(exposed.data, taken.roi, cutout, self._position(step), exposed.saturated, kind))
+        return taken.frame, note
 
-    def _note(
-        self,
-        step: Step,
-        exposure: ExposedFrame,
-        frame: NDArray[Any],
-        mask: NDArray[np.bool_] | None,
-        *,
-        stage_um: Point,
-        place: tuple[int, int],
-        attempts: int,
-    ) -> Note:
-        clock = self._rig.time
-        return Note(
-            index=step.flat,
-            attempts=attempts,
-            kind=step.kind,
-            row=place[0],
-            column=place[1],
-            period_y=step.period_y,
-            period_x=step.period_x,
-            saturated=int(np.count_nonzero(frame >= self._max if mask is None else mask)),
-            sensor_saturated=exposure.saturated,
-            target_um=step.target,
-            stage_um=stage_um,
-            exposure_s=exposure.exposure_s,
-            time_s=clock.wall(),
-            elapsed_s=self._elapsed + clock.monotonic() - self._since,
-            energy=float(frame.sum(dtype=_sum_type(frame))),
-            peak=float(frame.max()),
-        )
-
-    def _crop(self, step: Step, exposure: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
-        """Return the part that is kept, contiguous, with its saturation mask and first sensor row and column."""
-        roi = self._exposer.roi
-        # dark frames keep the whole region: the cutouts of all positions lie in it
-        wanted = self._schedule.roi if step.kind is Kind.DARK else Roi(step.row, step.column, *self._schedule.window)
-        top, left = wanted.row - roi.row, wanted.column - roi.column
-        rows, columns = slice(top, top + wanted.rows), slice(left, left + wanted.columns)
-        mask = None if exposure.mask is None else exposure.mask[rows, columns]
-        return np.ascontiguousarray(exposure.data[rows, columns]), mask, wanted.row, wanted.column
-
-    def _show(self, step: Step, exposure: ExposedFrame, cutout: Roi) -> None:
-        assert self._preview is not None
+    def _position(self, step: Step) -> Position:
         _, ny, nx = self._plan.shape[:3]
-        position = Position(step.z, step.flat // nx % ny, step.flat % nx)
-        self._preview.put(
-            LiveFrame(exposure.data, self._exposer.roi, cutout, position, exposure.saturated, step.kind.name.lower())
-        )
+        return Position(step.z, step.flat // nx % ny, step.flat % nx)
+
+    def _elapsed_s(self) -> float:
+        return self._earlier_s + self._rig.time.monotonic() - self._since
 
     # -- around the steps ------------------------------------------------------------------------------
     def _hold(self, writer: Writer) -> Work[None]:
@@ -282,15 +227,11 @@ class Runner:
     def _report(self, step: Step | None, error: BaseException) -> str:
         where = "before the first frame"
         if step is not None:
-            _, ny, nx = self._plan.shape[:3]
-            where = f"{step.kind.name.lower()} (z, y, x) = ({step.z}, {step.flat // nx % ny}, {step.flat % nx})"
+            where = f"{step.kind.name.lower()} (z, y, x) = {tuple(self._position(step))}"
         # devices raise DeviceError only, see `driver_errors`: what is left of OSError is the recording's own
         kind = "disk" if isinstance(error, OSError) else "device"
-        return (
-            f"stopped at {where} by the {kind}: {error}; {self._done} of {self._total} positions are safe; "
-            "remove the cause, then resume"
-        )
-
-
-def _sum_type(frame: NDArray[Any]) -> type:
-    return np.float64 if frame.dtype.kind == "f" else np.uint64
+        remedy = "remove the cause, then resume"
+        if isinstance(error, SuspectFrame):
+            kind = "content guard"
+            remedy += ", or resume with on_suspect flag to keep such frames and name them"
+        return f"stopped at {where} by the {kind}: {error}; {self._done} of {self._total} positions are safe; {remedy}"

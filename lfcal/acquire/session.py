@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
+from lfcal.acquire.known import known_around
 from lfcal.acquire.options import Options
 from lfcal.acquire.origin import check_origin
 from lfcal.acquire.preview import Preview
@@ -25,6 +26,7 @@ from lfcal.acquire.recording.repair import iter_repair
 from lfcal.acquire.recording.store import Store
 from lfcal.acquire.recording.verify import SessionReport, iter_verify
 from lfcal.acquire.runner import Observer, Outcome, Runner
+from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Rig
@@ -233,6 +235,8 @@ def _record_one(
             **watching._asdict(),
             low_space=DiskGuard(folder, options.keep_free_bytes),
             elapsed_s=store.elapsed_s,
+            known=known_around(folder, _open_positions(file.plan, schedule, todo)) if not todo.all() or run else (),
+            recorded={crc: _position(file.plan, flat) for crc, flat in store.checksums().items()},
         )
         if found is not None and todo.any():
             _check_origin(folder, file, rig, options, watching.control, found)
@@ -282,6 +286,18 @@ def _note(folder: Path, file: SessionFile, how: str, done: int, seconds: float, 
         if how != "failed":
             raise
     return file
+
+
+def _open_positions(plan: ScanPlan, schedule: Schedule, todo: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which positions ``(nz, ny, nx)`` of the plan are still to do."""
+    positions = np.zeros(plan.n_positions, np.bool_)
+    positions[schedule.flat[todo & (schedule.kinds == Kind.POSITION)]] = True
+    return positions.reshape(plan.shape[:3])
+
+
+def _position(plan: ScanPlan, flat: int) -> Position:
+    ny, nx = plan.period
+    return Position(flat // (ny * nx), flat // nx % ny, flat % nx)
 
 
 def _now() -> str:

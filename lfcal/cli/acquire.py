@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from lfcal.progress import Work
 
 ALARM_EVERY_S = 5.0
+SUSPECTS = "suspects.json"
+SHOWN = 10
 
 
 def register(app: typer.Typer) -> None:
@@ -55,6 +57,9 @@ def command(
     ),
     controls: int | None = typer.Option(None, "--controls", help="Control frames per plane and direction."),
     retries: int | None = typer.Option(None, "--retries", help="Further attempts after a transient fault."),
+    on_suspect: str | None = typer.Option(
+        None, "--on-suspect", help="Frames whose content stays suspicious: stop (default), or flag the position."
+    ),
     tolerance: str | None = typer.Option(None, "--tolerance", help="Position tolerance X,Y,Z (µm)."),
     overshoot: str | None = typer.Option(
         None, "--overshoot", help="Approach from one side, X,Y,Z (µm); 0,0,0 for none."
@@ -87,6 +92,7 @@ def command(
         "reference_every": reference_every,
         "controls": controls,
         "retries": retries,
+        "on_suspect": on_suspect,
         "tolerance_um": _numbers(tolerance, "--tolerance"),
         "overshoot_um": _numbers(overshoot, "--overshoot"),
     }
@@ -102,7 +108,7 @@ def command(
             _show_forecast(task, rig)
             return
         outcome, alarms = _run(task, rig, check_stage)
-    result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": alarms}
+    result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": alarms, **_suspects(out, outcome)}
     if outcome.how == "complete":
         result |= _finish(out, assemble, pack, json)
     _report(result, outcome, out, json)
@@ -129,7 +135,9 @@ def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome, tuple[Alarm
     if task.options.darks and not task.resume and task.redo is None:
         check_light(rig)
     if check_stage and not task.resume:
-        _check_stage(task, rig)
+        control = Control()
+        with _stoppable(control, at_once=True):
+            _check_stage(task, rig, control)
     control = Control()
     with _stoppable(control):
         return _record(task, rig, control)
@@ -177,12 +185,15 @@ def _watched(work: Work[Outcome], quality: LiveQuality) -> Work[Outcome]:
 
 
 @contextmanager
-def _stoppable(control: Control) -> Iterator[None]:
-    """Let Ctrl-C, a hang-up and the request to terminate stop in order, and a second one of them abort."""
+def _stoppable(control: Control, *, at_once: bool = False) -> Iterator[None]:
+    """Let Ctrl-C, a hang-up and the request to terminate stop in order, and a second one of them abort.
+
+    With ``at_once`` the first one aborts: where nothing is recorded there is no position to finish.
+    """
     from lfcal.cli.console import report
 
     def asked(*_: Any) -> None:
-        if control.stopping:
+        if at_once or control.stopping:
             control.abort()
         else:
             control.stop()
@@ -259,13 +270,14 @@ def _pairs(options: list[str]) -> dict[str, str]:
     return pairs
 
 
-def _check_stage(task: _Task, rig: Rig) -> None:
+def _check_stage(task: _Task, rig: Rig, control: Control) -> None:
     from lfcal.acquire.session import check_devices
     from lfcal.acquire.setup import check_stage, iter_stage_fit
     from lfcal.cli.console import run_work
 
     check_devices(task.plan, rig)
-    check_stage(run_work(iter_stage_fit(rig, task.plan, options=task.options), quiet=task.quiet), task.plan)
+    work = iter_stage_fit(rig, task.plan, options=task.options, control=control)
+    check_stage(run_work(work, quiet=task.quiet), task.plan)
 
 
 def _show_forecast(task: _Task, rig: Rig) -> None:
@@ -289,9 +301,22 @@ def _show_forecast(task: _Task, rig: Rig) -> None:
     print_table(["what", "value"], rows, title=f"{task.out}: nothing was moved or written")
 
 
+def _suspects(out: Path, outcome: Outcome) -> dict[str, Any]:
+    """Write the list of suspect positions into the session's folder; return it, and where it is, if there are any."""
+    from lfcal.acquire.suspects import read_suspects
+
+    path = out / SUSPECTS
+    found = read_suspects(out) if outcome.acknowledged else None
+    if found is None or not found.positions:
+        path.unlink(missing_ok=True)  # of an earlier run: recorded again since
+        return {}
+    found.write(path)
+    return {"suspects": found, "redo": path}
+
+
 def _finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[str, Any]:
     from lfcal.acquire.finish import iter_assemble_session, iter_finish
-    from lfcal.cli.console import run_work
+    from lfcal.cli.console import report, run_work
     from lfcal.psf import AssemblySettings
 
     result: dict[str, Any] = {}
@@ -302,8 +327,20 @@ def _finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[s
         with made.matrix as matrix:
             result |= {"H": assemble, "shape": matrix.shape, "saturated_positions": made.saturated}
     if pack:
-        result["bytes_gained"] = run_work(iter_finish(out), quiet=quiet)
+        packed = run_work(iter_finish(out), quiet=quiet)
+        result["bytes_gained"] = packed.bytes_gained
+        for note in packed.left:
+            report(f"note: {note}")
     return result
+
+
+def _show_suspects(suspects: RedoList, path: Path) -> None:
+    """Print the first of the positions that are suspect, and how to record all of them again."""
+    for position, why in list(zip(suspects.positions, suspects.reasons, strict=True))[:SHOWN]:
+        typer.echo(f"  suspect: (z, y, x) = {tuple(position)}: {why}")
+    count = len(suspects.positions)
+    more = f", {count - SHOWN} more in the list" if count > SHOWN else ""
+    typer.echo(f"  {count} suspect{more}: remove the cause, then record them again with --redo {path}")
 
 
 def _report(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> None:
@@ -319,6 +356,8 @@ def _report(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> 
             typer.echo(f"  {outcome.damaged} damaged frames were found; those recorded now replace them")
         for alarm in result["alarms"]:
             typer.echo(f"  {alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
+        if "suspects" in result:
+            _show_suspects(result["suspects"], result["redo"])
         if "H" in result:
             typer.echo(f"  {result['H']}: H {result['shape']}")
         if outcome.how != "complete":

@@ -15,6 +15,9 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 from numpy.typing import NDArray
 
+from lfcal.devices.errors import driver_errors
+from lfcal.devices.grabbing import Grabber
+
 __all__ = [
     "CameraDevice",
     "Frame",
@@ -51,6 +54,11 @@ class Roi:
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
         return self.rows, self.columns
+
+    def within(self, other: Roi) -> tuple[slice, slice]:
+        """Return where this rectangle lies in a frame of ``other``: slices of its rows and columns."""
+        top, left = self.row - other.row, self.column - other.column
+        return slice(top, top + self.rows), slice(left, left + self.columns)
 
     def holds(self, other: Roi) -> bool:
         """Return whether ``other`` lies inside."""
@@ -225,7 +233,8 @@ class SystemTime:
 class Rig:
     """A camera, a stage, and a light where it can be switched; closes them as a context manager.
 
-    ``others`` are devices that had to be opened along with these and are closed with them.
+    ``others`` are devices that had to be opened along with these and are closed with them; ``grabber`` waits for the
+    camera's frames.
     """
 
     camera: CameraDevice
@@ -233,12 +242,21 @@ class Rig:
     light: Light | None = None
     time: TimeSource = field(default_factory=SystemTime)
     others: tuple[CameraDevice | StageDevice, ...] = ()
+    grabber: Grabber = field(default_factory=Grabber, compare=False)
 
     def close(self) -> None:
-        """Release all devices, each even if another fails."""
+        """Release all devices, each even if another fails; a camera whose driver still hangs is left to the system.
+
+        Raises
+        ------
+        DeviceError
+            If a device could not be released.
+        """
+        # under a call that hangs, closing would hang too
+        camera = () if self.grabber.hangs else (self.camera,)
         with ExitStack() as stack:
-            for device in (self.camera, *self.others, self.stage):
-                stack.callback(device.close)
+            for device in (*camera, *self.others, self.stage):
+                stack.callback(_release, device)
 
     def __enter__(self) -> Rig:
         """Return the rig."""
@@ -249,3 +267,8 @@ class Rig:
     ) -> None:
         """Close the rig."""
         self.close()
+
+
+def _release(device: CameraDevice | StageDevice) -> None:
+    with driver_errors(device.name):
+        device.close()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 from lfcal.camera import ScanPlan
-from lfcal.devices.errors import DeviceMissing
+from lfcal.devices.errors import DeviceMissing, driver_errors
 from lfcal.devices.protocols import Rig
 from lfcal.errors import InputError, LfcalError
 from lfcal.registry import Registry
@@ -172,8 +172,10 @@ def check_options(backend: Backend, options: Mapping[str, str]) -> None:
 
 def _open(backend: Backend, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
     check_options(backend, options)
-    backend.probe()
-    return backend.open(plan, options)
+    # a foreign package may fail in any way
+    with driver_errors(f"backend {backend.name}"):
+        backend.probe()
+        return backend.open(plan, options)
 
 
 def _split(options: Mapping[str, str], stage: str) -> tuple[dict[str, str], dict[str, str]]:

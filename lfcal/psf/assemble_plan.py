@@ -102,7 +102,8 @@ def iter_assemble_plan(
     if source.metadata.get("keeps_level", False) and not settings.keep_pedestal:
         infos = tuple(source.info(k) for k in range(len(source)))
         check_pedestal(Gatherer(source, infos, cutout), plan.shape[0])
-    known = {key: source.metadata[key] for key in ("session", "devices", "simulated") if key in source.metadata}
+    metadata = source.metadata
+    known = {key: metadata[key] for key in ("session", "devices", "simulated", "suspect") if key in metadata}
     return (
         yield from iter_assemble(
             source,

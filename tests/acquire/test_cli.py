@@ -16,15 +16,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.acquire.finish import iter_assemble_session
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.source import RecordingSource, read_checks
 from lfcal.acquire.redo import RedoList
+from lfcal.acquire.suspects import read_suspects
 from lfcal.camera import ScanPlan, preset
 from lfcal.cli import main
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.errors import FileFormatError
 from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
-from lfcal.psf import open_psf
+from lfcal.progress import drain
+from lfcal.psf import AssemblySettings, PSFMatrix, inspect, open_psf
 from tests.acquire.rigs import assert_same_frames, frames_of, small_plan
 
 PLAN = small_plan((4, 5), 2)
@@ -222,6 +225,44 @@ def test_bad_redo_lists_are_refused(tmp_path: Path, text: str) -> None:
     path.write_text(text)
     with pytest.raises(FileFormatError):
         RedoList.read(path)
+
+
+def test_suspect_positions_are_named_listed_in_h_and_recorded_again(
+    tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, matrix = tmp_path / "session", tmp_path / "H.h5"
+    plain = ("--darks", 0, "--reference-every", 0, "--no-check-stage", "--no-pack")
+    fault = ("--option", "faults=dark level@30*4")
+    begin = ("acquire", plan_file, "--out", out, *plain)
+    assert run(*begin, *fault, monkeypatch=monkeypatch) == 2
+    complaint = capsys.readouterr().err
+    assert "by the content guard: dark level: expected about 6" in complaint
+    assert complaint.count("\n") == 1
+    again = ("--resume", "--on-suspect", "flag", "--option", "faults=dark level@5*4")
+    assert run(*begin, *again, monkeypatch=monkeypatch) == 0
+    said = capsys.readouterr().out
+    assert ": dark level\n" in said
+    assert f"record them again with --redo {out / 'suspects.json'}" in said
+    suspects = read_suspects(out)
+    assert RedoList.read(out / "suspects.json") == suspects
+    assert 0 < len(suspects.positions) < 5
+    settings = AssemblySettings(keep_pedestal=True)
+    made = drain(iter_assemble_session(out, matrix, settings=settings)).matrix
+    metric = inspect(made)["suspect"]
+    assert (metric.merit, metric.value, metric.detail) == ("bad", len(suspects.positions), "dark level")
+    assert [tuple(p) for p in metric.positions.tolist()] == sorted(suspects.positions)
+    assert set(suspects.positions) <= {place for place, _ in inspect(made).redo()}
+    redo = ("--redo", out / "suspects.json", "--json")
+    assert run(*begin, *redo, monkeypatch=monkeypatch) == 0
+    assert "suspects" not in json.loads(capsys.readouterr().out)
+    assert not (out / "suspects.json").exists()
+    assert inspect(drain(iter_assemble_session(out, settings=settings)).matrix)["suspect"].merit == "unknown"
+
+
+@pytest.mark.parametrize("said", ["text", [1], [["z", 0, 0, "x"]], [[9, 0, 0, "x"]], [[0, 0]], {"a": 1}, None])
+def test_what_a_file_says_of_suspects_is_checked(said: Any) -> None:
+    values = np.random.default_rng(1).random((1, 3, 3, 9, 9), np.float32)
+    assert inspect(PSFMatrix(values, provenance={"suspect": said}))["suspect"].merit == "unknown"
 
 
 def test_redo_list_comes_back(tmp_path: Path) -> None:

@@ -82,8 +82,8 @@ def test_packing_keeps_every_frame_and_note(tmp_path: Path) -> None:
     before = frames_of(folder)
     with h5py.File(folder / "recording.h5", "r", locking=False) as file:
         records = file["records"][...]
-    gained = drain(iter_finish(folder))
-    assert gained > 0
+    packed = drain(iter_finish(folder))
+    assert packed.bytes_gained > 0 and not packed.left
     layout = read_layout(folder / "recording.h5")
     assert not layout.in_place
     assert_same_frames(frames_of(folder), before)
@@ -91,7 +91,7 @@ def test_packing_keeps_every_frame_and_note(tmp_path: Path) -> None:
         assert np.array_equal(file["records"][...], records)
         assert file["frames"].chunks == (1, 41, 41)
         assert np.array_equal(file["frames"][5], before[0, 0, 5])
-    assert drain(iter_finish(folder)) == 0
+    assert drain(iter_finish(folder)) == (0, ())
     assert sorted(p.name for p in folder.iterdir()) == ["recording.h5", "session.json", "session.lock"]
 
 
@@ -107,6 +107,8 @@ def test_packing_names_a_damaged_frame_and_leaves_the_recording(tmp_path: Path) 
         drain(iter_repack(path))
     assert path.read_bytes() == raw
     assert len(list(folder.iterdir())) == 3
+    packed = drain(iter_finish(folder))
+    assert packed.bytes_gained == 0 and packed.left[0].startswith("recording.h5 is not packed: recording.h5[4]: ")
     with (
         RecordingSource(folder) as source,
         pytest.raises(FileFormatError, match=r"recording\.h5\[4\], \(z, y, x\) = \(0, 1, 1\): .*--skip-damaged"),
@@ -117,7 +119,7 @@ def test_packing_names_a_damaged_frame_and_leaves_the_recording(tmp_path: Path) 
 def test_an_unfinished_recording_is_not_packed_and_one_in_use_is_left_alone(tmp_path: Path) -> None:
     control = Control()
     record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(lambda *_: control.stop(),))
-    assert drain(iter_finish(tmp_path / "s")) == 0
+    assert drain(iter_finish(tmp_path / "s")) == (0, ())
     assert read_layout(tmp_path / "s" / "recording.h5").in_place
     report = drain(iter_assemble_session(tmp_path / "s"))
     assert len(report.missing) == 27 - report.frames

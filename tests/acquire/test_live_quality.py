@@ -86,3 +86,47 @@ def test_a_sloppy_stage_is_told(tmp_path: Path) -> None:
     rig = rig_for(PLAN, model=StageModel(ringing_um=12.0, ringing_s=0.2))
     state = watched(tmp_path, PLAN, rig, count=40, tolerance_um=(40.0, 40.0, 40.0))
     assert "position" in {alarm.what for alarm in state.alarms}
+
+
+class _Ramp:
+    """A renderer whose light falls by 30 % over the session, frame by frame."""
+
+    def __init__(self, renderer: Any, count: int) -> None:
+        self._renderer, self._count, self._frames = renderer, count, 0
+
+    def render(self, *args: Any) -> Any:
+        self._frames += 1
+        patch = self._renderer.render(*args)
+        return patch._replace(counts=patch.counts * np.float32(1 - 0.3 * self._frames / self._count))
+
+
+@pytest.mark.parametrize("reference_every", [0, 25])
+def test_a_lamp_that_fades_slowly_is_told_with_references_and_without(tmp_path: Path, reference_every: int) -> None:
+    rig = rig_for(PLAN)
+    rig.camera._renderer = _Ramp(rig.camera._renderer, PLAN.n_positions)  # type: ignore[attr-defined]
+    state = watched(tmp_path, PLAN, rig, reference_every=reference_every)
+    lamp = next(alarm for alarm in state.alarms if alarm.what == "lamp")
+    # without references, what is lost over one of the two planes
+    assert lamp.value == pytest.approx(0.3 if reference_every else 0.17, abs=0.03)
+
+
+@pytest.mark.parametrize("plan", [PLAN, replace(PLAN, order="raster")])
+def test_a_steady_lamp_without_references_raises_no_alarm(tmp_path: Path, plan: ScanPlan) -> None:
+    assert watched(tmp_path, plan, rig_for(plan)).alarms == ()
+
+
+def test_a_level_that_creeps_is_told(tmp_path: Path) -> None:
+    """Sixty counts over the session: no frame differs from the one before, so the guard has nothing to say."""
+    rig = rig_for(PLAN)
+    works, frames = rig.camera.grab, 0
+
+    def warmer(timeout_s: float) -> Any:
+        nonlocal frames
+        frames += 1
+        frame = works(timeout_s)
+        frame.data[...] += np.uint16(60 * frames / PLAN.n_positions)
+        return frame
+
+    rig.camera.grab = warmer  # type: ignore[method-assign]
+    state = watched(tmp_path, PLAN, rig, reference_every=50)
+    assert {alarm.what for alarm in state.alarms} == {"dark"}

@@ -343,5 +343,7 @@ class RecordTab(QObject):
             f"Pack {folder.name}",
             "acquire",
             lambda: iter_finish(folder),
-            lambda gained: self.context.message.emit(f"packed: {gained / 1e6:.1f} MB gained"),
+            lambda packed: self.context.message.emit(
+                "; ".join((f"packed: {packed.bytes_gained / 1e6:.1f} MB gained", *packed.left))
+            ),
         )

@@ -45,11 +45,13 @@ def read_darks(folder: Path, session: SessionFile, schedule: Schedule, *, skip_d
     """
     if not schedule.count(Kind.DARK):
         return RecordedDarks()
-    file = RecordedFile(folder, session, 0, schedule, Kind.DARK, skip_damaged=skip_damaged)
+    file = RecordedFile(folder, session, 0, schedule, Kind.DARK)
     darks: dict[float, Dark] = {}
     left_out: list[LeftOut] = []
     lost: list[float] = []
     try:
+        if not skip_damaged:
+            file.check()
         # nanoseconds: the same exposure read back twice may differ in its last bits
         exposures = np.round(file.records["exposure_s"], 9)
         for seconds in np.unique(exposures[file.there]).tolist():

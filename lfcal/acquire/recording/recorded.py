@@ -31,32 +31,28 @@ class RecordedFile:
         ``(N,)`` what is noted of each frame; where that is lost, what the plan says.
     there
         ``(N,)`` whether a slot holds a frame, or held one.
+    fault
+        What is wrong with the file itself, empty for nothing.
 
     Parameters
     ----------
     folder, session, run, schedule, kind
         Which file of which session, and the steps of its recording.
-    skip_damaged
-        Also open a file that is cut short or gone: what it held is lost.
 
     Raises
     ------
-    FileFormatError, StorageError
-        If the file cannot be read, or holds something else.
+    FileFormatError
+        If the file is another session's.
     """
 
-    def __init__(
-        self, folder: Path, session: SessionFile, run: int, schedule: Schedule, kind: Kind, *, skip_damaged: bool
-    ) -> None:
+    def __init__(self, folder: Path, session: SessionFile, run: int, schedule: Schedule, kind: Kind) -> None:
         self.name = file_name(kind, run)
+        self._path = folder / self.name
         self.slots: Slots = slots_of(schedule, kind)
         self._stack = ExitStack()
+        made = files_made(session, run, schedule)[kind]
         self._file: RecordingFile | None
-        if skip_damaged:
-            made = files_made(session, run, schedule)[kind]
-            self._file, _ = self._stack.enter_context(opened(folder / self.name, made, session.identity))
-        else:
-            self._file = self._stack.enter_context(RecordingFile(folder / self.name))
+        self._file, self.fault = self._stack.enter_context(opened(self._path, made, session.identity))
         count = len(self.slots.flat)
         if self._file is not None and self._file.layout.count != count:
             self.close()
@@ -77,6 +73,13 @@ class RecordedFile:
     def label(self, slot: int) -> str:
         """Return the name of a frame for messages."""
         return f"{self.name}[{slot}]"
+
+    def check(self) -> None:
+        """Raise `FileFormatError` where the file itself is damaged or gone."""
+        if self.fault:
+            raise FileFormatError(
+                f"{self._path}: {self.fault}; lfcal verify says what is lost, --skip-damaged leaves it out"
+            )
 
     def read(self, slot: int) -> NDArray[Any]:
         """Return frame ``slot``; raises `FileFormatError` if it is not what was recorded."""

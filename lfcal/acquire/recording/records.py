@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, fields
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 from operator import attrgetter
 from typing import Annotated, Any, get_type_hints
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.devices.protocols import Point
 
-__all__ = ["FILES", "RECORD", "Kind", "Note", "file_name", "frame_crc", "intact", "pack"]
+__all__ = ["FILES", "RECORD", "Kind", "Note", "Suspicion", "file_name", "frame_crc", "intact", "pack", "suspicions"]
 
 
 class Kind(IntEnum):
@@ -23,6 +23,25 @@ class Kind(IntEnum):
     DARK = 1
     REFERENCE = 2
     CONTROL = 3
+
+
+class Suspicion(IntFlag):
+    """What may be wrong with the content of a frame that was kept."""
+
+    NONE = 0
+    BLANK = 1  # no light where there should be some
+    LIGHT = 2  # more or less light than at the positions around
+    DISPLACED = 4  # the image is not where it should be
+    DARK_LEVEL = 8  # the sensor's level without light moved
+    CLIPPED = 16  # saturated where the positions around are far from it
+    REPEATED = 32  # the content of another frame
+    TORN = 64  # in part the content of an earlier frame
+    EXPOSURE = 128  # exposed for another time than was asked for
+
+    @property
+    def words(self) -> str:
+        """The names of what is suspected, for people."""
+        return ", ".join(str(flag.name).lower().replace("_", " ") for flag in Suspicion if flag and flag in self)
 
 
 FILES = {Kind.POSITION: "recording", Kind.REFERENCE: "checks", Kind.CONTROL: "checks", Kind.DARK: "darks"}
@@ -44,7 +63,7 @@ class Note:
     index: Annotated[int, "<u4"]  # position in the scan plan, (z * ny + y) * nx + x
     sequence: Annotated[int, "<u4"] = 0  # the session's count of acknowledged frames
     frame_crc: Annotated[int, "<u4"] = 0
-    attempts: Annotated[int, "<u2"] = 1
+    attempts: Annotated[int, "<u2"] = 1  # in the record, `suspicion` is their high byte
     kind: Annotated[Kind, "<u2"]
     row: Annotated[int, "<i4"]  # sensor pixel of the frame's first row and column
     column: Annotated[int, "<i4"]
@@ -59,19 +78,25 @@ class Note:
     elapsed_s: Annotated[float, "<f8"]  # seconds of recording, pauses and interruptions left out
     energy: Annotated[float, "<f8"]  # sum of the frame's samples
     peak: Annotated[float, "<f4"]
+    suspicion: Suspicion = Suspicion.NONE  # has no field of its own, so that recordings of every age read alike
+
+
+STORED = tuple(field.name for field in fields(Note) if field.name != "suspicion")
 
 
 def _layout() -> list[tuple[str, str]]:
     types = get_type_hints(Note, include_extras=True)
-    return [(field.name, types[field.name].__metadata__[0]) for field in fields(Note)]
+    return [(name, types[name].__metadata__[0]) for name in STORED]
 
 
 RECORD = np.dtype([*_layout(), ("record_crc", "<u4"), ("valid", "<u4")])
 """One record: the fields of `Note`, their CRC-32 and the mark of validity; 128 bytes, little-endian."""
 
-_values = attrgetter(*(field.name for field in fields(Note)))  # of a note, in the record's order
+_values = attrgetter(*STORED)  # of a note, in the record's order
 _BODY = RECORD.itemsize - 8  # a record's CRC-32 covers everything before itself
 _MARK = 0x1FCA1
+ATTEMPTS = 0xFF
+"""Highest number of attempts that a record can hold."""
 
 
 def frame_crc(frame: bytes | memoryview) -> int:
@@ -83,8 +108,15 @@ def pack(note: Note, sequence: int, crc: int) -> bytes:
     """Return the 128 bytes of the record of ``note``, with the frame's place in the session and its CRC-32."""
     record = np.array((*_values(note), 0, _MARK), RECORD)
     record["sequence"], record["frame_crc"] = sequence, crc
+    if note.suspicion or note.attempts > ATTEMPTS:
+        record["attempts"] = min(note.attempts, ATTEMPTS) | int(note.suspicion) << 8
     record["record_crc"] = zlib.crc32(record.tobytes()[:_BODY])
     return record.tobytes()
+
+
+def suspicions(records: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return for each record the bits of `Suspicion` noted with it."""
+    return (np.asarray(records["attempts"]) >> 8).astype(np.uint8)
 
 
 def intact(records: NDArray[Any]) -> NDArray[np.bool_]:

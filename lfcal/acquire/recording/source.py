@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lfcal.acquire.recording.darks import read_darks
 from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.recorded import RecordedFile
-from lfcal.acquire.recording.records import Kind, file_name
+from lfcal.acquire.recording.records import Kind, Suspicion, file_name, suspicions
 from lfcal.acquire.session_file import NAME, SessionFile, frame_dtype
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
@@ -64,10 +64,13 @@ class RecordingSource(Frames):
             self._frame_shape = schedules[0].window
             self._files: list[RecordedFile] = []
             for run, schedule in enumerate(schedules):
-                file = RecordedFile(folder, session, run, schedule, Kind.POSITION, skip_damaged=skip_damaged)
+                file = RecordedFile(folder, session, run, schedule, Kind.POSITION)
                 self._stack.callback(file.close)
                 self._files.append(file)
             self._where, self._slots, self._flat = self._newest(planes)
+            if not skip_damaged:
+                for k in np.unique(self._where).tolist():  # a file of which every position was recorded again may rot
+                    self._files[k].check()
             self._darks = read_darks(folder, session, schedules[0], skip_damaged=skip_damaged)
         except BaseException:
             self._stack.close()
@@ -117,7 +120,12 @@ class RecordingSource(Frames):
             "path": str(self._folder),
         }
         found = self._darks
-        more = {"darks": found.darks, "lost_darks": found.lost, "left_out": found.left_out}
+        more = {
+            "darks": found.darks,
+            "lost_darks": found.lost,
+            "left_out": found.left_out,
+            "suspect": [[*position, what.words] for position, what in self.suspects()],
+        }
         return known | {name: value for name, value in more.items() if value}
 
     def __len__(self) -> int:
@@ -141,6 +149,14 @@ class RecordingSource(Frames):
     def record(self, index: int) -> Any:
         """Return the record of frame ``index``; see `lfcal.acquire.recording.records.RECORD`."""
         return self._files[self._where[index]].records[self._slots[index]]
+
+    def suspects(self) -> list[tuple[Position, Suspicion]]:
+        """Return the positions whose content was suspicious when it was recorded, and of what."""
+        bits = np.zeros(len(self), np.uint8)
+        for k, file in enumerate(self._files):
+            here = self._where == k
+            bits[here] = suspicions(file.records)[self._slots[here]]
+        return [(self.info(k).position, Suspicion(int(bits[k]))) for k in np.flatnonzero(bits).tolist()]
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or a part of it; raises `FileFormatError` if it is damaged."""

@@ -132,6 +132,14 @@ class Store:
             todo[steps] = ~taken[self._schedule.slots[steps]]
         return todo
 
+    def checksums(self) -> dict[int, int]:
+        """Return the CRC-32 of every acknowledged position, with its number in the plan; none of a packed recording."""
+        journal = self._journals.get(Kind.POSITION)
+        if journal is None:
+            return {}
+        records = journal.records()[self._taken[Kind.POSITION]]
+        return dict(zip(records["frame_crc"].tolist(), records["index"].tolist(), strict=True))
+
     def close(self) -> None:
         """Close all files."""
         for journal in self._journals.values():

@@ -12,8 +12,8 @@ from lfcal.acquire.preview import LiveFrame, Preview
 from lfcal.acquire.setup.levels import Levels, levels
 from lfcal.acquire.spots import Spot, find_spot
 from lfcal.camera import ScanPlan
-from lfcal.devices.errors import FrameTimeout, IncompleteFrame
-from lfcal.devices.protocols import Point, Rig, Roi
+from lfcal.devices.errors import FrameTimeout, IncompleteFrame, driver_errors
+from lfcal.devices.protocols import Frame, Point, Rig, Roi
 from lfcal.errors import InputError
 
 __all__ = ["LiveState", "iter_live", "predicted_image"]
@@ -76,15 +76,22 @@ def iter_live(
     Raises
     ------
     DeviceLost
+    DeviceError
+        If a driver fails in a way of its own.
     """
-    camera = rig.camera
-    roi = camera.set_roi(Roi(0, 0, *camera.sensor_shape)).actual
-    seconds = camera.set_exposure(exposure_s).actual
+    camera, watched = rig.camera, driver_errors(rig.camera.name)
+    with watched:
+        roi = camera.set_roi(Roi(0, 0, *camera.sensor_shape)).actual
+        seconds = camera.set_exposure(exposure_s).actual
     while not control.stopping:
-        stage = rig.stage.position()
+        with driver_errors(rig.stage.name):
+            stage = rig.stage.position()
         expected = None if plan is None else predicted_image(plan, stage)
         try:
-            frame = camera.grab(timeout_s + seconds)
+            with watched:
+                frame: Frame | None = rig.grabber.grab(camera, timeout_s + seconds, lambda: control.stopping)
+            if frame is None:
+                break
             if frame.status != "complete":
                 raise IncompleteFrame(f"camera buffer: {frame.status}; check cable and bandwidth")
         except (FrameTimeout, IncompleteFrame) as error:
@@ -102,4 +109,5 @@ def iter_live(
             wanted = yield LiveState(counts, spot, stage, expected)
         # only where it changes: some cameras restart their stream for it
         if wanted is not None:
-            seconds = camera.set_exposure(wanted).actual
+            with watched:
+                seconds = camera.set_exposure(wanted).actual

@@ -53,7 +53,8 @@ def simulated_rig(
     """
     faults = tuple(faults)
     clock = time or VirtualTime()
-    stage = SimStage(clock, model, faults)
+    # slips by the plan's own step: what a frame is off by shows in it as whole pixels
+    stage = SimStage(clock, model, faults, slip_um=min(plan.step_um(0)))
     light = SimLight()
     if optics is None:
         renderer: Renderer = PatternRenderer(plan)

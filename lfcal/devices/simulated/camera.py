@@ -21,6 +21,14 @@ __all__ = ["Patch", "Renderer", "SimCamera", "SimLight"]
 BUMP_UM = (15.0, -15.0, 0.0)
 """How far a stage that is bumped during an exposure moves (µm)."""
 
+SLIP_PX = 3
+"""How far a region that slips is off (columns)."""
+WARM = 60 / 4095
+"""How much the dark level rises (of the range)."""
+DIMMED = 0.7
+CLAMPED = 0.1
+"""What is left of the lamp's light, and of an exposure."""
+
 SPREAD = 64
 """The noise field is this much larger than the region, to take a different part for every frame."""
 
@@ -92,11 +100,17 @@ class SimCamera:
         self._faults = FaultBook(faults, CAMERA_FAULTS)
         self._seed = seed
         self._number = 0
-        self._exposure = 0.01
+        self._asked = self._exposure = 0.01
         self._last: Frame | None = None
+        self._before: NDArray[Any] | None = None
         self._lost = False
         self._since_move = (-1, 0)
         self.set_roi(Roi(0, 0, *self._sensor.shape))
+
+    @property
+    def waits(self) -> bool:
+        """Whether `grab` takes real time."""
+        return not isinstance(self._time, VirtualTime)
 
     @property
     def sensor_shape(self) -> tuple[int, int]:
@@ -116,7 +130,8 @@ class SimCamera:
     def set_exposure(self, seconds: float) -> Setting[float]:
         """Take the exposure in steps of 1 µs, from 10 µs to 60 s."""
         self._check_there()
-        self._exposure = min(max(round(seconds * 1e6), 10), 60_000_000) / 1e6
+        self._asked = min(max(round(seconds * 1e6), 10), 60_000_000) / 1e6
+        self._exposure = self._taken(self._faults.coming())
         return Setting(seconds, self._exposure)
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
@@ -148,11 +163,12 @@ class SimCamera:
             raise FrameTimeout(f"simulated camera: no frame in {timeout_s:g} s; check the trigger")
         if "stale" in struck and self._last is not None:
             return self._last
+        self._exposure = self._taken(struck)
         started = self._time.monotonic()
         self._time.sleep(self._exposure)
         if "bumped" in struck:
             self._stage.bump(BUMP_UM)
-        data = self._expose()
+        data = self._spoilt(self._expose("lamp dims" in struck), struck)
         self._number += 1
         status = "complete"
         if "incomplete" in struck:
@@ -166,7 +182,34 @@ class SimCamera:
     def close(self) -> None:
         """Nothing is held."""
 
-    def _expose(self) -> NDArray[Any]:
+    def _taken(self, struck: frozenset[str]) -> float:
+        """Return the exposure that the camera takes, and says it takes (s)."""
+        return round(CLAMPED * self._asked, 6) if "clamps exposure" in struck else self._asked
+
+    def _spoilt(self, data: NDArray[Any], struck: frozenset[str]) -> NDArray[Any]:
+        """Return ``data`` as it comes out of a camera with faults of its own."""
+        before, self._before = self._before, data
+        if not struck:
+            return data
+        if before is None or before.shape != data.shape:
+            before = data
+        if "frozen" in struck:
+            self._before = before  # and so the next one too
+        if "frozen" in struck or "repeats" in struck:
+            data = before
+        if "torn" in struck:
+            half = len(data) // 2
+            data = np.concatenate((data[:half], before[half:]))
+        if "blank" in struck:
+            data = self._dark[: data.shape[0], : data.shape[1]].copy()
+        if "region slips" in struck:
+            data = np.roll(data, SLIP_PX, axis=1)
+        if "dark level" in struck:
+            warmer = data + round(WARM * self._sensor.max_value)
+            data = np.minimum(warmer, self._sensor.max_value).astype(data.dtype)
+        return data
+
+    def _expose(self, dimmed: bool = False) -> NDArray[Any]:
         place = self._stage.true_position()
         # frames without a move between them differ, the first after a move does not
         count = self._since_move[1] + 1 if self._since_move[0] == self._stage.moves else 0
@@ -188,6 +231,8 @@ class SimCamera:
             offset = [p - o for p, o in zip(place, self._origin, strict=True)]
             source = tuple(sum(offset[k] * self._matrix[k][j] for k in range(3)) for j in range(3))
             patch = self._renderer.render((source[0], source[1], source[2]), self._exposure, self._roi)
+            if dimmed:
+                patch = patch._replace(counts=patch.counts * np.float32(DIMMED))
             self._add(frame, patch, (left, top))
         return frame
 

@@ -7,11 +7,30 @@ from dataclasses import dataclass
 
 from lfcal.checks import check_choice, check_number
 
-__all__ = ["CAMERA_FAULTS", "FAULTS", "STAGE_FAULTS", "Fault", "FaultBook"]
+__all__ = ["CAMERA_FAULTS", "CONTENT_FAULTS", "FAULTS", "STAGE_FAULTS", "Fault", "FaultBook"]
 
-STAGE_FAULTS = ("move fails", "stops short", "drifts", "never arrives", "stage vanishes")
+STAGE_FAULTS = (
+    "move fails",
+    "stops short",
+    "drifts",
+    "never arrives",
+    "stage vanishes",
+    "encoder off",
+    "loses steps",
+)
 # "bumped" happens to the stage, but while a frame is exposed: it is counted in frames
-CAMERA_FAULTS = ("times out", "incomplete", "stale", "wrong shape", "vanishes", "clock jumps", "bumped")
+CONTENT_FAULTS = ("blank", "repeats", "frozen", "torn", "region slips", "dark level", "clamps exposure", "lamp dims")
+"""Frames that come complete, in time and with a number of their own, and are wrong."""
+CAMERA_FAULTS = (
+    "times out",
+    "incomplete",
+    "stale",
+    "wrong shape",
+    "vanishes",
+    "clock jumps",
+    "bumped",
+    *CONTENT_FAULTS,
+)
 FAULTS = STAGE_FAULTS + CAMERA_FAULTS
 
 
@@ -26,7 +45,7 @@ class Fault:
     at
         Number of the call to ``move`` (stage faults) or ``grab`` (camera faults), from 0.
     times
-        How many calls in a row are affected; a device that vanishes does not come back.
+        How many calls in a row are affected; a device that vanishes does not come back, nor do lost steps.
     """
 
     kind: str
@@ -49,8 +68,12 @@ class FaultBook:
 
     def next_call(self) -> frozenset[str]:
         """Return the kinds of fault that strike this call."""
-        call = self.calls
+        struck = self.coming()
         self.calls += 1
+        return struck
+
+    def coming(self) -> frozenset[str]:
+        """Return the kinds of fault that will strike the next call."""
         if not self._faults:
             return frozenset()
-        return frozenset(f.kind for f in self._faults if f.at <= call < f.at + f.times)
+        return frozenset(f.kind for f in self._faults if f.at <= self.calls < f.at + f.times)

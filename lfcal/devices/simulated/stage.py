@@ -80,11 +80,26 @@ class StageModel:
 
 
 class SimStage:
-    """A stage in a simulated world; see `StageModel`."""
+    """A stage in a simulated world; see `StageModel`.
+
+    Parameters
+    ----------
+    time, model, faults
+        Clock, how it moves, what goes wrong.
+    slip_um
+        How far off along x the source stands where the encoder is off, and half as far as where steps are lost (µm).
+    """
 
     name = "simulated stage"
 
-    def __init__(self, time: TimeSource, model: StageModel | None = None, faults: Iterable[Fault] = ()) -> None:
+    def __init__(
+        self,
+        time: TimeSource,
+        model: StageModel | None = None,
+        faults: Iterable[Fault] = (),
+        *,
+        slip_um: float = 20.0,
+    ) -> None:
         self.model = model or StageModel()
         self._time = time
         self._faults = FaultBook(faults, STAGE_FAULTS)
@@ -94,6 +109,8 @@ class SimStage:
         self._true: Point = self._start
         self._drift: Point = self.model.drift_um_s
         self._lost = False
+        self._off: Point = (0.0, 0.0, 0.0)
+        self._slip_um = slip_um
         # after this the ringing is below 0.1 nm and is taken to be nothing, so that places repeat exactly
         self._quiet_s = self.model.ringing_s * math.log(max(self.model.ringing_um, 1e-4) / 1e-4)
         self.moves = 0
@@ -114,6 +131,9 @@ class SimStage:
         here = self.position()
         # ringing stays within the backlash and drags nothing along
         self._true = self._follow(here if self._time.monotonic() < self._ends else self._settled())
+        # neither shows in the read-back: a wrong count lasts for a move, lost steps for ever
+        lost = self._off[1] + 2 * self._slip_um * ("loses steps" in struck and not self._off[1])
+        self._off = self._slip_um * ("encoder off" in struck), lost, 0.0
         # the read-back shows it: the encoder sees where the motor stopped
         short = 0.6 if "stops short" in struck else 1.0
         self._start = here
@@ -143,8 +163,9 @@ class SimStage:
         return x, y, z
 
     def true_position(self) -> Point:
-        """Return where the source really is: the read-back with the backlash taken into account (µm)."""
-        return self._follow(self.position())
+        """Return where the source really is: the read-back with backlash and slips taken into account (µm)."""
+        x, y, z = (p + off for p, off in zip(self._follow(self.position()), self._off, strict=True))
+        return x, y, z
 
     def stop(self) -> None:
         """Stop where the stage is."""

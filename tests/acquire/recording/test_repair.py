@@ -215,3 +215,18 @@ def test_killed_while_it_is_repaired_loses_nothing(
     resume(folder)
     assert verify(folder).ok
     assert_same_h(sessions[how], folder)
+
+
+@pytest.mark.parametrize("how", ["in place", "packed"])
+def test_a_file_of_which_all_was_recorded_again_stands_in_nobodys_way(
+    sessions: dict[str, Path], tmp_path: Path, how: str
+) -> None:
+    folder = copy_of(sessions[how], tmp_path)
+    (folder / "recording.h5").write_bytes(b"rotten to the core")
+    with pytest.raises(FileFormatError, match=r"recording\.h5: .*lfcal verify says what is lost, --skip-damaged"):
+        matrix(folder)
+    everywhere = [Position(z, y, x) for z, y, x in np.ndindex(*PLAN.shape[:3])]
+    record(folder, PLAN, rig_for(PLAN), FULL, redo=everywhere)
+    packed = drain(iter_finish(folder))
+    assert packed.bytes_gained > 0 and "recording.h5 is not packed" in packed.left[0]
+    assert_same_h(sessions[how], folder)

@@ -7,6 +7,7 @@ import os
 import shutil
 import struct
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -15,7 +16,7 @@ import pytest
 
 from lfcal.acquire.recording import slots as journal_module
 from lfcal.acquire.recording.reader import RecordingFile
-from lfcal.acquire.recording.records import RECORD, Kind, Note, frame_crc, intact, pack
+from lfcal.acquire.recording.records import RECORD, Kind, Note, Suspicion, frame_crc, intact, pack, suspicions
 from lfcal.acquire.recording.slots import Journal, read_layout
 from lfcal.errors import FileFormatError, StorageError
 
@@ -235,3 +236,13 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 
 def test_crc_is_zlibs() -> None:
     assert frame_crc(b"123456789") == 0xCBF43926
+
+
+def test_a_suspicion_is_kept_beside_the_attempts() -> None:
+    """In bits that were always zero: the layout and what was recorded before stay as they are."""
+    suspect = replace(note(3), suspicion=Suspicion.TORN | Suspicion.LIGHT, attempts=300)
+    records = np.frombuffer(pack(suspect, 17, 1) + GOLDEN, RECORD)
+    assert intact(records).all()
+    assert [Suspicion(int(bits)) for bits in suspicions(records)] == [Suspicion.TORN | Suspicion.LIGHT, Suspicion.NONE]
+    assert (records["attempts"] & 0xFF).tolist() == [255, 2]
+    assert suspect.suspicion.words == "light, torn"

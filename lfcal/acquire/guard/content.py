@@ -1,0 +1,129 @@
+"""All that the content of one frame is checked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
+
+from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
+from lfcal.acquire.guard.neighbours import Measured, Neighbours, Sensor, measured, same_place
+from lfcal.acquire.guard.repeats import Place, Repeats, Sample
+from lfcal.acquire.recording.records import Kind, Suspicion
+from lfcal.frames.source import Position
+
+__all__ = ["Content", "ContentGuard", "Seen"]
+
+EXPOSURE_SHARE, EXPOSURE_STEP_S = 0.1, 50e-6
+"""Exposures come in steps: a tenth, or 50 µs, are the camera's own."""
+LIT_SIGMAS, LIT_COUNTS = 5.0, 3.0
+
+
+class Content(NamedTuple):
+    """A frame for the guard.
+
+    ``frame`` ``(rows, columns)`` as it is kept; ``raws`` the exposures it was made of, the same region of the sensor
+    for every frame of a kind; ``saturated`` pixels of ``frame``; ``asked_s`` and ``actual_s`` all exposures that were
+    asked for and that the camera took (s), the frame's own first.
+    """
+
+    kind: Kind
+    place: Place
+    frame: NDArray[Any]
+    raws: Sequence[NDArray[Any]]
+    saturated: int
+    asked_s: float
+    actual_s: Sequence[float]
+
+
+class Seen(NamedTuple):
+    """A frame in numbers, the doubt about it, and what is remembered of it if it is to be trusted."""
+
+    now: Measured
+    doubt: Doubt
+    samples: tuple[Sample, ...] = ()
+
+
+class ContentGuard:
+    """Judge frames in the order of recording.
+
+    Parameters
+    ----------
+    shape
+        ``(nz, ny, nx)`` positions of the plan.
+    sensor
+        The camera's.
+    coarse
+        Whether coarse grids come first, so that neighbours lie farther away.
+    recorded
+        See `Repeats`.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int, int],
+        sensor: Sensor,
+        *,
+        coarse: bool = False,
+        recorded: Mapping[int, Position] | None = None,
+    ) -> None:
+        self.sensor = sensor
+        self._coarse = coarse
+        self._neighbours = Neighbours(shape, sensor)
+        self._repeats = Repeats(sensor.ceiling, recorded)
+        self._reference: Measured | None = None
+        self._any = False
+
+    def look(self, content: Content) -> Seen:
+        """Return what is seen of a frame; nothing of it is trusted before `accept`."""
+        now = measured(content.frame, content.saturated, self.sensor)
+        doubt = _exposure(content)
+        if content.kind is Kind.DARK:
+            return Seen(now, doubt)
+        floor = float(now.values[0]) + max(LIT_SIGMAS * float(now.values[5]), LIT_COUNTS)
+        repeated, samples = self._repeats.look(content.place, content.raws, floor)
+        doubt |= repeated
+        position = content.place.position
+        if content.kind is Kind.POSITION:
+            doubt |= self._repeats.kept(position, content.frame, float(now.values[5]), floor)
+            doubt |= self._neighbours.look(position, now, content.actual_s[0], self._pitch(position))
+            if not self._any and not now.lit:
+                doubt |= Doubt(Suspicion.BLANK, ("light: expected some in the first frame, got none; check the lamp",))
+        elif content.kind is Kind.REFERENCE and self._reference is not None:
+            doubt |= same_place(now, self._reference, self.sensor, references=True)
+        return Seen(now, doubt, samples)
+
+    def know(self, position: Position, frame: NDArray[Any], saturated: int, exposure_s: float) -> Measured:
+        """Trust a frame that an earlier run of the session recorded, and return it in numbers."""
+        now = measured(frame, saturated, self.sensor)
+        self._neighbours.accept(position, now, exposure_s, self._pitch(position))
+        self._any = True
+        return now
+
+    def accept(self, content: Content, seen: Seen) -> None:
+        """Trust a frame: later ones are held against it."""
+        self._repeats.remember(seen.samples)
+        if content.kind is Kind.POSITION:
+            position = content.place.position
+            self._neighbours.accept(position, seen.now, content.actual_s[0], self._pitch(position))
+            self._any = True
+        elif content.kind is Kind.REFERENCE:
+            self._reference = seen.now
+
+    def _pitch(self, position: Position) -> int:
+        """Return how far away the grids recorded so far have neighbours."""
+        if not self._coarse:
+            return 1
+        both = position.y | position.x
+        return min(16, both & -both) if both else 16
+
+
+def _exposure(content: Content) -> Doubt:
+    asked = content.asked_s
+    allowed = EXPOSURE_SHARE * asked + EXPOSURE_STEP_S
+    worst = max(content.actual_s, key=lambda actual: abs(actual - asked))
+    if abs(worst - asked) <= allowed:
+        return NO_DOUBT
+    why = f"exposure: expected {1e3 * asked:.4g} ms as planned, got {1e3 * worst:.4g} ms"
+    return Doubt(Suspicion.EXPOSURE, (f"{why}; plan an exposure that the camera takes",))

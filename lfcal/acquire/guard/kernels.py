@@ -1,0 +1,136 @@
+"""Compiled measurements of one frame; all take any sample type."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.compiled import njit
+
+__all__ = ["COLUMNS", "count_lit", "expect", "measure", "same_rows"]
+
+COLUMNS = ("level", "energy", "row", "column", "peak", "noise")
+"""What `measure` fills, and the first five of it a table of neighbours holds.
+
+Level of the darkest corner; sum of what exceeds it; its centroid from the frame's middle (pixels); highest sample;
+noise of a pixel in that corner (counts).
+"""
+
+
+@njit()
+def measure(frame: NDArray[Any], out: NDArray[np.float64]) -> None:
+    """Measure ``frame`` ``(rows, columns)`` into ``out`` ``(6,)``, see `COLUMNS`.
+
+    The darkest of four corners shows the background: a pattern that fills the frame rarely reaches all of them.
+    """
+    rows, columns = frame.shape
+    side = max(2, min(rows, columns) // 6)
+    level, noise = math.inf, 0.0
+    for corner in range(4):
+        top = 0 if corner < 2 else max(0, rows - side)
+        left = 0 if corner % 2 == 0 else max(0, columns - side)
+        block = frame[top : top + side, left : left + side]
+        mean = block.mean()
+        if mean < level:
+            level, noise = mean, block.std()
+    # column by column, because sums over an array of columns run on several at a time
+    sums, moments, tops = np.zeros(columns), np.zeros(columns), np.zeros(columns)
+    for r in range(rows):
+        for c in range(columns):
+            value = float(frame[r, c])
+            sums[c] += value
+            moments[c] += value * r
+            tops[c] = value if value > tops[c] else tops[c]
+    total, down, along, peak = 0.0, 0.0, 0.0, 0.0
+    for c in range(columns):
+        total += sums[c]
+        down += moments[c]
+        along += sums[c] * c
+        peak = max(peak, tops[c])
+    energy = total - level * rows * columns
+    out[0], out[1], out[4], out[5] = level, energy, peak, noise
+    # the background is symmetrical about the middle, and adds nothing to moments taken from there
+    light = energy if energy != 0.0 else 1.0
+    out[2] = (down - total * 0.5 * (rows - 1)) / light
+    out[3] = (along - total * 0.5 * (columns - 1)) / light
+
+
+@njit()
+def same_rows(a: NDArray[Any], b: NDArray[Any]) -> tuple[int, int]:
+    """Return how many rows are equal in ``a`` and ``b``, counted from the first row on, and from the last row up."""
+    rows, columns = a.shape
+    counts = [0, 0]
+    for end in range(2):
+        for k in range(rows):
+            r = k if end == 0 else rows - 1 - k
+            for c in range(columns):
+                if a[r, c] != b[r, c]:
+                    break
+            else:
+                counts[end] += 1
+                continue
+            break
+    return counts[0], counts[1]
+
+
+@njit()
+def count_lit(frame: NDArray[Any], floor: float, ceiling: float) -> int:
+    """Return how many samples of ``frame`` lie above ``floor`` and below ``ceiling``."""
+    found = 0
+    for value in frame.flat:
+        if floor < value < ceiling:
+            found += 1
+    return found
+
+
+@njit()
+def expect(table: NDArray[np.float64], y: int, x: int, pitch: int, out: NDArray[np.float64]) -> int:
+    """Expect the measurements at ``(y, x)`` from those around; return how, or -1 without neighbours.
+
+    Parameters
+    ----------
+    table
+        ``(ny, nx, 5)`` measurements of a plane, NaN where there are none.
+    pitch
+        How far away neighbours are looked for (positions).
+    out
+        ``(5,)``, filled.
+
+    Returns
+    -------
+    int
+        0: the mean of both sides. 1: from three corners of a square. 2: along a line. 3: the nearest.
+    """
+    ny, nx, n = table.shape
+    pairs = 0
+    out[:] = 0.0
+    for dy, dx in ((0, pitch), (pitch, 0)):
+        if y >= dy and x >= dx and y + dy < ny and x + dx < nx:
+            a, b = table[y - dy, x - dx], table[y + dy, x + dx]
+            if not math.isnan(a[0] + b[0]):
+                pairs += 1
+                for k in range(n):
+                    out[k] += 0.5 * (a[k] + b[k])
+    if pairs:
+        out /= pairs
+        return 0
+    for sy in (-pitch, pitch):
+        for sx in (-pitch, pitch):
+            if 0 <= y + sy < ny and 0 <= x + sx < nx:
+                a, b, c = table[y, x + sx], table[y + sy, x], table[y + sy, x + sx]
+                if not math.isnan(a[0] + b[0] + c[0]):
+                    for k in range(n):
+                        out[k] = a[k] + b[k] - c[k]
+                    return 1
+    for far in (2, 1):
+        for dy, dx in ((0, -pitch), (0, pitch), (-pitch, 0), (pitch, 0)):
+            if 0 <= y + far * dy < ny and 0 <= x + far * dx < nx:
+                a, b = table[y + dy, x + dx], table[y + far * dy, x + far * dx]
+                if not math.isnan(a[0] + b[0]):
+                    for k in range(n):
+                        out[k] = far * a[k] - (far - 1) * b[k]
+                    return 2 if far == 2 else 3
+    return -1

@@ -1,0 +1,117 @@
+"""One step taken as the schedule says: light, way, exposure, cutout, note."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.exposing import ExposedFrame, Exposer
+from lfcal.acquire.lighting import Lighting
+from lfcal.acquire.motion import Mover
+from lfcal.acquire.options import Options
+from lfcal.acquire.recording.records import Kind, Note
+from lfcal.acquire.schedule import Schedule, Step
+from lfcal.camera import ScanPlan
+from lfcal.devices.protocols import Point, Rig, Roi
+
+__all__ = ["Taken", "Taker"]
+
+
+class Taken(NamedTuple):
+    """A frame ``(rows, columns)`` as it is to be kept, its note, and all that was read of the region ``roi``."""
+
+    frame: NDArray[Any]
+    note: Note
+    exposed: ExposedFrame
+    roi: Roi
+
+
+class Taker:
+    """Take steps of a schedule with the devices of a rig.
+
+    Parameters
+    ----------
+    rig, plan, options, schedule, control
+        As in `Runner`.
+    elapsed
+        Seconds of recording so far, pauses left out.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        plan: ScanPlan,
+        options: Options,
+        schedule: Schedule,
+        control: Control,
+        elapsed: Callable[[], float],
+    ) -> None:
+        self._rig, self._plan, self._options, self._schedule = rig, plan, options, schedule
+        self._elapsed = elapsed
+        self.mover = Mover(rig.stage, rig.time, options.motion(plan), control)
+        self.lighting = Lighting(rig, control, options.light_settle_s)
+        sensor = plan.camera.sensor
+        self._exposer = Exposer(rig, control, options.bracket, sensor.black_level, options.grab_timeout_s)
+        self._exposures = plan.exposures
+        self._max = rig.camera.max_value
+
+    def take(self, step: Step, attempt: int = 1) -> Taken:
+        """Return the frame of ``step``; raises `DeviceError` if a device fails."""
+        self._exposer.read_region(self._schedule.roi_of(step.kind))
+        dark = step.kind is Kind.DARK
+        self.lighting.switch(not dark)
+        if dark:
+            repeats = self._options.darks
+            exposed = self._exposer.expose(self._exposures[step.z], repeats, self._rig.time.monotonic())
+            here = self.mover.position()
+        else:
+            self.mover.go(step.target)
+            repeats = self._plan.frames_averaged
+            exposed = self._exposer.expose(self._exposures[step.z], repeats, self._rig.time.monotonic())
+            here = self.mover.check(step.target)  # a stage that crept away during the exposure shows here
+        frame, mask, row, column = self._crop(step, exposed)
+        note = self._note(step, exposed, frame, mask, stage_um=here, place=(row, column), attempts=attempt)
+        return Taken(frame, note, exposed, self._exposer.roi)
+
+    def _note(
+        self,
+        step: Step,
+        exposed: ExposedFrame,
+        frame: NDArray[Any],
+        mask: NDArray[np.bool_] | None,
+        *,
+        stage_um: Point,
+        place: tuple[int, int],
+        attempts: int,
+    ) -> Note:
+        return Note(
+            index=step.flat,
+            attempts=attempts,
+            kind=step.kind,
+            row=place[0],
+            column=place[1],
+            period_y=step.period_y,
+            period_x=step.period_x,
+            saturated=int(np.count_nonzero(frame >= self._max if mask is None else mask)),
+            sensor_saturated=exposed.saturated,
+            target_um=step.target,
+            stage_um=stage_um,
+            exposure_s=exposed.exposure_s,
+            time_s=self._rig.time.wall(),
+            elapsed_s=self._elapsed(),
+            energy=float(frame.sum(dtype=np.float64 if frame.dtype.kind == "f" else np.uint64)),
+            peak=float(frame.max()),
+        )
+
+    def _crop(self, step: Step, exposed: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
+        """Return the part that is kept, contiguous, with its saturation mask and first sensor row and column."""
+        roi = self._exposer.roi
+        # dark frames keep the whole region: the cutouts of all positions lie in it
+        wanted = self._schedule.roi if step.kind is Kind.DARK else Roi(step.row, step.column, *self._schedule.window)
+        part = wanted.within(roi)
+        mask = None if exposed.mask is None else exposed.mask[part]
+        return np.ascontiguousarray(exposed.data[part]), mask, wanted.row, wanted.column

@@ -1,0 +1,185 @@
+"""A driver that does not come back from a call holds up nobody, and its late frame is nobody's."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import weakref
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.preview import Preview
+from lfcal.acquire.session import iter_record, record
+from lfcal.acquire.setup.live import iter_live
+from lfcal.devices import grabbing
+from lfcal.devices.errors import DeviceError, DeviceLost, FrameTimeout
+from lfcal.devices.grabbing import Grabber
+from lfcal.devices.protocols import Frame, Rig
+from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
+
+PLAN = small_plan()
+
+
+@dataclass
+class Hanging:
+    """A camera around another one, whose grab waits for `free` at call ``at``."""
+
+    camera: Any
+    at: int
+    free: threading.Event = field(default_factory=threading.Event)
+    inside: threading.Event = field(default_factory=threading.Event)
+    calls: int = 0
+    closed: bool = False
+    waits = True
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.camera, name)
+
+    def grab(self, timeout_s: float) -> Frame:
+        self.calls += 1
+        if self.calls == self.at:
+            self.inside.set()
+            self.free.wait()
+        frame: Frame = self.camera.grab(timeout_s)
+        return frame
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def hanging_rig(at: int) -> tuple[Rig, Hanging]:
+    rig = rig_for(PLAN)
+    camera = Hanging(rig.camera, at)
+    return Rig(camera, rig.stage, rig.light, rig.time), camera
+
+
+def abort_inside(camera: Hanging, control: Control) -> threading.Thread:
+    def act() -> None:
+        camera.inside.wait()
+        control.abort()
+
+    thread = threading.Thread(target=act)
+    thread.start()
+    return thread
+
+
+def test_an_abort_ends_a_session_whose_driver_hangs_and_the_late_frame_is_dropped(tmp_path: Path) -> None:
+    record(tmp_path / "whole", PLAN, rig_for(PLAN), CAREFUL)
+    rig, camera = hanging_rig(9)
+    control = Control()
+    thread = abort_inside(camera, control)
+    outcome = record(tmp_path / "s", PLAN, rig, CAREFUL, control=control)
+    thread.join()
+    assert outcome.how == "aborted"
+    assert len(frames_of(tmp_path / "s")) == outcome.acknowledged == 8
+    assert not rig.stage.moving()
+    assert rig.grabber.hangs
+    camera.free.set()
+    # with the same camera: the frame of the abandoned call comes first and must not be taken for a new one
+    assert record(tmp_path / "s", PLAN, rig, CAREFUL, resume=True).how == "complete"
+    assert_same_frames(frames_of(tmp_path / "s"), frames_of(tmp_path / "whole"))
+    rig.close()
+    assert camera.closed
+
+
+def test_a_driver_that_never_comes_back_is_lost_and_left_to_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(grabbing, "SLICE_S", 0.001)
+    rig, camera = hanging_rig(1)
+    assert rig.grabber.grab(rig.camera, 5.0, lambda: camera.inside.is_set()) is None
+    with pytest.raises(DeviceLost, match="simulated camera: still hangs"):
+        rig.grabber.grab(rig.camera, 0.003, lambda: False)
+    rig.close()
+    assert not camera.closed
+    camera.free.set()
+
+
+def test_what_the_driver_raises_comes_through_and_a_camera_that_never_waits_is_called_at_once() -> None:
+    rig, camera = hanging_rig(0)
+    threads: list[threading.Thread] = []
+
+    def failing(timeout_s: float) -> Frame:
+        threads.append(threading.current_thread())
+        raise FrameTimeout(f"no frame in {timeout_s:g} s")
+
+    camera.grab = failing  # type: ignore[method-assign]
+    for waits in (True, False):
+        camera.waits = waits
+        with pytest.raises(FrameTimeout, match="in 2 s"):
+            rig.grabber.grab(rig.camera, 2.0, lambda: False)
+    assert threads[0] is not threading.current_thread()
+    assert threads[1] is threading.current_thread()
+
+
+def test_the_thread_ends_with_its_rig() -> None:
+    grabber = Grabber()
+    _, camera = hanging_rig(0)
+    grabber.grab(camera, 1.0, lambda: False)
+    thread, gone = grabber._thread, weakref.ref(grabber)
+    assert thread is not None
+    assert thread.daemon
+    del grabber
+    assert gone() is None
+    thread.join(30)
+    assert not thread.is_alive()
+
+
+def test_the_live_view_stops_inside_a_call_and_names_the_device() -> None:
+    rig, camera = hanging_rig(2)
+    control = Control()
+    live = iter_live(rig, Preview(), control, 0.01)
+    assert next(live).levels is not None
+    thread = abort_inside(camera, control)
+    assert list(live) == []
+    thread.join()
+    camera.free.set()
+    rig = rig_for(PLAN)
+
+    def failing(_seconds: float) -> Any:
+        raise RuntimeError("bus reset")
+
+    rig.camera.set_exposure = failing  # type: ignore[method-assign]
+    with pytest.raises(DeviceError, match="simulated camera: RuntimeError: bus reset"):
+        next(iter_live(rig, Preview(), Control(), 0.01))
+
+
+def test_a_device_that_cannot_be_released_is_named_and_the_others_are_released() -> None:
+    rig, camera = hanging_rig(0)
+    released: list[str] = []
+
+    def failing() -> None:
+        raise OSError("gone")
+
+    rig.stage.close = failing  # type: ignore[method-assign]
+    camera.close = lambda: released.append("camera")  # type: ignore[method-assign]
+    with pytest.raises(DeviceError, match="simulated stage: OSError: gone"):
+        rig.close()
+    assert released == ["camera"]
+
+
+def test_a_program_ends_although_a_driver_hangs(tmp_path: Path) -> None:
+    code = """
+from tests.devices.test_grabbing import hanging_rig
+rig, camera = hanging_rig(1)
+with rig:
+    assert rig.grabber.grab(camera, 5.0, camera.inside.is_set) is None
+print("ended")
+"""
+    root = Path(__file__).parents[2]
+    found = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=False)
+    assert (found.returncode, found.stdout) == (0, "ended\n"), found.stderr
+
+
+def test_a_session_through_the_thread_is_the_same(tmp_path: Path) -> None:
+    rig, camera = hanging_rig(0)
+    for _ in iter_record(tmp_path / "thread", PLAN, rig, CAREFUL):
+        pass
+    record(tmp_path / "direct", PLAN, rig_for(PLAN), CAREFUL)
+    assert camera.calls == PLAN.n_positions
+    assert_same_frames(frames_of(tmp_path / "thread"), frames_of(tmp_path / "direct"))
+    assert np.isfinite(next(iter(frames_of(tmp_path / "thread").values()))).all()
