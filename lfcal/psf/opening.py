@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from lfcal.axes import AXES, check_psf_shape
 from lfcal.camera import Camera
-from lfcal.errors import FileFormatError, InputError, StorageError
-from lfcal.files import check_regular
+from lfcal.errors import FileFormatError, InputError
 from lfcal.h5.attributes import Attributes
 from lfcal.h5.dataset import H5Data
 from lfcal.h5.file import H5File
+from lfcal.npy import map_npy
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import CENTRE_RULE, plane_checksum
@@ -57,7 +57,7 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     source = Path(path)
     suffix = source.suffix.lower()
     if suffix == ".npy":
-        return PSFMatrix(FilePlanes(_map_npy(source), source))
+        return PSFMatrix(FilePlanes(map_npy(source), source))
     if suffix == ".mat":
         from lfcal.psf.matlab import open_mat
 
@@ -196,17 +196,3 @@ def _check_planes(file: H5File, group: str) -> None:
             raise FileFormatError.expected(
                 f"{file.path}, plane {z}", f"checksum {wanted:08x}", f"{found:08x}", "copy the file again"
             )
-
-
-def _map_npy(path: Path) -> NDArray[Any]:
-    if not path.exists():
-        raise StorageError(f"{path}: no such file; check the path")
-    check_regular(path)
-    try:
-        mapped: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
-    except Exception as error:  # numpy parses the header as Python: SyntaxError, TokenError, MemoryError and others
-        reason = "pickled objects" if "pickle" in str(error).lower() else "a damaged or other file"
-        raise FileFormatError.expected(
-            str(path), "an .npy file of plain numbers", reason, "save the array itself again"
-        ) from error
-    return mapped
