@@ -35,7 +35,7 @@ def check_number(
     ]
     wanted = " ".join([("a whole number" if integer else "a number"), " and ".join(bounds)]).strip()
     # a bool is an Integral in Python
-    good = isinstance(value, kind) and not isinstance(value, bool) and math.isfinite(float(value))
+    good = isinstance(value, kind) and not isinstance(value, bool) and _finite(value)
     if good:
         number = float(value)  # type: ignore[arg-type]
         good = (
@@ -46,6 +46,13 @@ def check_number(
         )
     if not good:
         raise InputError.expected(what, wanted, repr(value), remedy)
+
+
+def _finite(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # whole numbers have no end
+        return False
 
 
 def check_choice(what: str, value: object, choices: tuple[str, ...]) -> None:

@@ -121,8 +121,11 @@ class Options:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Options:
-        """Return the options described by ``data``; unknown entries raise `InputError`."""
-        return build(cls, data, "options")
+        """Return the options described by ``data``; unknown entries raise `InputError`.
+
+        Those that an older session does not know keep their defaults.
+        """
+        return build(cls, data, "options", partial=True)
 
 
 def _triple(values: tuple[float, ...]) -> tuple[float, float, float]:

@@ -17,6 +17,7 @@ from lfcal.camera.shadow import cutout_for
 from lfcal.camera.stage import StageAxes
 from lfcal.checks import check_choice, check_number, check_tuple, check_type
 from lfcal.errors import FileFormatError, InputError
+from lfcal.plain import parse_json
 
 __all__ = ["ScanPlan"]
 
@@ -297,11 +298,7 @@ class ScanPlan:
     @classmethod
     def from_json(cls, text: str) -> ScanPlan:
         """Return the plan described by JSON ``text``."""
-        try:
-            data = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise FileFormatError.expected("scan plan", "JSON text", str(error), "check it") from None
-        return cls.from_dict(data)
+        return cls.from_dict(parse_json(text, "scan plan"))
 
 
 def _set_depths(plan: ScanPlan) -> None:
