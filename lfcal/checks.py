@@ -12,7 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
 
-__all__ = ["as_sensor_frame", "check_choice", "check_number", "check_tuple", "check_type"]
+__all__ = ["MAX_SAMPLE", "as_sensor_frame", "check_choice", "check_number", "check_tuple", "check_type"]
+
+MAX_SAMPLE = 1e15
+"""Values of a frame or a PSF matrix beyond this are no counts of light; sums of their squares would overflow."""
 
 
 def check_number(

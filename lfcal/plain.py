@@ -39,11 +39,12 @@ def plain(value: Any) -> Any:
     return value
 
 
-def parse_json(text: str, what: str, *, remedy: str = "check the file") -> Any:
+def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: bool = True) -> Any:
     """Return the value of JSON ``text``; ``what`` names it in messages.
 
     Stricter than `json.loads`, whose result can end a program far from here: NaN, infinity and numbers beyond 64 bits,
     entries given twice, nesting beyond `DEEPEST` levels, and text that is not Unicode are refused.
+    With ``finite`` false, NaN and infinity are read.
 
     Raises
     ------
@@ -56,7 +57,7 @@ def parse_json(text: str, what: str, *, remedy: str = "check the file") -> Any:
 
     def real(token: str) -> float:
         value = float(token)
-        if not math.isfinite(value):
+        if finite and not math.isfinite(value):
             raise refuse(f"the number {token}")
         return value
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import fields
@@ -10,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lfcal.axes import AXES, check_psf_shape
 from lfcal.camera import Camera
@@ -19,6 +17,7 @@ from lfcal.h5.attributes import Attributes
 from lfcal.h5.dataset import H5Data
 from lfcal.h5.file import H5File
 from lfcal.npy import map_npy
+from lfcal.plain import parse_json
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import CENTRE_RULE, plane_checksum
@@ -158,14 +157,10 @@ def _check_conventions(file: H5File, attributes: Attributes) -> None:
 
 
 def _provenance(file: H5File, attributes: Attributes) -> dict[str, Any]:
-    try:
-        found = json.loads(attributes.text("provenance", "{}"))
-    except (ValueError, RecursionError):
-        found = None
+    what, remedy = f"{file.path}, attribute provenance", "take it from its source again"
+    found = parse_json(attributes.text("provenance", "{}"), what, remedy=remedy, finite=False)
     if not isinstance(found, dict):
-        raise FileFormatError.expected(
-            f"{file.path}, attribute provenance", "a JSON object", "other text", "take it from its source again"
-        )
+        raise FileFormatError.expected(what, "a JSON object", "other text", remedy)
     return found
 
 

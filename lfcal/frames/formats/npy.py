@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError, UnsafeFileError
-from lfcal.frames.formats.image_file import Format, ImageFile
+from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
 from lfcal.frames.regions import check_region
 from lfcal.npy import map_npy
 
@@ -49,7 +49,8 @@ class NpyImage(ImageFile):
         """Return a copy of a part of one frame."""
         rows, columns = check_region((rows, columns), self.shape)
         at = np.unravel_index(self.check_page(page), self._lead) if self._lead else ()
-        return np.array(self._array[(*(int(k) for k in at), rows, columns)], self.dtype, order="C")
+        part = np.array(self._array[(*(int(k) for k in at), rows, columns)], self.dtype, order="C")
+        return check_samples(self.path, part)
 
 
 FORMAT = Format(

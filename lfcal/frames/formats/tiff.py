@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
-from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, decoding
+from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, check_samples, decoding
 from lfcal.frames.regions import check_region
 
 __all__ = ["TiffImage", "count_pages"]
@@ -176,7 +176,7 @@ class TiffImage(ImageFile):
             image = image[self._component] if image.shape[0] == self._samples else image[..., self._component]
         if image.shape != self.shape:
             raise _damaged(self.path, f"page {page} holds {image.shape}")
-        return np.ascontiguousarray(image, self.dtype)
+        return check_samples(self.path, np.ascontiguousarray(image, self.dtype))
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
         """Return a part of one page; of uncompressed pages only its rows are read."""
@@ -217,7 +217,7 @@ class TiffImage(ImageFile):
         # fromfile stops silently at the end of a file
         if data.size != count:
             raise _damaged(self.path, "the file was cut short while open")
-        return np.ascontiguousarray(data.reshape(-1, self.shape[1]), self.dtype)
+        return check_samples(self.path, np.ascontiguousarray(data.reshape(-1, self.shape[1]), self.dtype))
 
     def close(self) -> None:
         """Close the file."""
