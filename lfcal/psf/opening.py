@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.axes import AXES, check_psf_shape
 from lfcal.camera import Camera
