@@ -298,6 +298,8 @@ def test_full_disk(lfcal: Lfcal, session: Path, tmp_path: Path, monkeypatch: pyt
         ("plan", "no_such_camera", "--depths", "0"),
         ("plan", "bench", "--depths", "a,b"),
         ("plan", "bench", "--virtual-depths", "2", "--cutout", "8"),
+        ("plan", "bench", "--virtual-depths", "3", "--exposure", "1e308"),
+        ("plan", "bench", "--virtual-depths", "3", "--settle", "1e300"),
     ],
 )
 def test_other_commands(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str]) -> None:
