@@ -14,7 +14,7 @@ from lfcal.errors import InputError
 
 __all__ = ["MAX_SAMPLE", "as_sensor_frame", "check_choice", "check_number", "check_tuple", "check_type"]
 
-MAX_SAMPLE = 1e15
+MAX_SAMPLE = 1e12
 """Values of a frame or a PSF matrix beyond this are no counts of light; sums of their squares would overflow."""
 
 

@@ -142,7 +142,8 @@ def check_samples(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
 
     NaN and infinity pass: they mark pixels without a measurement, and what uses the frame decides.
     """
-    if samples.dtype.kind != "f" or not samples.size:
+    # whole numbers of 32 bits cannot be so large
+    if not samples.size or not (samples.dtype.kind == "f" or samples.dtype.itemsize == 8):
         return samples
     # not so where one is NaN: the others are looked at then
     if max(float(samples.max()), -float(samples.min())) <= MAX_SAMPLE:
