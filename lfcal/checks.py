@@ -12,7 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
 
-__all__ = ["as_sensor_frame", "check_choice", "check_number", "check_tuple", "check_type"]
+__all__ = ["MAX_SAMPLE", "as_sensor_frame", "check_choice", "check_number", "check_tuple", "check_type"]
+
+MAX_SAMPLE = 1e12
+"""Values of a frame or a PSF matrix beyond this are no counts of light; sums of their squares would overflow."""
 
 
 def check_number(
@@ -35,7 +38,7 @@ def check_number(
     ]
     wanted = " ".join([("a whole number" if integer else "a number"), " and ".join(bounds)]).strip()
     # a bool is an Integral in Python
-    good = isinstance(value, kind) and not isinstance(value, bool) and math.isfinite(float(value))
+    good = isinstance(value, kind) and not isinstance(value, bool) and _finite(value)
     if good:
         number = float(value)  # type: ignore[arg-type]
         good = (
@@ -46,6 +49,13 @@ def check_number(
         )
     if not good:
         raise InputError.expected(what, wanted, repr(value), remedy)
+
+
+def _finite(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # whole numbers have no end
+        return False
 
 
 def check_choice(what: str, value: object, choices: tuple[str, ...]) -> None:

@@ -5,13 +5,32 @@ from __future__ import annotations
 from typing import Self
 
 __all__ = [
+    "LONGEST",
     "Cancelled",
     "FileFormatError",
     "InputError",
     "LfcalError",
     "StorageError",
     "UnsafeFileError",
+    "one_line",
 ]
+
+LONGEST = 480
+"""Characters of a message; what files hold may be of any length, and is shown in part."""
+
+
+def one_line(text: str, longest: int = LONGEST) -> str:
+    """Return ``text`` as one printable line: control characters as escapes, its middle left out where it is longer."""
+    # far more than is shown need not be looked at
+    if len(text) > 4 * longest:
+        text = f"{text[: 2 * longest]}…{text[-longest:]}"
+    line = " ".join(text.split())
+    if not line.isprintable():
+        line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in line)
+    if len(line) <= longest:
+        return line
+    tail = longest // 3  # the remedy stands at the end
+    return f"{line[: longest - tail - 1]}…{line[-tail:]}"
 
 
 class LfcalError(Exception):
@@ -20,7 +39,11 @@ class LfcalError(Exception):
     @classmethod
     def expected(cls, what: str, wanted: object, got: object, remedy: str) -> Self:
         """Return the error with the one-line message ``what: expected wanted, got …; remedy``."""
-        return cls(f"{what}: expected {wanted}, got {got}; {remedy}")
+        return cls(f"{one_line(what, 240)}: expected {wanted}, got {one_line(str(got), 160)}; {remedy}")
+
+    def __str__(self) -> str:
+        """Return the message as one line of at most `LONGEST` characters."""
+        return one_line(super().__str__())
 
 
 class InputError(LfcalError, ValueError):

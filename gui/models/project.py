@@ -11,6 +11,7 @@ from typing import Any
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.errors import FileFormatError, LfcalError
 from lfcal.files import read_text, replace_whole
+from lfcal.plain import parse_json
 
 __all__ = ["Project", "ProjectState", "RecentProjects", "read_project"]
 
@@ -84,10 +85,7 @@ class ProjectState:
 
 
 def _parsed(text: str) -> dict[str, Any]:
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError.expected("project", "JSON text", str(error), "choose another file") from None
+    data = parse_json(text, "project", remedy="choose another file")
     known = ((FORMAT, VERSION), (OLD_FORMAT, 1))
     if not isinstance(data, dict) or (data.get("format"), data.get("version")) not in known:
         raise FileFormatError.expected("project", f"format {FORMAT} version {VERSION}", "another", "check it")
@@ -234,7 +232,7 @@ class RecentProjects:
     def paths(self) -> list[Path]:
         """Return the projects that still exist."""
         try:
-            listed = json.loads(self.store.read_text(encoding="utf-8"))
+            listed = parse_json(read_text(self.store), "recent projects")
         except (OSError, ValueError):
             return []
         found = [Path(p) for p in listed if isinstance(p, str)] if isinstance(listed, list) else []

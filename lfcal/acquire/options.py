@@ -92,8 +92,8 @@ class Options:
         for name in ("darks", "dark_every", "reference_every", "controls", "retries", "keep_free_bytes"):
             check_number(name.replace("_", " "), getattr(self, name), at_least=0, integer=True)
         for name in ("move_timeout_s", "grab_timeout_s"):
-            check_number(name.replace("_", " "), getattr(self, name), above=0)
-        check_number("light settle s", self.light_settle_s, at_least=0)
+            check_number(name.replace("_", " "), getattr(self, name), above=0, at_most=86_400)
+        check_number("light settle s", self.light_settle_s, at_least=0, at_most=86_400)
         for name in ("tolerance_um", "overshoot_um"):
             values = getattr(self, name)
             if values is not None and len(values) != 3:
@@ -127,8 +127,11 @@ class Options:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Options:
-        """Return the options described by ``data``; unknown entries raise `InputError`."""
-        return build(cls, data, "options")
+        """Return the options described by ``data``; unknown entries raise `InputError`.
+
+        Those that an older session does not know keep their defaults.
+        """
+        return build(cls, data, "options", partial=True)
 
 
 def _triple(values: tuple[float, ...]) -> tuple[float, float, float]:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lfcal.errors import FileFormatError, StorageError
-from lfcal.files import check_regular, replace_whole, storage_errors
+from lfcal.errors import FileFormatError
+from lfcal.files import read_text, replace_whole
 from lfcal.frames.source import Position
+from lfcal.plain import parse_json
 
 __all__ = ["RedoList"]
 
@@ -46,15 +47,7 @@ class RedoList:
     @classmethod
     def read(cls, path: Path) -> RedoList:
         """Return the list in ``path``; raises `FileFormatError` if it is not one."""
-        check_regular(path)
-        with storage_errors(path):
-            if path.stat().st_size > LARGEST:
-                raise StorageError.expected(str(path), "a list of positions", "a huge file", "check the path")
-            text = path.read_bytes()
-        try:
-            data: Any = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise FileFormatError.expected(str(path), "JSON text", str(error), "check the file") from None
+        data: Any = parse_json(read_text(path, limit=LARGEST), str(path))
         if not isinstance(data, dict) or data.get("format") != FORMAT or data.get("version") != VERSION:
             raise FileFormatError.expected(
                 str(path), f'"format": "{FORMAT}", version {VERSION}', "something else", "check the file"

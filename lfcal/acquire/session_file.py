@@ -19,6 +19,7 @@ from lfcal.devices.protocols import Rig
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.files import read_text, replace_whole
 from lfcal.frames.source import Position
+from lfcal.plain import parse_json
 
 __all__ = ["Devices", "Run", "SessionFile", "frame_dtype"]
 
@@ -125,10 +126,7 @@ class SessionFile:
         path = folder / NAME
         if not path.exists():
             raise StorageError.expected(str(folder), "a session folder", f"no {NAME} in it", "check the path")
-        try:
-            data: Any = json.loads(read_text(path))
-        except (ValueError, RecursionError) as error:
-            raise FileFormatError.expected(str(path), "JSON text", str(error), "restore it") from None
+        data: Any = parse_json(read_text(path), str(path), remedy="restore it")
         if not isinstance(data, Mapping) or data.get("format") != FORMAT or data.get("version") != VERSION:
             raise FileFormatError.expected(
                 str(path), f'"format": "{FORMAT}", version {VERSION}', "something else", "check the file"

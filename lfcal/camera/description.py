@@ -17,6 +17,7 @@ from lfcal.camera.main_lens import MainLens, Microscope, Optics
 from lfcal.camera.sensor import Sensor
 from lfcal.checks import check_number, check_type
 from lfcal.errors import FileFormatError, InputError
+from lfcal.plain import parse_json
 
 __all__ = ["Camera", "build"]
 
@@ -185,27 +186,42 @@ class Camera:
     @classmethod
     def from_json(cls, text: str) -> Camera:
         """Return the camera described by JSON ``text``."""
-        try:
-            data = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise FileFormatError.expected("camera description", "JSON text", str(error), "check it") from None
-        return cls.from_dict(data)
+        return cls.from_dict(parse_json(text, "camera description"))
 
 
-def build(kind: type[T], data: Any, what: str) -> T:
-    """Return dataclass ``kind`` from JSON ``data``: nested dataclasses and tuples are rebuilt, names checked."""
+def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
+    """Return dataclass ``kind`` from JSON ``data``: nested dataclasses and tuples are rebuilt, names and types checked.
+
+    Every entry must be there: one left out would silently take a default that nobody chose. With ``partial`` those of
+    ``kind`` itself may be missing.
+
+    Raises
+    ------
+    FileFormatError
+        If entries are unknown, missing, or of another type; ``what`` names the place.
+    InputError
+        If ``kind`` refuses a value.
+    """
     if not isinstance(data, Mapping):
         raise FileFormatError.expected(what, "an object with named entries", type(data).__name__, "correct it")
     hints = get_type_hints(kind)
     names = {f.name for f in fields(cast(Any, kind))}
-    # an unknown entry is an error: a misspelt one would silently leave a default in place
+    # an unknown entry is an error: a misspelt one would leave another without a value
     unknown = sorted(set(data) - names)
     if unknown:
         raise FileFormatError.expected(what, f"only {', '.join(sorted(names))}", unknown[0], "remove it")
-    try:
-        return kind(**{name: _value(hints[name], value, f"{what}.{name}") for name, value in data.items()})
-    except TypeError as error:
-        raise FileFormatError(f"{what}: {error}; add the missing entry") from None
+    missing = sorted(names - set(data))
+    if missing and not partial:
+        raise FileFormatError.expected(what, f"the entry {missing[0]!r}", "none", "add it")
+    return kind(**{name: _value(hints[name], value, f"{what}.{name}") for name, value in data.items()})
+
+
+_LEAVES: dict[type, tuple[tuple[type, ...], str]] = {
+    float: ((float, int), "a number"),
+    int: ((int,), "a whole number"),
+    str: ((str,), "text"),
+    bool: ((bool,), "true or false"),
+}
 
 
 def _value(hint: Any, value: Any, what: str) -> Any:
@@ -224,4 +240,7 @@ def _value(hint: Any, value: Any, what: str) -> Any:
         return _value(options[0], value, what) if len(options) == 1 else value
     if isinstance(hint, type) and is_dataclass(hint) and not isinstance(value, hint):
         return build(hint, value, what)
+    # true is a whole number in Python, and no number in a file
+    if hint in _LEAVES and type(value) not in _LEAVES[hint][0]:
+        raise FileFormatError.expected(what, _LEAVES[hint][1], repr(value), "correct it")
     return value

@@ -17,6 +17,7 @@ from lfcal.camera.shadow import cutout_for
 from lfcal.camera.stage import StageAxes
 from lfcal.checks import check_choice, check_number, check_tuple, check_type
 from lfcal.errors import FileFormatError, InputError
+from lfcal.plain import parse_json
 
 __all__ = ["ScanPlan"]
 
@@ -24,6 +25,8 @@ FORMAT = "lfcal-plan"
 VERSION = 1
 # far beyond any recording (25 days at a frame per millisecond): a wrong period or depth list ends here
 MAX_POSITIONS = 1 << 31
+MAX_WAIT_S = 86_400.0
+"""A day: longer exposures and waits are slips of the pen, and their sum over all positions would overflow."""
 MAX_TILT_RAD = math.radians(2.0)
 """Beyond this the rectangular period no longer describes the array."""
 
@@ -87,7 +90,7 @@ class ScanPlan:
         _set_depths(self)
         _set_exposures(self)
         check_choice("scan order", self.order, ("serpentine", "raster"))
-        check_number("settle time (s)", self.settle_s, at_least=0)
+        check_number("settle time (s)", self.settle_s, at_least=0, at_most=MAX_WAIT_S)
         check_number("frames averaged", self.frames_averaged, at_least=1, at_most=100_000, integer=True)
         check_number("positions", self.n_positions, at_least=1, at_most=MAX_POSITIONS, integer=True)
         if abs(self.camera.lattice.tilt_rad) > MAX_TILT_RAD:
@@ -297,11 +300,7 @@ class ScanPlan:
     @classmethod
     def from_json(cls, text: str) -> ScanPlan:
         """Return the plan described by JSON ``text``."""
-        try:
-            data = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise FileFormatError.expected("scan plan", "JSON text", str(error), "check it") from None
-        return cls.from_dict(data)
+        return cls.from_dict(parse_json(text, "scan plan"))
 
 
 def _set_depths(plan: ScanPlan) -> None:
@@ -331,6 +330,7 @@ def _set_exposures(plan: ScanPlan) -> None:
         given if isinstance(given, list | tuple) else [given],
         planes if several else 1,
         above=0,
+        at_most=MAX_WAIT_S,
     )
     object.__setattr__(plan, "exposure_s", values if several else values * planes)
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from lfcal.errors import FileFormatError, InputError
-from lfcal.files import check_regular, replace_whole, storage_errors
+from lfcal.files import read_text, replace_whole, storage_errors
 from lfcal.frames.manifest import COLUMNS, FrameEntry, Manifest, entry_from
-from lfcal.units import format_bytes
+from lfcal.plain import parse_json
 
 __all__ = ["read_manifest", "write_manifest"]
 
@@ -39,7 +39,7 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
         If the file cannot be read.
     """
     path = Path(path)
-    text = _text(path)
+    text = read_text(path, limit=MAX_BYTES)
     if path.suffix.lower() == ".csv":
         return _named(path, tuple(_csv_rows(path, text)), {})
     if path.suffix.lower() == ".json":
@@ -92,24 +92,6 @@ def _csv_text(manifest: Manifest) -> str:
     return buffer.getvalue()
 
 
-def _text(path: Path) -> str:
-    check_regular(path)
-    with storage_errors(path):
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise FileFormatError.expected(
-                f"manifest {path}", f"at most {format_bytes(MAX_BYTES)}", format_bytes(size), "split it"
-            )
-        data = path.read_bytes()
-    try:
-        # utf-8-sig accepts the byte-order mark that spreadsheets put in front of CSV
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FileFormatError.expected(
-            f"manifest {path}", "UTF-8 text", f"byte {data[error.start]:#04x}", "save it as UTF-8"
-        ) from error
-
-
 def _csv_rows(path: Path, text: str) -> list[FrameEntry]:
     reader = csv.DictReader(io.StringIO(text, newline=""), restkey="surplus values", skipinitialspace=True)
     entries = []
@@ -122,11 +104,7 @@ def _csv_rows(path: Path, text: str) -> list[FrameEntry]:
 
 
 def _from_json(path: Path, text: str) -> Manifest:
-    try:
-        body = json.loads(text)
-    # deeply nested JSON ends in RecursionError, not in ValueError
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError.expected(f"manifest {path}", "JSON", str(error), "write it again") from error
+    body = parse_json(text, f"manifest {path}", remedy="write it again")
     body = {"frames": body} if isinstance(body, list) else body
     frames = body.get("frames") if isinstance(body, dict) else None
     if not isinstance(frames, list) or not all(isinstance(f, dict) for f in frames):

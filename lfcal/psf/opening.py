@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import fields
@@ -14,11 +13,12 @@ from numpy.typing import NDArray
 
 from lfcal.axes import AXES, check_psf_shape
 from lfcal.camera import Camera
-from lfcal.errors import FileFormatError, InputError, StorageError
-from lfcal.files import check_regular
+from lfcal.errors import FileFormatError, InputError
 from lfcal.h5.attributes import Attributes
 from lfcal.h5.dataset import H5Data
 from lfcal.h5.file import H5File
+from lfcal.npy import map_npy
+from lfcal.plain import parse_json
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import CENTRE_RULE, plane_checksum
@@ -57,7 +57,7 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     source = Path(path)
     suffix = source.suffix.lower()
     if suffix == ".npy":
-        return PSFMatrix(FilePlanes(_map_npy(source), source))
+        return PSFMatrix(FilePlanes(map_npy(source), source))
     if suffix == ".mat":
         from lfcal.psf.matlab import open_mat
 
@@ -158,14 +158,10 @@ def _check_conventions(file: H5File, attributes: Attributes) -> None:
 
 
 def _provenance(file: H5File, attributes: Attributes) -> dict[str, Any]:
-    try:
-        found = json.loads(attributes.text("provenance", "{}"))
-    except (ValueError, RecursionError):
-        found = None
+    what, remedy = f"{file.path}, attribute provenance", "take it from its source again"
+    found = parse_json(attributes.text("provenance", "{}"), what, remedy=remedy, finite=False)
     if not isinstance(found, dict):
-        raise FileFormatError.expected(
-            f"{file.path}, attribute provenance", "a JSON object", "other text", "take it from its source again"
-        )
+        raise FileFormatError.expected(what, "a JSON object", "other text", remedy)
     return found
 
 
@@ -196,17 +192,3 @@ def _check_planes(file: H5File, group: str) -> None:
             raise FileFormatError.expected(
                 f"{file.path}, plane {z}", f"checksum {wanted:08x}", f"{found:08x}", "copy the file again"
             )
-
-
-def _map_npy(path: Path) -> NDArray[Any]:
-    if not path.exists():
-        raise StorageError(f"{path}: no such file; check the path")
-    check_regular(path)
-    try:
-        mapped: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
-    except Exception as error:  # numpy parses the header as Python: SyntaxError, TokenError, MemoryError and others
-        reason = "pickled objects" if "pickle" in str(error).lower() else "a damaged or other file"
-        raise FileFormatError.expected(
-            str(path), "an .npy file of plain numbers", reason, "save the array itself again"
-        ) from error
-    return mapped

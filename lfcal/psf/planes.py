@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.axes import check_psf_shape
+from lfcal.checks import MAX_SAMPLE
 from lfcal.errors import FileFormatError
 from lfcal.h5.dataset import H5Data
 
@@ -135,18 +136,22 @@ class DatasetPlanes:
 
 
 def _check_finite(values: NDArray[Any], where: str) -> None:
-    """Raise `FileFormatError` where ``values`` ``(…, nt, ns)`` hold NaN or infinity."""
+    """Raise `FileFormatError` where ``values`` ``(…, nt, ns)`` hold NaN, infinity, or what no camera counts."""
     if values.dtype.kind not in "fc":
         return
-    # a sum is not finite where a value is not, and needs no array of its own
-    with np.errstate(invalid="ignore", over="ignore"):
-        sums = values.sum(axis=(-2, -1))
-    if np.isfinite(sums).all():
+    # extremes are NaN where a value is, and need no array of their own
+    parts = (values.real, values.imag) if values.dtype.kind == "c" else (values,)
+    ends = [end for part in parts for end in (part.max(axis=(-2, -1)), -part.min(axis=(-2, -1)))]
+    with np.errstate(invalid="ignore"):  # NaN of some kinds are told when they are converted
+        largest = np.maximum.reduce([end.astype(np.float64) for end in ends])
+    good = largest <= MAX_SAMPLE
+    if good.all():
         return
-    bad = tuple(int(k) for k in np.argwhere(~np.isfinite(sums))[0])
+    bad = tuple(int(k) for k in np.argwhere(~good)[0])
     place = f", position {bad}" if bad else ""
+    got = f"{largest[bad]:.3g}" if np.isfinite(largest[bad]) else "NaN or infinity"
     raise FileFormatError.expected(
-        f"{where}{place}", "finite values", "NaN or infinity", "set it to 0 where nothing was measured"
+        f"{where}{place}", f"finite values up to {MAX_SAMPLE:g}", got, "set it to 0 where nothing was measured"
     )
 
 

@@ -15,6 +15,7 @@ from lfcal.errors import InputError
 from lfcal.files import replace_whole, require_space, storage_errors
 from lfcal.h5.file import H5File
 from lfcal.h5.writing import new_h5
+from lfcal.npy import map_npy
 
 __all__ = ["SUFFIXES", "check_suffix", "load_volume", "save_volume"]
 
@@ -139,9 +140,7 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
         with H5File(source) as file:
             data = file.dataset(DATASET).read()
     elif source.suffix.lower() == ".npy":
-        with storage_errors(source):
-            # pickled objects of a foreign file could run code
-            data = np.load(source, allow_pickle=False)
+        data = map_npy(source)
     else:
         import tifffile
 

@@ -24,12 +24,14 @@ COMMON = {
     "compiled",
     "registry",
     "figures",
+    "npy",
     "plain",
 }
 ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "units": set(),
-    "plain": set(),
+    "npy": {"errors", "files", "units"},
+    "plain": {"errors"},
     "axes": {"errors"},
     "checks": {"errors"},
     "progress": set(),

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfcal.camera import PRESETS, BrownDistortion, Camera, MainLens, Microscope, Sensor, preset
-from lfcal.errors import InputError
+from lfcal.camera import PRESETS, BrownDistortion, Camera, MainLens, Microscope, ScanPlan, Sensor, preset
+from lfcal.errors import FileFormatError, InputError
 from tests.camera.strategies import cameras
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=40)
@@ -156,3 +156,53 @@ def test_bad_values_are_refused(kind: Any, values: dict[str, Any]) -> None:
 def test_an_unknown_preset_names_the_known() -> None:
     with pytest.raises(InputError, match="lfm_20x05"):
         preset("r30")
+
+
+def _entries(data: dict[str, Any], where: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Return the path of every entry of a description."""
+    found: list[tuple[Any, ...]] = []
+    for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+        if isinstance(data, dict):
+            found.append((*where, key))
+        if isinstance(value, dict | list):
+            found += _entries(value, (*where, key))
+    return found
+
+
+PLAN = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0, 4.0), cutout=21).to_dict()
+PLAN = json.loads(json.dumps(PLAN))
+
+
+def _at(path: tuple[Any, ...]) -> tuple[dict[str, Any], Any]:
+    """Return a copy of the plan's description, and in it the object that holds ``path``."""
+    whole = json.loads(json.dumps(PLAN))
+    inner = whole
+    for key in path[:-1]:
+        inner = inner[key]
+    return whole, inner
+
+
+@pytest.mark.parametrize("path", _entries(PLAN), ids=lambda p: ".".join(map(str, p)))
+def test_every_entry_must_be_there(path: tuple[Any, ...]) -> None:
+    """A default that nobody chose would make another camera."""
+    whole, inner = _at(path)
+    del inner[path[-1]]
+    with pytest.raises(FileFormatError) as caught:
+        ScanPlan.from_dict(whole)
+    assert path[-1] in ("format", "version", "type", "optics", "camera") or f"{path[-1]!r}, got none" in str(
+        caught.value
+    )
+
+
+@pytest.mark.parametrize("path", _entries(PLAN), ids=lambda p: ".".join(map(str, p)))
+@pytest.mark.parametrize("value", [True, "x", [], {}, [[]], -1e300, 1e300, 2**63 - 1, -1, None])
+def test_every_entry_is_of_its_type(path: tuple[Any, ...], value: object) -> None:
+    """What is accepted can be used; all else is one line."""
+    whole, inner = _at(path)
+    inner[path[-1]] = value
+    try:
+        plan = ScanPlan.from_dict(whole)
+    except InputError as error:
+        assert len(str(error)) < 500
+        return
+    assert ScanPlan.from_json(plan.to_json()) == plan

@@ -168,6 +168,23 @@ def _frames_with_white(session: Path) -> list[object]:
     return [session / "frames", "--dark", session / "dark", "--white", session / "white"]
 
 
+def _exposure(text: str) -> Spoil:
+    return _manifest(lambda lines: [f"{lines[0]},exposure_s", *(f"{line},{text}" for line in lines[1:])])
+
+
+def _frame(role: str, value: float) -> Spoil:
+    """Return the options with a dark or white frame of which one pixel (0: every pixel) is ``value``."""
+
+    def spoil(session: Path) -> list[object]:
+        frame = np.full((40, 48), 30000.0 if value else 0.0)
+        frame[20, 24] = value
+        np.save(session / "own.npy", frame)
+        dark = session / "dark" if role == "--white" else session / "own.npy"
+        return [session / "frames", "--dark", dark, *(["--white", session / "own.npy"] if role == "--white" else [])]
+
+    return spoil
+
+
 CASES: dict[str, tuple[Spoil, str]] = {
     "no such folder": (lambda s: [s / "nowhere"], "no such file"),
     "empty folder": (lambda s: [(s / "void").mkdir() or s / "void", "--plan", s / "plan.json"], "manifest"),
@@ -200,6 +217,17 @@ CASES: dict[str, tuple[Spoil, str]] = {
     "manifest that leaves the session": (_outside("../../secret.png"), "secret.png"),
     "manifest with an absolute path": (_outside("/etc/hostname"), "hostname"),
     "link that leaves the session": (_symlink, FRAME),
+    "manifest with NaN": (_exposure("nan"), "exposure_s"),
+    "manifest with infinity": (_exposure("inf"), "exposure_s"),
+    "manifest with an exposure of zero": (_exposure("0"), "exposure_s"),
+    "manifest with a negative exposure": (_exposure("-1"), "exposure_s"),
+    "dark of NaN": (_frame("--dark", np.nan), "NaN"),
+    "dark of infinity": (_frame("--dark", np.inf), "infinity"),
+    "dark beyond any light": (_frame("--dark", 1e300), "1e+300"),
+    "white of NaN": (_frame("--white", np.nan), "NaN"),
+    "white of infinity": (_frame("--white", -np.inf), "infinity"),
+    "white beyond any light": (_frame("--white", 1e300), "1e+300"),
+    "white of zeros": (_frame("--white", 0.0), "light"),
     "no plan": (_no_plan, "plan"),
     "plan is not JSON": (_plan(lambda text: text[:40]), "JSON"),
     "plan of another format": (_plan(lambda text: text.replace("lfcal-plan", "other")), "lfcal-plan"),
@@ -270,6 +298,8 @@ def test_full_disk(lfcal: Lfcal, session: Path, tmp_path: Path, monkeypatch: pyt
         ("plan", "no_such_camera", "--depths", "0"),
         ("plan", "bench", "--depths", "a,b"),
         ("plan", "bench", "--virtual-depths", "2", "--cutout", "8"),
+        ("plan", "bench", "--virtual-depths", "3", "--exposure", "1e308"),
+        ("plan", "bench", "--virtual-depths", "3", "--settle", "1e300"),
     ],
 )
 def test_other_commands(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str]) -> None:

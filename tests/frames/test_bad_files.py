@@ -276,3 +276,37 @@ def test_chunk_helper_makes_a_file_that_reads() -> None:
     image = cv2.imdecode(np.frombuffer(png_bytes(40, 50, 16, 0, rows), np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(image, FRAME)
     assert len(png_chunk(b"IEND", b"")) == 12
+
+
+@pytest.mark.parametrize("dtype", ["f2", "f4", "f8", ">f8"])
+@pytest.mark.parametrize("kind", ["npy", "tif", "packed.tif", "h5"])
+def test_float_samples_beyond_any_light(tmp_path: Path, kind: str, dtype: str) -> None:
+    """NaN and infinity say that a pixel was not measured; other values beyond 1e12 would overflow later."""
+    path = tmp_path / f"a.{kind}"
+
+    def write(value: float) -> None:
+        frame = FRAME.astype(dtype)
+        frame[3, 4] = value
+        if kind == "npy":
+            np.save(path, frame)
+        elif kind == "h5":
+            _h5(path, lambda f: f.create_dataset("frames", data=frame[None]))
+        else:
+            tifffile.imwrite(path, frame, compression="zlib" if "packed" in kind else None)
+
+    for value in (np.nan, np.inf, -np.inf, 0.0, -5.0, min(9e11, float(np.finfo(dtype).max))):
+        write(value)
+        np.testing.assert_equal(float(read_image(path)[3, 4]), float(np.dtype(dtype).type(value)))
+    if dtype == "f2":
+        return
+    for value in (1.1e12, -2e12, float(np.finfo(dtype).max)):
+        write(value)
+        with pytest.raises(FileFormatError, match=r"expected samples up to 1e\+12, got"):
+            read_image(path)
+
+
+def test_whole_numbers_beyond_any_light(tmp_path: Path) -> None:
+    for dtype in (np.uint64, np.int64):
+        np.save(tmp_path / "a.npy", np.full((4, 5), 2**62, dtype))
+        with pytest.raises(FileFormatError, match=r"got 4\.61e\+18"):
+            read_image(tmp_path / "a.npy")

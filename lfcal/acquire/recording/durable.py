@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from lfcal.errors import StorageError
-from lfcal.files import storage_errors
+from lfcal.files import read_text, storage_errors
+from lfcal.plain import parse_json
 from lfcal.system import OPEN_FLAGS, lock, write_at
 from lfcal.units import format_bytes
 
@@ -40,7 +41,7 @@ class FolderLock:
 
     def _holder(self) -> str:
         try:
-            note: Any = json.loads(self.path.read_text() or "{}")
+            note: Any = parse_json(read_text(self.path, limit=1000) or "{}", str(self.path))
             return f"another program (process {int(note['pid'])})"
         except (OSError, ValueError, KeyError, TypeError):
             return "another program"

@@ -33,7 +33,10 @@ def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
             raise InputError.expected(
                 f"frame {count} of the average", f"shape {total.shape}", frame.shape, "leave it out"
             )
-        total += frame
+        with np.errstate(
+            invalid="ignore"
+        ):  # NaN of some kinds are told when they are converted; who averages sees them
+            total += frame
         count += 1
     if total is None:
         raise InputError.expected("frames to average", "at least one", "none", "check the path")

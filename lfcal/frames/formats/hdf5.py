@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
-from lfcal.frames.formats.image_file import Format, ImageFile
+from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
 from lfcal.frames.regions import check_region
 from lfcal.h5.file import H5File
 
@@ -100,7 +100,7 @@ class Hdf5Image(ImageFile):
         at = np.unravel_index(self.check_page(page), self._lead)
         with self._lock:
             part = self._data.read((*(int(k) for k in at), rows, columns))
-        return np.ascontiguousarray(part, self.dtype)
+        return check_samples(self.path, np.ascontiguousarray(part, self.dtype))
 
     def close(self) -> None:
         """Close the file."""

@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.checks import MAX_SAMPLE
 from lfcal.errors import FileFormatError, LfcalError, UnsafeFileError
 from lfcal.files import MAX_EXPANSION, storage_errors
 from lfcal.frames.regions import check_region
 from lfcal.units import format_bytes
 
-__all__ = ["MAX_SIDE", "Format", "ImageFile", "check_declared", "check_grey", "decoding"]
+__all__ = ["MAX_SIDE", "Format", "ImageFile", "check_declared", "check_grey", "check_samples", "decoding"]
 
 MAX_SIDE = 200_000
 
@@ -134,6 +135,25 @@ def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: in
             f"{format_bytes(nbytes)} declared in a file of {format_bytes(stored)}",
             "the header is wrong; take it from its source again",
         )
+
+
+def check_samples(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
+    """Return ``samples``; raise `FileFormatError` where one is larger than any light.
+
+    NaN and infinity pass: they mark pixels without a measurement, and what uses the frame decides.
+    """
+    # whole numbers of 32 bits cannot be so large
+    if not samples.size or not (samples.dtype.kind == "f" or samples.dtype.itemsize == 8):
+        return samples
+    # not so where one is NaN: the others are looked at then
+    if max(float(samples.max()), -float(samples.min())) <= MAX_SAMPLE:
+        return samples
+    finite = np.abs(samples[np.isfinite(samples)].astype(np.float64))
+    if finite.size and finite.max() > MAX_SAMPLE:
+        raise FileFormatError.expected(
+            str(path), f"samples up to {MAX_SAMPLE:g}", f"{finite.max():.3g}", "scale them, or record them again"
+        )
+    return samples
 
 
 def check_grey(path: Path, components: int, colour: str | None, bits: int) -> None:

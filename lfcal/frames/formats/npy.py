@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError, UnsafeFileError
-from lfcal.frames.formats.image_file import Format, ImageFile, decoding
+from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
 from lfcal.frames.regions import check_region
+from lfcal.npy import map_npy
 
 __all__ = ["NpyImage"]
 
@@ -20,15 +21,7 @@ class NpyImage(ImageFile):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            with decoding(path, "NPY"):
-                array = np.load(path, mmap_mode="r", allow_pickle=False)
-        except FileFormatError as error:
-            if "allow_pickle" in str(error) or "Python objects" in str(error):
-                raise UnsafeFileError.expected(
-                    str(path), "plain numbers", "pickled Python objects", "save it as an array of numbers"
-                ) from error
-            raise
+        array: Any = map_npy(path)
         if array.dtype.kind not in "iuf":
             raise UnsafeFileError.expected(
                 str(path), "whole numbers or floats", f"dtype {array.dtype}", "save it as numbers"
@@ -56,7 +49,8 @@ class NpyImage(ImageFile):
         """Return a copy of a part of one frame."""
         rows, columns = check_region((rows, columns), self.shape)
         at = np.unravel_index(self.check_page(page), self._lead) if self._lead else ()
-        return np.array(self._array[(*(int(k) for k in at), rows, columns)], self.dtype, order="C")
+        part = np.array(self._array[(*(int(k) for k in at), rows, columns)], self.dtype, order="C")
+        return check_samples(self.path, part)
 
 
 FORMAT = Format(

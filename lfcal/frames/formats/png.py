@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
 from lfcal.frames.formats._png_kernels import samples_of, unfilter
+from lfcal.frames.formats.decoder_messages import caught_messages
 from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, decoding
 
 __all__ = ["PngImage"]
@@ -77,7 +78,7 @@ class PngImage(ImageFile):
         """Return one component of a colour image, or an interlaced one."""
         import cv2
 
-        with decoding(self.path, "PNG"):
+        with decoding(self.path, "PNG"), caught_messages():
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         if image is None:
             raise self._damaged("pixels that cannot be decoded")

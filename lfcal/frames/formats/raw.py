@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
+from lfcal.frames.formats.decoder_messages import caught_messages
 from lfcal.frames.formats.image_file import Format, ImageFile, decoding
 
 __all__ = ["RawImage"]
@@ -27,10 +30,19 @@ class RawImage(ImageFile):
         self.path = path
         with storage_errors(path):
             path.open("rb").close()
+        with self._opened() as raw:
+            self._describe(raw)
+
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
+        """Give the opened file; what LibRaw only complains of is damage, too."""
         import rawpy
 
-        with decoding(path, "camera RAW"), rawpy.imread(str(path)) as raw:
-            self._describe(raw)
+        with decoding(self.path, "camera RAW"):
+            with caught_messages(str(self.path)) as complaint, rawpy.imread(str(self.path)) as raw:
+                yield raw
+            if complaint():
+                raise ValueError(complaint())
 
     def _describe(self, raw: Any) -> None:
         import rawpy
@@ -75,9 +87,7 @@ class RawImage(ImageFile):
     def read(self, page: int = 0) -> NDArray[Any]:
         """Return the mosaic of the visible area, untouched."""
         self.check_page(page)
-        import rawpy
-
-        with decoding(self.path, "camera RAW"), rawpy.imread(str(self.path)) as raw:
+        with self._opened() as raw:
             frame = np.array(raw.raw_image_visible, self.dtype, order="C")
         if frame.shape != self.shape:
             raise FileFormatError.expected(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
-from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, decoding
+from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, check_samples, decoding
 from lfcal.frames.regions import check_region
 
 __all__ = ["TiffImage", "count_pages"]
@@ -48,7 +48,7 @@ def count_pages(path: Path) -> int:
             if where in seen:
                 raise _damaged(path, f"page {len(seen)} leads back to an earlier one")
             seen.add(where)
-            where = _next_page(file, where, order, big)
+            where = _next_page(file, where, size, order, big)
             if where < 0 or where > size:
                 raise _damaged(path, f"the file ends within page {len(seen) - 1 if where < 0 else len(seen)}")
     if not seen:
@@ -56,14 +56,19 @@ def count_pages(path: Path) -> int:
     return len(seen)
 
 
-def _next_page(file: BinaryIO, where: int, order: str, big: bool) -> int:
+def _next_page(file: BinaryIO, where: int, size: int, order: str, big: bool) -> int:
     """Return where the page after the one at ``where`` begins, 0 after the last, -1 where the file ends too soon."""
     count_form, tag, pointer = ("Q", 20, "Q") if big else ("H", 12, "I")
+    if where > size:  # where no file can end, or be read
+        return -1
     file.seek(where)
     raw = file.read(struct.calcsize(order + count_form))
     if len(raw) < struct.calcsize(order + count_form):
         return -1
-    file.seek(where + len(raw) + tag * struct.unpack(order + count_form, raw)[0])
+    after = where + len(raw) + tag * int(struct.unpack(order + count_form, raw)[0])
+    if after > size:  # a forged count leads beyond what a file can have
+        return -1
+    file.seek(after)
     raw = file.read(struct.calcsize(order + pointer))
     if len(raw) < struct.calcsize(order + pointer):
         return -1
@@ -171,7 +176,7 @@ class TiffImage(ImageFile):
             image = image[self._component] if image.shape[0] == self._samples else image[..., self._component]
         if image.shape != self.shape:
             raise _damaged(self.path, f"page {page} holds {image.shape}")
-        return np.ascontiguousarray(image, self.dtype)
+        return check_samples(self.path, np.ascontiguousarray(image, self.dtype))
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
         """Return a part of one page; of uncompressed pages only its rows are read."""
@@ -187,6 +192,9 @@ class TiffImage(ImageFile):
         with self._lock, decoding(self.path, "TIFF"):
             page = self._first if self._virtual else self._tiff.pages[number]
             shape, dtype = (int(page.imagelength), int(page.imagewidth)), page.dtype
+            starts, lengths = [int(n) for n in page.dataoffsets], [int(n) for n in page.databytecounts]
+        if len(starts) != len(lengths):
+            raise _damaged(self.path, f"page {number} has {len(starts)} pieces and {len(lengths)} lengths")
         if shape != self.shape or dtype != self._first.dtype or page.samplesperpixel != self._samples:
             raise FileFormatError.expected(
                 f"{self.path} page {number}",
@@ -195,10 +203,10 @@ class TiffImage(ImageFile):
                 "keep frames of one kind in a file",
             )
         skip = number * int(np.prod(self.shape)) * self.dtype.itemsize if self._virtual else 0
-        for start, length in zip(page.dataoffsets, page.databytecounts, strict=True):
+        for start, length in zip(starts, lengths, strict=True):
             if start <= 0 or length <= 0 or skip + start + length > self._size:
                 raise _damaged(self.path, f"the samples of page {number} are not all there")
-        return page, (skip + int(page.dataoffsets[0]) if self._plain(page) else None)
+        return page, (skip + starts[0] if starts and self._plain(page) else None)
 
     def _read_rows(self, where: int, rows: slice) -> NDArray[Any]:
         stored = self.dtype.newbyteorder(self._tiff.byteorder)
@@ -209,7 +217,7 @@ class TiffImage(ImageFile):
         # fromfile stops silently at the end of a file
         if data.size != count:
             raise _damaged(self.path, "the file was cut short while open")
-        return np.ascontiguousarray(data.reshape(-1, self.shape[1]), self.dtype)
+        return check_samples(self.path, np.ascontiguousarray(data.reshape(-1, self.shape[1]), self.dtype))
 
     def close(self) -> None:
         """Close the file."""
