@@ -299,5 +299,5 @@ def figures(
 
     Example: `lfcal multiplex figures pictures/ --camera r29`
     """
-    check_outputs((folder / name for name in pictures.FIGURES), raw, camera, force=force)
+    check_outputs(pictures.figure_files(folder), raw, camera, force=force)
     run_work(pictures.iter_paper_figures(folder, raw, _chi2(None, camera, 1.0)[1], seed))

@@ -19,11 +19,7 @@ if TYPE_CHECKING:
 LEFT = ("CYMG", "CYYM", "RGBE", "RGBW", "RGBW 4x4", "CMYW", "X-Trans", "Bayer")
 RIGHT = ("lenslet", "MURA", "pinhole", "sum_of_sinusoids")
 PICTURED = ("Bayer", "X-Trans", "MURA:11", "sum_of_sinusoids:11", "lenslet:3*Bayer")
-FIGURES = (
-    *(f"figure{k}.png" for k in (3, 5, 6, 7)),
-    *(f"modulator_{name.replace(':', '').replace('*', '_')}.png" for name in PICTURED),
-)
-"""Names of the pictures of the paper."""
+FIGURES = ("figure3", "figure5", "figure6", "figure7")
 
 SIDE = 11
 """Super-pixel of figures 6 and 7."""
@@ -137,6 +133,12 @@ def _ringing(trial: FilterTrial) -> tuple[str, str]:
     return ("—", "—") if found is None else (f"{100 * found.flat:.2f}", f"{100 * found.overshoot:.1f}")
 
 
+def figure_files(folder: Path) -> list[Path]:
+    """Return the files that `iter_paper_figures` writes."""
+    modulators = (name.replace(":", "").replace("*", "_") for name in PICTURED)
+    return [folder / f"{name}.png" for name in (*FIGURES, *(f"modulator_{name}" for name in modulators))]
+
+
 def iter_paper_figures(folder: Path, raw: Path | None, marks: Mapping[str, float], seed: int) -> Work[list[Path]]:
     """Draw figures 3, 5, 6 and 7 and the modulators into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -147,13 +149,13 @@ def iter_paper_figures(folder: Path, raw: Path | None, marks: Mapping[str, float
         lambda p: _figure7(p, seed),
         *(lambda p, n=name: _modulator(p, n) for name in PICTURED),
     ]
-    clock, written = Clock("figures", len(works)), []
-    for k, (name, draw) in enumerate(zip(FIGURES, works, strict=True)):
-        yield clock.at(k, name)
-        written.append(folder / name)
-        draw(written[-1])
+    files = figure_files(folder)
+    clock = Clock("figures", len(works))
+    for k, (path, draw) in enumerate(zip(files, works, strict=True)):
+        yield clock.at(k, path.name)
+        draw(path)
     yield clock.at(len(works))
-    return written
+    return files
 
 
 def _modulator(path: Path, name: str) -> None:

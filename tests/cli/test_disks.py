@@ -16,7 +16,7 @@ UNCHECKED = "import lfcal.files; lfcal.files.require_space = lambda *_, **__: No
 """The free space is not looked at beforehand, as where another program fills the disk meanwhile."""
 
 NAMES = [pytest.param(name, marks=pytest.mark.long) if name in LONG else name for name in WRITERS]
-SOME = {"plan", "white views", "transpose", "export npy", "reconstruct h5", "inspect", "multiplex demosaic"}
+SOME = {"plan", "transpose", "export npy", "reconstruct h5", "multiplex demosaic"}
 A_FEW = [name if name in SOME else pytest.param(name, marks=pytest.mark.long) for name in WRITERS]
 
 Mount = Callable[[str], Path]

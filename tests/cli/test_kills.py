@@ -114,7 +114,9 @@ main()
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.long)]
+)
 def test_ended_while_the_scratch_file_lies_there(place: Path, number: signal.Signals) -> None:
     """At the worst moment: all is written, and has not got its name yet."""
     words = WRITERS["transpose"].words("--force")

@@ -64,8 +64,10 @@ WRITERS = {
     "demo": Writer("demo out", "out/H.h5", 8000),
     "bench accuracy": Writer("bench accuracy bench --positions 1 -o out.png", "out.png", 3000),
 }
-LONG = {"demo", "bench accuracy", "multiplex figures", "multiplex search"}
-"""Those that take seconds."""
+LONG = {"demo", "inspect", "white views", "bench accuracy"} | {
+    f"multiplex {n}" for n in ("figures", "search", "filters")
+}
+"""Those that take a second or more."""
 
 
 def make_inputs(folder: Path) -> None:
