@@ -93,9 +93,7 @@ def test_what_cannot_be_written_is_said_before_the_work(lfcal: Lfcal, place: Pat
     assert listing(place) == before
 
 
-@pytest.mark.parametrize(
-    "name", ["plan", "white", "simulate", "transpose", "export h5", "export tif", "multiplex show"]
-)
+@pytest.mark.parametrize("name", ["plan", "transpose", "export h5", "export tif", "reconstruct npy"])
 def test_force_replaces_through_a_link(lfcal: Lfcal, place: Path, name: str) -> None:
     writer = WRITERS[name]
     target = place / writer.output
@@ -155,6 +153,7 @@ def test_devices_and_folders_are_no_outputs(lfcal: Lfcal, place: Path) -> None:
         assert run.code == 2 and why in run.err and run.err.count("\n") == 1, run.err
 
 
+@pytest.mark.long
 def test_other_files_of_a_folder_stay(lfcal: Lfcal, place: Path) -> None:
     (place / "out").mkdir()
     (place / "out" / "notes.txt").write_text("mine")

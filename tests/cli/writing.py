@@ -64,9 +64,8 @@ WRITERS = {
     "demo": Writer("demo out", "out/H.h5", 8000),
     "bench accuracy": Writer("bench accuracy bench --positions 1 -o out.png", "out.png", 3000),
 }
-LONG = {"demo", "inspect", "white views", "bench accuracy"} | {
-    f"multiplex {n}" for n in ("figures", "search", "filters")
-}
+LONG = {"demo", "inspect", "white", "white views", "bench accuracy"}
+LONG |= {f"multiplex {name}" for name in ("compare", "show", "search", "filters", "figures")}
 """Those that take a second or more."""
 
 
