@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from lfcal import __version__
+from lfcal.system import processors
 
 __all__ = ["Log", "log_folder", "system_line"]
 
@@ -32,7 +33,7 @@ def system_line() -> str:
     qt = sys.modules.get("PySide6")
     return (
         f"lfcal {__version__}, Python {platform.python_version()}, PySide6 {getattr(qt, '__version__', 'not loaded')}, "
-        f"{platform.platform()}, {os.cpu_count()} processors"
+        f"{platform.platform()}, {processors()} processors"
     )
 
 

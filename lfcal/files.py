@@ -13,12 +13,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from lfcal.errors import FileFormatError, InputError, StorageError
-from lfcal.system import is_alive, replace, sync_file, sync_folder
+from lfcal.system import OPEN_FLAGS, is_alive, lock, replace, sync_file, sync_folder
 from lfcal.units import format_bytes
 
 __all__ = [
     "check_other_file",
     "check_regular",
+    "check_writable",
     "read_text",
     "replace_whole",
     "require_space",
@@ -60,6 +61,9 @@ def storage_errors(path: Path) -> Iterator[None]:
             raise
         known = None if number is None else os.strerror(number)
         reason = known or getattr(error, "strerror", None) or " ".join(str(error).split())
+        if number is None and re.search(r"\d+ requested and \d+ written", reason):
+            # numpy's words; the system's number is lost
+            number, reason = errno.ENOSPC, "the disk took only a part of it"
         raise StorageError(f"{path}: {reason}; {_REMEDIES.get(number or 0, 'check the disk and the path')}") from error
 
 
@@ -93,45 +97,122 @@ def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
         )
 
 
+def check_writable(path: str | os.PathLike[str]) -> Path:
+    """Return the file that a link or name leads to; raise `StorageError` unless it can be written or replaced.
+
+    Refused are folders, pipes and devices, files that are read-only, and names in folders that may not be written to.
+    """
+    target = Path(os.path.realpath(path))
+    with storage_errors(target):
+        if target.exists():
+            check_regular(target)
+            if not target.stat().st_mode & stat.S_IWUSR:
+                raise StorageError(f"{target}: is read-only; choose another name, or make it writable")
+        folder = target.parent
+        # folders that are not there yet are made in the nearest one that is
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
+        if not folder.is_dir():
+            raise StorageError(f"{target}: {folder} is a file; check the path")
+        if not os.access(folder, os.W_OK):
+            raise StorageError(f"{target}: {folder} may not be written to; choose another folder")
+    return target
+
+
 @contextmanager
 def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a scratch path beside ``path``; put it in place when the block ends well, else remove it.
 
     The scratch file is flushed to disk before it takes the name (`lfcal.system.replace`), so that ``path`` is at
     every moment the old file, the new file whole, or absent. Folders above ``path`` are made. A link is followed, not
-    replaced; an existing file keeps its mode, and one that is read-only is refused. Scratch files that dead processes
-    left for the same name are removed.
+    replaced; an existing file keeps its mode, and one that is read-only is refused. One program writes a file at a
+    time; scratch files that dead ones left for the same name are removed.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written, another program is writing it, or the disk refuses anything in the block.
     """
-    target = Path(os.path.realpath(path))
-    if target.is_dir():
-        raise StorageError(f"{target}: is a folder; name a file in it")
+    target = check_writable(path)
     with storage_errors(target):
         mode = stat.S_IMODE(target.stat().st_mode) if target.exists() else None
-        if mode is not None and not mode & stat.S_IWUSR:
-            raise StorageError(f"{target}: is read-only; choose another name, or make it writable")
         target.parent.mkdir(parents=True, exist_ok=True)
-        _sweep(target)
-        part = target.with_name(f".{target.name}.{os.getpid()}.part")
+        with _only_writer(target) as alone:
+            _sweep(target, alone=alone)
+            part = target.with_name(f".{target.name}.{os.getpid()}.part")
+            try:
+                part.touch(exist_ok=True)
+                yield part
+                sync_file(part)
+                if mode is not None:
+                    os.chmod(part, mode)
+                replace(part, target)
+                sync_folder(target.parent)
+            finally:
+                with suppress(FileNotFoundError):
+                    part.unlink()
+
+
+@contextmanager
+def _only_writer(target: Path) -> Iterator[bool]:
+    """Keep other writers of ``target`` out by a lock beside it; yield whether this file system keeps locks."""
+    path = target.with_name(f".{target.name}.lock")
+    descriptor = _locked(path, target)
+    try:
+        yield descriptor is not None
+    finally:
+        if descriptor is not None:
+            # removed before it is closed, so that nobody else can hold it; Windows removes no open file
+            removed = _unlink(path)
+            os.close(descriptor)
+            if not removed:
+                _unlink(path)
+
+
+def _locked(path: Path, target: Path) -> int | None:
+    """Return a descriptor of the lock file, locked; None where others made it or the file system has no locks."""
+    while True:
         try:
-            part.touch(exist_ok=True)
-            yield part
-            sync_file(part)
-            if mode is not None:
-                os.chmod(part, mode)
-            replace(part, target)
-            sync_folder(target.parent)
-        finally:
-            with suppress(FileNotFoundError):
-                part.unlink()
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | OPEN_FLAGS, 0o666)
+        except PermissionError:
+            if path.exists():  # left by another user's program
+                return None
+            raise
+        try:
+            lock(descriptor)
+        except OSError as error:
+            os.close(descriptor)
+            if error.errno not in (errno.EAGAIN, errno.EACCES, errno.EDEADLK):
+                return None
+            raise StorageError(
+                f"{target}: another program is writing it; wait for it to end, or choose another name"
+            ) from error
+        if _is_name_of(path, descriptor):
+            return descriptor
+        os.close(descriptor)  # its owner has removed it meanwhile: it keeps nobody out
 
 
-def _sweep(target: Path) -> None:
-    """Remove scratch files for ``target`` whose process is gone."""
+def _is_name_of(path: Path, descriptor: int) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _unlink(path: Path) -> bool:
+    """Remove a file; return whether it is gone."""
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
+        return True
+    return False
+
+
+def _sweep(target: Path, *, alone: bool) -> None:
+    """Remove scratch files for ``target``: all where nobody else can be writing, else those of dead processes."""
     for part in target.parent.glob(f".{glob.escape(target.name)}.*.part"):
         process = part.name.removesuffix(".part").rpartition(".")[2]
-        if process.isdigit() and int(process) != os.getpid() and not is_alive(int(process)):
-            with suppress(OSError):
-                part.unlink()
+        if process.isdigit() and (alone or not is_alive(int(process))):
+            _unlink(part)
 
 
 def check_regular(path: Path) -> None:

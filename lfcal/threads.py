@@ -7,6 +7,7 @@ enter them at once, as a window with jobs does.
 from __future__ import annotations
 
 import itertools
+import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -14,18 +15,80 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from typing import Any, TypeVar
 
+from lfcal.errors import InputError
 from lfcal.system import processors
 
-__all__ = ["chunks", "for_each_chunk", "one_blas_thread", "worker_count"]
+__all__ = ["WORKERS", "bounded_threads", "chunks", "for_each_chunk", "one_blas_thread", "worker_count"]
 
 R = TypeVar("R")
 
+WORKERS = "LFCAL_WORKERS"
+"""Environment variable: most threads of everything."""
+
+_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "OPENCV_FOR_THREADS_NUM",
+    "TIFFFILE_NUM_THREADS",
+    "BLOSC_NTHREADS",
+)
+"""Environment variables in which the libraries look for theirs, when they are loaded."""
+
 
 def worker_count(workers: int | None = None) -> int:
-    """Return ``workers``, or the number of processors this process may use when it is None."""
+    """Return ``workers``, or what the environment variable `WORKERS` says, or every processor this process may use.
+
+    Raises
+    ------
+    InputError
+        If the variable does not hold a whole number of at least 1.
+    """
     if workers is not None:
         return max(1, workers)
-    return processors()
+    text = os.environ.get(WORKERS, "")
+    if not text:
+        return processors()
+    if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) and len(text) < 9):
+        raise InputError.expected(WORKERS, "a whole number of at least 1", repr(text[:40]), "correct or unset it")
+    return int(text)
+
+
+@contextmanager
+def bounded_threads(workers: int | None = None) -> Iterator[int]:
+    """Let everything that runs inside this block use at most `worker_count` threads; yield the number.
+
+    That is this library's own pools, child processes, and the libraries it calls: those that are loaded already are
+    told, those that are loaded later read their number from the environment. A smaller number that the user has set
+    for one of them stays.
+    """
+    count = worker_count(workers)
+    before = {name: os.environ.get(name) for name in (WORKERS, *_VARIABLES)}
+    with ExitStack() as undo:
+        undo.callback(_set_environment, before)
+        _set_environment({WORKERS: str(count)} | {name: _at_most(before[name], count) for name in _VARIABLES})
+        if "numpy" in sys.modules:
+            from threadpoolctl import threadpool_limits
+
+            undo.enter_context(threadpool_limits(count))
+        if "cv2" in sys.modules:
+            cv2 = sys.modules["cv2"]
+            undo.callback(cv2.setNumThreads, cv2.getNumThreads())
+            cv2.setNumThreads(min(count, cv2.getNumThreads()))
+        yield count
+
+
+def _at_most(set_to: str | None, count: int) -> str:
+    return set_to if set_to is not None and set_to.isdigit() and 0 < int(set_to) < count else str(count)
+
+
+def _set_environment(values: dict[str, str | None] | dict[str, str]) -> None:
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
 
 
 def chunks(n: int, parts: int) -> list[tuple[int, int]]:

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import os
 import stat
-import subprocess
-import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from lfcal.errors import InputError, StorageError
 from lfcal.files import check_other_file, replace_whole
-from lfcal.psf import PSFMatrix, save
 
 
 def write(path: Path, text: str) -> None:
@@ -57,14 +53,13 @@ def test_an_error_leaves_the_old_file(tmp_path: Path) -> None:
     assert path.read_text() == "old" and len(list(tmp_path.iterdir())) == 1
 
 
-def test_scratch_files_of_dead_processes_are_swept_and_only_those(tmp_path: Path) -> None:
-    dead = subprocess.Popen([sys.executable, "-c", ""])
-    dead.wait()
-    left = [f".H.h5.{dead.pid}.part", f".H.h5.{os.getppid()}.part", f".other.h5.{dead.pid}.part", ".H.h5.x.part"]
+def test_scratch_files_left_behind_are_swept_and_only_those(tmp_path: Path) -> None:
+    """Nobody else writes the file while its lock is held: whatever lies there is left over, whoever has its number."""
+    left = [f".H.h5.{os.getppid()}.part", ".H.h5.99999999.part", ".other.h5.7.part", ".H.h5.x.part"]
     for name in left:
         (tmp_path / name).write_text("left")
     write(tmp_path / "H.h5", "new")
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*left[1:], "H.h5"])
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*left[2:], "H.h5"])
 
 
 def test_the_input_is_never_the_output(tmp_path: Path) -> None:
@@ -76,39 +71,3 @@ def test_the_input_is_never_the_output(tmp_path: Path) -> None:
             check_other_file(path, other)
     check_other_file(path, tmp_path / "new.h5")
     check_other_file("", path)
-
-
-LIMITED = """
-import resource, sys
-resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
-from lfcal.cli import main
-sys.argv = ["lfcal", *sys.argv[1:]]
-main()
-"""
-
-
-@pytest.mark.skipif(os.name == "nt", reason="this system has no limits on file sizes")
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("export", "H.h5", "-o", "out.npy"),
-        ("export", "H.h5", "-o", "out.h5"),
-        ("export", "H.h5", "-o", "out.mat"),
-        ("transpose", "H.h5", "-o", "out.h5"),
-    ],
-    ids=lambda command: f"{command[0]} {command[3]}",
-)
-def test_writes_that_fail_in_the_middle(tmp_path: Path, command: tuple[str, ...]) -> None:
-    """Real writes refused by the system, as by a quota: one line, the old file whole, nothing left beside it."""
-    rng = np.random.default_rng(0)
-    save(PSFMatrix(rng.random((1, 5, 5, 31, 31)).astype(np.float32)), tmp_path / "H.h5")
-    target = tmp_path / command[3]
-    target.write_text("old")
-    before = sorted(p.name for p in tmp_path.iterdir())
-    done = subprocess.run(
-        [sys.executable, "-c", LIMITED, *command], cwd=tmp_path, capture_output=True, text=True, timeout=600
-    )
-    assert done.returncode == 2, done.stderr
-    lines = done.stderr.strip().splitlines()
-    assert len(lines) == 1 and "File too large; choose a disk that takes files of this size" in lines[0], done.stderr
-    assert target.read_text() == "old" and sorted(p.name for p in tmp_path.iterdir()) == before

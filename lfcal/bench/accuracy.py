@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.cli.console import print_json, print_table, run_work
-from lfcal.cli.options import CameraArgument, JsonOption
+from lfcal.cli.options import CameraArgument, ForceOption, JsonOption
 from lfcal.units import format_seconds
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def command(
     check: bool = typer.Option(
         False, "--check", help="Also simulate the whole H and compare its time with the forecast."
     ),
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Measure what each step of accuracy costs for one plane of a camera.
@@ -42,9 +43,12 @@ def command(
     Example: `lfcal bench accuracy r29 --virtual-depth 4 -o r29.png`
     """
     from lfcal.camera import ScanPlan
+    from lfcal.cli.outputs import check_output
     from lfcal.cli.plan import load_camera
     from lfcal.simulate.accuracy.ladder import draw_ladder, iter_ladder
 
+    if figure is not None:
+        check_output(figure, camera, force=force)
     described = load_camera(camera)
     planes = {"depths_um": [depth]} if depth is not None else {"virtual_depths": [virtual_depth]}
     plan = ScanPlan.for_camera(described, **planes)  # type: ignore[arg-type]

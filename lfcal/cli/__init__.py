@@ -3,31 +3,80 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
 
 __all__ = ["main"]
 
 
+class _Ended(BaseException):
+    """A signal asks this program to end; it runs through every clean-up on its way out.
+
+    Not a KeyboardInterrupt, which the command parser would end without a word.
+    """
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+
 def main() -> None:
-    """Run ``lfcal``: bad input ends with one clear line and exit code 2."""
+    """Run ``lfcal``: bad input ends with one clear line and exit code 2, a signal with 128 and its number."""
+    try:
+        with _signals_clean_up():
+            _run()
+    except _Ended as ended:
+        # What shells expect of a program that a signal has ended.
+        _stop(128 + ended.number, "stopped; nothing half-written stays behind")
+
+
+def _run() -> None:
     # Imported late: a package that only asks where the command line is must not load every library.
-    from lfcal.cli.app import build_app
-    from lfcal.cli.console import report
     from lfcal.errors import Cancelled, LfcalError
+    from lfcal.threads import bounded_threads
 
     try:
-        build_app()()
-    except (KeyboardInterrupt, Cancelled):
-        report("stopped; nothing half-written stays behind")
-        # 128 + SIGINT: what shells expect of an interrupted program.
-        sys.exit(130)
+        with bounded_threads():
+            from lfcal.cli.app import build_app
+
+            build_app()()
+    except Cancelled:
+        raise _Ended(signal.SIGINT) from None
     except LfcalError as error:
-        report(str(error))
-        sys.exit(2)
+        _stop(2, str(error))
     except MemoryError:
-        report("memory: not enough for this; choose a smaller region, or a machine with more")
-        sys.exit(2)
+        _stop(2, "memory: not enough for this; choose a smaller region, or a machine with more")
     except BrokenPipeError:
         # The reader of the pipe has gone (head, less): without this Python's own flush at exit fails once more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+
+
+def _stop(code: int, message: str) -> None:
+    from lfcal.cli.console import report
+
+    report(message)
+    sys.exit(code)
+
+
+@contextmanager
+def _signals_clean_up() -> Iterator[None]:
+    """Let Ctrl-C, a hang-up and the request to terminate end the program, scratch files removed."""
+
+    def end(number: int, _: FrameType | None) -> None:
+        raise _Ended(number)
+
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        # Windows has no hang-up; what the caller ignores (nohup) or handles itself stays so.
+        numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+        usual = (signal.SIG_DFL, signal.default_int_handler)
+        before = {number: signal.signal(number, end) for number in numbers if signal.getsignal(number) in usual}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

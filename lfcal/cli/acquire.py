@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import JsonOption
+from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from lfcal.acquire.control import Control
@@ -70,6 +70,8 @@ def command(
     assemble: Path | None = typer.Option(None, "--assemble", help="Assemble H into this file at the end (.h5)."),
     pack: bool = typer.Option(True, help="Compress the finished recording."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Check everything and say what it will cost; move nothing."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Move the point source through a scan plan and record a frame at each position, safe against any crash.
@@ -80,8 +82,11 @@ def command(
     Example: `lfcal acquire plan.json --backend sim --out session/ --assemble H.h5`
     """
     from lfcal.acquire.redo import RedoList
+    from lfcal.cli.outputs import check_output
     from lfcal.devices.registry import open_rig
 
+    if assemble is not None:
+        check_output(assemble, plan, redo, out, force=force)
     scan = _read_plan(plan, origin)
     given = {
         "order": order,

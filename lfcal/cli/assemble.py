@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli.options import CompressionOption, JsonOption, WorkersOption
+from lfcal.cli.options import CompressionOption, ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -74,15 +74,20 @@ def command(
     dtype: str = typer.Option("uint16", "--dtype", help="Stored type: uint16 with a scale per plane, or float32."),
     compression: CompressionOption = "gzip",
     workers: WorkersOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Correct and crop point-source frames with the shifting cutout, and assemble them into H.
 
     Example: `lfcal assemble session/frames --dark session/dark --white session/white -o H.h5`
     """
+    from lfcal.cli.outputs import TABLES, check_output
     from lfcal.frames import CorrectionRecipe
     from lfcal.psf.assemble_plan import AssemblySettings
 
+    # A manifest's frames lie beside it.
+    beside = frames.parent if frames.suffix.lower() in TABLES else None
+    check_output(out, frames, beside, plan, manifest, dark, white, force=force)
     recipe = CorrectionRecipe(
         dark=dark,
         black_level=black_level,

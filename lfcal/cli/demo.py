@@ -11,12 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import JsonOption
+from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.frames import Frames
     from lfcal.psf import PSFMatrix
+
+
+FILES = ("H.h5", "H_and_HT.png", "depth_sums.png", "truth.h5", "recorded_H.h5", "H.mat")
+"""What is written besides the report."""
+
+REPORT = "report"
 
 
 def register(app: typer.Typer) -> None:
@@ -41,6 +47,9 @@ class _Steps:
 
 def command(
     out: Path = typer.Argument(Path("demo_out"), help="Folder to write into."),
+    *,
+    workers: WorkersOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Run the main job on the sample session: frames, H, its transpose, pictures, a report, a MATLAB file.
@@ -49,9 +58,12 @@ def command(
     """
     from lfcal.cli.assemble import open_scan
     from lfcal.cli.console import print_json, print_table
+    from lfcal.cli.outputs import check_outputs
     from lfcal.cli.sample import sample_session
+    from lfcal.psf.report import report_files
     from lfcal.units import format_seconds
 
+    check_outputs([*(out / name for name in FILES), *report_files(out / REPORT)], force=force)
     session = sample_session()
     source, plan = open_scan(session / "frames", session / "plan.json")
     steps = _Steps()
@@ -167,7 +179,7 @@ def _report(matrix: PSFMatrix, out: Path, steps: _Steps, *, quiet: bool) -> None
     from lfcal.psf.report import iter_report
 
     with steps.step("quality report") as made:
-        run_work(iter_report(matrix, out / "report"), quiet=quiet)
+        run_work(iter_report(matrix, out / REPORT), quiet=quiet)
         made.append("report/index.html")
 
 

@@ -70,6 +70,7 @@ def examine() -> dict[str, Any]:
 
     from lfcal import __version__
     from lfcal.devices.registry import find_backends
+    from lfcal.system import processors
     from lfcal.threads import worker_count
     from lfcal.units import format_bytes
 
@@ -77,7 +78,8 @@ def examine() -> dict[str, Any]:
         "lfcal": __version__,
         "Python": platform.python_version(),
         "platform": platform.platform(),
-        "processors": worker_count(),
+        "processors": processors(),
+        "threads used": f"{worker_count()} ({_bound_by()})",
         "memory": format_bytes(_memory_bytes()),
         "disk free here": format_bytes(shutil.disk_usage(Path.cwd()).free),
         "disk free for temporary files": format_bytes(shutil.disk_usage(tempfile.gettempdir()).free),
@@ -117,6 +119,13 @@ def _version(name: str) -> str | None:
 def _remedy(name: str) -> str:
     extra = OPTIONAL.get(name)
     return f"uv pip install 'lfcal[{extra}]'" if extra else f"uv pip install {name}"
+
+
+def _bound_by() -> str:
+    from lfcal.system import processors
+    from lfcal.threads import WORKERS, worker_count
+
+    return WORKERS if worker_count() != processors() else "every processor this process may use"
 
 
 def _memory_bytes() -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.cli.options import JsonOption, MatrixArgument
+from lfcal.cli.options import ForceOption, JsonOption, MatrixArgument, WorkersOption
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,6 +31,8 @@ def command(
     ),
     uncompressed: bool = typer.Option(False, "--uncompressed", help=".mat, .h5: no compression; faster to read."),
     position: str = typer.Option("", help=".tif: only the stack over depth of one position, 'y,x'."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Export H (and Ht) for a deconvolution code.
@@ -38,7 +40,8 @@ def command(
     Example: `lfcal export H.h5 -o H.mat`
     """
     from lfcal.cli.console import print_json, run_work
-    from lfcal.psf.export import iter_export
+    from lfcal.cli.outputs import check_outputs
+    from lfcal.psf.export import export_files, iter_export
     from lfcal.psf.opening import open_psf
     from lfcal.units import format_bytes, format_seconds
 
@@ -46,7 +49,11 @@ def command(
     given = {"--no-ht": no_ht, "--rows-first": rows_first, "--uncompressed": uncompressed, "--position": bool(position)}
     _check_given(suffix, {**given, "--transposed": transposed})
     start = time.perf_counter()
+    place = _position(position)
     with open_psf(source) as matrix:
+        # A TIFF of many stacks is written under other names: one per plane.
+        files = export_files(out, len(matrix), place)
+        check_outputs(files, source, force=force)
         if suffix == ".mat" and not json:
             _warn_of_period(matrix)
         work = iter_export(
@@ -55,17 +62,18 @@ def command(
             compress=False if uncompressed else None,
             include_transpose=False if no_ht else None,
             rows_first=True if rows_first else None,
-            position=_position(position),
+            position=place,
         )
-        written = run_work(work, quiet=json)
+        run_work(work, quiet=json)
         shape = matrix.shape
     seconds = time.perf_counter() - start
-    # A TIFF of many stacks is written under other names: one per plane.
-    size = written.stat().st_size if written.exists() else 0
+    sizes = [file.stat().st_size for file in files]
     if json:
-        print_json({"out": written, "shape": shape, "file_bytes": size, "seconds": seconds})
-    else:
-        typer.echo(f"{written}: {shape}, {format_bytes(size)} in {format_seconds(seconds)}")
+        written = [{"file": file, "bytes": size} for file, size in zip(files, sizes, strict=True)]
+        print_json({"out": out, "files": written, "shape": shape, "file_bytes": sum(sizes), "seconds": seconds})
+        return
+    names = f"{files[0]}" if len(files) == 1 else f"{files[0]} … {files[-1].name} ({len(files)} files)"
+    typer.echo(f"{names}: {shape}, {format_bytes(sum(sizes))} in {format_seconds(seconds)}")
 
 
 _KNOWN_TO = {

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import JsonOption, MatrixArgument, WorkersOption
+from lfcal.cli.options import ForceOption, JsonOption, MatrixArgument, WorkersOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,6 +37,7 @@ def command(
     ),
     strict: bool = typer.Option(False, "--strict", help="End with exit code 1 when a metric is bad."),
     workers: WorkersOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Measure the quality of H: every metric with its merit, the aperture of each plane, what to do.
@@ -48,7 +49,7 @@ def command(
     from lfcal.psf.opening import open_psf
     from lfcal.psf.quality import iter_inspect
 
-    _check_before(report)
+    _check_before(report, source, reference, force=force)
     with ExitStack() as files:
         H = files.enter_context(open_psf(source))
         # The metrics are about the images of points: an HT file is inspected as the H it came from.
@@ -71,15 +72,16 @@ def command(
         raise typer.Exit(1)
 
 
-def _check_before(report: Path | None) -> None:
-    """Say which metrics of others are left out; raise `StorageError` where no report can be written."""
-    from lfcal.errors import StorageError
+def _check_before(report: Path | None, *inputs: Path | None, force: bool) -> None:
+    """Say which metrics of others are left out; raise where no report can be written, or one is there already."""
+    from lfcal.cli.outputs import check_outputs
     from lfcal.psf.quality import METRICS
+    from lfcal.psf.report import report_files
 
     for why in METRICS.failures().values():
         typer.echo(f"left out: {why}", err=True)
-    if report is not None and report.exists() and not report.is_dir():
-        raise StorageError.expected(str(report), "a folder for the report", "a file", "name a folder")
+    if report is not None:
+        check_outputs(report_files(report), *inputs, force=force)
 
 
 def control_frames(session: Path, H: PSFMatrix) -> Controls:

@@ -10,7 +10,8 @@ import typer
 
 from lfcal.cli import multiplex_figures as pictures
 from lfcal.cli.console import print_json, print_table, run_work
-from lfcal.cli.options import Chi2Option, GainOption, JsonOption, PresetOption
+from lfcal.cli.options import Chi2Option, ForceOption, GainOption, JsonOption, PresetOption, WorkersOption
+from lfcal.cli.outputs import check_output, check_outputs
 from lfcal.errors import InputError
 from lfcal.multiplex.naming import modulator_of
 
@@ -64,6 +65,8 @@ def compare(
     gain: GainOption = 1.0,
     monte_carlo: int = typer.Option(0, min=0, help="Also measure the gain on this many simulated super-pixels."),
     out: Path | None = typer.Option(None, "--out", "-o", help="Draw the gain over chi^2 as PNG."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Show transmission, noise amplification, rank and gain of modulators.
@@ -73,6 +76,8 @@ def compare(
     from lfcal.multiplex import gain_curves
     from lfcal.multiplex.summary import describe
 
+    if out is not None:
+        check_output(out, camera, force=force)
     chosen = [modulator_of(name) for name in modulators]
     base = modulator_of(reference) if reference else chosen[0]
     ratio, marks = _chi2(chi2, camera, gain)
@@ -152,6 +157,7 @@ def show(
     modulator: str = typer.Argument(help="Such as X-Trans, RGB/GBR, MURA:11 or lenslet:5*Bayer."),
     *,
     out: Path = typer.Option(..., "--out", "-o", help="PNG with pattern, spectrum, Sigma and Pi."),
+    force: ForceOption = False,
 ) -> None:
     """Draw a modulator: its pattern, spectrum and both bases.
 
@@ -159,6 +165,7 @@ def show(
     """
     from lfcal.multiplex.drawing import save_modulator
 
+    check_output(out, force=force)
     save_modulator(modulator_of(modulator), out)
 
 
@@ -171,6 +178,8 @@ def demosaic(
     filter: str = typer.Option("cubic", help="nearest, linear, cubic, lanczos, sinc or bilateral (spatial route)."),
     dark: float | None = typer.Option(None, help="Level of no light; RAW files state theirs."),
     page: int = typer.Option(0, min=0, help="Page of a file of many frames."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Demosaic a frame by the spatial or the Fourier route.
 
@@ -179,6 +188,7 @@ def demosaic(
     from lfcal.frames import open_image
     from lfcal.multiplex import cfa, demultiplex
 
+    check_output(out, frame, force=force)
     image = open_image(frame)
     mosaic = pattern or str(image.metadata.get("cfa", ""))
     if not mosaic:
@@ -199,6 +209,8 @@ def views(
     dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
     filter: str = typer.Option("cubic", help="nearest, linear or cubic."),
     modulator: str | None = typer.Option(None, help="Mask in place of lenslets, such as MURA:11."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Demultiplex the views of a light field on a measured lattice of any pitch.
 
@@ -208,6 +220,7 @@ def views(
     from lfcal.lattice import fit_lattice
     from lfcal.multiplex import SuperPixelLattice, demultiplex_lattice, lattice_channels
 
+    check_output(out, frame, white, dark, force=force)
     if modulator is not None and size:  # a mask has as many views as its super-pixel
         raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
     light, bright = (pictures.less(read_image(p), dark) for p in (frame, white))
@@ -229,6 +242,8 @@ def search(
     camera: PresetOption = None,
     gain: GainOption = 1.0,
     out: Path | None = typer.Option(None, "--out", "-o", help="Draw the frontier as PNG."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Search filter sets or masks for the best gain at a camera's chi^2.
@@ -237,6 +252,8 @@ def search(
     """
     from lfcal.multiplex.search import filter_set_frontier, iter_mask_frontier
 
+    if out is not None:
+        check_output(out, camera, force=force)
     ratio = _chi2(chi2, camera, gain)[0]
     if ratio is None:
         raise InputError.expected("chi^2", "--chi2 or --camera", "neither", "say for which camera to search")
@@ -256,12 +273,16 @@ def filters(
     *,
     size: int = typer.Option(256, min=64, max=4096, help="Pixels along a side of the scenes."),
     out: Path | None = typer.Option(None, "--out", "-o", help="Draw error against time as PNG."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Compare reconstruction routes and filters: error, ringing and time on a smooth and on a sharp-edged scene.
 
     Example: `lfcal multiplex filters -o filters.png`
     """
+    if out is not None:
+        check_output(out, force=force)
     pictures.filter_choice(size, out, json=json)
 
 
@@ -271,9 +292,12 @@ def figures(
     raw: Path | None = typer.Option(None, help="RAW frame for figure 3 in place of the drawn scene."),
     camera: str | None = typer.Option(None, help="Preset or camera file to mark in figure 6."),
     seed: int = typer.Option(1, help="Seed of the noise in figure 7."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Draw figures 3, 5, 6 and 7 of the paper, and the modulators.
 
     Example: `lfcal multiplex figures pictures/ --camera r29`
     """
+    check_outputs(pictures.figure_files(folder), raw, camera, force=force)
     run_work(pictures.iter_paper_figures(folder, raw, _chi2(None, camera, 1.0)[1], seed))

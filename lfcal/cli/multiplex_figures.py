@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lfcal import tiff_file
 from lfcal.cli.console import print_json, print_table
 from lfcal.errors import InputError
-from lfcal.files import replace_whole
 from lfcal.progress import Clock, Work
 
 if TYPE_CHECKING:
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 LEFT = ("CYMG", "CYYM", "RGBE", "RGBW", "RGBW 4x4", "CMYW", "X-Trans", "Bayer")
 RIGHT = ("lenslet", "MURA", "pinhole", "sum_of_sinusoids")
 PICTURED = ("Bayer", "X-Trans", "MURA:11", "sum_of_sinusoids:11", "lenslet:3*Bayer")
+FIGURES = ("figure3", "figure5", "figure6", "figure7")
+
 SIDE = 11
 """Super-pixel of figures 6 and 7."""
 
@@ -67,10 +69,8 @@ def less(frame: NDArray[Any], dark: Path | None) -> NDArray[Any]:
 def write_tiff(path: Path, planes: NDArray[Any]) -> None:
     """Write ``(n, rows, columns)`` as float32 TIFF, one page each, whole or not at all."""
     import numpy as np
-    import tifffile
 
-    with replace_whole(path) as part:
-        tifffile.imwrite(part, planes.astype(np.float32), photometric="minisblack", metadata=None)
+    tiff_file.write_tiff(path, planes.astype(np.float32), metadata=None)
 
 
 def show_frontier(frontier: Frontier, *, json: bool) -> None:
@@ -133,23 +133,29 @@ def _ringing(trial: FilterTrial) -> tuple[str, str]:
     return ("—", "—") if found is None else (f"{100 * found.flat:.2f}", f"{100 * found.overshoot:.1f}")
 
 
+def figure_files(folder: Path) -> list[Path]:
+    """Return the files that `iter_paper_figures` writes."""
+    modulators = (name.replace(":", "").replace("*", "_") for name in PICTURED)
+    return [folder / f"{name}.png" for name in (*FIGURES, *(f"modulator_{name}" for name in modulators))]
+
+
 def iter_paper_figures(folder: Path, raw: Path | None, marks: Mapping[str, float], seed: int) -> Work[list[Path]]:
     """Draw figures 3, 5, 6 and 7 and the modulators into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
-    works: list[tuple[str, Callable[[Path], None]]] = [
-        ("figure3.png", lambda p: _figure3(p, raw)),
-        ("figure5.png", _figure5),
-        ("figure6.png", lambda p: _figure6(p, marks)),
-        ("figure7.png", lambda p: _figure7(p, seed)),
-        *((f"modulator_{name.replace(':', '')}.png", lambda p, n=name: _modulator(p, n)) for name in PICTURED),
+    works: list[Callable[[Path], None]] = [
+        lambda p: _figure3(p, raw),
+        _figure5,
+        lambda p: _figure6(p, marks),
+        lambda p: _figure7(p, seed),
+        *(lambda p, n=name: _modulator(p, n) for name in PICTURED),
     ]
-    clock, written = Clock("figures", len(works)), []
-    for k, (name, draw) in enumerate(works):
-        yield clock.at(k, name)
-        written.append(folder / name.replace("*", "_"))
-        draw(written[-1])
+    files = figure_files(folder)
+    clock = Clock("figures", len(works))
+    for k, (path, draw) in enumerate(zip(files, works, strict=True)):
+        yield clock.at(k, path.name)
+        draw(path)
     yield clock.at(len(works))
-    return written
+    return files
 
 
 def _modulator(path: Path, name: str) -> None:

@@ -7,6 +7,8 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from lfcal.threads import bounded_threads
+
 __all__ = [
     "CameraArgument",
     "Chi2Option",
@@ -14,6 +16,7 @@ __all__ = [
     "CutoutOption",
     "DepthsOption",
     "FolderOption",
+    "ForceOption",
     "GainOption",
     "JsonOption",
     "MatrixArgument",
@@ -21,6 +24,14 @@ __all__ = [
     "VirtualDepthsOption",
     "WorkersOption",
 ]
+
+
+def _bound(context: typer.Context, workers: int | None) -> int | None:
+    """Bound the threads until the command ends; the value goes on to the command."""
+    if workers is not None:
+        context.with_resource(bounded_threads(workers))
+    return workers
+
 
 FolderOption: TypeAlias = Annotated[
     Path | None,
@@ -32,9 +43,13 @@ JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the r
 """Plain values for other programs in place of text."""
 
 WorkersOption: TypeAlias = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Threads; every processor by default.")
+    int | None,
+    typer.Option("--workers", min=1, callback=_bound, help="Threads; LFCAL_WORKERS or every processor by default."),
 ]
-"""Threads of everything a command computes."""
+"""Threads of everything a command computes: its own, and those of the libraries it calls."""
+
+ForceOption: TypeAlias = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
+"""Without it a command that would replace a file ends before its work begins; see `lfcal.cli.outputs`."""
 
 CompressionOption: TypeAlias = Annotated[str, typer.Option("--compression", help="gzip, zstd or none.")]
 """How the chunks of an H file are compressed."""

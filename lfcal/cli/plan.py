@@ -10,7 +10,8 @@ import typer
 
 from lfcal.camera import PRESETS, Camera, Forecast, ScanPlan, StageAxes, preset, read_raytrix_xml
 from lfcal.cli.console import print_json, print_table
-from lfcal.cli.options import CameraArgument, CutoutOption, DepthsOption, JsonOption, VirtualDepthsOption
+from lfcal.cli.options import CameraArgument, CutoutOption, DepthsOption, ForceOption, JsonOption, VirtualDepthsOption
+from lfcal.cli.outputs import check_output
 from lfcal.errors import InputError, StorageError
 from lfcal.files import read_text, replace_whole
 from lfcal.units import format_bytes, format_length, format_seconds
@@ -190,12 +191,15 @@ def command(
     average: int = typer.Option(1, help="Frames per position."),
     speed: float = typer.Option(1000.0, help="Speed of the stage (µm/s)."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the plan as JSON."),
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Plan a scan and show what it costs.
 
     Example: `lfcal plan r29 --virtual-depths 2:5.5:0.35 -o plan.json`
     """
+    if out is not None:
+        check_output(out, camera, force=force)
     lengths, virtual = parse_planes(depths, virtual_depths)
     plan = ScanPlan.for_camera(
         load_camera(camera),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import JsonOption, WorkersOption
+from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
 Reader = Callable[[], "NDArray[Any]"]
 """Reads a frame when its turn comes."""
+
+Save = Callable[[str, "Reconstruction"], None]
+"""Takes the name of a frame, and the volume behind it."""
 
 Cleaner = Callable[["NDArray[Any]"], "NDArray[Any]"]
 """What is done to a frame before it is reconstructed."""
@@ -38,7 +42,11 @@ def command(
     frame: Path | None = typer.Argument(None, help="Light-field frame; leave out with --batch."),
     *,
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="Volume to write: .tif, .h5 or .npy; a folder with --batch."
+        None,
+        "--out",
+        "-o",
+        help="Volume to write: .tif, .h5 or .npy; of a frame file with several pages all volumes in one file (TZYX). "
+        "A folder with --batch.",
     ),
     batch: Path | None = typer.Option(None, "--batch", help="Folder of frames, or a stack: a time series."),
     suffix: str = typer.Option(".tif", "--format", help="With --batch: .tif, .h5 or .npy."),
@@ -65,22 +73,26 @@ def command(
     ),
     workers: WorkersOption = None,
     forecast: bool = typer.Option(False, "--forecast", help="Say what it will cost, and stop."),
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Reconstruct the volume behind a light-field frame, or those behind a time series, with H.
 
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
+    from lfcal.cli.outputs import check_outputs
     from lfcal.psf import open_psf
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.solvers.choice import SolverChoice
-    from lfcal.reconstruct.volumes import check_suffix
 
     if solver == "list":
         _list_solvers()
         return
     choice = SolverChoice(solver, iterations, background, read_noise, saturation, strength, subsets, tolerance)
-    task = _Task(list(_frames(_source(frame, batch, wanted=out is not None or forecast))), choice, warm, json)
+    source = _source(frame, batch, wanted=out is not None or forecast)
+    task = _Task(list(_frames(source)), choice, warm, json)
+    targets = {} if forecast or out is None else _targets(task, out, suffix if batch else None)
+    check_outputs(dict.fromkeys(targets.values()), psf, source, dark, white, force=force)
     with open_psf(psf) as H:
         view = _view(H, white) if resample else None
         P = Projector(
@@ -96,9 +108,8 @@ def command(
         if forecast or out is None:
             _show_forecast(P, choice, len(task.frames), json)
             return
-        targets = {name: check_suffix(out / f"{name}{suffix}" if batch else out) for name, _ in task.frames}
-        save = partial(_save, P, targets, {"psf": psf.name, **task.details(P)})
-        results = _solve(task, P, _cleaner(dark, white, view), view, save)
+        with _saving(P, targets, {"psf": psf.name, **task.details(P)}) as save:
+            results = _solve(task, P, _cleaner(dark, white, view), view, save)
     _show_results(P, results, targets, json)
 
 
@@ -135,9 +146,7 @@ class _Task:
         return {"solver": asdict(self.choice), "method": P.method, "anchor": P.grid.anchor}
 
 
-def _solve(
-    task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, save: Callable[[str, Reconstruction], None]
-) -> tuple[FrameResult, ...]:
+def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, save: Save) -> tuple[FrameResult, ...]:
     """Reconstruct and save frame by frame; one volume is in memory at a time."""
     from lfcal.cli.console import report, run_work
     from lfcal.reconstruct.series import iter_series
@@ -162,15 +171,34 @@ def _list_solvers() -> None:
     print_table(["solver", "what it does"], [[solver.name, solver.title] for solver in choice.SOLVERS])
 
 
-def _save(P: Projector, targets: dict[str, Path], details: dict[str, Any], name: str, result: Reconstruction) -> None:
-    """Write the volume of frame ``name`` with how it was made; lengths only where H knows its camera."""
-    from lfcal.reconstruct.volumes import save_volume
+def _targets(task: _Task, out: Path, suffix: str | None) -> dict[str, Path]:
+    """Return the file of each frame's volume: ``out`` for all, or one each in the folder ``out`` with ``suffix``."""
+    from lfcal.reconstruct.volumes import check_suffix
+
+    return {name: check_suffix(out if suffix is None else out / f"{name}{suffix}") for name, _ in task.frames}
+
+
+@contextmanager
+def _saving(P: Projector, targets: dict[str, Path], details: dict[str, Any]) -> Iterator[Save]:
+    """Give what saves the volume of a frame: into its own file, or into one file that holds them all."""
+    from lfcal.reconstruct.volumes import VolumeFacts, save_volume, write_volumes
 
     known = P.camera is not None
-    more = {**details, "frame": name, "notes": result.notes, "residual": result.history[-1].residual}
+    depths = P.depths if known else None
     # H has one position per voxel: its side is the lateral step of the source at depth 0.
     voxel = P.camera.step_um(0.0) if known else None
-    save_volume(targets[name], result.volume, depths_um=P.depths if known else None, voxel_um=voxel, details=more)
+    files = list(dict.fromkeys(targets.values()))
+    if len(files) == 1 and len(targets) > 1:
+        facts = VolumeFacts(depths, voxel, {**details, "frames": list(targets)})
+        with write_volumes(files[0], (len(targets), *P.volume_shape), facts) as add:
+            yield lambda _, result: add(result.volume)
+        return
+
+    def save(name: str, result: Reconstruction) -> None:
+        more = {**details, "frame": name, "notes": result.notes, "residual": result.history[-1].residual}
+        save_volume(targets[name], result.volume, depths_um=depths, voxel_um=voxel, details=more)
+
+    yield save
 
 
 def _show_results(P: Projector, results: tuple[FrameResult, ...], targets: dict[str, Path], json: bool) -> None:

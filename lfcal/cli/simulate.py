@@ -11,7 +11,8 @@ import typer
 
 from lfcal.checks import check_number
 from lfcal.cli.console import print_json, print_table, report, run_work
-from lfcal.cli.options import CutoutOption, DepthsOption, JsonOption, VirtualDepthsOption, WorkersOption
+from lfcal.cli.options import CutoutOption, DepthsOption, ForceOption, JsonOption, VirtualDepthsOption, WorkersOption
+from lfcal.cli.outputs import check_output
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ def command(
     peak: float = typer.Option(0.8, help="Share of the full well that the brightest pixel reaches in frames."),
     workers: WorkersOption = None,
     plan_only: bool = typer.Option(False, "--plan-only", help="Only show which effects matter and what they cost."),
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Simulate the PSF matrix of a camera, with the effects that matter for it and no others.
@@ -54,6 +56,8 @@ def command(
     for reason in known.CATALOGUE.failures().values():
         report(f"left out: {reason}")
     check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1000)
+    if out is not None and not plan_only:
+        check_output(out, camera, force=force)
     planned = _plan(camera, depths, virtual_depths, cutout)
     found = plan_effects(planned.camera, planned, tolerance, _settings(effects), frames=frames is not None, peak=peak)
     if plan_only:

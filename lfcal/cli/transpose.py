@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from lfcal.cli.options import CompressionOption, JsonOption, MatrixArgument, WorkersOption
+from lfcal.cli.options import CompressionOption, ForceOption, JsonOption, MatrixArgument, WorkersOption
 
 
 def register(app: typer.Typer) -> None:
@@ -21,6 +21,7 @@ def command(
     method: str = typer.Option("exact", help="'exact', or 'paper' for the published loop with its unwritten border."),
     compression: CompressionOption = "gzip",
     workers: WorkersOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Transpose H into HT, file to file, with one plane of each in memory.
@@ -30,10 +31,12 @@ def command(
     import time
 
     from lfcal.cli.console import print_json, run_work
+    from lfcal.cli.outputs import check_output
     from lfcal.psf.opening import open_psf
     from lfcal.psf.transpose_file import iter_transpose_file
     from lfcal.units import format_bytes, format_seconds
 
+    check_output(out, source, force=force)
     start = time.perf_counter()
     with open_psf(source) as matrix:
         # File to file by planes: H may be far larger than the memory.

@@ -11,7 +11,8 @@ import typer
 
 from lfcal.camera import Camera
 from lfcal.cli.console import print_json, print_table
-from lfcal.cli.options import JsonOption
+from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera, parse_depths
 from lfcal.errors import InputError
 from lfcal.files import replace_whole
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
     from lfcal.lattice.vignetting import Vignetting
 
 __all__ = ["register"]
+
+CAMERA = "camera.json"
+PICTURES = ("views.png", "central_view.png", "focal_stack.tif")
 
 
 @dataclass(frozen=True)
@@ -95,21 +99,30 @@ def _as_json(fit: LatticeFit, fall: Vignetting, types: LensTypes | None, camera:
 
 def _save_views(views: Views, slopes: tuple[float, ...], samples: int, out: Path) -> list[Path]:
     """Write the views side by side, the middle view and the focal stack as PNG, and the stack as float32 TIFF."""
-    import tifffile
-
     from lfcal.figures import save_array_png
     from lfcal.lattice.views import refocus
+    from lfcal.tiff_file import write_tiff
 
     stack = refocus(views, slopes, samples=samples)
-    written = [out / "views.png", out / "central_view.png", out / "focal_stack.tif"]
+    written = [out / name for name in PICTURES]
     save_array_png(_shown(views.mosaic(2), 1), written[0], cmap="gray")
     save_array_png(_shown(views.central, samples), written[1], cmap="gray")
-    with replace_whole(written[2]) as part:
-        tifffile.imwrite(part, stack, photometric="minisblack", metadata={"axes": "ZYX", "slopes": list(slopes)})
+    write_tiff(written[2], stack, metadata={"axes": "ZYX", "slopes": list(slopes)})
     for slope, image in zip(slopes, stack, strict=True):
-        written.append(out / f"focus_{slope:+07.2f}.png")
+        written.append(out / _focused(slope))
         save_array_png(_shown(image, 1), written[-1], cmap="gray")
     return written
+
+
+def _focused(slope: float) -> str:
+    return f"focus_{slope:+07.2f}.png"
+
+
+def _targets(out: Path, camera: Camera | None, views: Path | None, slopes: tuple[float, ...]) -> list[Path]:
+    """Return the files that will be written."""
+    names = [] if camera is None else [CAMERA]
+    names += [] if views is None else [*PICTURES, *map(_focused, slopes)]
+    return [out / name for name in names]
 
 
 def _shown(image: NDArray[np.float32], times: int) -> NDArray[np.float32]:
@@ -147,7 +160,7 @@ def _measured(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> Camer
 
 
 def _save_camera(camera: Camera, out: Path) -> Path:
-    path = out / "camera.json"
+    path = out / CAMERA
     with replace_whole(path) as part:
         part.write_text(camera.to_json(), encoding="utf-8")
     return path
@@ -171,6 +184,8 @@ def command(
     depths: str = typer.Option("", help="The same as depths in µm or mm; needs --camera."),
     samples: int = typer.Option(4, help="Samples per lenslet of the focal stack."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Folder for camera.json and pictures."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Measure the lenslet lattice from a white image; make views of a frame to see that it is right.
@@ -183,6 +198,8 @@ def command(
         raise InputError("views: need a folder for the pictures; add -o FOLDER")
     described = load_camera(camera) if camera else None
     planes = _slopes(slopes, depths, described)
+    if out is not None:
+        check_outputs(_targets(out, described, views, planes), image, dark, views, camera, force=force)
     level = read_image(dark) if dark is not None else 0.0
     found = _measure(_White(read_image(image), level, described), kind, pitch, types)
     written = _write(found, views, planes, samples, out)

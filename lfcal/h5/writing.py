@@ -47,9 +47,8 @@ def new_h5(
             file = h5py.File(raw, "w", userblock_size=len(header), libver=libver)
             try:
                 yield file
-                file.flush()  # what is refused here is raised; during closing it could only be remembered
             finally:
-                raw.closing = True
+                raw.closing = True  # a flush that is told of a failure leaves a file that cannot be closed
                 file.close()
             raw.check()
             # HDF5 leaves this place alone, but only when it is done

@@ -16,8 +16,9 @@ from lfcal.progress import Clock, Work, drain
 from lfcal.psf.matlab import iter_write_mat
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.store import iter_save
+from lfcal.tiff_file import write_tiff
 
-__all__ = ["WRITERS", "ExportOptions", "export", "iter_export"]
+__all__ = ["WRITERS", "ExportOptions", "export", "export_files", "iter_export"]
 
 
 def iter_write_npy(matrix: PSFMatrix, path: str | os.PathLike[str]) -> Work[Path]:
@@ -41,6 +42,10 @@ def iter_write_npy(matrix: PSFMatrix, path: str | os.PathLike[str]) -> Work[Path
     return target
 
 
+def _stack_name(target: Path, z: int) -> Path:
+    return target.with_name(f"{target.stem}_z{z:03d}{target.suffix}")
+
+
 def iter_write_tiff(
     matrix: PSFMatrix, path: str | os.PathLike[str], *, position: tuple[int, int] | None = None
 ) -> Work[Path]:
@@ -49,29 +54,21 @@ def iter_write_tiff(
     Without ``position`` one stack per depth plane, ``NAME_z000.tif`` …, its pages in the order of
     positions (y slow, x fast). With ``position`` (y, x) a single stack over depth.
     """
-    import tifffile
-
     target = Path(path)
     require_space(target.parent, matrix.nbytes if position is None else matrix.nbytes // len(matrix), what=target.name)
     if position is not None:
         y, x = position
         if not (0 <= y < matrix.period[0] and 0 <= x < matrix.period[1]):
             raise InputError.expected("position (y, x)", f"inside {matrix.period}", position, "choose another")
-        with replace_whole(target) as part, storage_errors(target):
-            stack = np.stack([matrix[z, y, x] for z in range(len(matrix))])
-            tifffile.imwrite(part, stack, photometric="minisblack", metadata={"axes": "ZYX"})
+        write_tiff(target, np.stack([matrix[z, y, x] for z in range(len(matrix))]), metadata={"axes": "ZYX"})
         yield Clock("write TIFF stack", 1).at(1)
         return target
     clock = Clock("write TIFF stacks", len(matrix))
     for z in range(len(matrix)):
-        name = target.with_name(f"{target.stem}_z{z:03d}{target.suffix}")
-        with replace_whole(name) as part, storage_errors(name):
-            plane = matrix.plane(z)
-            # classic TIFF counts offsets in 32 bits, and 2 GiB leaves room for the tags of many pages
-            pages = plane.reshape(-1, *plane.shape[2:])
-            tifffile.imwrite(
-                part, pages, photometric="minisblack", bigtiff=pages.nbytes > 1 << 31, metadata={"axes": "IYX"}
-            )
+        plane = matrix.plane(z)
+        # classic TIFF counts offsets in 32 bits, and 2 GiB leaves room for the tags of many pages
+        pages = plane.reshape(-1, *plane.shape[2:])
+        write_tiff(_stack_name(target, z), pages, bigtiff=pages.nbytes > 1 << 31, metadata={"axes": "IYX"})
         yield clock.at(z + 1)
     return target
 
@@ -142,6 +139,14 @@ WRITERS = {
     ".tiff": _TIFF,
 }
 """Formats by suffix."""
+
+
+def export_files(path: str | os.PathLike[str], planes: int, position: tuple[int, int] | None = None) -> list[Path]:
+    """Return the files that an export of ``planes`` depth planes to ``path`` writes: of TIFF stacks, one a plane."""
+    target = Path(path)
+    if WRITERS.get(target.suffix.lower()) is not _TIFF or position is not None:
+        return [target]
+    return [_stack_name(target, z) for z in range(planes)]
 
 
 def iter_export(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +20,7 @@ from lfcal.h5.file import H5File
 from lfcal.h5.writing import new_h5
 from lfcal.npy import map_npy
 
-__all__ = ["SUFFIXES", "check_suffix", "load_volume", "save_volume"]
+__all__ = ["SUFFIXES", "VolumeFacts", "check_suffix", "load_volume", "save_volume", "write_volumes"]
 
 SUFFIXES = (".tif", ".tiff", ".h5", ".hdf5", ".npy")
 """File types of volumes."""
@@ -62,69 +65,131 @@ def save_volume(
     InputError, StorageError
         If the ending is unknown, or the disk does not take it; nothing half-written stays.
     """
-    target = check_suffix(path)
     data = np.ascontiguousarray(volume, np.float32)
     if data.ndim != 3:
         raise InputError.expected("volume", "three axes (z, y, x)", data.shape, "add the missing axis")
-    depths = None if depths_um is None else np.asarray(depths_um, np.float64)
-    require_space(target.parent, data.nbytes + (1 << 16), what="the volume")
-    if target.suffix.lower() in (".h5", ".hdf5"):
-        _save_h5(target, data, depths, voxel_um, details)
-        return
-    with replace_whole(target) as part, storage_errors(target):
-        if target.suffix.lower() == ".npy":
-            with part.open("wb") as file:
-                np.save(file, data, allow_pickle=False)
-        else:
-            _save_tiff(part, data, depths, voxel_um, details)
+    facts = VolumeFacts(None if depths_um is None else np.asarray(depths_um, np.float64), voxel_um, dict(details or {}))
+    with write_volumes(path, data.shape, facts) as add:
+        add(data)
 
 
-def _save_tiff(
-    part: Path,
-    data: NDArray[np.float32],
-    depths: NDArray[np.float64] | None,
-    voxel_um: float | None,
-    details: Mapping[str, Any] | None,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class VolumeFacts:
+    """What a file says of its volumes.
+
+    Attributes
+    ----------
+    depths_um
+        Depth of each plane (µm).
+    voxel_um
+        Voxel size in y and x in object space (µm).
+    details
+        What else to keep, plain JSON types.
+    """
+
+    depths_um: NDArray[np.float64] | None = None
+    voxel_um: float | None = None
+    details: dict[str, Any] = field(default_factory=dict)
+
+
+@contextmanager
+def write_volumes(
+    path: str | os.PathLike[str], shape: tuple[int, ...], facts: VolumeFacts
+) -> Iterator[Callable[[NDArray[np.float32]], None]]:
+    """Give a function that adds the next volume ``(nz, Y, X)`` to one file, which appears when the block ends well.
+
+    Parameters
+    ----------
+    path
+        As in `save_volume`.
+    shape
+        ``(nz, Y, X)`` of a single volume, or ``(n, nz, Y, X)`` of a time series: axes TZYX, which ImageJ opens as a
+        hyperstack.
+    facts
+        What the file says of them.
+
+    Raises
+    ------
+    InputError, StorageError
+        If the ending is unknown, or the disk does not take it; nothing half-written stays.
+    """
+    target = check_suffix(path)
+    require_space(target.parent, 4 * math.prod(shape) + (1 << 16), what="the volume")
+    make = {".npy": _npy, ".h5": _h5, ".hdf5": _h5}.get(target.suffix.lower(), _tiff)
+    with make(target, shape, facts) as add:
+        yield add
+
+
+@contextmanager
+def _npy(target: Path, shape: tuple[int, ...], _: VolumeFacts) -> Iterator[Callable[[NDArray[np.float32]], None]]:
+    with replace_whole(target) as part, part.open("wb") as file:
+        header = {"descr": "<f4", "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(file, header)
+        yield lambda volume: _append(file, volume)
+
+
+def _append(file: BinaryIO, volume: NDArray[np.float32]) -> None:
+    file.write(np.ascontiguousarray(volume, "<f4").data)
+
+
+@contextmanager
+def _tiff(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[Callable[[NDArray[np.float32]], None]]:
     import tifffile
 
-    metadata: dict[str, Any] = {"axes": "ZYX", "unit": "um", "lfcal": json.dumps(dict(details or {}))}
-    if depths is not None and len(depths) > 1:
+    axes = "TZYX"[-len(shape) :]
+    metadata: dict[str, Any] = {"axes": axes, "unit": "um", "lfcal": json.dumps(facts.details)}
+    if facts.depths_um is not None and len(facts.depths_um) > 1:
         # ImageJ takes one spacing for the whole stack: the mean where planes are uneven
-        metadata["spacing"] = float(np.abs(np.diff(depths)).mean())
-    resolution = None if voxel_um is None else (1 / voxel_um, 1 / voxel_um)
-    big = data.nbytes > 3 << 30  # the ImageJ form holds 4 GB at most
-    tifffile.imwrite(
-        part, data, imagej=not big, bigtiff=big, metadata=metadata, resolution=resolution, photometric="minisblack"
-    )
+        metadata["spacing"] = float(np.abs(np.diff(facts.depths_um)).mean())
+    resolution = None if facts.voxel_um is None else (1 / facts.voxel_um, 1 / facts.voxel_um)
+    big = 4 * math.prod(shape) > 3 << 30  # the ImageJ form holds 4 GB at most
+    with replace_whole(target) as part, part.open("r+b") as file:
+        # laid out first and filled in order: a time series is never in memory as a whole
+        place = tifffile.imwrite(
+            file,
+            shape=shape,
+            dtype="<f4",
+            byteorder="<",
+            imagej=not big,
+            bigtiff=big,
+            metadata=metadata,
+            resolution=resolution,
+            photometric="minisblack",
+            returnoffset=True,
+        )
+        assert place is not None  # as the samples lie in one piece
+        file.seek(place[0])
+        yield lambda volume: _append(file, volume)
 
 
-def _save_h5(
-    target: Path,
-    data: NDArray[np.float32],
-    depths: NDArray[np.float64] | None,
-    voxel_um: float | None,
-    details: Mapping[str, Any] | None,
-) -> None:
+@contextmanager
+def _h5(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[Callable[[NDArray[np.float32]], None]]:
     with new_h5(target) as file:
         stored = file.create_dataset(
             DATASET,
-            data=data,
+            shape,
+            "f4",
             # one plane per chunk, as volumes are looked at
-            chunks=(1, *data.shape[1:]),
+            chunks=(1,) * (len(shape) - 2) + shape[-2:],
             compression="gzip",
             compression_opts=1,
             shuffle=True,
             fletcher32=True,
         )
-        stored.attrs["axes"] = "z, y, x"
+        stored.attrs["axes"] = ", ".join("tzyx"[-len(shape) :])
         file.attrs["format"] = "lfcal-volume"
         file.attrs["version"] = 1
-        file.attrs["details"] = json.dumps(dict(details or {}))
-        if depths is not None:
-            file.create_dataset("depths", data=depths).attrs["unit"] = "um"
-        if voxel_um is not None:
-            file.attrs["voxel_um"] = voxel_um
+        file.attrs["details"] = json.dumps(facts.details)
+        if facts.depths_um is not None:
+            file.create_dataset("depths", data=facts.depths_um).attrs["unit"] = "um"
+        if facts.voxel_um is not None:
+            file.attrs["voxel_um"] = facts.voxel_um
+        places = iter([...] if len(shape) == 3 else range(shape[0]))
+
+        def add(volume: NDArray[np.float32]) -> None:
+            stored[next(places)] = volume
+
+        yield add
 
 
 def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:

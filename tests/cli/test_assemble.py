@@ -73,4 +73,4 @@ def test_transpose_and_export(lfcal: Lfcal, session: Path, tmp_path: Path) -> No
         assert lfcal("export", tmp_path / "H.h5", "-o", tmp_path / name).code == 0
     run = lfcal("export", tmp_path / "H.h5", "-o", tmp_path / "one.tif", "--position", "1,2")
     assert run.code == 0 and (tmp_path / "one.tif").exists()
-    assert "square period" in lfcal("export", tmp_path / "H.h5", "-o", tmp_path / "H.mat").err
+    assert "square period" in lfcal("export", tmp_path / "H.h5", "-o", tmp_path / "H.mat", "--force").err

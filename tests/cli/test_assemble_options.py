@@ -116,9 +116,9 @@ def test_saturation_interpolation_compression_and_workers(
     low = lfcal("assemble", recorded / "s", "-o", out, "--saturation", "200", "--json")
     assert low.code == 0 and low.json["saturated_positions"] == 24  # type: ignore[index,call-overload]
     for options in (("--interpolation", "cubic"), ("--compression", "zstd"), ("--workers", "1"), ("--strict",)):
-        done = lfcal("assemble", recorded / "s", "-o", tmp_path / "again.h5", *options)
+        done = lfcal("assemble", recorded / "s", "-o", tmp_path / "again.h5", "--force", *options)
         assert done.code == 0, done.err
-    assert lfcal("assemble", recorded / "s", "-o", out, "--compression", "zstd").code == 0
+    assert lfcal("assemble", recorded / "s", "-o", out, "--force", "--compression", "zstd").code == 0
     with h5py.File(out) as file:
         assert file["H"].id.get_create_plist().get_filter(1)[0] == 32015
 

@@ -25,5 +25,5 @@ def test_demosaic_by_a_route(lfcal: Callable[..., Run], tmp_path: Path, route: s
     made = tifffile.imread(tmp_path / "rgb.tif")
     np.testing.assert_allclose(made, ways.pop(route), rtol=1e-4, atol=1e-2)
     assert np.abs(made - ways.popitem()[1]).max() > 10, "the routes differ"
-    refused = lfcal(*command, "--route", "scenic")
+    refused = lfcal(*command, "--force", "--route", "scenic")
     assert refused.code == 2 and "spatial" in refused.err

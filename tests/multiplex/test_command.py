@@ -123,7 +123,7 @@ def test_demosaic_by_every_route_and_of_any_page(lfcal, tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "two.tif", pages, photometric="minisblack")
     for page, options in ((0, {"route": "fourier"}), (1, {"filter": "lanczos"}), (1, {"filter": "nearest"})):
         words = [word for key, value in options.items() for word in (f"--{key}", value)]
-        files = (tmp_path / "two.tif", "-o", tmp_path / "rgb.tif", "--pattern", "GRBG", "--page", page)
+        files = (tmp_path / "two.tif", "-o", tmp_path / "rgb.tif", "--pattern", "GRBG", "--page", page, "--force")
         done = lfcal("multiplex", "demosaic", *files, *words)
         assert done.code == 0, done.err
         wanted = demultiplex(pages[page].astype(np.float32), cfa("GRBG"), **options)

@@ -5,6 +5,6 @@
 - ``pictures``: every picture on it
 """
 
-from lfcal.psf.report.write import iter_report, redo_list, report
+from lfcal.psf.report.write import iter_report, redo_list, report, report_files
 
-__all__ = ["iter_report", "redo_list", "report"]
+__all__ = ["iter_report", "redo_list", "report", "report_files"]

@@ -22,7 +22,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Picture", "pictures"]
+__all__ = ["PICTURES", "Picture", "pictures"]
+
+PICTURES = (
+    "depth_sums.png",
+    "transposed_sum.png",
+    "over_depth.png",
+    "slices.png",
+    "tiling.png",
+    "against_reference.png",
+    "shifts.png",
+)
+"""Names of the pictures a report may have, besides ``map_METRIC.png``."""
 
 PANELS = 12
 """Planes shown of a deep H, evenly chosen."""

@@ -18,9 +18,9 @@ from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import QualityReport, iter_inspect
 from lfcal.psf.quality.inspect import Controls
 from lfcal.psf.report.page import page
-from lfcal.psf.report.pictures import pictures
+from lfcal.psf.report.pictures import PICTURES, pictures
 
-__all__ = ["iter_report", "redo_list", "report"]
+__all__ = ["iter_report", "redo_list", "report", "report_files"]
 
 PAGE = "index.html"
 
@@ -103,6 +103,12 @@ def iter_report(
             part.write_bytes(content)
     yield clock.at(len(draws) + 1)
     return target / PAGE
+
+
+def report_files(folder: Path) -> list[Path]:
+    """Return what a report in ``folder`` consists of: page, lists, and every picture that it may have."""
+    maps = sorted(p.name for p in folder.glob("map_*.png"))
+    return [folder / name for name in (PAGE, "quality.json", "redo.json", *PICTURES, *maps)]
 
 
 def redo_list(quality: QualityReport) -> dict[str, Any]:

@@ -1,0 +1,75 @@
+"""What may be written where: the same rules for every command, checked before its work begins.
+
+An input is never replaced. What exists is replaced only with ``--force``. The decision is made once, at the start: a
+file that appears while the command works is replaced, too, unless another program is still writing it
+(`lfcal.files.replace_whole`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from lfcal.errors import InputError
+from lfcal.files import check_writable
+
+__all__ = ["TABLES", "check_output", "check_outputs"]
+
+TABLES = frozenset({".csv", ".json"})
+"""Suffixes of manifests and plans, which are read from a folder with its frames."""
+
+RECORDINGS = ("recording", "darks", "checks")
+"""Beginnings of the names of a session's files."""
+
+
+def check_output(out: Path, *inputs: Path | str | None, force: bool) -> None:
+    """Raise unless ``out`` can be written, is none of ``inputs``, and does not exist (or ``force``).
+
+    ``inputs`` are files, folders of frames, sessions, or names that are no paths, such as a preset's.
+
+    Raises
+    ------
+    InputError
+        If it is an input, or exists without ``force``.
+    StorageError
+        If it cannot be written.
+    """
+    check_outputs([out], *inputs, force=force)
+
+
+def check_outputs(outs: Iterable[Path], *inputs: Path | str | None, force: bool) -> None:
+    """Check several outputs as `check_output` does; what else lies beside them is left alone."""
+    files = list(outs)
+    taken: set[tuple[int, int]] = set()
+    # Only a file that is there can be an input.
+    if any(out.exists() for out in files):
+        taken = {found for source in inputs for path in _files_of(source) if (found := _identity(path))}
+    for out in files:
+        if _identity(out) in taken:
+            raise InputError.expected("output", "another file than the input", str(out), "choose another name")
+        check_writable(out)
+        if out.exists() and not force:
+            raise InputError(f"{out}: exists; add --force to replace it, or choose another name")
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return what two names of one file have in common, links followed; None where there is no file."""
+    with suppress(OSError):
+        found = os.stat(path)
+        return found.st_dev, found.st_ino
+    return None
+
+
+def _files_of(source: Path | str | None) -> list[Path]:
+    """Return an input file, or what commands read of an input folder: its frames, tables and recordings."""
+    if source is None or not str(source):
+        return []
+    path = Path(source)
+    if not path.is_dir():
+        return [path]
+    from lfcal.frames.formats.opening import image_suffixes
+
+    suffixes = image_suffixes() | TABLES
+    return [p for p in path.iterdir() if p.suffix.lower() in suffixes or p.name.startswith(RECORDINGS)]
