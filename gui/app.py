@@ -42,6 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
     from gui.log import Log, log_folder
     from lfcal.errors import LfcalError
     from lfcal.files import check_regular
+    from lfcal.threads import bounded_threads
 
     log = Log(log_folder())
     try:
@@ -59,7 +60,8 @@ def main(arguments: list[str] | None = None) -> int:
     if log.problem:
         window.log(log.problem)
     window.files.begin(options.project)
-    code = app.exec()
+    with bounded_threads():
+        code = app.exec()
     window.shut_down()
     guard.close()
     log.close()

@@ -1,7 +1,8 @@
-"""``.npy`` files of unknown origin, mapped from disk after a check of all that their header says."""
+"""``.npy`` files: those of unknown origin, mapped after a check of their header, and the header of new ones."""
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import re
@@ -15,7 +16,7 @@ from lfcal.errors import FileFormatError, UnsafeFileError
 from lfcal.files import check_regular, storage_errors
 from lfcal.units import format_bytes
 
-__all__ = ["map_npy"]
+__all__ = ["map_npy", "npy_header"]
 
 KINDS = "iufcb"
 """Kinds of dtype that are numbers; others are text, records, or objects whose reading runs code."""
@@ -59,6 +60,17 @@ def map_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
         if not math.prod(shape):
             return np.empty(shape, dtype)
         return np.memmap(file, dtype, "r", start, shape, "F" if fortran else "C")
+
+
+def npy_header(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bytes:
+    """Return what an ``.npy`` file of C-ordered values begins with; the values follow as they lie in memory.
+
+    Written so, not by `numpy.save`, whose last kilobytes a full disk can swallow without an error.
+    """
+    head = io.BytesIO()
+    fields = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(head, fields)
+    return head.getvalue()
 
 
 def _header(file: BinaryIO, source: Path) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:

@@ -19,6 +19,7 @@ from gui.models.display import Display, colour_table, levels_of, to_uint8
 from gui.saving import ask_target, write_file, write_picture
 from gui.theme import current_theme
 from gui.widgets.plots import style_axes, theme_plot
+from lfcal.npy import npy_header
 
 __all__ = ["ImageView"]
 
@@ -270,4 +271,5 @@ def _write_values(part: Path, image: NDArray[Any], *, text: bool) -> None:
         if text:
             np.savetxt(file, image, delimiter=",", fmt="%.7g")
         else:
-            np.save(file, image)
+            file.write(npy_header(image.shape, image.dtype))
+            file.write(np.ascontiguousarray(image).data)

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any, cast
 
 __all__ = ["main"]
 
@@ -35,14 +36,24 @@ def main() -> None:
 
 def _run() -> None:
     # Imported late: a package that only asks where the command line is must not load every library.
+    import typer
+
     from lfcal.errors import Cancelled, LfcalError
     from lfcal.threads import bounded_threads
 
+    # ClickException, of whichever click Typer brings
+    usage_error = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:
         with bounded_threads():
             from lfcal.cli.app import build_app
 
-            build_app()()
+            code = build_app()(standalone_mode=False, prog_name="lfcal")
+        if isinstance(code, int) and code:
+            sys.exit(code)
+    except usage_error as error:
+        _stop(2, _usage(error))
+    except typer.Abort:
+        raise _Ended(signal.SIGINT) from None
     except Cancelled:
         raise _Ended(signal.SIGINT) from None
     except LfcalError as error:
@@ -55,10 +66,18 @@ def _run() -> None:
         sys.exit(1)
 
 
+def _usage(error: Any) -> str:
+    """Return what is wrong with a command line, and where the right one is described; nothing after its help."""
+    said = str(error.format_message()).rstrip(".")
+    context = getattr(error, "ctx", None)
+    return f"{said}; see {context.command_path} --help" if said and context is not None else said
+
+
 def _stop(code: int, message: str) -> None:
     from lfcal.cli.console import report
 
-    report(message)
+    if message:
+        report(message)
     sys.exit(code)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
@@ -12,7 +12,10 @@ from lfcal.plain import plain
 from lfcal.progress import Progress, Work, drain
 from lfcal.units import format_seconds
 
-__all__ = ["print_json", "print_table", "report", "run_work"]
+if TYPE_CHECKING:
+    from lfcal.psf import PSFMatrix
+
+__all__ = ["print_json", "print_table", "report", "report_dark", "run_work"]
 
 R = TypeVar("R")
 
@@ -48,6 +51,17 @@ def run_work(work: Work[R], *, quiet: bool = False) -> R:
             bar.update(tasks[record.stage], completed=record.done, total=record.total or None, note=record.note)
 
         return drain(work, show)
+
+
+def report_dark(matrix: PSFMatrix) -> tuple[int, ...]:
+    """Return the planes of ``matrix`` that hold no light, and say which they are."""
+    from lfcal.psf.light import dark_planes
+
+    dark = dark_planes(matrix)
+    if dark:
+        named = ", ".join(str(z) for z in dark[:8]) + (" …" if len(dark) > 8 else "")
+        report(f"note: no light in {len(dark)} of {len(matrix)} planes ({named}): their entries are zero or negative")
+    return dark
 
 
 def print_json(value: Any) -> None:

@@ -39,7 +39,7 @@ def command(
 
     Example: `lfcal export H.h5 -o H.mat`
     """
-    from lfcal.cli.console import print_json, run_work
+    from lfcal.cli.console import print_json, report_dark, run_work
     from lfcal.cli.outputs import check_outputs
     from lfcal.psf.export import export_files, iter_export
     from lfcal.psf.opening import open_psf
@@ -54,6 +54,7 @@ def command(
         # A TIFF of many stacks is written under other names: one per plane.
         files = export_files(out, len(matrix), place)
         check_outputs(files, source, force=force)
+        dark = report_dark(matrix)
         if suffix == ".mat" and not json:
             _warn_of_period(matrix)
         work = iter_export(
@@ -70,7 +71,10 @@ def command(
     sizes = [file.stat().st_size for file in files]
     if json:
         written = [{"file": file, "bytes": size} for file, size in zip(files, sizes, strict=True)]
-        print_json({"out": out, "files": written, "shape": shape, "file_bytes": sum(sizes), "seconds": seconds})
+        total = sum(sizes)
+        print_json(
+            {"out": out, "files": written, "shape": shape, "file_bytes": total, "seconds": seconds, "dark": dark}
+        )
         return
     names = f"{files[0]}" if len(files) == 1 else f"{files[0]} … {files[-1].name} ({len(files)} files)"
     typer.echo(f"{names}: {shape}, {format_bytes(sum(sizes))} in {format_seconds(seconds)}")

@@ -30,7 +30,7 @@ def command(
     """
     import time
 
-    from lfcal.cli.console import print_json, run_work
+    from lfcal.cli.console import print_json, report_dark, run_work
     from lfcal.cli.outputs import check_output
     from lfcal.psf.opening import open_psf
     from lfcal.psf.transpose_file import iter_transpose_file
@@ -39,11 +39,12 @@ def command(
     check_output(out, source, force=force)
     start = time.perf_counter()
     with open_psf(source) as matrix:
+        dark = report_dark(matrix)
         # File to file by planes: H may be far larger than the memory.
         run_work(iter_transpose_file(matrix, out, method=method, compression=compression, workers=workers), quiet=json)
         shape, nbytes = matrix.shape, matrix.nbytes
     seconds = time.perf_counter() - start
     if json:
-        print_json({"out": out, "shape": shape, "bytes": nbytes, "seconds": seconds, "method": method})
+        print_json({"out": out, "shape": shape, "bytes": nbytes, "seconds": seconds, "method": method, "dark": dark})
     else:
         typer.echo(f"{out}: HT {shape}, {format_bytes(nbytes)} transposed ({method}) in {format_seconds(seconds)}")

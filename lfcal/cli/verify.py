@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import JsonOption, WorkersOption
+from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli.outputs import check_output
 
 if TYPE_CHECKING:
     from lfcal.acquire.recording.verify import SessionReport
@@ -28,6 +29,7 @@ def command(
     redo: Path | None = typer.Option(
         None, "--redo", help="Write the damaged positions of a session into this list, for lfcal acquire --redo."
     ),
+    force: ForceOption = False,
     workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -37,6 +39,8 @@ def command(
 
     Example: `lfcal verify session/ --redo redo.json`
     """
+    if redo is not None:
+        check_output(redo, path, force=force)
     whole = _session(path, redo, workers, json) if path.is_dir() else _matrix(path, redo, workers, json)
     if not whole:
         raise typer.Exit(1)
@@ -48,8 +52,6 @@ def _session(path: Path, redo: Path | None, workers: int | None, json: bool) -> 
     from lfcal.cli.console import print_json, run_work
     from lfcal.plain import plain
 
-    if redo is not None and redo.exists():
-        RedoList.read(redo)  # an earlier list may be replaced, nothing else
     report = run_work(iter_verify(path, workers=workers), quiet=json)
     if redo is not None and report.to_redo:
         RedoList.of(report.to_redo, ["damaged"] * len(report.to_redo)).write(redo)

@@ -12,6 +12,7 @@ import numpy as np
 
 from lfcal.errors import InputError
 from lfcal.files import check_other_file, replace_whole, require_space, storage_errors
+from lfcal.npy import npy_header
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.matlab import iter_write_mat
 from lfcal.psf.matrix import PSFMatrix
@@ -29,13 +30,8 @@ def iter_write_npy(matrix: PSFMatrix, path: str | os.PathLike[str]) -> Work[Path
     target = Path(path)
     require_space(target.parent, matrix.nbytes, what=target.name)
     clock = Clock("write npy file", len(matrix))
-    header = {
-        "descr": np.lib.format.dtype_to_descr(matrix.dtype),
-        "fortran_order": False,
-        "shape": matrix.shape,
-    }
     with storage_errors(target), replace_whole(target) as part, part.open("wb") as file:
-        np.lib.format.write_array_header_1_0(file, header)
+        file.write(npy_header(matrix.shape, matrix.dtype))
         for z in range(len(matrix)):
             file.write(np.ascontiguousarray(matrix.plane(z), matrix.dtype).data)
             yield clock.at(z + 1)

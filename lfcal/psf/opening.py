@@ -55,6 +55,16 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
         If it has no such region.
     """
     source = Path(path)
+    matrix = _open(source, region, check)
+    if matrix.dtype.kind == "c":
+        matrix.close()
+        raise FileFormatError.expected(
+            str(source), "real numbers", f"{matrix.dtype}", "store the intensity, |amplitude|²"
+        )
+    return matrix
+
+
+def _open(source: Path, region: str, check: bool) -> PSFMatrix:
     suffix = source.suffix.lower()
     if suffix == ".npy":
         return PSFMatrix(FilePlanes(map_npy(source), source))
@@ -119,7 +129,7 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
     anchor = attributes.numbers("anchor", (2,))
     return PSFMatrix(
         data,
-        depths=file.values(f"{prefix}depths", shape[:1], finite=True),
+        depths=_depths(file, prefix, shape[0]),
         camera=Camera.from_json(camera) if camera is not None else None,
         anchor=(0.0, 0.0) if anchor is None else (float(anchor[0]), float(anchor[1])),
         scale=scale,
@@ -130,6 +140,16 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
         transposed=attributes.text("matrix", "H") == "HT",
         provenance=provenance,
     )
+
+
+def _depths(file: H5File, prefix: str, planes: int) -> NDArray[np.float64]:
+    """Return the depth of each plane (µm), no two the same."""
+    depths = file.values(f"{prefix}depths", (planes,), finite=True).astype(np.float64)
+    if np.unique(depths).size < planes:
+        raise FileFormatError.expected(
+            f"{file.path}:/{prefix}depths", "a depth for each plane", "one twice", "take the file from its source again"
+        )
+    return depths
 
 
 def _scaling(data: H5Data, planes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -14,11 +14,11 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.errors import InputError
-from lfcal.files import replace_whole, require_space, storage_errors
+from lfcal.errors import FileFormatError, InputError, StorageError
+from lfcal.files import check_regular, replace_whole, require_space, storage_errors
 from lfcal.h5.file import H5File
 from lfcal.h5.writing import new_h5
-from lfcal.npy import map_npy
+from lfcal.npy import map_npy, npy_header
 
 __all__ = ["SUFFIXES", "VolumeFacts", "check_suffix", "load_volume", "save_volume", "write_volumes"]
 
@@ -123,8 +123,7 @@ def write_volumes(
 @contextmanager
 def _npy(target: Path, shape: tuple[int, ...], _: VolumeFacts) -> Iterator[Callable[[NDArray[np.float32]], None]]:
     with replace_whole(target) as part, part.open("wb") as file:
-        header = {"descr": "<f4", "fortran_order": False, "shape": shape}
-        np.lib.format.write_array_header_1_0(file, header)
+        file.write(npy_header(shape, np.dtype("<f4")))
         yield lambda volume: _append(file, volume)
 
 
@@ -209,8 +208,15 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     else:
         import tifffile
 
-        with storage_errors(source):
-            data = tifffile.imread(source)
+        check_regular(source)
+        try:
+            with storage_errors(source):
+                data = tifffile.imread(source)
+        except StorageError:
+            raise
+        except Exception as error:  # tifffile raises many kinds on damaged data
+            said = " ".join(str(error).split())[:120]
+            raise FileFormatError.expected(str(source), "an intact TIFF file", said, "copy it again") from error
     volume = np.asarray(data, np.float32)
     if volume.ndim == 2:
         volume = volume[None]

@@ -21,13 +21,23 @@ SIGNALS = (signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SECONDS = 30.0
 """Longest time after its start that a command is ended; its own duration where that is shorter."""
 
-CHILD = """
+HEARING = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+"""
+"""Programs in the background of a shell, and under nohup, begin with these signals ignored."""
+
+CHILD = (
+    HEARING
+    + """
 import sys
 from lfcal.cli import main
 sys.argv = ['lfcal', *sys.argv[1:]]
 print('ready', flush=True)
 main()
 """
+)
 
 
 @pytest.fixture(scope="module")
@@ -100,8 +110,10 @@ def test_ended_at_any_moment(place: Path, name: str) -> None:
     check_kills(name, place, 30 if name == "acquire" else 10, seed=sum(map(ord, name)))
 
 
-WAITING = """
-import signal, sys
+WAITING = (
+    HEARING
+    + """
+import sys
 from lfcal.cli import main
 import lfcal.files
 real = lfcal.files.sync_file
@@ -113,6 +125,7 @@ lfcal.files.sync_file = wait
 sys.argv = ['lfcal', *sys.argv[1:]]
 main()
 """
+)
 
 
 @pytest.mark.parametrize(

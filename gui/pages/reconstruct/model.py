@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from gui.models.form import Field
 from gui.models.settings import PageSettings
 from lfcal.errors import InputError
-from lfcal.files import replace_whole
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.projectors.forecast import METHODS
 from lfcal.reconstruct.solvers.choice import SOLVERS, SolverChoice
@@ -248,10 +247,9 @@ def make_light_field(
     seed
         Of phantom and noise.
     """
-    import tifffile
-
     from lfcal.reconstruct.phantoms import phantom
     from lfcal.reconstruct.projectors.projector import Projector
+    from lfcal.tiff_file import write_tiff
 
     if not path.lower().endswith((".tif", ".tiff")):
         raise InputError.expected("light field", "a .tif file", Path(path).name, "use that suffix")
@@ -263,6 +261,5 @@ def make_light_field(
         raise InputError.expected("light field", "light", "none", "H is empty: assemble it again")
     scale = counts / top
     noisy = np.random.default_rng(seed).poisson(np.maximum(image * scale, 0))
-    with replace_whole(Path(path)) as part:
-        tifffile.imwrite(part, np.minimum(noisy, 65535).astype(np.uint16), photometric="minisblack")
+    write_tiff(path, np.minimum(noisy, 65535).astype(np.uint16))
     return Synthetic(path, (volume * scale).astype(np.float32))
