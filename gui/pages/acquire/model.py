@@ -17,6 +17,8 @@ __all__ = ["FIELDS", "AcquireSettings", "target_of"]
 
 ORDERS = (("serpentine", "serpentine"), ("raster", "raster"), ("coarse", "coarse grid first"))
 
+DOUBTS = (("stop", "stop"), ("flag", "keep and name"))
+
 FIELDS = (
     Field(
         "order",
@@ -60,6 +62,14 @@ FIELDS = (
     ),
     Field("retries", "Retries", "", "How often a position is tried again after a temporary fault", kind="int"),
     Field(
+        "on_suspect",
+        "Doubtful frame",
+        kind="choice",
+        choices=DOUBTS,
+        tip="What becomes of a frame that is not what it should be, taken again and still so (blank, repeated, torn, "
+        "displaced, too light or dark): the session stops, or the frame is kept and its position named",
+    ),
+    Field(
         "margin_px",
         "Margin",
         "px",
@@ -100,7 +110,7 @@ class AcquireSettings(PageSettings):
         Pairs of name and text for the backend.
     coarse
         Whether a coarse grid comes first.
-    bracket, darks, dark_every, reference_every, controls, retries, margin_px, tolerance_um, overshoot_um
+    bracket, darks, dark_every, reference_every, controls, retries, on_suspect, margin_px, tolerance_um, overshoot_um
         As in `lfcal.acquire.options.Options`; an empty tolerance is the default.
     """
 
@@ -116,6 +126,7 @@ class AcquireSettings(PageSettings):
     reference_every: int = DEFAULTS.reference_every
     controls: int = DEFAULTS.controls
     retries: int = DEFAULTS.retries
+    on_suspect: str = DEFAULTS.on_suspect
     margin_px: int | None = DEFAULTS.margin_px
     tolerance_um: tuple[float, ...] = ()
     overshoot_um: tuple[float, ...] = DEFAULTS.overshoot_um
@@ -138,6 +149,7 @@ class AcquireSettings(PageSettings):
             self.retries,
             self.tolerance_um or None,
             self.overshoot_um,
+            on_suspect=self.on_suspect,
         )
 
     def values(self, plan: ScanPlan) -> dict[str, Any]:

@@ -62,6 +62,7 @@ def test_every_field_changes_one_thing() -> None:
         "reference_every": 9,
         "controls": 1,
         "retries": 0,
+        "on_suspect": "flag",
         "margin_px": 2,
         "tolerance_um": (1.0, 1.0, 2.0),
         "overshoot_um": (0.0, 0.0, 0.0),
