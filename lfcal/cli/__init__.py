@@ -48,8 +48,7 @@ def _run() -> None:
             from lfcal.cli.app import build_app
 
             code = build_app()(standalone_mode=False, prog_name="lfcal")
-        if isinstance(code, int) and code:
-            sys.exit(code)
+        sys.exit(code if isinstance(code, int) else 0)
     except usage_error as error:
         _stop(2, _usage(error))
     except typer.Abort:

@@ -54,7 +54,6 @@ def command(
         # A TIFF of many stacks is written under other names: one per plane.
         files = export_files(out, len(matrix), place)
         check_outputs(files, source, force=force)
-        dark = report_dark(matrix)
         if suffix == ".mat" and not json:
             _warn_of_period(matrix)
         work = iter_export(
@@ -65,6 +64,7 @@ def command(
             rows_first=True if rows_first else None,
             position=place,
         )
+        dark = report_dark(matrix)
         run_work(work, quiet=json)
         shape = matrix.shape
     seconds = time.perf_counter() - start

@@ -50,7 +50,9 @@ def test_one_damaged_frame_is_named_listed_and_left_out(lfcal: Lfcal, sample: Pa
     assert not (tmp_path / "H.h5").exists()
     kept = lfcal("assemble", sample, "-o", tmp_path / "H.h5", "--skip-damaged")
     assert kept.code == 0 and "left out: recording.h5[400], (z, y, x) = (0, 12, 4)" in kept.err
-    data: Any = lfcal("assemble", sample, "-o", tmp_path / "H.h5", "--skip-damaged", "--json").json
+    assert lfcal("verify", sample, "--redo", tmp_path / "redo.json").code == 2, "an earlier list is not replaced"
+    assert lfcal("verify", sample, "--redo", tmp_path / "redo.json", "--force").code == 1
+    data: Any = lfcal("assemble", sample, "-o", tmp_path / "H.h5", "--force", "--skip-damaged", "--json").json
     assert data["missing"] == [[0, 12, 4]] and data["left_out"][0]["position"] == [0, 12, 4]
     with open_psf(tmp_path / "H.h5") as matrix:
         assert matrix.recorded[0, 12, 4] == 0

@@ -163,7 +163,7 @@ def test_links_are_followed_before_paths_are_compared(tmp_path: Path) -> None:
 
 def test_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(StorageError, match="a part of the path is a file"):
+    with pytest.raises(StorageError, match="file is a file; check the path"):
         write_manifest(tmp_path / "file" / "m.csv", Manifest(ENTRIES))
     with pytest.raises(StorageError, match="is a folder; name a file in it"):
         (tmp_path / "m.csv").mkdir()
