@@ -318,7 +318,7 @@ def test_bad_matrices_on_the_command_line(lfcal: Lfcal, tmp_path: Path) -> None:
     for name in ("flat.npy", "even.npy", "old.mat", "text.h5"):
         run = lfcal("transpose", tmp_path / name, "-o", tmp_path / "out" / "HT.h5")
         assert run.code == 2 and len(run.err.strip().splitlines()) == 1, (name, run.err)
-    np.save(tmp_path / "good.npy", np.zeros((1, 2, 2, 5, 5), np.float32))
+    np.save(tmp_path / "good.npy", np.ones((1, 2, 2, 5, 5), np.float32))
     for options in (("-o", "x.xyz"), ("-o", "x.tif", "--position", "9,9"), ("-o", "x.tif", "--position", "a")):
         run = lfcal("export", tmp_path / "good.npy", *options)
         assert run.code == 2 and len(run.err.strip().splitlines()) == 1, run.err

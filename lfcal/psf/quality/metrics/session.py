@@ -45,7 +45,7 @@ METRICS = (
         title="Suspect frames",
         unit="frames",
         limits=Limits(good=0, bad=0),
-        cost=CostModel(at_bad=1.2, worst=1.2, per_frame=True),
+        cost=CostModel(at_bad=1.2, worst=2.0, per_frame=True),
         plot="map",
         meaning="Frames whose content was suspicious when they were recorded, and again when they were retaken.",
         advice="Remove the cause, then record these positions again.",
