@@ -116,6 +116,7 @@ def limit(seconds: int) -> None:
 
 def main() -> None:
     """Serve until the parent closes its end."""
+    print(json.dumps("ready"), flush=True)
     for line in sys.stdin:
         path, seconds = json.loads(line)
         limit(seconds)

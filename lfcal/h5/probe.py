@@ -43,7 +43,7 @@ def probe(path: Path) -> None:
     """Raise `FileFormatError` where reading the HDF5 file ``path`` ends or hangs the process that does it.
 
     A file that was looked at before, and has not changed since, is not looked at again. Where no child can be started
-    (no memory, no permission) the file is taken as it is.
+    (no memory, no permission, libraries that do not load there) the file is taken as it is.
     """
     mark = _mark(path)
     with _CHILD.lock:
@@ -76,6 +76,7 @@ class _Child:
         self.known: set[Mark] = set()
         self._process: subprocess.Popen[str] | None = None
         self._owner = 0
+        self._ready = False
 
     def ask(self, path: Path, seconds: int) -> str:
         """Return what is wrong with a file, an empty string for nothing."""
@@ -83,6 +84,11 @@ class _Child:
         if process is None:
             return ""
         assert process.stdin is not None and process.stdout is not None
+        # asked for only now: it starts while this process goes on
+        if not self._ready and not _line(process.stdout, CPU_S * PATIENCE, process.kill):
+            self.end()
+            return ""
+        self._ready = True
         question = json.dumps([os.path.abspath(path), seconds]) + "\n"
         try:
             process.stdin.write(question)
@@ -119,7 +125,7 @@ class _Child:
                     start_new_session=True,  # Ctrl-C in the terminal is for the parent
                     creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
                 )
-                self._owner = os.getpid()
+                self._owner, self._ready = os.getpid(), False
         return self._process
 
     def end(self) -> None:

@@ -60,7 +60,7 @@ def test_endless_reading_is_given_up(endless: Path, tmp_path: Path) -> None:
 
 def test_the_end_of_the_child_is_not_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     dies = tmp_path / "dies.py"
-    dies.write_text("import os, sys\nfor line in sys.stdin:\n    os.abort()\n")
+    dies.write_text("import os, sys\nprint('ready', flush=True)\nfor line in sys.stdin:\n    os.abort()\n")
     monkeypatch.setattr(probing, "_SCRIPT", dies)
     monkeypatch.setattr(probing, "_CHILD", probing._Child())
     path = small_file(tmp_path / "a.h5")
@@ -96,6 +96,15 @@ def test_without_a_child_a_file_is_taken_as_it_is(tmp_path: Path, monkeypatch: p
         raise PermissionError("no processes here")
 
     monkeypatch.setattr(subprocess, "Popen", refused)
+    with H5File(small_file(tmp_path / "a.h5")) as file:
+        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_child_that_cannot_begin_says_nothing_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = tmp_path / "broken.py"
+    broken.write_text("import a_library_that_is_missing\n")
+    monkeypatch.setattr(probing, "_SCRIPT", broken)
+    monkeypatch.setattr(probing, "_CHILD", probing._Child())
     with H5File(small_file(tmp_path / "a.h5")) as file:
         assert file.values("a").tolist() == [0, 1, 2, 3, 4]
 
