@@ -11,14 +11,14 @@ __all__ = ["FileLock"]
 
 
 class FileLock:
-    """The lock ``.NAME.lock`` beside a file.
+    """The lock ``.NAME.window`` beside a file; ``.NAME.lock`` is that of whoever writes it (`lfcal.files`).
 
     Where the folder cannot be written to there is no lock, and the file counts as free: it cannot be overwritten there.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._name = path.with_name(f".{path.name}.lock")
+        self._name = path.with_name(f".{path.name}.window")
         self._lock = QLockFile(str(self._name))
         self._lock.setStaleLockTime(0)  # age says nothing: windows stay open for days
 

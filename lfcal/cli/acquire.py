@@ -112,11 +112,14 @@ def command(
         if dry_run:
             _show_forecast(task, rig)
             return
-        outcome, alarms = _run(task, rig, check_stage)
+        outcome, alarms, ended_by = _run(task, rig, check_stage)
     result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": alarms, **_suspects(out, outcome)}
     if outcome.how == "complete":
         result |= _finish(out, assemble, pack, json)
     _report(result, outcome, out, json)
+    if outcome.how != "complete":
+        # A session that was stopped is not a success: scripts must be able to see it.
+        raise typer.Exit(128 + ended_by)
 
 
 @dataclass(frozen=True)
@@ -131,8 +134,8 @@ class _Task:
     quiet: bool
 
 
-def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome, tuple[Alarm, ...]]:
-    """Check light and stage, then record until the end or Ctrl-C."""
+def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome, tuple[Alarm, ...], int]:
+    """Check light and stage, then record until the end or a signal; return what came of it, and the signal."""
     from lfcal.acquire.control import Control
     from lfcal.acquire.lighting import check_light
 
@@ -144,8 +147,9 @@ def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome, tuple[Alarm
         with _stoppable(control, at_once=True):
             _check_stage(task, rig, control)
     control = Control()
-    with _stoppable(control):
-        return _record(task, rig, control)
+    with _stoppable(control) as asked:
+        outcome, alarms = _record(task, rig, control)
+    return outcome, alarms, next(iter(asked), signal.SIGINT)
 
 
 def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome, tuple[Alarm, ...]]:
@@ -190,14 +194,17 @@ def _watched(work: Work[Outcome], quality: LiveQuality) -> Work[Outcome]:
 
 
 @contextmanager
-def _stoppable(control: Control, *, at_once: bool = False) -> Iterator[None]:
-    """Let Ctrl-C, a hang-up and the request to terminate stop in order, and a second one of them abort.
+def _stoppable(control: Control, *, at_once: bool = False) -> Iterator[list[int]]:
+    """Let Ctrl-C, a hang-up and the request to terminate stop in order, and a second one abort; yield those that came.
 
     With ``at_once`` the first one aborts: where nothing is recorded there is no position to finish.
     """
     from lfcal.cli.console import report
 
-    def asked(*_: Any) -> None:
+    came: list[int] = []
+
+    def asked(number: int, _: object) -> None:
+        came.append(number)
         if at_once or control.stopping:
             control.abort()
         else:
@@ -208,7 +215,7 @@ def _stoppable(control: Control, *, at_once: bool = False) -> Iterator[None]:
     names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {name: signal.signal(getattr(signal, name), asked) for name in names}
     try:
-        yield
+        yield came
     finally:
         for name, handler in before.items():
             signal.signal(getattr(signal, name), handler)
@@ -367,6 +374,3 @@ def _report(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> 
             typer.echo(f"  {result['H']}: H {result['shape']}")
         if outcome.how != "complete":
             typer.echo("  resume with --resume")
-    if outcome.how != "complete":
-        # A session that was stopped is not a success: scripts must be able to see it.
-        raise typer.Exit(130)

@@ -303,7 +303,7 @@ def test_ctrl_c_stops_in_order_and_the_session_resumes(
         time.sleep(0.02)
     child.send_signal(getattr(signal, name))
     said, complaint = child.communicate(timeout=30)
-    assert child.returncode == 130
+    assert child.returncode == 128 + getattr(signal, name)
     assert "stopping after this position" in complaint
     assert "resume with --resume" in said
     count = len(frames_of(out))

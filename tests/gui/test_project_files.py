@@ -196,7 +196,7 @@ def test_locks_of_dead_processes_count_for_nothing(tmp_path: Path) -> None:
     code += "lock = FileLock(Path(sys.argv[1])); assert lock.take(); os._exit(0)"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     subprocess.run([sys.executable, "-c", code, str(tmp_path / "p")], env=environment, check=True)
-    assert (tmp_path / ".p.lock").exists()
+    assert (tmp_path / ".p.window").exists()
     lock, other = FileLock(tmp_path / "p"), FileLock(tmp_path / "p")
     assert lock.take() and not other.take()
     words, away = other.holder()
@@ -208,7 +208,7 @@ def test_locks_of_dead_processes_count_for_nothing(tmp_path: Path) -> None:
 
 
 def test_a_lock_of_another_machine_is_only_taken_when_asked_for(tmp_path: Path) -> None:
-    (tmp_path / ".p.lock").write_text("12345\nlfcal\nfar-away\n")
+    (tmp_path / ".p.window").write_text("12345\nlfcal\nfar-away\n")
     lock = FileLock(tmp_path / "p")
     assert not lock.take() and lock.holder() == ("process 12345 on far-away", True)
     assert lock.take_over()
