@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.acquire_outcome import finish, list_suspects, show_outcome
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
     from lfcal.progress import Work
 
 ALARM_EVERY_S = 5.0
-SUSPECTS = "suspects.json"
-SHOWN = 10
 
 
 def register(app: typer.Typer) -> None:
@@ -113,10 +112,10 @@ def command(
             _show_forecast(task, rig)
             return
         outcome, alarms, ended_by = _run(task, rig, check_stage)
-    result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": alarms, **_suspects(out, outcome)}
+    result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": alarms, **list_suspects(out, outcome)}
     if outcome.how == "complete":
-        result |= _finish(out, assemble, pack, json)
-    _report(result, outcome, out, json)
+        result |= finish(out, assemble, pack, json)
+    show_outcome(result, outcome, out, json)
     if outcome.how != "complete":
         # A session that was stopped is not a success: scripts must be able to see it.
         raise typer.Exit(128 + ended_by)
@@ -311,66 +310,3 @@ def _show_forecast(task: _Task, rig: Rig) -> None:
         ["stage", found.stage],
     ]
     print_table(["what", "value"], rows, title=f"{task.out}: nothing was moved or written")
-
-
-def _suspects(out: Path, outcome: Outcome) -> dict[str, Any]:
-    """Write the list of suspect positions into the session's folder; return it, and where it is, if there are any."""
-    from lfcal.acquire.suspects import read_suspects
-
-    path = out / SUSPECTS
-    found = read_suspects(out) if outcome.acknowledged else None
-    if found is None or not found.positions:
-        path.unlink(missing_ok=True)  # of an earlier run: recorded again since
-        return {}
-    found.write(path)
-    return {"suspects": found, "redo": path}
-
-
-def _finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[str, Any]:
-    from lfcal.acquire.finish import iter_assemble_session, iter_finish
-    from lfcal.cli.console import report, run_work
-    from lfcal.psf import AssemblySettings
-
-    result: dict[str, Any] = {}
-    if assemble is not None:
-        # A complete session has every position once: a gap would be a defect, and is not to be filled quietly.
-        settings = AssemblySettings(strict=True)
-        made = run_work(iter_assemble_session(out, assemble, settings=settings), quiet=quiet)
-        with made.matrix as matrix:
-            result |= {"H": assemble, "shape": matrix.shape, "saturated_positions": made.saturated}
-    if pack:
-        packed = run_work(iter_finish(out), quiet=quiet)
-        result["bytes_gained"] = packed.bytes_gained
-        for note in packed.left:
-            report(f"note: {note}")
-    return result
-
-
-def _show_suspects(suspects: RedoList, path: Path) -> None:
-    """Print the first of the positions that are suspect, and how to record all of them again."""
-    for position, why in list(zip(suspects.positions, suspects.reasons, strict=True))[:SHOWN]:
-        typer.echo(f"  suspect: (z, y, x) = {tuple(position)}: {why}")
-    count = len(suspects.positions)
-    more = f", {count - SHOWN} more in the list" if count > SHOWN else ""
-    typer.echo(f"  {count} suspect{more}: remove the cause, then record them again with --redo {path}")
-
-
-def _report(result: dict[str, Any], outcome: Outcome, out: Path, json: bool) -> None:
-    from lfcal.cli.console import print_json
-    from lfcal.units import format_seconds
-
-    if json:
-        print_json(result)
-    else:
-        time_taken = format_seconds(outcome.seconds)
-        typer.echo(f"{out}: {outcome.how}, {outcome.acknowledged} of {outcome.total} positions in {time_taken}")
-        if outcome.damaged:
-            typer.echo(f"  {outcome.damaged} damaged frames were found; those recorded now replace them")
-        for alarm in result["alarms"]:
-            typer.echo(f"  {alarm.what}: {alarm.value:.3g} (limit {alarm.limit:g}): {alarm.advice}")
-        if "suspects" in result:
-            _show_suspects(result["suspects"], result["redo"])
-        if "H" in result:
-            typer.echo(f"  {result['H']}: H {result['shape']}")
-        if outcome.how != "complete":
-            typer.echo("  resume with --resume")
