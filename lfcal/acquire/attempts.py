@@ -126,8 +126,8 @@ class Attempts:
             step.kind,
             place,
             taken.frame,
+            taken.now,
             exposed.raws,
-            taken.note.saturated,
             self._plan.exposures[step.z],
             (exposed.exposure_s, *exposed.reported_s),
         )

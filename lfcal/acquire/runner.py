@@ -111,9 +111,9 @@ class Runner:
         check_limits(schedule.targets[moved], limits_of(rig.stage), motion.overshoot_um)
         if bool((todo & ~moved).any()):
             check_light(rig)
-        taker = Taker(rig, plan, options, schedule, self.control, self._elapsed_s)
-        self._lighting = taker.lighting
         sensor = Sensor(rig.camera.max_value, plan.camera.sensor.electrons_per_count)
+        taker = Taker(rig, plan, options, schedule, self.control, sensor, self._elapsed_s)
+        self._lighting = taker.lighting
         guard = ContentGuard(plan.shape[:3], sensor, coarse=options.order == "coarse", recorded=recorded)
         self._attempts = Attempts(taker, guard, plan, options)
         for item in known:

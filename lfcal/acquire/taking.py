@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.exposing import ExposedFrame, Exposer
+from lfcal.acquire.guard.neighbours import Measured, Sensor, measured
 from lfcal.acquire.lighting import Lighting
 from lfcal.acquire.motion import Mover
 from lfcal.acquire.options import Options
@@ -22,9 +23,10 @@ __all__ = ["Taken", "Taker"]
 
 
 class Taken(NamedTuple):
-    """A frame ``(rows, columns)`` as it is to be kept, its note, and all that was read of the region ``roi``."""
+    """A frame ``(rows, columns)`` as it is to be kept, in numbers, its note, and all that was read of ``roi``."""
 
     frame: NDArray[Any]
+    now: Measured
     note: Note
     exposed: ExposedFrame
     roi: Roi
@@ -37,6 +39,8 @@ class Taker:
     ----------
     rig, plan, options, schedule, control
         As in `Runner`.
+    sensor
+        The camera's.
     elapsed
         Seconds of recording so far, pauses left out.
     """
@@ -48,16 +52,17 @@ class Taker:
         options: Options,
         schedule: Schedule,
         control: Control,
+        sensor: Sensor,
         elapsed: Callable[[], float],
     ) -> None:
         self._rig, self._plan, self._options, self._schedule = rig, plan, options, schedule
         self._elapsed = elapsed
         self.mover = Mover(rig.stage, rig.time, options.motion(plan), control)
         self.lighting = Lighting(rig, control, options.light_settle_s)
-        sensor = plan.camera.sensor
-        self._exposer = Exposer(rig, control, options.bracket, sensor.black_level, options.grab_timeout_s)
+        black = plan.camera.sensor.black_level
+        self._exposer = Exposer(rig, control, options.bracket, black, options.grab_timeout_s)
         self._exposures = plan.exposures
-        self._max = rig.camera.max_value
+        self._sensor = sensor
 
     def take(self, step: Step, attempt: int = 1) -> Taken:
         """Return the frame of ``step``; raises `DeviceError` if a device fails."""
@@ -74,15 +79,16 @@ class Taker:
             exposed = self._exposer.expose(self._exposures[step.z], repeats, self._rig.time.monotonic())
             here = self.mover.check(step.target)  # a stage that crept away during the exposure shows here
         frame, mask, row, column = self._crop(step, exposed)
-        note = self._note(step, exposed, frame, mask, stage_um=here, place=(row, column), attempts=attempt)
-        return Taken(frame, note, exposed, self._exposer.roi)
+        saturated = int(np.count_nonzero(frame >= self._sensor.ceiling if mask is None else mask))
+        now = measured(frame, saturated, self._sensor)
+        note = self._note(step, exposed, now, stage_um=here, place=(row, column), attempts=attempt)
+        return Taken(frame, now, note, exposed, self._exposer.roi)
 
     def _note(
         self,
         step: Step,
         exposed: ExposedFrame,
-        frame: NDArray[Any],
-        mask: NDArray[np.bool_] | None,
+        now: Measured,
         *,
         stage_um: Point,
         place: tuple[int, int],
@@ -96,15 +102,15 @@ class Taker:
             column=place[1],
             period_y=step.period_y,
             period_x=step.period_x,
-            saturated=int(np.count_nonzero(frame >= self._max if mask is None else mask)),
+            saturated=now.saturated,
             sensor_saturated=exposed.saturated,
             target_um=step.target,
             stage_um=stage_um,
             exposure_s=exposed.exposure_s,
             time_s=self._rig.time.wall(),
             elapsed_s=self._elapsed(),
-            energy=float(frame.sum(dtype=np.float64 if frame.dtype.kind == "f" else np.uint64)),
-            peak=float(frame.max()),
+            energy=now.total,
+            peak=now.peak,
         )
 
     def _crop(self, step: Step, exposed: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:

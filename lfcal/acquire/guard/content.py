@@ -23,16 +23,16 @@ LIT_SIGMAS, LIT_COUNTS = 5.0, 3.0
 class Content(NamedTuple):
     """A frame for the guard.
 
-    ``frame`` ``(rows, columns)`` as it is kept; ``raws`` the exposures it was made of, the same region of the sensor
-    for every frame of a kind; ``saturated`` pixels of ``frame``; ``asked_s`` and ``actual_s`` all exposures that were
-    asked for and that the camera took (s), the frame's own first.
+    ``frame`` ``(rows, columns)`` as it is kept, ``now`` the same in numbers; ``raws`` the exposures it was made of, the
+    same region of the sensor for every frame of a kind; ``asked_s`` and ``actual_s`` all exposures that were asked for
+    and that the camera took (s), the frame's own first.
     """
 
     kind: Kind
     place: Place
     frame: NDArray[Any]
+    now: Measured
     raws: Sequence[NDArray[Any]]
-    saturated: int
     asked_s: float
     actual_s: Sequence[float]
 
@@ -77,16 +77,16 @@ class ContentGuard:
 
     def look(self, content: Content) -> Seen:
         """Return what is seen of a frame; nothing of it is trusted before `accept`."""
-        now = measured(content.frame, content.saturated, self.sensor)
+        now = content.now
         doubt = _exposure(content)
         if content.kind is Kind.DARK:
             return Seen(now, doubt)
-        floor = float(now.values[0]) + max(LIT_SIGMAS * float(now.values[5]), LIT_COUNTS)
+        floor = float(now.values[0]) + max(LIT_SIGMAS * now.noise, LIT_COUNTS)
         repeated, samples = self._repeats.look(content.place, content.raws, floor)
         doubt |= repeated
         position = content.place.position
         if content.kind is Kind.POSITION:
-            doubt |= self._repeats.kept(position, content.frame, float(now.values[5]), floor)
+            doubt |= self._repeats.kept(position, content.frame, now.noise, floor)
             doubt |= self._neighbours.look(position, now, content.actual_s[0], self._pitch(position))
             if not self._any and not now.lit:
                 doubt |= Doubt(Suspicion.BLANK, ("light: expected some in the first frame, got none; check the lamp",))

@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["COLUMNS", "count_lit", "expect", "measure", "same_rows"]
+__all__ = ["COLUMNS", "count_lit", "expect", "learn", "measure", "same_rows"]
 
-COLUMNS = ("level", "energy", "row", "column", "peak", "noise")
+COLUMNS = ("level", "energy", "row", "column", "peak", "noise", "total")
 """What `measure` fills, and the first five of it a table of neighbours holds.
 
 Level of the darkest corner; sum of what exceeds it; its centroid from the frame's middle (pixels); highest sample;
-noise of a pixel in that corner (counts).
+noise of a pixel in that corner (counts); sum of all samples.
 """
 
 
 @njit()
 def measure(frame: NDArray[Any], out: NDArray[np.float64]) -> None:
-    """Measure ``frame`` ``(rows, columns)`` into ``out`` ``(6,)``, see `COLUMNS`.
+    """Measure ``frame`` ``(rows, columns)`` into ``out`` ``(7,)``, see `COLUMNS`.
 
     The darkest of four corners shows the background: a pattern that fills the frame rarely reaches all of them.
     """
@@ -37,25 +37,44 @@ def measure(frame: NDArray[Any], out: NDArray[np.float64]) -> None:
         if mean < level:
             level, noise = mean, block.std()
     # column by column, because sums over an array of columns run on several at a time
-    sums, moments, tops = np.zeros(columns), np.zeros(columns), np.zeros(columns)
+    sums, moments, tops = np.zeros(columns), np.zeros(columns), np.full(columns, -np.inf)
     for r in range(rows):
         for c in range(columns):
             value = float(frame[r, c])
             sums[c] += value
             moments[c] += value * r
             tops[c] = value if value > tops[c] else tops[c]
-    total, down, along, peak = 0.0, 0.0, 0.0, 0.0
+    total, down, along, peak = 0.0, 0.0, 0.0, -np.inf
     for c in range(columns):
         total += sums[c]
         down += moments[c]
         along += sums[c] * c
         peak = max(peak, tops[c])
     energy = total - level * rows * columns
-    out[0], out[1], out[4], out[5] = level, energy, peak, noise
+    out[0], out[1], out[4], out[5], out[6] = level, energy, peak, noise, total
     # the background is symmetrical about the middle, and adds nothing to moments taken from there
     light = energy if energy != 0.0 else 1.0
     out[2] = (down - total * 0.5 * (rows - 1)) / light
     out[3] = (along - total * 0.5 * (columns - 1)) / light
+
+
+@njit()
+def learn(
+    values: NDArray[np.float64], expected: NDArray[np.float64], ceiling: float, usual: NDArray[np.float64]
+) -> None:
+    """Take the differences of ``values`` from ``expected`` into what they mostly are, ``usual`` ``(4,)``.
+
+    Units are those of `lfcal.acquire.guard.neighbours.FIRST`. Quick to widen, slow to narrow: patterns that jump do so
+    again.
+    """
+    light = max(abs(expected[1]), 1e-9)
+    for k in range(4):
+        away = abs(values[k] - expected[k])
+        if k == 0:
+            away /= ceiling
+        elif k == 1:
+            away /= light
+        usual[k] += (away - usual[k]) * (1 / 8 if away > usual[k] else 1 / 32)
 
 
 @njit()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.guard.doubts import NO_DOUBT, Doubt
-from lfcal.acquire.guard.kernels import COLUMNS, expect, measure
+from lfcal.acquire.guard.kernels import COLUMNS, expect, learn, measure
 from lfcal.acquire.recording.records import Suspicion
 from lfcal.frames.source import Position
 
@@ -54,6 +54,21 @@ class Measured(NamedTuple):
     saturated: int
 
     @property
+    def total(self) -> float:
+        """Sum of all samples (counts)."""
+        return float(self.values[6])
+
+    @property
+    def peak(self) -> float:
+        """Highest sample (counts)."""
+        return float(self.values[PEAK])
+
+    @property
+    def noise(self) -> float:
+        """Noise of a pixel without light (counts)."""
+        return float(self.values[5])
+
+    @property
     def lit(self) -> bool:
         """Whether light stands out."""
         return bool(self.values[ENERGY] > SIGMAS * self.energy_sigma)
@@ -90,11 +105,12 @@ class Neighbours:
         self._table = np.full((*shape, 5), np.nan)
         self._mostly = np.tile(np.array(FIRST), (len(GAINS), 1))
         self._expected = np.empty(5)
+        self._asked: tuple[Position, int, int] | None = None
         self._latest: tuple[float, Measured] | None = None
 
     def look(self, position: Position, now: Measured, exposure_s: float, pitch: int) -> Doubt:
         """Return the doubt about a frame of ``position``; neighbours are ``pitch`` positions away."""
-        way = expect(self._table[position.z], position.y, position.x, pitch, self._expected)
+        way = self._expect(position, pitch)
         if way < 0:
             return self._elsewhere(now, exposure_s)
         mostly = self._mostly[way]
@@ -108,14 +124,19 @@ class Neighbours:
 
     def accept(self, position: Position, now: Measured, exposure_s: float, pitch: int) -> None:
         """Remember a frame that is to be trusted."""
-        way = expect(self._table[position.z], position.y, position.x, pitch, self._expected)
+        way = self._expect(position, pitch)
         if way >= 0 and now.lit:
-            away = np.abs(_differences(now.values, self._expected, self._sensor))
-            # quick to widen, slow to narrow: patterns that jump do so again
-            usual = self._mostly[way]
-            usual += (away - usual) * np.where(away > usual, 1 / 8, 1 / 32)
+            learn(now.values, self._expected, self._sensor.ceiling, self._mostly[way])
         self._table[position] = now.values[:5]
         self._latest = exposure_s, now
+        self._asked = None
+
+    def _expect(self, position: Position, pitch: int) -> int:
+        """Fill in what is expected at ``position``, unless it was asked for last; return how, see `expect`."""
+        if self._asked is None or self._asked[:2] != (position, pitch):
+            way = int(expect(self._table[position.z], position.y, position.x, pitch, self._expected))
+            self._asked = position, pitch, way
+        return self._asked[2]
 
     def _elsewhere(self, now: Measured, exposure_s: float) -> Doubt:
         if self._latest is None:
@@ -131,34 +152,25 @@ def same_place(now: Measured, before: Measured, sensor: Sensor, *, references: b
     return _compare(now, before.values, REFERENCES if references else AGAIN, 1.5, sensor)
 
 
-def _differences(values: NDArray[np.float64], expected: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
-    light = max(abs(float(expected[ENERGY])), 1e-9)
-    away = values[:4] - expected[:4]
-    away[LEVEL] /= sensor.ceiling
-    away[ENERGY] /= light
-    return away
-
-
 def _compare(
     now: Measured, expected: NDArray[np.float64], limits: tuple[float, ...], gain: float, sensor: Sensor
 ) -> Doubt:
     """Return the doubt where ``now`` differs from ``expected`` ``(5,)`` by more than ``limits`` and its noise."""
     sigmas = gain * SIGMAS
-    level, light = float(expected[LEVEL]), float(expected[ENERGY])
-    got = float(now.values[ENERGY])
+    level, light, row, column = expected[:4].tolist()
+    got_level, got, got_row, got_column = now.values[:4].tolist()
     # the shot noise of what should be there counts where nothing is
     noise = sigmas * math.sqrt(now.energy_sigma**2 + max(light, 0.0) / sensor.gain)
     doubt = NO_DOUBT
-    moved = float(now.values[LEVEL]) - level
-    if abs(moved) > max(limits[LEVEL] * sensor.ceiling, sigmas * now.level_sigma):
-        why = f"dark level: expected about {level:.4g} counts, got {now.values[LEVEL]:.4g}"
+    if abs(got_level - level) > max(limits[LEVEL] * sensor.ceiling, sigmas * now.level_sigma):
+        why = f"dark level: expected about {level:.4g} counts, got {got_level:.4g}"
         doubt |= Doubt(Suspicion.DARK_LEVEL, (f"{why}; check the camera's temperature, offset and stray light",))
     if abs(got - light) > max(limits[ENERGY] * abs(light), noise):
         what = Suspicion.BLANK if got < DARK * light else Suspicion.LIGHT
         why = f"light: expected about {light:.4g} counts, got {got:.4g}"
         doubt |= Doubt(what, (f"{why}; check lamp, shutter and exposure",))
     if now.lit and not doubt.what & Suspicion.BLANK:
-        down, right = (float(now.values[k] - expected[k]) for k in (ROW, COLUMN))
+        down, right = got_row - row, got_column - column
         noise = sigmas * now.place_sigma
         if abs(down) > max(limits[ROW], noise) or abs(right) > max(limits[COLUMN], noise):
             why = f"image: expected within {max(limits[ROW], limits[COLUMN], noise):.2g} px of its place, got "
