@@ -109,6 +109,16 @@ def test_a_child_that_cannot_begin_says_nothing_of_the_file(tmp_path: Path, monk
         assert file.values("a").tolist() == [0, 1, 2, 3, 4]
 
 
+@pytest.mark.skipif(os.name != "posix", reason="limits of a shell")
+@pytest.mark.parametrize("limit", ["-t 60", "-v 4000000", "-c 0", "-n 20"])
+def test_limits_from_outside_are_no_damage(tmp_path: Path, limit: str) -> None:
+    path = small_file(tmp_path / "a.h5")
+    code = "import sys; from pathlib import Path; from lfcal.h5.probe import probe; probe(Path(sys.argv[1]))"
+    command = f'ulimit {limit}; exec "$0" -c "$1" "$2"'
+    done = subprocess.run(["sh", "-c", command, sys.executable, code, str(path)], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_the_child_ends_with_its_parent(tmp_path: Path) -> None:
     path = small_file(tmp_path / "a.h5")
     code = (
