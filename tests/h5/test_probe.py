@@ -110,7 +110,7 @@ def test_a_child_that_cannot_begin_says_nothing_of_the_file(tmp_path: Path, monk
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of a shell")
-@pytest.mark.parametrize("limit", ["-t 60", "-v 4000000", "-c 0", "-n 20"])
+@pytest.mark.parametrize("limit", ["-t 5", "-v 4000000", "-c 0", "-n 20"])
 def test_limits_from_outside_are_no_damage(tmp_path: Path, limit: str) -> None:
     path = small_file(tmp_path / "a.h5")
     code = "import sys; from pathlib import Path; from lfcal.h5.probe import probe; probe(Path(sys.argv[1]))"
