@@ -233,5 +233,5 @@ class Runner:
         remedy = "remove the cause, then resume"
         if isinstance(error, SuspectFrame):
             kind = "content guard"
-            remedy += ", or resume with on_suspect flag to keep such frames and name them"
+            remedy += ", or resume with --on-suspect flag to keep such frames and name them"
         return f"stopped at {where} by the {kind}: {error}; {self._done} of {self._total} positions are safe; {remedy}"
