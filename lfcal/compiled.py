@@ -57,6 +57,7 @@ class Kernel(Generic[P, R]):
                         names[name] = called.compiled()
                 made = numba.njit(**self._options)(self.function)
                 _drop_unreadable_cache(made)
+                _run_without_cache(made)
                 self._compiled = made
             return self._compiled
 
@@ -75,6 +76,20 @@ def _drop_unreadable_cache(dispatcher: Any) -> None:
     except Exception:  # whatever unpickling an old index may raise
         with suppress(OSError):
             file.flush()
+
+
+def _run_without_cache(dispatcher: Any) -> None:
+    """Let a kernel run where what was compiled cannot be kept: on a full disk it is compiled again the next time."""
+    cache: Any = getattr(dispatcher, "_cache", None)
+    if not hasattr(cache, "save_overload"):
+        return
+    save = cache.save_overload
+
+    def save_if_possible(signature: Any, data: Any) -> None:
+        with suppress(OSError):
+            save(signature, data)
+
+    cache.save_overload = save_if_possible
 
 
 def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -79,6 +80,22 @@ def test_a_cache_of_an_earlier_version_is_made_anew(tmp_path: Path) -> None:
     assert list(tmp_path.rglob("*.nbi")), "the kernel was cached"
     again = run("Twin")
     assert again.returncode == 0 and again.stdout.strip() == "2.0", again.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no limits on file sizes")
+def test_a_kernel_runs_where_its_cache_cannot_be_written(tmp_path: Path) -> None:
+    """The disk of the program is full: the user's own may have room."""
+    (tmp_path / "kernels_without_cache.py").write_text(RECORDED.format(name="Pair"))
+    code = f"""
+import resource, signal, sys
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+sys.path.insert(0, {str(tmp_path)!r})
+import kernels_without_cache
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.strip() == "2.0", done.stderr
+    assert not list(tmp_path.rglob("*.nb?"))
 
 
 def test_errors_say_what_was_expected() -> None:
