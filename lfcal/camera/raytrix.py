@@ -261,12 +261,20 @@ def _distortion(root: ElementTree.Element, source: Path) -> BrownDistortion | No
     if root.find("distortion") is None:
         return None
     entry = _only(root, "distortion", source)
-    function = _only(entry, "function", source).text
-    if (function or "").strip() != "Brown":
+    function = (_only(entry, "function", source).text or "").strip()
+    if function not in ("Brown", "constant"):
         raise FileFormatError.expected(
-            f"{source}: distortion", "the function Brown", repr(function), "export it without distortion"
+            f"{source}: distortion", "the function Brown or constant", repr(function), "export it without distortion"
         )
-    text = _only(entry, "parameter", source).text or ""
-    values = tuple(_float(part, f"{source}: distortion parameter") for part in text.split(";"))
+    text = (entry.findtext("parameter") or "").strip()
+    values = tuple(_float(part, f"{source}: distortion parameter") for part in text.split(";") if text)
+    if function == "constant":  # the maker's word for none
+        if any(values):
+            raise FileFormatError.expected(
+                f"{source}: constant distortion", "no parameters", text[:60], "export it without distortion"
+            )
+        return None
+    if not values:
+        raise FileFormatError.expected(f"{source}: distortion", "parameters", "none", "export it without distortion")
     centre = _pair(entry, "offset", "pix", source)
     return BrownDistortion(values, (float(centre[0]), float(centre[1])))

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import typer
 
-from lfcal.camera import PRESETS, Camera, Forecast, ScanPlan, StageAxes, preset, read_raytrix_xml
-from lfcal.cli.console import print_json, print_table
+from lfcal.camera import PRESETS, Camera, Forecast, MainLens, ScanPlan, StageAxes, preset, read_raytrix_xml
+from lfcal.cli.console import print_json, print_table, report
 from lfcal.cli.options import CameraArgument, CutoutOption, DepthsOption, ForceOption, JsonOption, VirtualDepthsOption
 from lfcal.cli.outputs import check_output
 from lfcal.errors import InputError, StorageError
@@ -32,8 +32,22 @@ def load_camera(name: str) -> Camera:
         known = ", ".join(PRESETS)
         raise StorageError.expected("camera", f"{known}, a JSON file or a Raytrix XML file", name, "check the name")
     if path.suffix.lower() == ".xml":
-        return read_raytrix_xml(path)
+        camera = read_raytrix_xml(path)
+        report(f"note: {path.name} states neither sensor nor main lens nor gap; {_assumed(camera)} are assumed")
+        return camera
     return Camera.from_json(read_text(path, limit=MAX_JSON))
+
+
+def _assumed(camera: Camera) -> str:
+    """Return in words what is taken for granted of a camera that only its lattice is known of."""
+    sensor, lens = camera.sensor, camera.optics
+    assert isinstance(lens, MainLens)
+    rows, columns = sensor.shape
+    return (
+        f"{rows} x {columns} pixels of {sensor.pixel_um:g} µm, a lens of {format_length(lens.focal_length_um)} "
+        f"f/{lens.f_number:g} at {format_length(lens.working_distance_um)}, and "
+        f"{format_length(camera.lattice.gap_um)} from lenslets to sensor"
+    )
 
 
 def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:

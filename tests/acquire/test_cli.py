@@ -287,7 +287,7 @@ def acknowledged(folder: Path) -> int:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="interrupted by a signal")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", pytest.param("SIGHUP", marks=pytest.mark.long)])
 def test_ctrl_c_stops_in_order_and_the_session_resumes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:

@@ -24,6 +24,7 @@ def test_error_falls_with_the_nodes():
     assert all(error > errors[0] for error in theirs)
 
 
+@pytest.mark.long
 def test_command_prints_json_and_refuses_even_cutouts(capsys, monkeypatch):
     with pytest.raises(InputError, match="odd"):
         measure(5.0, 30, 1)

@@ -193,6 +193,23 @@ def test_other_encodings_are_read(tmp_path: Path) -> None:
     assert read_raytrix_xml(path) == want
 
 
+BROWN = '<function>Brown</function><parameter count="2">-0.0015;0.0007</parameter>'
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "<function>constant</function>",
+        '<function> constant </function><parameter count="0"></parameter>',
+        '<function>constant</function><parameter count="2">0;0</parameter>',
+    ],
+)
+def test_constant_distortion_is_none(tmp_path: Path, said: str) -> None:
+    path = tmp_path / "c.xml"
+    path.write_text(xml().replace(BROWN, said))
+    assert said in path.read_text() and read_raytrix_xml(path).distortion is None
+
+
 BOMB = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>'
 EXTERNAL = '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/hostname">]>'
 
@@ -236,6 +253,7 @@ BAD = {
     "four ids": xml().replace('lens_type id="2"', 'lens_type id="7"'),
     "empty depth range": xml().replace("<max>3</max>", "<max>1</max>"),
     "other distortion": xml().replace("Brown", "Green"),
+    "constant distortion that is none": xml().replace("Brown", "constant"),
     "no coefficients": xml().replace("-0.0015;0.0007", ""),
     "wide border": xml().replace(">1</lens_border>", ">30</lens_border>"),
     "other sub-grid": xml().replace("<x>-3.0</x>", "<x>-1.0</x>"),
