@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 from lfcal.errors import InputError
 
-__all__ = ["AXES", "MATLAB_AXES", "Position", "centre", "check_cutout", "check_psf_shape"]
+__all__ = ["AXES", "MATLAB_AXES", "Position", "centre", "check_cutout", "check_psf_shape", "position_at"]
 
 AXES = ("z", "y", "x", "t", "s")
 """Axis names of H in storage order."""
@@ -45,6 +45,13 @@ class Position(NamedTuple):
     z: int
     y: int
     x: int
+
+
+def position_at(flat: int, period: tuple[int, int]) -> Position:
+    """Return the position whose place in storage order is ``flat``; ``period`` is ``(ny, nx)``."""
+    ny, nx = period
+    rows, x = divmod(flat, nx)
+    return Position(*divmod(rows, ny), x)
 
 
 def centre(n: int) -> int:

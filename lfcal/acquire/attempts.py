@@ -14,6 +14,7 @@ from lfcal.acquire.options import Options
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.schedule import Step
 from lfcal.acquire.taking import Taken, Taker
+from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 from lfcal.devices.errors import CameraError, StageError, WrongFrame
 from lfcal.frames.source import Position
@@ -152,5 +153,4 @@ class Attempts:
             self._attempt += 1
 
     def _position(self, step: Step) -> Position:
-        _, ny, nx = self._plan.shape[:3]
-        return Position(step.z, step.flat // nx % ny, step.flat % nx)
+        return position_at(step.flat, self._plan.period)

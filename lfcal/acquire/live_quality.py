@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.schedule import Step
+from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 
 __all__ = ["Alarm", "LiveQuality", "QualityState"]
@@ -125,8 +126,7 @@ class LiveQuality:
                     self._dark.append(float(np.median(frame[self._border])))
                     self._lamp.append((note.elapsed_s, note.energy - self._dark[-1] * frame.size))
             return
-        _, ny, nx = self._shape
-        place = step.z, step.flat // nx % ny, step.flat % nx
+        place = position_at(step.flat, self._shape[1:])
         with self._lock:
             if self._done < FIRST or self._done % self._stride == 0:
                 # the border of a cutout shows the background: the spot is in its middle

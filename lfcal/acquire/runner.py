@@ -25,6 +25,7 @@ from lfcal.acquire.recording.records import Kind, Note
 from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
 from lfcal.acquire.schedule import Schedule, Step
 from lfcal.acquire.taking import Taker
+from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Rig, Roi
 from lfcal.errors import LfcalError
@@ -191,8 +192,7 @@ class Runner:
         return taken.frame, note
 
     def _position(self, step: Step) -> Position:
-        _, ny, nx = self._plan.shape[:3]
-        return Position(step.z, step.flat // nx % ny, step.flat % nx)
+        return position_at(step.flat, self._plan.period)
 
     def _elapsed_s(self) -> float:
         return self._earlier_s + self._rig.time.monotonic() - self._since

@@ -28,6 +28,7 @@ from lfcal.acquire.recording.verify import SessionReport, iter_verify
 from lfcal.acquire.runner import Observer, Outcome, Runner
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype
+from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Rig
 from lfcal.errors import InputError, LfcalError, StorageError
@@ -236,7 +237,7 @@ def _record_one(
             low_space=DiskGuard(folder, options.keep_free_bytes),
             elapsed_s=store.elapsed_s,
             known=known_around(folder, _open_positions(file.plan, schedule, todo)) if not todo.all() or run else (),
-            recorded={crc: _position(file.plan, flat) for crc, flat in store.checksums().items()},
+            recorded={crc: position_at(flat, file.plan.period) for crc, flat in store.checksums().items()},
         )
         if found is not None and todo.any():
             _check_origin(folder, file, rig, options, watching.control, found)
@@ -293,11 +294,6 @@ def _open_positions(plan: ScanPlan, schedule: Schedule, todo: NDArray[np.bool_])
     positions = np.zeros(plan.n_positions, np.bool_)
     positions[schedule.flat[todo & (schedule.kinds == Kind.POSITION)]] = True
     return positions.reshape(plan.shape[:3])
-
-
-def _position(plan: ScanPlan, flat: int) -> Position:
-    ny, nx = plan.period
-    return Position(flat // (ny * nx), flat // nx % ny, flat % nx)
 
 
 def _now() -> str:

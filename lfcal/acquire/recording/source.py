@@ -17,6 +17,7 @@ from lfcal.acquire.recording.reader import RecordingFile
 from lfcal.acquire.recording.recorded import RecordedFile
 from lfcal.acquire.recording.records import Kind, Suspicion, file_name, suspicions
 from lfcal.acquire.session_file import NAME, SessionFile, frame_dtype
+from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.frames.damage import named
@@ -136,10 +137,9 @@ class RecordingSource(Frames):
         """Return what the record of frame ``index`` says."""
         k = check_index(index, len(self))
         record = self.record(k)
-        _, ny, nx = self._shape3
-        flat = int(self._flat[k])
+        place = position_at(int(self._flat[k]), self._shape3[1:])
         return FrameInfo(
-            (Position(self._planes[flat // (ny * nx)], flat // nx % ny, flat % nx),),
+            (place._replace(z=self._planes[place.z]),),
             (int(record["row"]), int(record["column"])),
             float(record["exposure_s"]),
             saturated=int(record["saturated"]),
@@ -216,7 +216,6 @@ class CheckFrame(NamedTuple):
 def read_checks(folder: Path) -> list[CheckFrame]:
     """Return the reference frames (lamp drift) and control frames (periodicity) of a session, in time order."""
     session = SessionFile.read(folder)
-    _, ny, nx = session.plan.shape[:3]
     found = []
     for run in range(len(session.recordings)):
         path = folder / file_name(Kind.REFERENCE, run)
@@ -226,11 +225,10 @@ def read_checks(folder: Path) -> list[CheckFrame]:
             slots = np.flatnonzero(file.taken)
             for slot in slots[np.argsort(file.records["sequence"][slots])].tolist():
                 record = file.records[slot]
-                flat = int(record["index"])
                 found.append(
                     CheckFrame(
                         Kind(int(record["kind"])),
-                        Position(flat // (ny * nx), flat // nx % ny, flat % nx),
+                        position_at(int(record["index"]), session.plan.period),
                         (int(record["period_y"]), int(record["period_x"])),
                         float(record["elapsed_s"]),
                         float(record["energy"]),
