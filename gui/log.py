@@ -22,7 +22,7 @@ FORMAT = "%(asctime)s %(process)d %(levelname)s %(name)s: %(message)s"
 
 
 def log_folder() -> Path:
-    """Return where the system keeps logs of programs, made if need be."""
+    """Return where the system keeps logs of programs; it need not be there yet."""
     from platformdirs import user_log_path
 
     return user_log_path("lfcal", appauthor=False)

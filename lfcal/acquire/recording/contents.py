@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.recording.records import RECORD, Kind, file_name
-from lfcal.acquire.recording.recovery import Made, as_made
+from lfcal.acquire.recording.recovery import Made
 from lfcal.acquire.recording.store import files_of
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import SessionFile, frame_dtype
@@ -44,7 +44,7 @@ def slots_of(schedule: Schedule, kind: Kind) -> Slots:
 
 
 def files_made(session: SessionFile, run: int, schedule: Schedule) -> dict[Kind, Made]:
-    """Return how the files of recording ``run`` were laid out, by the kind they are for."""
+    """Return how the files of recording ``run`` are laid out, by the kind they are for."""
     plans = files_of(schedule, frame_dtype(session.plan, session.options, session.devices))
     about = session.attributes(run, schedule)
-    return {kind: as_made(kind, *plan, about) for kind, plan in plans.items()}
+    return {kind: Made(kind, *plan, about) for kind, plan in plans.items()}

@@ -9,7 +9,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -24,19 +24,40 @@ from lfcal.files import storage_errors
 from lfcal.h5.probe import trust
 from lfcal.system import OPEN_FLAGS, reserve, sync_data, write_at
 
-__all__ = ["Made", "as_made", "opened", "recovered", "restore"]
+__all__ = ["Made", "opened", "recovered", "restore"]
 
 
-@dataclass(frozen=True, slots=True)
 class Made:
-    """A recording as the session laid it out.
+    """A recording as the session lays it out; where its parts lie is found out when it is asked for.
 
-    ``layout`` says where everything lies; ``size`` (bytes) and ``header`` are the file's.
+    Parameters
+    ----------
+    kind, count, shape, dtype
+        What the frames are, how many, rows and columns, and sample type.
+    attributes
+        What the file says of itself.
     """
 
-    layout: Layout
-    size: int
-    header: bytes
+    def __init__(
+        self, kind: Kind, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]
+    ) -> None:
+        self.frames = count, shape, dtype
+        self._attributes = {**attributes, "holds": FILES[kind]}
+
+    @property
+    def layout(self) -> Layout:
+        """Where everything lies."""
+        return self._laid_out[0]
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return self._laid_out[1]
+
+    @property
+    def header(self) -> bytes:
+        """What the file begins with."""
+        return self._laid_out[2]
 
     @property
     def frame_ends(self) -> NDArray[np.int64]:
@@ -44,16 +65,15 @@ class Made:
         layout = self.layout
         return layout.frames_at + layout.frame_bytes * np.arange(1, layout.count + 1, dtype=np.int64)
 
-
-def as_made(kind: Kind, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]) -> Made:
-    """Return how the file for ``kind`` was laid out; see `lfcal.acquire.recording.slots.Journal.create`."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "layout.h5"  # sparse: it takes the room of its header only
-        size, records_at = lay_out(path, count, shape, dtype, {**attributes, "holds": FILES[kind]})
-        trust(path)
-        with path.open("rb") as file:
-            header = file.read(records_at)
-        return Made(read_layout(path), size, header)
+    @cached_property
+    def _laid_out(self) -> tuple[Layout, int, bytes]:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "layout.h5"  # sparse: it takes the room of its header only
+            size, records_at = lay_out(path, *self.frames, self._attributes)
+            trust(path)
+            with path.open("rb") as file:
+                header = file.read(records_at)
+            return read_layout(path), size, header
 
 
 def recovered(path: Path, made: Made) -> RecordingFile | None:
@@ -90,8 +110,8 @@ def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFil
     fault, file = "", None
     try:
         file = RecordingFile(path)
-        want, got = made.layout, file.layout
-        if (got.count, got.shape, got.dtype) != (want.count, want.shape, want.dtype):
+        got = file.layout
+        if (got.count, got.shape, got.dtype) != made.frames:
             fault = f"{got.count} frames of {got.shape} {got.dtype}, not those of this session"
         elif got.attributes.get("session") != identity:
             fault = "one of another session"
@@ -101,6 +121,7 @@ def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFil
         file = recovered(path, made) if size else None
         if file is not None:
             fault = f"cut short: {size} of {made.size} bytes" if size < made.size else "its header is damaged"
+    # another session's, and not one that was read where this session's frames lie
     if fault and file is not None and file.layout is not made.layout:
         file.close()
         file = None

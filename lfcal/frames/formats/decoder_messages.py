@@ -30,10 +30,11 @@ class _Catch:
         """Turn standard error to the file; return where the messages of this user begin."""
         with self._lock:
             if self._file is None:
-                self._file = tempfile.TemporaryFile(buffering=0)
+                file = tempfile.TemporaryFile(buffering=0)
                 _flush()
                 self._kept = os.dup(2)
-                os.dup2(self._file.fileno(), 2)
+                os.dup2(file.fileno(), 2)
+                self._file = file
             self._users += 1
             return os.fstat(self._file.fileno()).st_size
 
@@ -79,10 +80,11 @@ def caught_messages(mark: str = "") -> Iterator[Callable[[], str]]:
 
     Threads may decode at the same time; a complaint counts where ``mark`` (such as the file's name) is in it.
     """
-    if not _descriptor_is_open():  # a program without a console has no standard error
+    start = _begun()
+    if start is None:
         yield lambda: ""
         return
-    start, said = _CATCH.begin(), [b""]
+    said = [b""]
 
     def complaint() -> str:
         lines = said[0].splitlines()
@@ -95,9 +97,10 @@ def caught_messages(mark: str = "") -> Iterator[Callable[[], str]]:
         said[0] = _CATCH.end(start)
 
 
-def _descriptor_is_open() -> bool:
+def _begun() -> int | None:
+    """Return where messages begin, None where none can be caught: no standard error, or no room for a file of them."""
     try:
         os.fstat(2)
+        return _CATCH.begin()
     except OSError:
-        return False
-    return True
+        return None

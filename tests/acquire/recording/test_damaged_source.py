@@ -157,3 +157,15 @@ def test_a_lost_record_of_a_complete_session_is_not_a_position_never_taken(
         assert info.origin == source.info(11).origin, "where the plan has it"
         with pytest.raises(FileFormatError, match="expected the recorded bytes"):
             source.read(20)
+
+
+def test_a_whole_session_opens_without_room_for_temporary_files(
+    sessions: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tempfile.TemporaryDirectory", full)
+    for folder in sessions.values():
+        with RecordingSource(folder) as source:
+            assert source.read(0).size
