@@ -4,6 +4,7 @@
 - ``lattice``: lenslet array, square or hexagonal, one or three types
 - ``sensor``: pixels and noise
 - ``distortion``: the maker's distortion, kept with the camera
+- ``marks``: which values are stated, measured, derived or assumed
 - ``description``: the whole camera; depths, steps, JSON
 - ``presets``: cameras that come with lfcal
 - ``raytrix``: Raytrix calibration XML
@@ -18,6 +19,7 @@ from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.forecast import Forecast
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
+from lfcal.camera.marks import MARKS, Marks
 from lfcal.camera.plan import ScanPlan
 from lfcal.camera.presets import PRESETS, preset
 from lfcal.camera.raytrix import read_raytrix_xml
@@ -25,6 +27,7 @@ from lfcal.camera.sensor import Sensor
 from lfcal.camera.stage import StageAxes
 
 __all__ = [
+    "MARKS",
     "PRESETS",
     "BrownDistortion",
     "Camera",
@@ -32,6 +35,7 @@ __all__ = [
     "LensType",
     "LensletLattice",
     "MainLens",
+    "Marks",
     "Microscope",
     "ScanPlan",
     "Sensor",

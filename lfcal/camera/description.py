@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from types import UnionType
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice
 from lfcal.camera.main_lens import MainLens, Microscope, Optics
+from lfcal.camera.marks import Marks
 from lfcal.camera.sensor import Sensor
 from lfcal.checks import check_number, check_type
 from lfcal.errors import FileFormatError, InputError
@@ -23,7 +24,10 @@ __all__ = ["Camera", "build"]
 
 T = TypeVar("T")
 FORMAT = "lfcal-camera"
-VERSION = 1
+VERSION = 2
+
+ADDED: dict[int, dict[str, dict[str, Any]]] = {2: {"": {"marks": {}}}}
+"""Version to what came with it: part of the camera ("" for the camera itself) to entries and their earlier values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +48,8 @@ class Camera:
         Full width of the light's spectrum (µm).
     distortion
         The maker's lens distortion, where one is known; kept with the camera, not applied.
+    marks
+        Which values are stated, measured, derived or assumed; not part of what makes two cameras equal.
     """
 
     name: str
@@ -53,6 +59,7 @@ class Camera:
     wavelength_um: float = 0.55
     bandwidth_um: float = 0.0
     distortion: BrownDistortion | None = None
+    marks: Marks = field(default=Marks(), compare=False)
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -62,6 +69,7 @@ class Camera:
         check_type("sensor", self.sensor, Sensor)
         if self.distortion is not None:
             check_type("distortion", self.distortion, BrownDistortion)
+        check_type("marks", self.marks, Marks)
         check_number("wavelength (µm)", self.wavelength_um, above=0.05, below=20, remedy="give it in µm")
         check_number("bandwidth (µm)", self.bandwidth_um, at_least=0, below=self.wavelength_um)
 
@@ -157,6 +165,7 @@ class Camera:
         """Return the description as plain JSON types."""
         data = asdict(self)
         data["optics"] = {"type": type(self.optics).__name__, **asdict(self.optics)}
+        data["marks"] = dict(self.marks)
         return {"format": FORMAT, "version": VERSION, **data}
 
     def to_json(self) -> str:
@@ -171,22 +180,43 @@ class Camera:
             raise FileFormatError.expected(
                 "camera description", f'"format": "{FORMAT}"', "something else", "check the file"
             )
-        if data.get("version") != VERSION:
-            raise FileFormatError.expected(
-                "camera description", f"version {VERSION}", data.get("version"), "update lfcal"
-            )
-        body = {key: value for key, value in data.items() if key not in ("format", "version")}
+        version = data.get("version")
+        if type(version) is not int or not 1 <= version <= VERSION:
+            raise FileFormatError.expected("camera description", f"a version up to {VERSION}", version, "update lfcal")
+        body = _completed(data, version)
         optics = body.get("optics")
         if not isinstance(optics, Mapping) or optics.get("type") not in ("MainLens", "Microscope"):
             raise FileFormatError.expected("camera optics", "type MainLens or Microscope", optics, "correct it")
         kind = MainLens if optics["type"] == "MainLens" else Microscope
         body["optics"] = build(kind, {k: v for k, v in optics.items() if k != "type"}, "optics")
+        if "marks" in body:
+            body["marks"] = _marks(body["marks"])
         return build(cls, body, "camera")
 
     @classmethod
     def from_json(cls, text: str) -> Camera:
         """Return the camera described by JSON ``text``."""
         return cls.from_dict(parse_json(text, "camera description"))
+
+
+def _completed(data: Mapping[str, Any], version: int) -> dict[str, Any]:
+    """Return the entries of a description of ``version`` with those that came later."""
+    body = {key: value for key, value in data.items() if key not in ("format", "version")}
+    for added in (ADDED[later] for later in ADDED if later > version):
+        for part, entries in added.items():
+            held = body.get(part) if part else body
+            if isinstance(held, Mapping):
+                # only what is not there: an older program cannot have written these entries
+                body |= {part: {**entries, **held}} if part else {**entries, **held}
+    return body
+
+
+def _marks(entries: Any) -> Marks:
+    if not isinstance(entries, Mapping):
+        raise FileFormatError.expected(
+            "camera.marks", "an object with named entries", type(entries).__name__, "correct it"
+        )
+    return Marks.of(entries)
 
 
 def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
