@@ -26,7 +26,7 @@ from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.planes import FilePlanes
 from lfcal.psf.store import FORMAT, REGIONS, VERSION
 
-__all__ = ["open_psf", "regions_of"]
+__all__ = ["open_psf", "opening_notes", "regions_of"]
 
 
 VERSIONS = (1, VERSION)
@@ -69,7 +69,7 @@ def _open(source: Path, region: str, check: bool) -> PSFMatrix:
     if suffix == ".npy":
         return PSFMatrix(FilePlanes(map_npy(source), source))
     if suffix == ".mat":
-        from lfcal.psf.matlab import open_mat
+        from lfcal.psf.mat_import import open_mat
 
         return open_mat(source)
     file = H5File(source)
@@ -82,6 +82,12 @@ def _open(source: Path, region: str, check: bool) -> PSFMatrix:
     except BaseException:
         file.close()
         raise
+
+
+def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
+    """Return how another code's file was read, a line each: what it left open and lfcal took for granted."""
+    notes = matrix.provenance.get("notes", ())
+    return tuple(str(note) for note in notes) if isinstance(notes, list) else ()
 
 
 def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:
