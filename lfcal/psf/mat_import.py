@@ -147,7 +147,13 @@ class _Reader:
         if "x3objspace" not in self._file:
             return None
         values = self._file.values("x3objspace", finite=True).astype(np.float64).ravel() * 1e6  # m to µm
-        return values if values.size == nz else None
+        if values.size != nz:
+            return None
+        if np.unique(values).size < nz:
+            raise FileFormatError.expected(
+                f"{self._file.path}: x3objspace", "a depth for each plane", "one twice", "check the file"
+            )
+        return values
 
     def _lens(self, shape: tuple[int, ...]) -> dict[str, Any]:
         """Return where the file puts the centre of a lens, ``(row, column)`` from 0."""

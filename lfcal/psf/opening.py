@@ -34,7 +34,9 @@ VERSIONS = (1, VERSION)
 
 
 def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = False) -> PSFMatrix:
-    """Open an H file, a MATLAB v7.3 file of another code, or an ``.npy`` file as a lazy `PSFMatrix`.
+    """Open an H file, a file of another code, or an ``.npy`` file as a lazy `PSFMatrix`.
+
+    Of other codes MATLAB v7.3 files (``.mat``) and the calibrations of napari-LF (``.lfc``) are read.
 
     Parameters
     ----------
@@ -72,6 +74,10 @@ def _open(source: Path, region: str, check: bool) -> PSFMatrix:
         from lfcal.psf.mat_import import open_mat
 
         return open_mat(source)
+    if suffix == ".lfc":
+        from lfcal.psf.lfc_import import open_lfc
+
+        return open_lfc(source)
     file = H5File(source)
     try:
         group = _region_group(file, region)

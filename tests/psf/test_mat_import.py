@@ -89,6 +89,15 @@ def test_windows_that_cannot_be_are_refused(tmp_path: Path) -> None:
             open_psf(path)
 
 
+def test_depths_that_repeat_are_refused(tmp_path: Path) -> None:
+    """An H file of them would not open."""
+    path = prevedel(tmp_path / "H.mat", np.ones((3, 3, 3, 3, 2)))
+    with h5py.File(path, "r+") as file:
+        file["x3objspace"][...] = 1e-6
+    with pytest.raises(FileFormatError, match="x3objspace: expected a depth for each plane"):
+        open_psf(path)
+
+
 def test_a_cell_array_is_refused_with_what_to_do(tmp_path: Path) -> None:
     """OLaF keeps H as a cell array of sparse matrices."""
     with h5py.File(tmp_path / "H.mat", "w", userblock_size=512) as file:
