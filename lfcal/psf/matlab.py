@@ -226,16 +226,16 @@ def mat_notes(matrix: PSFMatrix, options: MatOptions | None = None) -> tuple[str
     if lens is None:
         return (*notes, "H does not say where its lenses are; other codes take one to be centred on pixel ceil(Nnum/2)")
     row, column = (at + 1 for at in lens.position)
-    wanted = " and ".join(str(at + 1) for at in lens.expected)
+    wanted = "row {} and column {}".format(*(at + 1 for at in lens.expected))
     if not options.lens_centred and not lens.agrees:
         notes.append(
             f"a lens is centred on row {row:.2f} and column {column:.2f} of the period, other codes take {wanted} "
-            "(both from 1): add --lens-centred, or give them frames cropped from pixel `anchor` on"
+            "(both from 1): centre it (--lens-centred), or give them frames cropped from pixel `anchor` on"
         )
     elif options.lens_centred and not lens.is_whole and options.interpolation == "nearest":
         rest = ", ".join(f"{v:+.2f}" for v in lens.rest)
         notes.append(
-            f"whole pixels leave the lens's centre ({rest}) px (rows, columns) from pixel {wanted}: add "
-            "--interpolation cubic, which moves the patterns as rectifying moves an image"
+            f"whole pixels leave the lens's centre ({rest}) px (rows, columns) from {wanted}: move the patterns by it "
+            "(--interpolation cubic), as rectifying moves an image"
         )
     return tuple(notes)

@@ -59,7 +59,11 @@ def test_lens_centred_by_whole_pixels_and_by_what_they_leave(lfcal: Lfcal, tmp_p
     save(PSFMatrix(values, camera=camera, anchor=plan.anchor, depths=[0.0]), tmp_path / "H.h5")
     export = ("export", tmp_path / "H.h5", "--no-ht", "--force", "--out", tmp_path / "H.mat")
     told = lfcal(*export)
-    assert told.code == 0 and "a lens is centred on row 8.50 and column 8.50" in told.err and "8 and 8" in told.err
+    assert (
+        told.code == 0
+        and "a lens is centred on row 8.50 and column 8.50" in told.err
+        and "row 8 and column 8" in told.err
+    )
     rolled = lfcal(*export, "--lens-centred")
     assert rolled.code == 0 and "leave the lens's centre (+0.50, +0.50) px" in rolled.err
     with h5py.File(tmp_path / "H.mat") as file:
