@@ -70,7 +70,7 @@ class _Reader:
 
     def matrix(self) -> PSFMatrix:
         """Return H."""
-        base = self._stored()
+        base = stored = self._stored()
         nz, _, _, nt, ns = base.shape
         if self._flag("ReducedMatrix"):
             base = MirroredPlanes(base)
@@ -84,6 +84,8 @@ class _Reader:
         provenance: dict[str, Any] = {"imported": self._file.path.name, **self._lens(base.shape)}
         if self._notes:
             provenance["notes"] = self._notes
+        if isinstance(stored, FilePlanes):  # read whole
+            self._file.close()
         return PSFMatrix(base, depths=depths, anchor=anchor, provenance=provenance)
 
     def _stored(self) -> Planes:

@@ -109,7 +109,11 @@ def _check_format(file: H5File) -> int:
     found = attributes.text("format")
     if found != FORMAT:
         what = f"format {found[:60]!r}" if found is not None else "an HDF5 file of another kind"
-        raise FileFormatError.expected(str(file.path), "an H file of lfcal", what, "import it as frames instead")
+        theirs = {".mat": "H" in file, ".lfc": "optics" in file}
+        named = next((f"name it {suffix}" for suffix, known in theirs.items() if known), "")
+        raise FileFormatError.expected(
+            str(file.path), "an H file of lfcal", what, named or "import it as frames instead"
+        )
     version = attributes.integer("version")
     if version not in VERSIONS:
         raise FileFormatError.expected(str(file.path), f"version {VERSION} or older", version, "update lfcal")

@@ -13,6 +13,7 @@ import tifffile
 from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix, open_psf, save
 from tests.cli.conftest import Run
+from tests.psf.test_mat_import import prevedel
 
 Lfcal = Callable[..., Run]
 
@@ -79,6 +80,18 @@ def test_lens_centred_by_whole_pixels_and_by_what_they_leave(lfcal: Lfcal, tmp_p
     assert refused.code == 2 and "--interpolation: says how --lens-centred" in refused.err
     odd = lfcal(*export, "--lens-centred", "--interpolation", "sinc")
     assert odd.code == 2 and "interpolation: expected nearest or linear or cubic or fourier" in odd.err
+
+
+def test_another_codes_file_becomes_an_h_file_and_says_how_it_was_read(lfcal: Lfcal, tmp_path: Path) -> None:
+    prevedel(tmp_path / "theirs.mat", np.random.default_rng(2).random((5, 5, 3, 3, 2)), np.array([[1, 5], [2, 4]]))
+    done = lfcal("export", tmp_path / "theirs.mat", "--out", tmp_path / "H.h5")
+    assert done.code == 0 and "CAindex" in done.err and "rows first" in done.err
+    assert lfcal("verify", tmp_path / "H.h5").code == 0
+    again = lfcal("export", tmp_path / "H.h5", "--out", tmp_path / "H.mat", "--lens-centred", "--json")
+    assert again.code == 0 and isinstance(again.json, dict), "its lenses are where its code puts them"
+    assert all("lens" not in note for note in again.json["notes"])
+    with open_psf(tmp_path / "H.h5") as ours, open_psf(tmp_path / "H.mat") as back:
+        np.testing.assert_allclose(np.asarray(back), np.asarray(ours))
 
 
 def test_without_a_camera_no_lens_is_centred(lfcal: Lfcal, H: PSFMatrix, tmp_path: Path) -> None:

@@ -89,6 +89,16 @@ def test_windows_that_cannot_be_are_refused(tmp_path: Path) -> None:
             open_psf(path)
 
 
+def test_a_file_of_theirs_by_another_name_is_told_its_own(tmp_path: Path) -> None:
+    prevedel(tmp_path / "H.h5", np.ones((3, 3, 3, 3, 1)))
+    with pytest.raises(FileFormatError, match=r"got an HDF5 file of another kind; name it \.mat"):
+        open_psf(tmp_path / "H.h5")
+    with h5py.File(tmp_path / "c.h5", "w") as file:
+        file.create_group("optics")
+    with pytest.raises(FileFormatError, match=r"name it \.lfc"):
+        open_psf(tmp_path / "c.h5")
+
+
 def test_depths_that_repeat_are_refused(tmp_path: Path) -> None:
     """An H file of them would not open."""
     path = prevedel(tmp_path / "H.mat", np.ones((3, 3, 3, 3, 2)))

@@ -177,6 +177,7 @@ class Page(BasePage):
             intent = replace(self._export_intent, position=(self.intent.y, self.intent.x))
             self._export_dialog = ExportDialog(self.matrix, intent, self)
             self._export_dialog.asked.connect(self.ask_export_file)
+            self._export_dialog.finished.connect(self._export_dialog.deleteLater)
             self._export_dialog.open()
 
     def ask_export_file(self, intent: ExportIntent) -> None:
