@@ -75,7 +75,7 @@ class _Check:
             yield from self.look(value, part, place, names)
 
     def _properties(self, value: Any, schema: Schema, place: Place, names: dict[str, int]) -> Iterator[Deviation]:
-        # datasets last: attributes of H name no sizes
+        # in the order of the schema: H comes first, and gives the sizes their numbers
         for key, part in schema["properties"].items() if isinstance(value, dict) else ():
             if key in value:
                 yield from self.look(value[key], part, (*place, key), names)
