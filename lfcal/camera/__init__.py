@@ -10,6 +10,7 @@
 - ``raytrix``: Raytrix calibration XML
 - ``shadow``: how far the image of a point spreads
 - ``stage``: how a stage's axes move the image
+- ``lens_centre``: the micro-image centre next to a pixel
 - ``plan``: which positions are recorded, and in which order
 - ``forecast``: what that costs in time, disk and memory
 """

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.axes import Position, check_cutout
 from lfcal.camera.description import Camera, build
+from lfcal.camera.lens_centre import nearest_lens
 from lfcal.camera.shadow import cutout_for
 from lfcal.camera.stage import StageAxes
 from lfcal.checks import check_choice, check_number, check_tuple, check_type
@@ -218,14 +219,8 @@ class ScanPlan:
     @property
     def lattice_anchor(self) -> tuple[float, float]:
         """Anchor minus the nearest centre of a type-0 micro-image, ``(row, column)`` (sensor pixels)."""
-        lattice = self.camera.lattice
-        point = self.camera.sensor_um(self.anchor)
-        # one period in each direction holds at least one lenslet of each type
-        reach = max(lattice.period_um)
-        centres, types = lattice.lenslets_within(reach, reach, (float(point[0]), float(point[1])))
-        centres = centres[types == 0]
-        offset = point - centres[np.argmin(np.hypot(*(centres - point).T))]
-        return float(offset[1] / self.camera.sensor.pixel_um), float(offset[0] / self.camera.sensor.pixel_um)
+        row, column = nearest_lens(self.camera, self.anchor)
+        return self.anchor[0] - row, self.anchor[1] - column
 
     # -- places ----------------------------------------------------------------------------------------
     def step_um(self, z: int) -> tuple[float, float]:

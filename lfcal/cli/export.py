@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
 from lfcal.cli.options import ForceOption, JsonOption, MatrixArgument, WorkersOption
 from lfcal.errors import InputError
-
-if TYPE_CHECKING:
-    from lfcal.psf import PSFMatrix
 
 
 def register(app: typer.Typer) -> None:
@@ -29,8 +25,14 @@ def command(
     rows_first: bool = typer.Option(
         False, "--rows-first", help=".mat: store H(t,s,y,x,z) for codes whose images have rows first."
     ),
+    lens_centred: bool = typer.Option(
+        False, "--lens-centred", help=".mat: a lens's centre on pixel ceil(Nnum/2), as codes after Prevedel take it."
+    ),
+    interpolation: str = typer.Option(
+        "", help="With --lens-centred: move patterns by what whole pixels leave: linear, cubic or fourier."
+    ),
     uncompressed: bool = typer.Option(False, "--uncompressed", help=".mat, .h5: no compression; faster to read."),
-    position: str = typer.Option("", help=".tif: only the stack over depth of one position, 'y,x'."),
+    position: str = typer.Option("", help=".tif: the stack over depth of one position, 'y,x', in place of all."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -39,33 +41,36 @@ def command(
 
     Example: `lfcal export H.h5 -o H.mat`
     """
-    from lfcal.cli.console import print_json, report_dark, run_work
+    from lfcal.cli.console import print_json, report, report_dark, run_work
     from lfcal.cli.outputs import check_outputs
-    from lfcal.psf.export import export_files, iter_export
-    from lfcal.psf.opening import open_psf
+    from lfcal.psf.export import ExportOptions, export_files, export_notes, iter_export
+    from lfcal.psf.opening import open_psf, opening_notes
     from lfcal.units import format_bytes, format_seconds
 
     suffix = out.suffix.lower()
     given = {"--no-ht": no_ht, "--rows-first": rows_first, "--uncompressed": uncompressed, "--position": bool(position)}
+    given |= {"--lens-centred": lens_centred, "--interpolation": bool(interpolation)}
     _check_given(suffix, {**given, "--transposed": transposed})
+    if interpolation and not lens_centred:
+        raise InputError("--interpolation: says how --lens-centred moves patterns; add that, or leave it out")
     start = time.perf_counter()
-    place = _position(position)
-    with open_psf(source) as matrix:
-        # A TIFF of many stacks is written under other names: one per plane.
-        files = export_files(out, len(matrix), place)
+    options = ExportOptions(
+        compress=False if uncompressed else None,
+        include_transpose=False if no_ht else None,
+        rows_first=rows_first or None,
+        lens_centred=lens_centred or None,
+        interpolation=interpolation or None,
+        position=_position(position),
+    )
+    with open_psf(source) as H:
+        matrix = H.T if transposed else H
+        # a TIFF of a large H is written under other names: one per plane
+        files = export_files(matrix, out, options.position)
         check_outputs(files, source, force=force)
-        if suffix == ".mat" and not json:
-            _warn_of_period(matrix)
-        work = iter_export(
-            matrix.T if transposed else matrix,
-            out,
-            compress=False if uncompressed else None,
-            include_transpose=False if no_ht else None,
-            rows_first=True if rows_first else None,
-            position=place,
-        )
+        work = iter_export(matrix, out, **options.given())
         dark = report_dark(matrix)
         run_work(work, quiet=json)
+        notes = (*opening_notes(H), *export_notes(matrix, out, options))
         shape = matrix.shape
     seconds = time.perf_counter() - start
     sizes = [file.stat().st_size for file in files]
@@ -73,16 +78,28 @@ def command(
         written = [{"file": file, "bytes": size} for file, size in zip(files, sizes, strict=True)]
         total = sum(sizes)
         print_json(
-            {"out": out, "files": written, "shape": shape, "file_bytes": total, "seconds": seconds, "dark": dark}
+            {
+                "out": out,
+                "files": written,
+                "shape": shape,
+                "file_bytes": total,
+                "seconds": seconds,
+                "dark": dark,
+                "notes": notes,
+            }
         )
         return
     names = f"{files[0]}" if len(files) == 1 else f"{files[0]} … {files[-1].name} ({len(files)} files)"
+    for note in notes:
+        report(f"note: {note}")
     typer.echo(f"{names}: {shape}, {format_bytes(sum(sizes))} in {format_seconds(seconds)}")
 
 
 _KNOWN_TO = {
     "--no-ht": (".mat",),
     "--rows-first": (".mat",),
+    "--lens-centred": (".mat",),
+    "--interpolation": (".mat",),
     "--uncompressed": (".mat", ".h5"),
     "--position": (".tif", ".tiff"),
 }
@@ -106,11 +123,3 @@ def _position(text: str) -> tuple[int, int] | None:
     except ValueError:
         raise InputError.expected("--position", "y,x", text, "for example --position 9,16") from None
     return y, x
-
-
-def _warn_of_period(matrix: PSFMatrix) -> None:
-    from lfcal.cli.console import report
-
-    ny, nx = matrix.period
-    if ny != nx:
-        report(f"note: the period is {ny} x {nx}; codes that take one square period (Nnum) cannot use this H")

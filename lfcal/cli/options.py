@@ -54,7 +54,9 @@ ForceOption: TypeAlias = Annotated[bool, typer.Option("--force", help="Replace w
 CompressionOption: TypeAlias = Annotated[str, typer.Option("--compression", help="gzip, zstd or none.")]
 """How the chunks of an H file are compressed."""
 
-MatrixArgument: TypeAlias = Annotated[Path, typer.Argument(help="H file (.h5), MATLAB v7.3 file (.mat) or .npy array.")]
+MatrixArgument: TypeAlias = Annotated[
+    Path, typer.Argument(help="H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF), or .npy array.")
+]
 """H in any form that `lfcal.psf.open_psf` reads."""
 
 CameraArgument: TypeAlias = Annotated[str, typer.Argument(help="Preset, camera JSON or Raytrix XML.")]

@@ -33,7 +33,7 @@ def command(
     workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Check every frame of a session, or every plane of an H file, against its checksum.
+    """Check every frame of a session, or every plane of an H file, against its checksum; an H file's format, too.
 
     Exit code 0: all is what was written; 1: something is damaged; 2: it cannot be checked.
 
@@ -114,7 +114,9 @@ def _show_matrix(check: MatrixCheck) -> None:
         listed = ", ".join(str(tuple(p)) for p in found.positions[:LISTED])
         more = f" and {len(found.positions) - LISTED} more" if len(found.positions) > LISTED else ""
         typer.echo(f"  {name}: {found.what}" + (f" at (z, y, x) = {listed}{more}" if listed else ""))
+    for line in check.deviations:
+        typer.echo(f"  not as the format says: {line}")
     if check.missing:
         typer.echo(f"  {check.missing} positions were never recorded")
-    if not check.ok:
+    if check.damaged:
         typer.echo("  assemble it again, or copy it again from its source")

@@ -2,12 +2,15 @@
 
 - ``matrix``: `PSFMatrix`, lazy, with its transposed view; ``planes`` is where its values come from, ``facts`` what is
   known of its positions
-- ``opening``, ``store``, ``layout``: the H file; ``chunk_codec`` compresses it on all processors
+- ``opening``, ``store``, ``layout``: the H file; ``chunk_codec`` compresses it on all processors, ``nexus`` tells
+  viewers what to plot
+- ``specification``, ``json_schema``: an H file held against the published schema of its format
 - ``cutout``, ``gather``, ``assemble``, ``assemble_plan``, ``pedestal``: frames to H with the shifting cutout
 - ``transpose``: HT, one slice of it, depth-plane sums
 - ``verify``: is a file still what was written?
 - ``aperture``, ``quality``, ``compare``, ``report``: is it any good?
-- ``export``, ``matlab``: H for other programs, and theirs for lfcal
+- ``export``, ``matlab``, ``lens_centre``, ``tiff_export``: H for other programs
+- ``mat_import``, ``rearranged``, ``lfc_import``, ``plain_pickle``: theirs for lfcal
 """
 
 from lfcal.psf.assemble import AssemblyReport, assemble, iter_assemble

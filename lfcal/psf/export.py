@@ -14,12 +14,12 @@ from lfcal.errors import InputError
 from lfcal.files import check_other_file, replace_whole, require_space, storage_errors
 from lfcal.npy import npy_header
 from lfcal.progress import Clock, Work, drain
-from lfcal.psf.matlab import iter_write_mat
+from lfcal.psf.matlab import MatOptions, iter_write_mat, mat_notes
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.store import iter_save
-from lfcal.tiff_file import write_tiff
+from lfcal.psf.tiff_export import iter_write_tiff, tiff_files
 
-__all__ = ["WRITERS", "ExportOptions", "export", "export_files", "iter_export"]
+__all__ = ["WRITERS", "ExportOptions", "export", "export_files", "export_notes", "iter_export"]
 
 
 def iter_write_npy(matrix: PSFMatrix, path: str | os.PathLike[str]) -> Work[Path]:
@@ -38,37 +38,6 @@ def iter_write_npy(matrix: PSFMatrix, path: str | os.PathLike[str]) -> Work[Path
     return target
 
 
-def _stack_name(target: Path, z: int) -> Path:
-    return target.with_name(f"{target.stem}_z{z:03d}{target.suffix}")
-
-
-def iter_write_tiff(
-    matrix: PSFMatrix, path: str | os.PathLike[str], *, position: tuple[int, int] | None = None
-) -> Work[Path]:
-    """Write TIFF stacks of single patterns.
-
-    Without ``position`` one stack per depth plane, ``NAME_z000.tif`` …, its pages in the order of
-    positions (y slow, x fast). With ``position`` (y, x) a single stack over depth.
-    """
-    target = Path(path)
-    require_space(target.parent, matrix.nbytes if position is None else matrix.nbytes // len(matrix), what=target.name)
-    if position is not None:
-        y, x = position
-        if not (0 <= y < matrix.period[0] and 0 <= x < matrix.period[1]):
-            raise InputError.expected("position (y, x)", f"inside {matrix.period}", position, "choose another")
-        write_tiff(target, np.stack([matrix[z, y, x] for z in range(len(matrix))]), metadata={"axes": "ZYX"})
-        yield Clock("write TIFF stack", 1).at(1)
-        return target
-    clock = Clock("write TIFF stacks", len(matrix))
-    for z in range(len(matrix)):
-        plane = matrix.plane(z)
-        # classic TIFF counts offsets in 32 bits, and 2 GiB leaves room for the tags of many pages
-        pages = plane.reshape(-1, *plane.shape[2:])
-        write_tiff(_stack_name(target, z), pages, bigtiff=pages.nbytes > 1 << 31, metadata={"axes": "IYX"})
-        yield clock.at(z + 1)
-    return target
-
-
 @dataclass(frozen=True)
 class ExportOptions:
     """What may be said of an export; None leaves it to the format.
@@ -79,16 +48,18 @@ class ExportOptions:
         ``.h5``, ``.mat``: compressed, or not.
     dtype
         ``.h5``: stored type.
-    include_transpose, rows_first
-        ``.mat``: as in `lfcal.psf.matlab.iter_write_mat`.
+    include_transpose, rows_first, lens_centred, interpolation
+        ``.mat``: as in `lfcal.psf.matlab.MatOptions`.
     position
-        TIFF: position (y, x) of which a stack over depth is written, instead of one stack per plane.
+        TIFF: position (y, x) of which a stack over depth is written, instead of every position.
     """
 
     compress: bool | None = None
     dtype: str | None = None
     include_transpose: bool | None = None
     rows_first: bool | None = None
+    lens_centred: bool | None = None
+    interpolation: str | None = None
     position: tuple[int, int] | None = None
 
     def given(self) -> dict[str, Any]:
@@ -96,19 +67,19 @@ class ExportOptions:
         found = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         return {name: value for name, value in found.items() if value is not None}
 
+    @property
+    def mat(self) -> MatOptions:
+        """What of it concerns a ``.mat`` file."""
+        names = {entry.name for entry in fields(MatOptions)}
+        return MatOptions(**{name: value for name, value in self.given().items() if name in names})
+
 
 def _write_h5(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> Work[Path]:
     return iter_save(matrix, path, dtype=options.dtype, compression="none" if options.compress is False else "gzip")
 
 
 def _write_mat(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> Work[Path]:
-    return iter_write_mat(
-        matrix,
-        path,
-        include_transpose=options.include_transpose is not False,
-        rows_first=bool(options.rows_first),
-        compress=options.compress is not False,
-    )
+    return iter_write_mat(matrix, path, options.mat)
 
 
 def _write_npy(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> Work[Path]:
@@ -129,7 +100,7 @@ class _Writer(NamedTuple):
 _TIFF = _Writer(_write_tiff, frozenset({"position"}))
 WRITERS = {
     ".h5": _Writer(_write_h5, frozenset({"compress", "dtype"})),
-    ".mat": _Writer(_write_mat, frozenset({"compress", "include_transpose", "rows_first"})),
+    ".mat": _Writer(_write_mat, frozenset(entry.name for entry in fields(MatOptions))),
     ".npy": _Writer(_write_npy, frozenset()),
     ".tif": _TIFF,
     ".tiff": _TIFF,
@@ -137,12 +108,17 @@ WRITERS = {
 """Formats by suffix."""
 
 
-def export_files(path: str | os.PathLike[str], planes: int, position: tuple[int, int] | None = None) -> list[Path]:
-    """Return the files that an export of ``planes`` depth planes to ``path`` writes: of TIFF stacks, one a plane."""
-    target = Path(path)
-    if WRITERS.get(target.suffix.lower()) is not _TIFF or position is not None:
-        return [target]
-    return [_stack_name(target, z) for z in range(planes)]
+def export_files(
+    matrix: PSFMatrix, path: str | os.PathLike[str], position: tuple[int, int] | None = None
+) -> list[Path]:
+    """Return the files that an export of ``matrix`` to ``path`` writes: of a large H as TIFF, one a plane."""
+    is_tiff = WRITERS.get(Path(path).suffix.lower()) is _TIFF
+    return tiff_files(matrix, path, position) if is_tiff else [Path(path)]
+
+
+def export_notes(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> tuple[str, ...]:
+    """Return what the readers of the file take otherwise than lfcal does, a line each, with what to do."""
+    return mat_notes(matrix, options.mat) if Path(path).suffix.lower() == ".mat" else ()
 
 
 def iter_export(
@@ -153,12 +129,14 @@ def iter_export(
     dtype: str | None = None,
     include_transpose: bool | None = None,
     rows_first: bool | None = None,
+    lens_centred: bool | None = None,
+    interpolation: str | None = None,
     position: tuple[int, int] | None = None,
 ) -> Work[Path]:
     """Write ``matrix`` in the format of the suffix.
 
-    ``.h5`` H file, ``.mat`` MATLAB v7.3 (H, Ht, Nnum, CAindex, x3objspace), ``.npy``, ``.tif`` stacks. For the options
-    see `ExportOptions`.
+    ``.h5`` H file, ``.mat`` MATLAB v7.3 (H, Ht, Nnum, CAindex, x3objspace, anchor, lensCentre), ``.npy``, ``.tif``
+    hyperstacks. For the options see `ExportOptions`; what readers of the file take otherwise, `export_notes` says.
 
     Raises
     ------
@@ -168,7 +146,7 @@ def iter_export(
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
         raise InputError.expected("export format", " ".join(WRITERS), suffix or "no suffix", "name the file so")
-    options = ExportOptions(compress, dtype, include_transpose, rows_first, position)
+    options = ExportOptions(compress, dtype, include_transpose, rows_first, lens_centred, interpolation, position)
     for name in options.given():
         if name not in WRITERS[suffix].uses:
             used = ", ".join(sorted(WRITERS[suffix].uses)) or "none"
@@ -185,6 +163,8 @@ def export(
     dtype: str | None = None,
     include_transpose: bool | None = None,
     rows_first: bool | None = None,
+    lens_centred: bool | None = None,
+    interpolation: str | None = None,
     position: tuple[int, int] | None = None,
 ) -> Path:
     """Write ``matrix`` at once; see `iter_export`."""
@@ -196,6 +176,8 @@ def export(
             dtype=dtype,
             include_transpose=include_transpose,
             rows_first=rows_first,
+            lens_centred=lens_centred,
+            interpolation=interpolation,
             position=position,
         )
     )

@@ -8,21 +8,27 @@ from __future__ import annotations
 
 import os
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, InputError
-from lfcal.files import require_space, storage_errors
-from lfcal.h5.file import H5File
+from lfcal.errors import InputError
+from lfcal.files import require_space
 from lfcal.h5.writing import new_h5
 from lfcal.progress import Clock, Work
+from lfcal.psf.lens_centre import first_pixel, lens_centre_of, lens_centred, sampling
 from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.rearranged import PlacedPlanes
 from lfcal.psf.store import store_plane
+from lfcal.psf.transpose import depth_sum
 
-__all__ = ["crop_index", "iter_write_mat", "mat_header", "open_mat"]
+__all__ = ["COLUMNS_FIRST", "ROWS_FIRST", "MatOptions", "crop_index", "iter_write_mat", "mat_header", "mat_notes"]
+
+COLUMNS_FIRST, ROWS_FIRST = "stxyz", "tsyxz"
+"""Axes of H as MATLAB counts them, in the variable ``axisOrder``."""
 
 _CLASSES = {
     "f4": b"single",
@@ -48,36 +54,25 @@ def mat_header() -> bytes:
     return bytes(block)
 
 
-def crop_index(depth_sum: NDArray[np.float64]) -> tuple[int, int]:
+def crop_index(sums: NDArray[np.float64]) -> tuple[int, int]:
     """Return ``CAindex`` of one depth: first and last pixel (1-based) of the smallest centred square with all light.
 
-    The published codes crop rows and columns of a plane by the same two numbers; only exact zeros are left out.
+    The published codes crop rows and columns of a plane by the same two numbers, and so ask for a square cutout; only
+    exact zeros are left out.
     """
-    nt, ns = depth_sum.shape
-    t, s = np.nonzero(depth_sum)
-    half = max(np.abs(t - nt // 2).max(), np.abs(s - ns // 2).max()) if t.size else 0
-    side = min(nt, ns)
-    half = min(int(half), side // 2)
+    middle = len(sums) // 2
+    lit = np.argwhere(sums)
+    half = int(np.abs(lit - middle).max()) if lit.size else 0
     # MATLAB counts from 1
-    return side // 2 - half + 1, side // 2 + half + 1
+    return middle - half + 1, middle + half + 1
 
 
-def iter_write_mat(
-    matrix: PSFMatrix,
-    path: str | os.PathLike[str],
-    *,
-    include_transpose: bool = True,
-    rows_first: bool = False,
-    compress: bool = True,
-) -> Work[Path]:
-    """Write ``H``, ``Ht``, ``Nnum``, ``CAindex`` and ``x3objspace`` (m) to a MATLAB v7.3 file, streaming.
+@dataclass(frozen=True)
+class MatOptions:
+    """How a ``.mat`` file is written.
 
-    Parameters
+    Attributes
     ----------
-    matrix
-        The PSF matrix.
-    path
-        The file; it appears whole or not at all.
     include_transpose
         Write ``Ht`` too (it doubles the file).
     rows_first
@@ -85,38 +80,88 @@ def iter_write_mat(
         arrays with rows first. With the default order such an image must be transposed first.
     compress
         gzip, or contiguous data.
+    lens_centred
+        Roll the positions so that a micro-image centre falls on pixel ceil(Nnum/2) of the period.
+    interpolation
+        With ``lens_centred``: how patterns are moved by what whole pixels leave; ``"nearest"`` leaves it.
+    """
+
+    include_transpose: bool = True
+    rows_first: bool = False
+    compress: bool = True
+    lens_centred: bool = False
+    interpolation: str = "nearest"
+
+
+def iter_write_mat(matrix: PSFMatrix, path: str | os.PathLike[str], options: MatOptions | None = None) -> Work[Path]:
+    """Write H and what the codes want to know of it to a MATLAB v7.3 file, streaming.
+
+    The file holds ``H``, ``Ht``, ``Nnum``, ``CAindex``, ``x3objspace`` (m), ``axisOrder``, ``cutout``, and, where H
+    knows them, ``anchor`` and ``lensCentre``; see ``docs/formats_h.md``.
+
+    Parameters
+    ----------
+    matrix
+        The PSF matrix.
+    path
+        The file; it appears whole or not at all.
+    options
+        How; None: the defaults.
+
+    Raises
+    ------
+    InputError
+        If H is to be lens-centred and nothing says where its lenses are.
 
     Notes
     -----
     ``Nnum`` is one number where nx = ny; else ``[nx ny]`` and the codes that take a square period cannot use it.
+    A cutout that is not square is padded with zeros: the codes crop rows and columns by the same ``CAindex``.
     """
+    options = options or MatOptions()
+    small = _small(matrix, options)
+    written = _as_written(matrix, options)
     target = Path(path)
-    copies = 2 if include_transpose else 1
-    require_space(target.parent, matrix.nbytes * copies, what=target.name)
+    copies = 2 if options.include_transpose else 1
+    require_space(target.parent, written.nbytes * copies, what=target.name)
     clock = Clock("write MATLAB file", len(matrix) * copies)
     # libver keeps to formats that MATLAB's older HDF5 reads
     with new_h5(target, header=mat_header(), libver=("earliest", "v110")) as file:
-        done = 0
-        for name, one in (("H", matrix), ("Ht", matrix.T))[:copies]:
-            data = _create(file, name, one, rows_first, compress)
+        done, crops = 0, []
+        for name, one in (("H", written), ("Ht", written.T))[:copies]:
+            data = _create(file, name, one, options)
             for z in range(len(one)):
                 plane = one.plane(z)
-                store_plane(data, z, plane.transpose(1, 0, 3, 2) if rows_first else plane)
+                if one is written:
+                    crops.append(crop_index(depth_sum(plane)))
+                store_plane(data, z, plane.transpose(1, 0, 3, 2) if options.rows_first else plane)
                 done += 1
                 yield clock.at(done)
-        _write_small(file, matrix, rows_first)
+        _write_small(file, {**small, "CAindex": np.array(crops, np.float64).T})  # MATLAB sees (nz, 2)
     return target
 
 
-def _create(file: Any, name: str, matrix: PSFMatrix, rows_first: bool, compress: bool) -> Any:
+def _as_written(matrix: PSFMatrix, options: MatOptions) -> PSFMatrix:
+    """Return H lens-centred, where that is asked for, and with a square cutout."""
+    lens = lens_centre_of(matrix)
+    if options.lens_centred and lens is not None:
+        matrix = lens_centred(matrix, lens, options.interpolation)
+    nt, ns = matrix.cutout
+    if nt == ns:
+        return matrix
+    side = max(nt, ns)
+    return PSFMatrix(PlacedPlanes(matrix.planes, (side, side)), transposed=matrix.is_transposed)
+
+
+def _create(file: Any, name: str, matrix: PSFMatrix, options: MatOptions) -> Any:
     # HDF5's row-major (z, y, x, t, s) is MATLAB's column-major (s, t, x, y, z): the axes turn round by themselves
     shape = matrix.shape
-    if rows_first:
+    if options.rows_first:
         shape = (shape[0], shape[2], shape[1], shape[4], shape[3])
-    options: dict[str, Any] = {}
-    if compress:
-        options = {"chunks": (1, 1, 1, *shape[3:]), "compression": "gzip", "compression_opts": 1, "shuffle": True}
-    data = file.create_dataset(name, shape, matrix.dtype, track_times=False, **options)
+    storage: dict[str, Any] = {}
+    if options.compress:
+        storage = {"chunks": (1, 1, 1, *shape[3:]), "compression": "gzip", "compression_opts": 1, "shuffle": True}
+    data = file.create_dataset(name, shape, matrix.dtype, track_times=False, **storage)
     kind = matrix.dtype.str[1:]
     if kind not in _CLASSES:
         raise InputError.expected("values for MATLAB", "real numbers", matrix.dtype, "convert them first")
@@ -125,54 +170,72 @@ def _create(file: Any, name: str, matrix: PSFMatrix, rows_first: bool, compress:
     return data
 
 
-def _write_small(file: Any, matrix: PSFMatrix, rows_first: bool) -> None:
-    ny, nx = matrix.period
-    size = [[float(nx)]] if nx == ny else [[float(nx)], [float(ny)]]
-    if rows_first:
-        size = size[::-1]
-    crops = np.array([crop_index(matrix.depth_sum(z)) for z in range(len(matrix))], np.float64)
-    values = {
-        "Nnum": np.array(size),
-        "CAindex": crops.T.copy(),  # MATLAB sees (nz, 2)
-        "x3objspace": (matrix.depths * 1e-6)[:, None],  # MATLAB sees (1, nz)
-    }
-    for name, value in values.items():
-        data = file.create_dataset(name, data=value, track_times=False)
-        data.attrs["MATLAB_class"] = np.bytes_(b"double")
-
-
-def open_mat(path: Path) -> PSFMatrix:
-    """Open the ``H`` of a MATLAB v7.3 file as a lazy `PSFMatrix`; ``x3objspace`` gives its depths.
-
-    A 4-D H is a single plane; MATLAB drops trailing axes of length one.
-    """
-    head = b""
-    if path.is_file():
-        with storage_errors(path), path.open("rb") as raw:
-            head = raw.read(128)
-    # MATLAB 5.0 files are no HDF5 at all, and h5py would only say that a signature is missing
-    if head.startswith(b"MATLAB 5.0"):
-        raise FileFormatError.expected(
-            str(path), "a MATLAB v7.3 file", "one of version 5 to 7", "save it with save(..., '-v7.3')"
+def _small(matrix: PSFMatrix, options: MatOptions) -> dict[str, NDArray[np.float64] | str]:
+    """Return the small variables, as MATLAB's transpose: ``(1, nz)`` there is ``(nz, 1)`` here."""
+    lens = lens_centre_of(matrix)
+    if options.lens_centred and lens is None:
+        raise InputError.expected(
+            "lens-centred export", "an H that knows its camera", "none in this file", "assemble it with its camera"
         )
-    file = H5File(path)
-    try:
-        data = file.dataset("H")
-        if data.ndim == 4:
-            return PSFMatrix(data.read()[None], depths=_depths(file, 1), provenance={"imported": path.name})
-        if data.ndim != 5:
-            raise FileFormatError.expected(
-                f"{path}: H", "5 axes (s, t, x, y, z)", f"{data.ndim} axes", "check the file"
-            )
-        return PSFMatrix(data, depths=_depths(file, data.shape[0]), provenance={"imported": path.name})
-    except BaseException:
-        file.close()
-        raise
+    ny, nx = matrix.period
+    values: dict[str, NDArray[np.float64] | str] = {
+        "Nnum": _pair((ny, nx), options) if ny != nx else np.array([[float(nx)]]),
+        "cutout": _pair(matrix.cutout, options),
+        "x3objspace": (matrix.depths * 1e-6)[:, None],
+        "axisOrder": ROWS_FIRST if options.rows_first else COLUMNS_FIRST,
+    }
+    first = np.array(first_pixel(matrix))
+    at = None if lens is None else np.array(lens.position)
+    if options.lens_centred and lens is not None:
+        moved = np.array(lens.rest if options.interpolation != "nearest" else (0.0, 0.0))
+        at = lens.expected + np.array(lens.rest) - moved
+        first = first + (moved - lens.shift) / sampling(matrix)[1]
+    if matrix.camera is not None or matrix.anchor != (0.0, 0.0):
+        values["anchor"] = _pair(first + 1, options)  # MATLAB counts from 1
+    if at is not None:
+        values["lensCentre"] = _pair(at + 1, options)
+    return values
 
 
-def _depths(file: H5File, nz: int) -> NDArray[np.float64] | None:
-    """Return the depths (µm); None where the file has none, or as many as it has planes of another matrix."""
-    if "x3objspace" not in file:
-        return None
-    values = file.values("x3objspace", finite=True).astype(np.float64).ravel() * 1e6  # m to µm
-    return values if values.size == nz else None
+def _pair(rows_columns: Any, options: MatOptions) -> NDArray[np.float64]:
+    """Return (rows, columns) in the order that H's own axes have in the file, ``(1, 2)`` in MATLAB."""
+    pair = np.array(rows_columns, np.float64)[:, None]
+    return pair if options.rows_first else pair[::-1]
+
+
+def _write_small(file: Any, values: dict[str, NDArray[np.float64] | str]) -> None:
+    for name, value in values.items():
+        text = isinstance(value, str)
+        stored = np.array([[ord(letter)] for letter in value], np.uint16) if isinstance(value, str) else value
+        data = file.create_dataset(name, data=stored, track_times=False)
+        data.attrs["MATLAB_class"] = np.bytes_(b"char" if text else b"double")
+        if text:
+            data.attrs["MATLAB_int_decode"] = np.int32(2)  # characters of 16 bits
+
+
+def mat_notes(matrix: PSFMatrix, options: MatOptions | None = None) -> tuple[str, ...]:
+    """Return where the codes that read ``.mat`` files take something else than H, a line each, with what to do."""
+    options = options or MatOptions()
+    ny, nx = matrix.period
+    notes = []
+    if ny != nx:
+        notes.append(f"the period is {ny} x {nx}; codes that take one square period (Nnum) cannot use this H")
+    elif ny % 2 == 0:
+        notes.append(f"the period is {ny} x {nx}; codes that ask for an odd Nnum cannot use this H")
+    lens = lens_centre_of(matrix)
+    if lens is None:
+        return (*notes, "H does not say where its lenses are; other codes take one to be centred on pixel ceil(Nnum/2)")
+    row, column = (at + 1 for at in lens.position)
+    wanted = "row {} and column {}".format(*(at + 1 for at in lens.expected))
+    if not options.lens_centred and not lens.agrees:
+        notes.append(
+            f"a lens is centred on row {row:.2f} and column {column:.2f} of the period, other codes take {wanted} "
+            "(both from 1): centre it (--lens-centred), or give them frames cropped from pixel `anchor` on"
+        )
+    elif options.lens_centred and not lens.is_whole and options.interpolation == "nearest":
+        rest = ", ".join(f"{v:+.2f}" for v in lens.rest)
+        notes.append(
+            f"whole pixels leave the lens's centre ({rest}) px (rows, columns) from {wanted}: move the patterns by it "
+            "(--interpolation cubic), as rectifying moves an image"
+        )
+    return tuple(notes)

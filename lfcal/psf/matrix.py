@@ -14,7 +14,7 @@ from lfcal.axes import check_psf_shape
 from lfcal.errors import InputError
 from lfcal.h5.dataset import H5Data
 from lfcal.psf.facts import Facts, fitting, unpack_valid
-from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, FilePlanes, Planes, ScaledPlanes, TransposedPlanes
+from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
@@ -216,10 +216,10 @@ class PSFMatrix:
         return str(stored.path) if isinstance(stored, DatasetPlanes | FilePlanes) else ""
 
     def _stored(self) -> Planes:
-        """Return the planes as they are stored, before scales and transposes."""
+        """Return the planes as they are stored, before scales, transposes and another code's order."""
         planes = self._planes
-        while isinstance(planes, ScaledPlanes | TransposedPlanes):
-            planes = planes.base
+        while (base := getattr(planes, "base", None)) is not None:
+            planes = base
         return planes
 
     @property
@@ -228,6 +228,11 @@ class PSFMatrix:
         return self._is_transposed
 
     # -- values ----------------------------------------------------------------------------------------
+    @property
+    def planes(self) -> Planes:
+        """Where the values come from, one depth plane at a time."""
+        return self._planes
+
     @property
     def T(self) -> PSFMatrix:
         """The transposed matrix as a view; ``H.T.T`` is H."""
@@ -353,7 +358,7 @@ def _as_planes(data: Any) -> Planes:
         return data._planes
     if isinstance(data, H5Data):
         return DatasetPlanes(data)
-    if isinstance(data, FilePlanes):
+    if isinstance(data, Planes):
         return data
     # recognised by its attributes: importing h5py here would slow down every use of an array
     if hasattr(data, "id") and hasattr(data, "chunks") and hasattr(data, "file"):

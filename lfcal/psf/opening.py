@@ -26,7 +26,7 @@ from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.planes import FilePlanes
 from lfcal.psf.store import FORMAT, REGIONS, VERSION
 
-__all__ = ["open_psf", "regions_of"]
+__all__ = ["open_psf", "opening_notes", "regions_of"]
 
 
 VERSIONS = (1, VERSION)
@@ -34,7 +34,9 @@ VERSIONS = (1, VERSION)
 
 
 def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = False) -> PSFMatrix:
-    """Open an H file, a MATLAB v7.3 file of another code, or an ``.npy`` file as a lazy `PSFMatrix`.
+    """Open an H file, a file of another code, or an ``.npy`` file as a lazy `PSFMatrix`.
+
+    Of other codes MATLAB v7.3 files (``.mat``) and the calibrations of napari-LF (``.lfc``) are read.
 
     Parameters
     ----------
@@ -69,9 +71,13 @@ def _open(source: Path, region: str, check: bool) -> PSFMatrix:
     if suffix == ".npy":
         return PSFMatrix(FilePlanes(map_npy(source), source))
     if suffix == ".mat":
-        from lfcal.psf.matlab import open_mat
+        from lfcal.psf.mat_import import open_mat
 
         return open_mat(source)
+    if suffix == ".lfc":
+        from lfcal.psf.lfc_import import open_lfc
+
+        return open_lfc(source)
     file = H5File(source)
     try:
         group = _region_group(file, region)
@@ -82,6 +88,12 @@ def _open(source: Path, region: str, check: bool) -> PSFMatrix:
     except BaseException:
         file.close()
         raise
+
+
+def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
+    """Return how another code's file was read, a line each: what it left open and lfcal took for granted."""
+    notes = matrix.provenance.get("notes", ())
+    return tuple(str(note) for note in notes) if isinstance(notes, list) else ()
 
 
 def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:
@@ -97,7 +109,11 @@ def _check_format(file: H5File) -> int:
     found = attributes.text("format")
     if found != FORMAT:
         what = f"format {found[:60]!r}" if found is not None else "an HDF5 file of another kind"
-        raise FileFormatError.expected(str(file.path), "an H file of lfcal", what, "import it as frames instead")
+        theirs = {".mat": "H" in file, ".lfc": "optics" in file}
+        named = next((f"name it {suffix}" for suffix, known in theirs.items() if known), "")
+        raise FileFormatError.expected(
+            str(file.path), "an H file of lfcal", what, named or "import it as frames instead"
+        )
     version = attributes.integer("version")
     if version not in VERSIONS:
         raise FileFormatError.expected(str(file.path), f"version {VERSION} or older", version, "update lfcal")

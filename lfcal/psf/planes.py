@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ __all__ = ["ArrayPlanes", "DatasetPlanes", "FilePlanes", "Planes", "ScaledPlanes
 Index = tuple[int | slice, ...]
 
 
+@runtime_checkable
 class Planes(Protocol):
     """The planes of one matrix ``(nz, ny, nx, nt, ns)``; what they return must not be written to."""
 
@@ -43,7 +44,7 @@ class ArrayPlanes:
 
     def __init__(self, array: NDArray[Any]) -> None:
         self.array = array
-        self.shape = check_psf_shape(array.shape)
+        self.shape = _five(array.shape)
         self.dtype = array.dtype
 
     def plane(self, z: int) -> NDArray[Any]:
@@ -86,7 +87,7 @@ class DatasetPlanes:
 
     def __init__(self, data: H5Data) -> None:
         self.dataset = data
-        self.shape = check_psf_shape(data.shape)
+        self.shape = _five(data.shape)
         self.dtype = data.dtype
         # the kept plane is shared: a second thread must not replace it while it is filled
         self._lock = threading.RLock()
@@ -133,6 +134,12 @@ class DatasetPlanes:
         # h5py raises a bare ValueError on a closed file, which does not name the remedy
         if not self.dataset.is_open:
             raise FileFormatError("PSF matrix: its file is closed; open it again with open_psf")
+
+
+def _five(shape: tuple[int, ...]) -> tuple[int, int, int, int, int]:
+    """Return the shape of planes; whether it is that of an H is for `PSFMatrix` to say."""
+    nz, ny, nx, nt, ns = shape if len(shape) == 5 else check_psf_shape(shape)
+    return nz, ny, nx, nt, ns
 
 
 def _check_finite(values: NDArray[Any], where: str) -> None:

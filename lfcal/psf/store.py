@@ -22,6 +22,7 @@ from lfcal.psf.chunk_codec import chunk_pipeline, parallel_write
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import STORED_TYPES, MatrixGroup, MatrixHeader
 from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.nexus import mark_default_plot
 
 __all__ = [
     "FORMAT",
@@ -150,7 +151,7 @@ class PSFWriter:
         try:
             if error is None:
                 self._matrix.complete()
-                _mark_default_plot(self._file)
+                mark_default_plot(self._file)
         except BaseException as failure:
             self._stack.__exit__(type(failure), failure, failure.__traceback__)
             raise
@@ -162,16 +163,6 @@ def _new_file(path: Path) -> Iterator[Any]:
     with new_h5(path) as file:
         file.attrs.update({"format": FORMAT, "version": VERSION})
         yield file
-
-
-def _mark_default_plot(file: Any) -> None:
-    """Let HDF5 viewers that know NeXus show the depth-plane sums first (hard links: others are not followed)."""
-    entry = file.create_group("entry")
-    data = entry.create_group("depth_sum")
-    data["depth_sum"], data["depths"] = file["depth_sum"], file["depths"]
-    file.attrs.update({"NX_class": "NXroot", "default": "entry"})
-    entry.attrs.update({"NX_class": "NXentry", "default": "depth_sum"})
-    data.attrs.update({"NX_class": "NXdata", "signal": "depth_sum", "axes": ["depths", ".", "."]})
 
 
 def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None = None) -> None:
@@ -263,5 +254,5 @@ def save_regions(matrices: Mapping[str, PSFMatrix], path: str | os.PathLike[str]
             for z in range(len(matrix)):
                 part.write_plane(z, matrix.plane(z), facts_of(matrix).plane(z))
             part.complete()
-        _mark_default_plot(file)
+        mark_default_plot(file)
     return target

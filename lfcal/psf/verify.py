@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.errors import FileFormatError, StorageError
+from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.source import Position
 from lfcal.h5.dataset import H5Data
 from lfcal.h5.file import H5File
@@ -19,7 +19,8 @@ from lfcal.progress import Clock, Work, drain
 from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.layout import plane_checksum
 from lfcal.psf.opening import open_psf, regions_of
-from lfcal.psf.store import REGIONS
+from lfcal.psf.specification import deviations_of
+from lfcal.psf.store import REGIONS, VERSION, facts_of
 from lfcal.psf.transpose import depth_sum
 
 __all__ = ["DamagedPlane", "MatrixCheck", "iter_verify", "verify"]
@@ -65,6 +66,8 @@ class MatrixCheck:
         Planes that are not what was written.
     missing
         Positions that were never recorded.
+    deviations
+        Where the file is not as the specification of its format says, a line each; version 1 has none.
     """
 
     path: Path
@@ -72,15 +75,16 @@ class MatrixCheck:
     compared: bool
     damaged: tuple[DamagedPlane, ...]
     missing: int
+    deviations: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
-        """Whether everything that could be checked is as it was written."""
-        return not self.damaged
+        """Whether everything that could be checked is as it was written, and as the format says."""
+        return not self.damaged and not self.deviations
 
 
 def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> Work[MatrixCheck]:
-    """Read every plane of an H file, all regions of the field, and compare it with its checksum.
+    """Hold an H file against its specification, read every plane, all regions, and compare it with its checksum.
 
     Parameters
     ----------
@@ -96,12 +100,22 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
     """
     source = Path(path)
     regions = regions_of(source)
+    with H5File(source) as file:
+        strays = deviations_of(file) if file.attributes().integer("version") == VERSION else []
     found: list[DamagedPlane] = []
     planes = missing = 0
     compared = True
     for number, region in enumerate(regions):
-        with open_psf(source, region=region) as matrix:
-            missing += int((matrix.recorded == 0).sum())
+        try:
+            with open_psf(source, region=region) as matrix:
+                recorded = facts_of(matrix).recorded
+                missing += 0 if recorded is None else int((recorded == 0).sum())
+        except InputError as error:
+            if not strays:
+                raise
+            # what is wrong with it has been named already
+            strays.append(f"{f'region {region}' if region else 'H'} cannot be opened: {error}")
+            continue
         with H5File(source) as file:
             prefix = f"{REGIONS}/{region}/" if number else ""
             data = file.dataset(f"{prefix}H")
@@ -113,7 +127,7 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
                 found += _look(data, z, stored, region, workers)
             planes += data.shape[0]
             yield clock.at(data.shape[0])
-    return MatrixCheck(source, planes, compared, tuple(found), missing)
+    return MatrixCheck(source, planes, compared, tuple(found), missing, tuple(strays))
 
 
 def verify(path: str | os.PathLike[str], *, workers: int | None = None) -> MatrixCheck:

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix, open_psf, save
 from tests.cli.conftest import Run
+from tests.psf.test_mat_import import prevedel
 
 Lfcal = Callable[..., Run]
 
@@ -43,10 +45,59 @@ def test_mat_without_ht_rows_first_uncompressed(lfcal: Lfcal, H: PSFMatrix, tmp_
     assert done.code == 0, done.err
     with h5py.File(tmp_path / "all.mat") as both, h5py.File(tmp_path / "H.mat") as one:
         assert "Ht" in both and "Ht" not in one
-        np.testing.assert_allclose(both["H"][()], np.asarray(H), rtol=1e-6)
+        # square, for the codes that crop rows and columns alike
+        square = np.pad(np.asarray(H), [(0, 0)] * 3 + [(1, 1), (0, 0)])
+        np.testing.assert_allclose(both["H"][()], square, rtol=1e-6)
         # H(t, s, y, x, z) of MATLAB, whose axes HDF5 lists the other way round
-        np.testing.assert_allclose(one["H"][()], np.asarray(H).transpose(0, 2, 1, 4, 3), rtol=1e-6)
+        np.testing.assert_allclose(one["H"][()], square.transpose(0, 2, 1, 4, 3), rtol=1e-6)
     assert compression_of(tmp_path / "all.mat") and not compression_of(tmp_path / "H.mat")
+
+
+def test_lens_centred_by_whole_pixels_and_by_what_they_leave(lfcal: Lfcal, tmp_path: Path) -> None:
+    camera = preset("lfm_20x05")  # its lenses are centred between pixels
+    plan = ScanPlan.for_camera(camera, depths_um=[0.0], cutout=3)
+    values = np.random.default_rng(1).random(plan.shape, np.float32)
+    save(PSFMatrix(values, camera=camera, anchor=plan.anchor, depths=[0.0]), tmp_path / "H.h5")
+    export = ("export", tmp_path / "H.h5", "--no-ht", "--force", "--out", tmp_path / "H.mat")
+    told = lfcal(*export)
+    assert (
+        told.code == 0
+        and "a lens is centred on row 8.50 and column 8.50" in told.err
+        and "row 8 and column 8" in told.err
+    )
+    rolled = lfcal(*export, "--lens-centred")
+    assert rolled.code == 0 and "leave the lens's centre (+0.50, +0.50) px" in rolled.err
+    with h5py.File(tmp_path / "H.mat") as file:
+        np.testing.assert_allclose(file["lensCentre"][()], [[8.5], [8.5]])
+        np.testing.assert_allclose(file["H"][()], values)
+    moved = lfcal(*export, "--lens-centred", "--interpolation", "linear", "--json")
+    assert moved.code == 0 and isinstance(moved.json, dict) and moved.json["notes"] == []
+    with h5py.File(tmp_path / "H.mat") as file:
+        np.testing.assert_allclose(file["lensCentre"][()], [[8], [8]])
+        mean = (values[..., :-1, :] + values[..., 1:, :]) / 2
+        np.testing.assert_allclose(file["H"][()][..., :2, :2], (mean[..., :-1] + mean[..., 1:]) / 2, rtol=1e-5)
+    refused = lfcal(*export, "--interpolation", "linear")
+    assert refused.code == 2 and "--interpolation: says how --lens-centred" in refused.err
+    odd = lfcal(*export, "--lens-centred", "--interpolation", "sinc")
+    assert odd.code == 2 and "interpolation: expected nearest or linear or cubic or fourier" in odd.err
+
+
+def test_another_codes_file_becomes_an_h_file_and_says_how_it_was_read(lfcal: Lfcal, tmp_path: Path) -> None:
+    prevedel(tmp_path / "theirs.mat", np.random.default_rng(2).random((5, 5, 3, 3, 2)), np.array([[1, 5], [2, 4]]))
+    done = lfcal("export", tmp_path / "theirs.mat", "--out", tmp_path / "H.h5")
+    assert done.code == 0 and "CAindex" in done.err and "rows first" in done.err
+    assert lfcal("verify", tmp_path / "H.h5").code == 0
+    again = lfcal("export", tmp_path / "H.h5", "--out", tmp_path / "H.mat", "--lens-centred", "--json")
+    assert again.code == 0 and isinstance(again.json, dict), "its lenses are where its code puts them"
+    assert all("lens" not in note for note in again.json["notes"])
+    with open_psf(tmp_path / "H.h5") as ours, open_psf(tmp_path / "H.mat") as back:
+        np.testing.assert_allclose(np.asarray(back), np.asarray(ours))
+
+
+def test_without_a_camera_no_lens_is_centred(lfcal: Lfcal, H: PSFMatrix, tmp_path: Path) -> None:
+    done = lfcal("export", tmp_path / "H.h5", "--out", tmp_path / "H.mat", "--lens-centred")
+    assert done.code == 2 and "expected an H that knows its camera" in done.err and done.err.count("\n") == 1
+    assert not (tmp_path / "H.mat").exists()
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".h5"])
@@ -76,6 +127,8 @@ def test_one_position_as_a_stack_and_an_uncompressed_file(lfcal: Lfcal, H: PSFMa
         ("x.h5", ("--rows-first",), "expected a .mat file, got .h5"),
         ("x.npy", ("--uncompressed",), "expected a .mat or .h5 file"),
         ("x.mat", ("--position", "1,1"), "expected a .tif or .tiff file"),
+        ("x.tif", ("--lens-centred",), "expected a .mat file, got .tif"),
+        ("x.h5", ("--lens-centred", "--interpolation", "cubic"), "expected a .mat file, got .h5"),
         ("x", ("--no-ht",), "got no suffix"),
     ],
 )

@@ -17,6 +17,7 @@ import typer.main
 
 from lfcal.cli.app import build_app
 from lfcal.files import replace_whole
+from lfcal.psf import tiff_export
 from lfcal.psf.report import report_files
 from tests.cli.conftest import Run
 from tests.cli.test_every_option import walk
@@ -166,7 +167,11 @@ def test_other_files_of_a_folder_stay(lfcal: Lfcal, place: Path) -> None:
     assert again.code == 2 and "index.html: exists" in again.err
 
 
-def test_tiff_stacks_are_named_with_their_bytes(lfcal: Lfcal, place: Path) -> None:
+def test_tiff_stacks_are_named_with_their_bytes(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = lfcal(*WRITERS["export tif"].words())
+    assert whole.code == 0 and whole.out.startswith("out.tif: (1, 5, 5, 31, 31), ")
+    (place / "out.tif").unlink()
+    monkeypatch.setattr(tiff_export, "ONE_FILE_BYTES", 1000)  # a large H is a file for each plane
     said = lfcal(*WRITERS["export tif"].words())
     size = (place / "out_z000.tif").stat().st_size
     assert said.code == 0 and said.out.startswith("out_z000.tif: (1, 5, 5, 31, 31), ") and " 0 B" not in said.out

@@ -138,3 +138,17 @@ def test_what_cannot_be_checked_is_refused_in_one_line(lfcal: Lfcal, sample: Pat
     assert run.code == 2 and run.err.count("\n") == 1
     assert (sample / "session.json").read_bytes() == before, "what is no list is never replaced by one"
     assert "name its folder" in lfcal("verify", sample / "recording.h5").err
+
+
+def test_a_file_that_is_not_as_specified_is_told_where(lfcal: Lfcal, tmp_path: Path) -> None:
+    H = PSFMatrix(np.ones((2, 3, 3, 5, 5), np.float32))
+    path = save(H, tmp_path / "H.h5")
+    save(H.T, tmp_path / "HT.h5")
+    assert lfcal("verify", path).code == lfcal("verify", tmp_path / "HT.h5").code == 0
+    with h5py.File(path, "r+") as file:
+        del file["used_window"], file.attrs["region"]
+    run = lfcal("verify", path)
+    assert run.code == 1 and "not as the format says: /used_window: missing" in run.out
+    assert "not as the format says: , attribute" not in run.out and "/, attribute region: missing" in run.out
+    found: Any = lfcal("verify", path, "--json").json
+    assert not found["ok"] and len(found["deviations"]) == 2

@@ -47,7 +47,7 @@ WRITERS = {
     "export npy": Writer("export H.h5 -o out.npy", "out.npy", 60_000),
     "export h5": Writer("export H.h5 -o out.h5", "out.h5", 60_000),
     "export mat": Writer("export H.h5 -o out.mat", "out.mat", 60_000),
-    "export tif": Writer("export H.h5 -o out.tif", "out_z000.tif", 60_000),
+    "export tif": Writer("export H.h5 -o out.tif", "out.tif", 60_000),
     "export one tif": Writer("export H.h5 -o out.tif --position 1,2", "out.tif", 2000),
     "reconstruct tif": Writer("reconstruct H.h5 frame.tif -n 1 -o out.tif", "out.tif", 3000),
     "reconstruct h5": Writer("reconstruct H.h5 frame.tif -n 1 -o out.h5", "out.h5", 3000),

@@ -301,17 +301,15 @@ def test_checksum_is_the_documented_one(tmp_path: Path) -> None:
         assert [t0, s0] == lit.min(axis=0).tolist() and [t1, s1] == lit.max(axis=0).tolist()
 
 
-def test_viewers_find_the_depth_sums_without_soft_links(tmp_path: Path) -> None:
-    save(PSFMatrix(values(), depths=[1.0, 2.0, 3.0][: values().shape[0]]), tmp_path / "H.h5")
-    with h5py.File(tmp_path / "H.h5") as file:
-        group = file
-        while "default" in group.attrs:
-            group = group[group.attrs["default"]]
-        assert group.attrs["NX_class"] == "NXdata"
-        np.testing.assert_array_equal(group[group.attrs["signal"]], file["depth_sum"])
-        kinds = []
-        file.visit(lambda name: kinds.append(type(file.get(name, getlink=True))))
-        assert set(kinds) == {h5py.HardLink}
+def test_version_2_without_a_default_plot_still_opens(tmp_path: Path) -> None:
+    path = tmp_path / "H.h5"
+    save(PSFMatrix(values()), path)
+    with h5py.File(path, "r+") as file:
+        del file["entry"], file.attrs["default"], file.attrs["NX_class"]
+        for name in ("units", "long_name"):
+            del file["depths"].attrs[name]
+    with open_psf(path, check=True) as H:
+        np.testing.assert_array_equal(np.asarray(H), values())
 
 
 def test_version_1_still_opens(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +24,6 @@ __all__ = [
     "PlaneData",
     "aperture_words",
     "linked_pixel",
-    "outputs",
     "place_words",
     "read_plane",
     "resolve",
@@ -116,13 +114,6 @@ class PlaneData:
     energy: NDArray[np.float64]
     depth_sum: NDArray[np.float64]
     levels: tuple[float, float]
-
-
-def outputs(matrix: PSFMatrix, path: Path) -> list[Path]:
-    """Return the files that exporting H to ``path`` writes: TIFF stacks are one a plane."""
-    if path.suffix.lower() not in (".tif", ".tiff"):
-        return [path]
-    return [path.with_name(f"{path.stem}_z{z:03d}{path.suffix}") for z in range(len(matrix))]
 
 
 def read_plane(matrix: PSFMatrix, reference: PSFMatrix | None, z: int) -> PlaneData:

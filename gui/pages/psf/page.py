@@ -13,10 +13,13 @@ from gui.base_page import BasePage
 from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
-from gui.pages.psf.model import LoadedPlane, PlaneData, PSFIntent, outputs, place_words, read_plane, resolve, unit_of
+from gui.pages.psf.export_dialog import ExportDialog
+from gui.pages.psf.export_model import ExportIntent
+from gui.pages.psf.model import LoadedPlane, PlaneData, PSFIntent, place_words, read_plane, resolve, unit_of
 from gui.pages.psf.panel import PSFPanel
 from gui.saving import ask_target
 from lfcal.psf import PSFMatrix
+from lfcal.psf.opening import opening_notes
 from lfcal.units import format_bytes
 
 if TYPE_CHECKING:
@@ -24,9 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Page"]
 
-SUFFIXES = (".h5", ".mat", ".npy")
-FILES = "PSF matrices (*.h5 *.mat *.npy)"
-EXPORTS = "MATLAB v7.3 with H and Ht (*.mat);;numpy (*.npy);;TIFF stacks (*.tif);;H file (*.h5)"
+SUFFIXES = (".h5", ".mat", ".npy", ".lfc")
+FILES = "PSF matrices (*.h5 *.mat *.npy *.lfc)"
 
 
 class Page(BasePage):
@@ -39,9 +41,10 @@ class Page(BasePage):
         self.reference: PSFMatrix | None = None
         self.plane: LoadedPlane | None = None
         self.reference_plane: LoadedPlane | None = None
+        self._export_intent = ExportIntent()
         self._held = False
         self._levels = (0.0, 1.0)
-        self.tool_button("Open H …", "An H file, a MATLAB v7.3 file or an .npy array", self.choose_file)
+        self.tool_button("Open H …", "An H file, another code's (.mat, .lfc), or an .npy array", self.choose_file)
         self.tool_button("Reference …", "An H to compare with: simulated or earlier", self.choose_reference)
         self.tool_button("Export …", "H and HT for a deconvolution code", self.export)
         self.panel = PSFPanel()
@@ -95,7 +98,8 @@ class Page(BasePage):
             return
         self.reference = self._comparable(matrix, state.reference)
         self.show_body()
-        self.hint.setText(f"{Path(state.psf).name}: (z, y, x, t, s) = {matrix.shape}, {format_bytes(matrix.nbytes)}")
+        about = f"{Path(state.psf).name}: (z, y, x, t, s) = {matrix.shape}, {format_bytes(matrix.nbytes)}"
+        self.hint.setText("; ".join((about, *opening_notes(matrix))))
         self.panel.show_matrix(matrix.depths, unit_of(matrix), reference=self.reference is not None)
         self._load_sums(matrix)
         if matrix is before:
@@ -164,20 +168,41 @@ class Page(BasePage):
         self.context.matrices.take(path, opened, self.refuse)
 
     def export(self, path: str = "") -> None:
-        """Export H (and Ht) as a job."""
-        from lfcal.psf import iter_export
+        """Export H as a job; without a path the way is asked for, and then the file."""
+        if self.matrix is None:
+            self.refuse("there is no H to export; open or assemble one first")
+        elif path:
+            self._start_export(path, ExportIntent.of_path(path))
+        else:
+            intent = replace(self._export_intent, position=(self.intent.y, self.intent.x))
+            self._export_dialog = ExportDialog(self.matrix, intent, self)
+            self._export_dialog.asked.connect(self.ask_export_file)
+            self._export_dialog.finished.connect(self._export_dialog.deleteLater)
+            self._export_dialog.open()
 
+    def ask_export_file(self, intent: ExportIntent) -> None:
+        """Ask for the file of an export, and begin."""
         matrix = self.matrix
         if matrix is None:
             return
-        path = path or ask_target(self, "Export H", "H.mat", EXPORTS, lambda chosen: outputs(matrix, chosen))
+        self._export_intent = intent
+        name, kind = f"H{intent.suffix}", f"{intent.suffix[1:]} files (*{intent.suffix})"
+        path = ask_target(self, "Export H", name, kind, lambda chosen: intent.files(matrix, chosen))
         if path:
-            self.context.jobs.start(
-                f"Export {Path(path).name}",
-                "psf",
-                lambda: iter_export(matrix, path),
-                lambda out: self.context.message.emit(f"exported {out}"),
-            )
+            self._start_export(path, intent)
+
+    def _start_export(self, path: str, intent: ExportIntent) -> None:
+        from lfcal.psf import iter_export
+
+        H = self.matrix
+        assert H is not None
+        options = intent.options.given()
+        self.context.jobs.start(
+            f"Export {Path(path).name}",
+            "psf",
+            lambda: iter_export(intent.matrix(H), path, **options),
+            lambda out: self.context.message.emit(f"exported {out}"),
+        )
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped H file."""

@@ -1,0 +1,203 @@
+"""Where the centre of a micro-image lies in H, and H with it where other codes expect it.
+
+The codes after Prevedel et al. 2014 (LFDM, oLaF and their descendants) rectify an image so that the centre of a
+micro-image falls on pixel ceil(Nnum/2) of each period, counted from 1, and take position (aa, bb) of H for pixel
+(aa, bb) of a period. lfcal's position (0, 0) is wherever the scan began.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.axes import Position
+from lfcal.camera.lens_centre import nearest_lens
+from lfcal.psf.cutout import Cutout
+from lfcal.psf.facts import Facts
+from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.planes import Planes, TransposedPlanes
+
+__all__ = ["TOLERANCE_PX", "LensCentre", "first_pixel", "lens_centre_of", "lens_centred", "sampling"]
+
+TOLERANCE_PX = 0.05
+"""A micro-image centre this far from where a code expects it is said to be there (pixels)."""
+
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class LensCentre:
+    """A type-0 micro-image centre among the positions of H.
+
+    Attributes
+    ----------
+    position
+        Where it lies ``(row, column)``, counted from 0 and not whole as a rule: a point imaged there has the pattern of
+        the position of that number.
+    period
+        Positions ``(ny, nx)`` in a period.
+    """
+
+    position: Pair
+    period: tuple[int, int]
+
+    @property
+    def expected(self) -> tuple[int, int]:
+        """Position at which other codes expect it: ceil(n/2) of each period, here counted from 0."""
+        return (self.period[0] + 1) // 2 - 1, (self.period[1] + 1) // 2 - 1
+
+    @property
+    def shift(self) -> tuple[int, int]:
+        """Whole positions ``(rows, columns)`` by which H is rolled to bring it there as nearly as they can."""
+        rows, columns = (math.ceil(off - 0.5) for off in self._off())
+        return -rows, -columns
+
+    @property
+    def rest(self) -> Pair:
+        """What is left after `shift`, each in (-0.5, 0.5] pixels; positive: the centre lies below, to the right."""
+        rows, columns = (off - math.ceil(off - 0.5) for off in self._off())
+        return rows, columns
+
+    @property
+    def agrees(self) -> bool:
+        """Whether H already is as other codes take it, to `TOLERANCE_PX`."""
+        return self.shift == (0, 0) and self.is_whole
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether whole positions bring it there, to `TOLERANCE_PX`."""
+        return max(map(abs, self.rest)) <= TOLERANCE_PX
+
+    def _off(self) -> tuple[float, float]:
+        """Return how far the centre is from where it is expected, by the shorter way round the period."""
+        rows, columns = (
+            (at - wanted + n / 2) % n - n / 2
+            for at, wanted, n in zip(self.position, self.expected, self.period, strict=True)
+        )
+        # numbers off by rounding must not turn into a whole period
+        return round(rows, 9), round(columns, 9)
+
+
+def lens_centre_of(matrix: PSFMatrix) -> LensCentre | None:
+    """Return where a type-0 micro-image centre lies in ``matrix``, None where nothing says so.
+
+    From camera and anchor; of an H from another code's file, by what that file or the convention of its code says
+    (provenance ``lens_centre``). The pixels of H are the sensor's, counted from the whole pixel next to the anchor,
+    unless the frames were interpolated or resampled when H was assembled.
+    """
+    ny, nx = matrix.period
+    if matrix.camera is None:
+        stated = _pair(matrix.provenance.get("lens_centre"))
+        return None if stated is None else LensCentre((stated[0] % ny, stated[1] % nx), (ny, nx))
+    first, scale = first_pixel(matrix), sampling(matrix)[1]
+    lens = nearest_lens(matrix.camera, first)
+    row, column = ((at - start) * factor for at, start, factor in zip(lens, first, scale, strict=True))
+    return LensCentre((row % ny, column % nx), (ny, nx))
+
+
+def first_pixel(matrix: PSFMatrix) -> Pair:
+    """Return the sensor position (row, column) of pixel 0 of H's images: that of source position (0, 0) (pixels)."""
+    if sampling(matrix)[0]:
+        return matrix.anchor
+    row, column = matrix.anchor
+    return float(math.ceil(row - 0.5)), float(math.ceil(column - 0.5))
+
+
+def sampling(matrix: PSFMatrix) -> tuple[bool, Pair]:
+    """Return whether the frames of H were interpolated, and H's pixels per sensor pixel (rows, columns)."""
+    cutout = matrix.provenance.get("cutout")
+    if not isinstance(cutout, dict):
+        return False, (1.0, 1.0)
+    scale = _pair(cutout.get("scale"))
+    return cutout.get("interpolation", "nearest") != "nearest", scale if scale and all(scale) else (1.0, 1.0)
+
+
+def _pair(value: Any) -> Pair | None:
+    """Return two finite numbers out of a file's provenance, None where it holds anything else."""
+    numbers = value if isinstance(value, list | tuple) and len(value) == 2 else ()
+    if not numbers or not all(isinstance(v, int | float) and math.isfinite(v) for v in numbers):
+        return None
+    return float(numbers[0]), float(numbers[1])
+
+
+def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "nearest") -> PSFMatrix:
+    """Return ``matrix`` with the micro-image centre ``lens`` on the position where other codes expect it, lazily.
+
+    Positions are rolled round the period by whole numbers: their patterns stay as they are, since the cutout belongs
+    to the source and only its number changes. ``f[p] = sum_v g[v] H[v mod n][p - v + c]`` then holds for images and
+    volumes whose pixel 0 is that many pixels earlier.
+
+    Parameters
+    ----------
+    matrix
+        H or HT.
+    lens
+        Its `lens_centre_of`.
+    interpolation
+        ``"nearest"`` leaves what whole positions leave (`LensCentre.rest`). Any other of
+        `lfcal.psf.cutout.INTERPOLATIONS` takes each pattern at pixels moved by it, as rectifying moves the image.
+    """
+    planes = _Centred(matrix, lens.shift, lens.rest, interpolation)
+    facts = {} if matrix.is_transposed else _rolled(matrix.facts, lens.shift)
+    if planes.moves:  # a pixel of a moved pattern is part of several that were measured or were not
+        facts.pop("valid", None)
+    steps = zip(matrix.anchor, lens.shift, sampling(matrix)[1], strict=True)
+    row, column = (at - step / factor for at, step, factor in steps)
+    moved = {"lens_centred": {"shift": list(lens.shift), "rest": list(lens.rest), "interpolation": interpolation}}
+    return PSFMatrix(
+        planes,
+        depths=matrix.depths,
+        camera=matrix.camera,
+        anchor=(row, column),
+        facts=Facts(**facts),
+        region=matrix.region,
+        transposed=matrix.is_transposed,
+        provenance={**matrix.provenance, **moved},
+    )
+
+
+def _rolled(facts: Facts, shift: tuple[int, int]) -> dict[str, NDArray[Any]]:
+    """Return facts of positions ``(nz, ny, nx, …)`` rolled as the positions are; those of planes stay."""
+    known = facts.known()
+    return {name: np.roll(v, shift, (1, 2)) if v.ndim > 1 else v for name, v in known.items()}
+
+
+class _Centred:
+    """Planes of H with positions rolled by ``shift`` and patterns taken ``rest`` pixels further."""
+
+    def __init__(self, matrix: PSFMatrix, shift: tuple[int, int], rest: Pair, interpolation: str) -> None:
+        self.base, self._shift = matrix.planes, shift
+        self.moves = interpolation != "nearest" and rest != (0.0, 0.0)
+        self._cutout = Cutout(matrix.cutout, rest, interpolation)
+        self.shape = matrix.shape
+        self.dtype = np.dtype(np.float32) if self.moves else matrix.dtype
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return plane ``z``."""
+        plane = np.roll(self.base.plane(z), self._shift, (0, 1))
+        if not self.moves:
+            return plane
+        moved = np.empty(plane.shape, np.float32)
+        for at in np.ndindex(*plane.shape[:2]):
+            moved[at] = self._moved(plane[at])
+        return moved
+
+    def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
+        """Return the pattern of one position."""
+        _, ny, nx, _, _ = self.shape
+        pattern = self.base.cutout(z, (y - self._shift[0]) % ny, (x - self._shift[1]) % nx)
+        return self._moved(pattern) if self.moves else pattern
+
+    def transposed(self) -> Planes:
+        """Return the planes of the transposed matrix."""
+        return TransposedPlanes(self)
+
+    def _moved(self, pattern: NDArray[Any]) -> NDArray[np.float32]:
+        window = self._cutout.window(Position(0, 0, 0))
+        # beyond the cutout there is no light: that is what made it the cutout
+        margin = window.row - self._cutout.region(window)[0].start
+        return self._cutout.resample(np.pad(pattern, margin), window)

@@ -1,0 +1,196 @@
+"""H out of MATLAB v7.3 files: those of lfcal, and of the codes after Prevedel et al. 2014.
+
+The images of those codes are MATLAB's, rows first, and so is their ``H(t, s, y, x, z)``. Of each plane they use the
+window ``CAindex`` alone. What is computed by fast-light-field holds a quarter of the positions (``ReducedMatrix``).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError
+from lfcal.files import storage_errors
+from lfcal.h5.file import H5File
+from lfcal.psf.matlab import COLUMNS_FIRST, ROWS_FIRST
+from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes
+from lfcal.psf.rearranged import MirroredPlanes, PlacedPlanes, Window
+
+__all__ = ["open_mat"]
+
+THEIRS = ("ReducedMatrix", "settingPSF", "MLARRAY", "OSR", "x1objspace", "fml", "MLPitch")
+"""Variables by which a file of Prevedel's code, or one written after it, is known."""
+
+
+def open_mat(path: Path) -> PSFMatrix:
+    """Open the ``H`` of a MATLAB v7.3 file as a lazy `PSFMatrix`; ``x3objspace`` gives its depths.
+
+    A 4-D H is a single plane; MATLAB drops trailing axes of length one. How the file was read stands in the
+    provenance: ``notes`` for a reader, ``lens_centre`` where the file or its code's convention says it.
+
+    Raises
+    ------
+    FileFormatError
+        If it is of version 5 to 7, or has no H that can be read, with the reason.
+    """
+    _check_version(path)
+    file = H5File(path)
+    try:
+        return _Reader(file).matrix()
+    except BaseException:
+        file.close()
+        raise
+
+
+def _check_version(path: Path) -> None:
+    head = b""
+    if path.is_file():
+        with storage_errors(path), path.open("rb") as raw:
+            head = raw.read(128)
+    # MATLAB 5.0 files are no HDF5 at all, and h5py would only say that a signature is missing
+    if head.startswith(b"MATLAB 5.0"):
+        raise FileFormatError.expected(
+            str(path), "a MATLAB v7.3 file", "one of version 5 to 7", "save it with save(..., '-v7.3')"
+        )
+
+
+class _Reader:
+    """One file: whose it is, and what that means for its H."""
+
+    def __init__(self, file: H5File) -> None:
+        self._file = file
+        self._order = self._text("axisOrder")
+        self._theirs = not self._order and any(name in file for name in THEIRS)
+        self._swapped = self._theirs or self._order == ROWS_FIRST
+        self._notes: list[str] = []
+
+    def matrix(self) -> PSFMatrix:
+        """Return H."""
+        base = stored = self._stored()
+        nz, _, _, nt, ns = base.shape
+        if self._flag("ReducedMatrix"):
+            base = MirroredPlanes(base)
+            self._notes.append("a quarter of the positions (ReducedMatrix) was mirrored, as its code does")
+        windows = self._windows(nz, nt, ns)
+        if self._swapped or windows:
+            base = self._placed(base, windows)
+        if self._swapped and self._theirs:
+            self._notes.append("read as H(t, s, y, x, z), rows first, as MATLAB reads images")
+        depths, anchor = self._depths(nz), self._anchor()
+        provenance: dict[str, Any] = {"imported": self._file.path.name, **self._lens(base.shape)}
+        if self._notes:
+            provenance["notes"] = self._notes
+        if isinstance(stored, FilePlanes):  # read whole
+            self._file.close()
+        return PSFMatrix(base, depths=depths, anchor=anchor, provenance=provenance)
+
+    def _stored(self) -> Planes:
+        where = f"{self._file.path}: H"
+        if (kind := self._class("H")) in ("cell", "struct"):
+            raise FileFormatError.expected(
+                where, "an array of numbers", f"a {kind} array", "write it as one: H = full(H{aa,bb,cc}) for each"
+            )
+        data = self._file.dataset("H")
+        if data.ndim == 4:
+            return FilePlanes(data.read()[None], self._file.path)
+        if data.ndim != 5:
+            raise FileFormatError.expected(where, "5 axes (s, t, x, y, z)", f"{data.ndim} axes", "check the file")
+        return DatasetPlanes(data)
+
+    def _placed(self, base: Planes, windows: list[Window] | None) -> Planes:
+        """Return the planes in lfcal's order, each in the middle of an odd cutout."""
+        shape = base.shape[:2:-1] if self._swapped else base.shape[3:]
+        # of an even kernel 'same' convolutions take pixel n/2 + 1 for the middle: a row and a column of zeros follow
+        nt, ns = self._cutout(shape) or (n + 1 - n % 2 for n in shape)
+        return PlacedPlanes(base, (nt, ns), windows, swapped=self._swapped)
+
+    def _cutout(self, shape: tuple[int, ...]) -> tuple[int, int] | None:
+        """Return the cutout before it was padded to the file's square of ``shape``, None where none is stated."""
+        stated = self._pair("cutout")
+        if stated is None:
+            return None
+        if not all(v == int(v) and 1 <= v <= n for v, n in zip(stated, shape, strict=True)):
+            raise FileFormatError.expected(f"{self._file.path}: cutout", f"up to {shape}", stated, "export it again")
+        return int(stated[0]), int(stated[1])
+
+    def _windows(self, nz: int, nt: int, ns: int) -> list[Window] | None:
+        """Return the pixels of each plane that count, None where all do."""
+        if self._order:  # of its own files lfcal knows the cutout; CAindex leaves out zeros alone
+            whole: Window = (slice(0, nt), slice(0, ns))
+            return [whole] * nz if self._cutout((nt, ns)) not in (None, (nt, ns)) else None
+        if "CAindex" not in self._file or nt != ns:
+            return None
+        first, last = self._crops(nz, nt)
+        if (first == 1).all() and (last == nt).all():
+            return None
+        self._notes.append("only the window CAindex of each plane was read, as its code does")
+        return [(slice(a - 1, b), slice(a - 1, b)) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
+
+    def _crops(self, nz: int, n: int) -> NDArray[np.int64]:
+        """Return first and last pixel of each plane, counted from 1, ``(2, nz)``."""
+        found = self._file.values("CAindex", finite=True)
+        # MATLAB's (nz, 2) is (2, nz) here; fast-light-field has written both
+        table = found.T if found.shape == (nz, 2) and nz != 2 else found
+        whole = table.astype(np.int64) if table.shape == (2, nz) else np.zeros((2, nz), np.int64)
+        if (whole != table).any() or (whole[0] < 1).any() or (whole[1] > n).any() or (whole[0] > whole[1]).any():
+            wanted = f"first and last pixel (1 to {n}) of each of {nz} planes"
+            raise FileFormatError.expected(
+                f"{self._file.path}: CAindex", wanted, f"shape {found.shape[::-1]}", "check the file"
+            )
+        return whole
+
+    # -- what else the file says -----------------------------------------------------------------------
+    def _depths(self, nz: int) -> NDArray[np.float64] | None:
+        """Return the depths (µm); None where the file has none, or as many as it has planes of another matrix."""
+        if "x3objspace" not in self._file:
+            return None
+        values = self._file.values("x3objspace", finite=True).astype(np.float64).ravel() * 1e6  # m to µm
+        if values.size != nz:
+            return None
+        if np.unique(values).size < nz:
+            raise FileFormatError.expected(
+                f"{self._file.path}: x3objspace", "a depth for each plane", "one twice", "check the file"
+            )
+        return values
+
+    def _lens(self, shape: tuple[int, ...]) -> dict[str, Any]:
+        """Return where the file puts the centre of a lens, ``(row, column)`` from 0."""
+        stated = self._pair("lensCentre")
+        if stated is not None:
+            return {"lens_centre": [v - 1 for v in stated]}
+        return {"lens_centre": [(n + 1) // 2 - 1 for n in shape[1:3]]} if self._theirs else {}
+
+    def _anchor(self) -> tuple[float, float]:
+        stated = self._pair("anchor") if self._order else None
+        return (0.0, 0.0) if stated is None else (stated[0] - 1, stated[1] - 1)
+
+    def _pair(self, name: str) -> tuple[float, float] | None:
+        """Return a pair of lfcal's own as (rows, columns)."""
+        if not self._order or name not in self._file:
+            return None
+        values = self._file.values(name, finite=True).ravel()
+        if values.size != 2:
+            raise FileFormatError.expected(f"{self._file.path}: {name}", "two numbers", values.size, "check the file")
+        pair = values.tolist() if self._swapped else values[::-1].tolist()
+        return float(pair[0]), float(pair[1])
+
+    def _text(self, name: str) -> str:
+        """Return the order of the axes, empty where the file does not say it."""
+        if name not in self._file:
+            return ""
+        letters = self._file.values(name, kinds="u").ravel().tolist()
+        order = "".join(map(chr, letters[:16]))
+        if order not in (ROWS_FIRST, COLUMNS_FIRST):
+            known = f"{COLUMNS_FIRST} or {ROWS_FIRST}"
+            raise FileFormatError.expected(f"{self._file.path}: {name}", known, repr(order), "export it again")
+        return order
+
+    def _flag(self, name: str) -> bool:
+        return name in self._file and bool(self._file.values(name, kinds="biuf").any())
+
+    def _class(self, name: str) -> str:
+        return self._file.attributes(name).text("MATLAB_class", "") if name in self._file else ""

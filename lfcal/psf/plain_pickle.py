@@ -1,0 +1,171 @@
+"""Numbers, arrays and tables out of a Python pickle, without running anything of what it asks for.
+
+A pickle is a program: it may call any function of this machine. Here it may name a few things only, and gets for each a
+stand-in that keeps what it is told; numpy's own are not called either.
+"""
+
+from __future__ import annotations
+
+import io
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError, UnsafeFileError
+
+__all__ = ["Record", "load_plain"]
+
+MAX_ITEMS = 1 << 31
+"""Samples in an array above which a pickle is refused."""
+
+
+class Record:
+    """An object of a class that the reader was told of; ``values`` are its attributes."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, Any] = {}
+
+    def __setstate__(self, state: Any) -> None:
+        """Keep the attributes."""
+        if isinstance(state, dict):
+            self.values = state
+
+
+class _Type:
+    """A numpy dtype: plain numbers of a size, in an order of bytes."""
+
+    def __init__(self, code: Any = "", *_: Any) -> None:
+        self._code, self._order = code, ""
+
+    def __setstate__(self, state: Any) -> None:
+        """Keep the order of bytes."""
+        order = state[1] if isinstance(state, tuple) and len(state) > 1 else ""
+        self._order = order if order in ("<", ">") else ""
+
+    def dtype(self) -> np.dtype[Any]:
+        """Return the type; only real numbers and truth values."""
+        known = {f"{kind}{size}" for kind in "iuf" for size in (1, 2, 4, 8)} - {"f1"} | {"b1"}
+        if not isinstance(self._code, str) or self._code not in known:
+            raise _Refused(f"values of type {self._code!r}")
+        return np.dtype(f"{self._order}{self._code}")
+
+
+class _Array:
+    """A numpy array, from its shape and bytes."""
+
+    def __init__(self, *_: Any) -> None:
+        self._state: tuple[Any, ...] = ()
+
+    def __setstate__(self, state: Any) -> None:
+        """Keep shape, type and bytes."""
+        self._state = state if isinstance(state, tuple) else ()
+
+    def array(self) -> NDArray[Any]:
+        """Return the array."""
+        if len(self._state) != 5 or not isinstance(self._state[2], _Type):
+            raise _Refused("an array without numbers")
+        _, shape, kind, fortran, data = self._state
+        data = data.encode("latin1") if isinstance(data, str) else data
+        if not isinstance(data, bytes) or not isinstance(shape, tuple) or not all(isinstance(n, int) for n in shape):
+            raise _Refused("an array of objects")
+        if len(data) != int(np.prod(shape, dtype=object)) * kind.dtype().itemsize or len(data) > MAX_ITEMS:
+            raise _Refused("an array that is shorter than it says")
+        return np.frombuffer(data, kind.dtype()).reshape(shape, order="F" if fortran else "C")
+
+
+def _scalar(kind: Any, data: Any = b"") -> Any:
+    data = data.encode("latin1") if isinstance(data, str) else data
+    if not isinstance(kind, _Type) or not isinstance(data, bytes) or len(data) != kind.dtype().itemsize:
+        raise _Refused("a number without a value")
+    return np.frombuffer(data, kind.dtype())[0].item()
+
+
+def _text(value: Any, *_: Any) -> Any:
+    # protocol 2 writes bytes as text, and asks for its encoding
+    return value
+
+
+class _Refused(Exception):
+    """A pickle asks for something else than numbers."""
+
+
+def _buffered(data: Any = b"", kind: Any = None, shape: Any = (), order: Any = "C") -> _Array:
+    # protocol 5 hands over bytes without numpy's own state
+    array = _Array()
+    array.__setstate__((1, shape, kind, order == "F", bytes(data) if isinstance(data, bytes | bytearray) else None))
+    return array
+
+
+_NUMPY: dict[str, Callable[..., Any]] = {
+    "dtype": _Type,
+    "_reconstruct": _Array,
+    "_frombuffer": _buffered,
+    "scalar": _scalar,
+}
+
+
+class _Reader(pickle.Unpickler):
+    def __init__(self, data: bytes, classes: frozenset[str]) -> None:
+        super().__init__(io.BytesIO(data), encoding="latin1")
+        self._classes = classes
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Return the stand-in of what a pickle names."""
+        # each is made anew: a pickle may set attributes of what it was given
+        if module.split(".")[0] == "numpy" and name == "ndarray":
+            return type("Array", (), {})
+        if name in self._classes:
+            return type("Record", (Record,), {})
+        stand_in = _NUMPY.get(name) if module.split(".")[0] == "numpy" else None
+        if (module, name) == ("_codecs", "encode"):
+            stand_in = _text
+        if stand_in is None:
+            raise _Refused(f"{module}.{name}")
+        return lambda *arguments: stand_in(*arguments)
+
+    def persistent_load(self, pid: Any) -> Any:
+        """Refuse what lies outside of the pickle."""
+        raise _Refused("data outside of it")
+
+
+def load_plain(data: bytes, classes: frozenset[str], where: str) -> Any:
+    """Return what a pickle holds: plain Python values, arrays, and a `Record` for an object of one of ``classes``.
+
+    Raises
+    ------
+    UnsafeFileError
+        If it asks for anything else.
+    FileFormatError
+        If it is damaged.
+    """
+    try:
+        return _resolved(_Reader(data, classes).load(), 0)
+    except _Refused as error:
+        raise UnsafeFileError.expected(
+            where, "numbers and arrays", f"a pickle that asks for {error}", "take the file from its source again"
+        ) from error
+    except Exception as error:  # a damaged pickle raises whatever the step does that it broke
+        raise FileFormatError.expected(
+            where, "an intact pickle", type(error).__name__, "take the file from its source again"
+        ) from error
+
+
+def _resolved(value: Any, depth: int) -> Any:
+    """Return a value with arrays in place of their stand-ins."""
+    if depth > 8:
+        raise _Refused("tables within tables")
+    if isinstance(value, _Array):
+        return value.array()
+    if isinstance(value, Record):
+        value.values = {str(key): _resolved(one, depth + 1) for key, one in value.values.items()}
+        return value
+    if isinstance(value, dict):
+        return {_resolved(key, depth + 1): _resolved(one, depth + 1) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_resolved(one, depth + 1) for one in value]
+    if isinstance(value, tuple):
+        return tuple(_resolved(one, depth + 1) for one in value)
+    return value if isinstance(value, int | float | str | bytes | None) else None

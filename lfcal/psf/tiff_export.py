@@ -1,0 +1,143 @@
+"""H as TIFF that ImageJ opens as a hyperstack: Z is depth, T the source position, with µm and a label on each page.
+
+What ImageJ's own format cannot hold (other numbers than uint8, uint16 and float32; 4 GB and more) is OME-TIFF, which
+Fiji opens through Bio-Formats.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.files import require_space
+from lfcal.progress import Clock, Work
+from lfcal.psf.lens_centre import sampling
+from lfcal.psf.matrix import PSFMatrix
+from lfcal.tiff_file import write_tiff
+
+__all__ = ["iter_write_tiff", "tiff_files"]
+
+Position = tuple[int, int]
+
+ONE_FILE_BYTES = 1 << 30
+"""Above this there is a file per depth plane: a hyperstack is put in order in memory, and so does ImageJ open it."""
+
+IMAGEJ_BYTES = 0xF000_0000
+IMAGEJ_TYPES = ("uint8", "uint16", "float32")
+OME_TYPES = (*IMAGEJ_TYPES, "int8", "int16", "int32", "uint32", "float64")
+
+
+def tiff_files(matrix: PSFMatrix, path: str | os.PathLike[str], position: Position | None = None) -> list[Path]:
+    """Return the files that `iter_write_tiff` writes: ``path`` itself, or of a large H one for each plane."""
+    target = Path(path)
+    if position is not None or matrix.nbytes <= ONE_FILE_BYTES:
+        return [target]
+    return [target.with_name(f"{target.stem}_z{z:03d}{target.suffix}") for z in range(len(matrix))]
+
+
+def iter_write_tiff(matrix: PSFMatrix, path: str | os.PathLike[str], *, position: Position | None = None) -> Work[Path]:
+    """Write patterns as hyperstacks.
+
+    With ``position`` (y, x) a single stack over depth, ``ZYX``. Without, every position: one file ``TZYX`` (positions y
+    slow, x fast), or of an H above 1 GiB one ``TYX`` for each plane, ``NAME_z000.tif`` …
+
+    Raises
+    ------
+    InputError
+        If there is no such position, or H has numbers that no TIFF reader shows.
+    """
+    target = Path(path)
+    if matrix.dtype.name not in OME_TYPES:
+        raise InputError.expected("values for TIFF", " ".join(OME_TYPES), matrix.dtype, "export .npy or .h5")
+    files = tiff_files(matrix, path, position)
+    share = 1 if position is None else matrix.period[0] * matrix.period[1]
+    require_space(target.parent, matrix.nbytes // share, what=target.name)
+    clock = Clock("write TIFF", len(matrix))
+    if position is not None:
+        _check_position(matrix, position)
+        y, x = position
+        stack = np.stack([matrix[z, y, x] for z in range(len(matrix))])
+        _write(target, stack[None], matrix, range(len(matrix)), [position])
+        yield clock.at(len(matrix))
+    elif files == [target]:
+        yield from _write_one(matrix, target, clock)
+    else:
+        for z, file in enumerate(files):
+            plane = matrix.plane(z)
+            _write(file, plane.reshape(-1, 1, *matrix.cutout), matrix, [z], list(np.ndindex(*matrix.period)))
+            yield clock.at(z + 1)
+    return target
+
+
+def _check_position(matrix: PSFMatrix, position: Position) -> None:
+    if not all(0 <= at < n for at, n in zip(position, matrix.period, strict=True)):
+        raise InputError.expected("position (y, x)", f"inside {matrix.period}", position, "choose another")
+
+
+def _write_one(matrix: PSFMatrix, target: Path, clock: Clock) -> Work[None]:
+    nz, ny, nx = matrix.shape[:3]
+    pages = np.empty((ny * nx, nz, *matrix.cutout), matrix.dtype)
+    for z in range(nz):
+        pages[:, z] = matrix.plane(z).reshape(-1, *matrix.cutout)
+        yield clock.at(z)
+    _write(target, pages, matrix, range(nz), list(np.ndindex(ny, nx)))
+    yield clock.at(nz)
+
+
+def _write(
+    file: Path, pages: NDArray[Any], matrix: PSFMatrix, planes: Sequence[int], positions: Sequence[Position]
+) -> None:
+    """Write patterns ``(positions, planes, nt, ns)``."""
+    pixel, spacing = _pixel_um(matrix, planes), _spacing_um(matrix, planes)
+    about = _description(matrix, planes)
+    labels = [f"z={matrix.depths[z]:g} um y={y} x={x}" for y, x in positions for z in planes]
+    if matrix.dtype.name in IMAGEJ_TYPES and pages.nbytes < IMAGEJ_BYTES:
+        known: dict[str, Any] = {"unit": "um"} if pixel else {"unit": "pixel", "zunit": "um"}
+        if spacing:
+            known["spacing"] = spacing
+        metadata = {"axes": "TZYX", "hyperstack": True, "mode": "grayscale", "Labels": labels, "Info": about, **known}
+        scale = (1 / pixel, 1 / pixel) if pixel else None
+        write_tiff(file, pages, imagej=True, resolution=scale, metadata=metadata)
+        return
+    sizes = {f"PhysicalSize{axis}": size for axis, size in (("X", pixel), ("Y", pixel), ("Z", spacing)) if size}
+    units = {f"{name}Unit": "µm" for name in sizes}
+    depths = [float(matrix.depths[z]) for _ in positions for z in planes]
+    plane = {"PositionZ": depths, "PositionZUnit": ["µm"] * len(depths)}
+    ome = {"axes": "TZYX", "Name": file.stem, "Description": about, "Plane": plane, **sizes, **units}
+    write_tiff(file, pages, ome=True, bigtiff=pages.nbytes > 1 << 31, metadata=ome)
+
+
+def _pixel_um(matrix: PSFMatrix, planes: Sequence[int]) -> float | None:
+    """Return the side of a pixel of the patterns: of H on the sensor, of HT in the volume (µm)."""
+    if matrix.camera is None:
+        return None
+    middle = float(matrix.depths[planes[len(planes) // 2]])
+    size = matrix.camera.step_um(middle) if matrix.is_transposed else matrix.camera.sensor.pixel_um
+    return size / float(np.mean(sampling(matrix)[1]))
+
+
+def _spacing_um(matrix: PSFMatrix, planes: Sequence[int]) -> float | None:
+    depths = matrix.depths[list(planes)]
+    return float(np.abs(np.diff(depths)).mean()) if len(depths) > 1 else None
+
+
+def _description(matrix: PSFMatrix, planes: Sequence[int]) -> str:
+    ny, nx = matrix.period
+    depths = matrix.depths[list(planes)]
+    steps = np.diff(depths)
+    even = len(steps) < 2 or bool(np.allclose(steps, steps[0], rtol=1e-6))
+    name, where = ("HT", "in the volume") if matrix.is_transposed else ("H", "on the sensor")
+    return "\n".join(
+        [
+            f"PSF matrix {name} of lfcal; patterns of {matrix.cutout[0]} x {matrix.cutout[1]} pixels {where}",
+            f"T: positions of {ny} x {nx}, y slow, x fast; Z: depth, away from the camera",
+            f"depths (um): {' '.join(f'{z:g}' for z in depths)}",
+            *([] if even else ["the depths are not evenly spaced: the spacing is their mean, the labels say each"]),
+        ]
+    )

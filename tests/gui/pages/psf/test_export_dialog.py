@@ -1,0 +1,65 @@
+"""The dialog shows what concerns a kind of file, and asks once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from pytestqt.qtbot import QtBot
+
+from gui.jobs import JobState
+from gui.pages.psf import page as page_module
+from gui.pages.psf.export_dialog import ExportDialog
+from gui.pages.psf.export_model import ExportIntent
+from gui.window import MainWindow
+from lfcal.psf import PSFMatrix, save
+from tests.gui.pages.psf.test_export_model import matrix
+from tests.gui.waiting import GUARD_MS, idle
+
+
+def test_only_what_concerns_the_file_is_shown(qtbot: QtBot) -> None:
+    dialog = ExportDialog(matrix(), ExportIntent())
+    qtbot.addWidget(dialog)
+    dialog.show()
+    shown = {name for name, box in dialog.boxes.items() if box.isVisible()}
+    assert shown == {"lens_centred", "moved", "rows_first", "include_transpose", "compress"}
+    assert "8.50" in dialog.notes.text() and dialog.notes_card.isVisible()
+    dialog.boxes["moved"].click()
+    assert dialog.boxes["lens_centred"].isChecked() and not dialog.notes_card.isVisible()
+    dialog.kind_box.setCurrentIndex(dialog.kind_box.findData(".tif"))
+    assert {name for name, box in dialog.boxes.items() if box.isVisible()} == {"transposed", "here"}
+    asked: list[ExportIntent] = []
+    dialog.asked.connect(asked.append)
+    dialog.go.click()
+    assert [intent.suffix for intent in asked] == [".tif"] and not dialog.isVisible()
+
+
+def test_without_a_camera_no_lens_can_be_centred(qtbot: QtBot) -> None:
+    dialog = ExportDialog(PSFMatrix(np.ones((1, 3, 3, 3, 3))), ExportIntent())
+    qtbot.addWidget(dialog)
+    assert not dialog.boxes["lens_centred"].isEnabled() and dialog.boxes["rows_first"].isEnabled()
+    assert "not say where its lenses are" in dialog.notes.text()
+
+
+def test_the_page_exports_what_was_asked_for(
+    window: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window.go("psf")
+    page: Any = window.page("psf")
+    page.export()
+    assert "no H to export" in window.log_view.toPlainText()
+    save(matrix(), tmp_path / "H.h5")
+    window.project.update("open", psf=str(tmp_path / "H.h5"))
+    idle(window.jobs, qtbot)
+    page.export()
+    dialog = page.findChild(ExportDialog)
+    dialog.boxes["lens_centred"].click()
+    monkeypatch.setattr(page_module, "ask_target", lambda *_: str(tmp_path / "H.mat"))
+    with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
+        dialog.go.click()
+    assert end.args[0].state is JobState.DONE, end.args[0].error
+    with h5py.File(tmp_path / "H.mat") as file:
+        np.testing.assert_allclose(file["lensCentre"][()], [[8.5], [8.5]])

@@ -1,0 +1,56 @@
+"""What an export is asked for in the window is what the library is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gui.pages.psf.export_model import CHOICES, KINDS, ExportIntent
+from lfcal.camera import preset
+from lfcal.psf import PSFMatrix
+from lfcal.psf.export import WRITERS
+
+
+def matrix() -> PSFMatrix:
+    values = np.ones((2, 15, 15, 3, 3), np.float32)
+    return PSFMatrix(values, camera=preset("lfm_20x05"), anchor=(1072, 1272), depths=[0.0, 1.0])
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix, _ in KINDS])
+def test_every_choice_reaches_its_format_and_no_other(suffix: str) -> None:
+    assert ExportIntent(suffix=suffix).options.given() == {}
+    everything = ExportIntent(suffix=suffix, position=(1, 2))
+    for choice in CHOICES:
+        everything = everything.with_choice(choice.name, not getattr(everything, choice.name))
+    given = everything.options.given()
+    assert set(given) <= WRITERS[suffix].uses
+    # HT in place of H is another matrix, not an option
+    told = len(everything.choices()) - ("transposed" in {choice.name for choice in everything.choices()})
+    assert len(given) == told, given
+
+
+def test_patterns_are_moved_only_where_the_lens_is_centred() -> None:
+    intent = ExportIntent().with_choice("moved", True)
+    assert intent.lens_centred and intent.options.interpolation == "cubic"
+    assert not intent.with_choice("lens_centred", False).moved
+
+
+def test_notes_follow_the_choices() -> None:
+    H = matrix()
+    intent = ExportIntent()
+    assert "a lens is centred on row 8.50" in intent.notes(H)[0]
+    assert "leave the lens's centre" in intent.with_choice("lens_centred", True).notes(H)[0]
+    assert intent.with_choice("moved", True).notes(H) == ()
+    assert ExportIntent(suffix=".npy").notes(H) == ()
+    plain = PSFMatrix(np.ones((1, 3, 3, 3, 3)))
+    assert not {"lens_centred", "moved"} & intent.open_to(plain) and "lens_centred" in intent.open_to(H)
+
+
+def test_files_and_matrix_are_what_is_written(tmp_path: Path) -> None:
+    H = matrix()
+    intent = ExportIntent(suffix=".tif", position=(1, 2)).with_choice("here", True)
+    assert intent.files(H, tmp_path / "H.tif") == [tmp_path / "H.tif"] and intent.options.position == (1, 2)
+    turned = ExportIntent(suffix=".npy").with_choice("transposed", True)
+    assert turned.matrix(H).is_transposed and not ExportIntent(suffix=".mat", transposed=True).matrix(H).is_transposed

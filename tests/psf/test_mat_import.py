@@ -1,0 +1,159 @@
+"""H out of files of other codes, written here from the sources of those codes; no real file was at hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError, UnsafeFileError
+from lfcal.psf import open_psf
+from lfcal.psf.lens_centre import lens_centre_of
+from lfcal.reconstruct import Projector
+from tests.psf.test_lens_centre import forward_project
+
+Array = NDArray[Any]
+
+
+def save_v73(path: Path, **variables: Any) -> Path:
+    """Write what MATLAB's save(..., '-v7.3') leaves: HDF5 behind 512 bytes, axes reversed."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in variables.items():
+            file[name] = np.atleast_2d(np.asarray(value)).T
+            file[name].attrs["MATLAB_class"] = np.bytes_(b"double")
+    return path
+
+
+def prevedel(path: Path, H: Array, crops: Array | None = None, **more: Any) -> Path:
+    """computePSF_GUI.m, its last line: the variables by which such a file is known among them."""
+    n, depths = H.shape[2], np.arange(H.shape[4]) * 2e-6 - 4e-6
+    crops = np.array([[1, H.shape[0]]] * H.shape[4]) if crops is None else crops
+    return save_v73(path, H=H, CAindex=crops, Nnum=n, x3objspace=depths, OSR=3, x1objspace=np.arange(n), **more)
+
+
+@pytest.mark.parametrize("side", [5, 6])
+@pytest.mark.parametrize("crops", [None, [[1, -1], [2, -2], [3, 4]]])
+def test_h_projects_as_in_their_code(tmp_path: Path, side: int, crops: list[list[int]] | None) -> None:
+    """Rows first, planes cropped by CAindex, also to windows off the centre or even; patterns even or odd."""
+    rng = np.random.default_rng(side)
+    H = rng.random((side, side, 3, 3, 3))
+    windows = None if crops is None else np.array([(a, b if b > 0 else side + 1 + b) for a, b in crops])
+    path = prevedel(tmp_path / "H.mat", H, windows)
+    volume = rng.random((12, 9, 3))
+    theirs = forward_project(H, volume, np.array([[1, side]] * 3) if windows is None else windows)
+    with open_psf(path) as found:
+        assert found.shape == (3, 3, 3, 5 if side == 5 else 7, 5 if side == 5 else 7)
+        np.testing.assert_allclose(found.depths, [-4.0, -2.0, 0.0], atol=1e-9)
+        ours = Projector(found, (12, 9), method="direct", dtype=np.float64).forward(volume.transpose(2, 0, 1))
+        np.testing.assert_allclose(ours, theirs, rtol=1e-5)
+        np.testing.assert_array_equal(found[1, 2, 1], found.plane(1)[2, 1])
+        assert "rows first" in " ".join(found.provenance["notes"])
+        lens = lens_centre_of(found)
+        assert lens is not None and lens.position == (1.0, 1.0)
+        assert found.path == str(path)
+        np.testing.assert_allclose(np.asarray(found.T.T), np.asarray(found))
+
+
+def test_a_quarter_of_the_positions_is_mirrored(tmp_path: Path) -> None:
+    """fast-light-field saves positions up to the middle (ReducedMatrix); the rest are mirror images."""
+    rng = np.random.default_rng(0)
+    quarter = rng.random((5, 5, 2, 2, 1))
+    # H of a lens mirrored in its middle: the middle position is its own mirror image
+    quarter[:, :, 1] = (quarter[:, :, 1] + quarter[::-1, :, 1]) / 2
+    quarter[:, :, :, 1] = (quarter[:, :, :, 1] + quarter[:, ::-1, :, 1]) / 2
+    full = np.empty((5, 5, 3, 3, 1))
+    for aa in range(3):
+        for bb in range(3):
+            one = quarter[:, :, min(aa, 2 - aa), min(bb, 2 - bb)]
+            full[:, :, aa, bb] = one[:: -1 if aa == 2 else 1, :: -1 if bb == 2 else 1]
+    with h5py.File(tmp_path / "H.mat", "w") as file:  # no 512 bytes: written by h5py
+        file["H"] = quarter.T.astype("f4")
+        file["CAindex"], file["ReducedMatrix"], file["x3objspace"] = np.array([[1, 5]]), True, [3e-6]
+    with open_psf(tmp_path / "H.mat") as found:
+        assert found.shape == (1, 3, 3, 5, 5) and found.depths[0] == pytest.approx(3.0)
+        np.testing.assert_allclose(np.asarray(found)[0], full[..., 0].transpose(2, 3, 0, 1), rtol=1e-6)
+        for y, x in np.ndindex(3, 3):
+            np.testing.assert_array_equal(found[0, y, x], found.plane(0)[y, x])
+        assert "mirrored" in " ".join(found.provenance["notes"])
+
+
+def test_windows_that_cannot_be_are_refused(tmp_path: Path) -> None:
+    H = np.ones((5, 5, 3, 3, 2))
+    for k, crops in enumerate(([[0, 5], [1, 5]], [[1, 6], [1, 5]], [[4, 2], [1, 5]], [[1, 5]], [[1.5, 5], [1, 5]])):
+        path = prevedel(tmp_path / f"{k}.mat", H, np.array(crops))
+        with pytest.raises(FileFormatError, match=r"CAindex: expected first and last pixel \(1 to 5\)"):
+            open_psf(path)
+
+
+def test_a_file_of_theirs_by_another_name_is_told_its_own(tmp_path: Path) -> None:
+    prevedel(tmp_path / "H.h5", np.ones((3, 3, 3, 3, 1)))
+    with pytest.raises(FileFormatError, match=r"got an HDF5 file of another kind; name it \.mat"):
+        open_psf(tmp_path / "H.h5")
+    with h5py.File(tmp_path / "c.h5", "w") as file:
+        file.create_group("optics")
+    with pytest.raises(FileFormatError, match=r"name it \.lfc"):
+        open_psf(tmp_path / "c.h5")
+
+
+def test_depths_that_repeat_are_refused(tmp_path: Path) -> None:
+    """An H file of them would not open."""
+    path = prevedel(tmp_path / "H.mat", np.ones((3, 3, 3, 3, 2)))
+    with h5py.File(path, "r+") as file:
+        file["x3objspace"][...] = 1e-6
+    with pytest.raises(FileFormatError, match="x3objspace: expected a depth for each plane"):
+        open_psf(path)
+
+
+def test_a_cell_array_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    """OLaF keeps H as a cell array of sparse matrices."""
+    with h5py.File(tmp_path / "H.mat", "w", userblock_size=512) as file:
+        file.create_dataset("H", (1, 3, 3), dtype=h5py.ref_dtype)
+        file["H"].attrs["MATLAB_class"] = np.bytes_(b"cell")
+    with pytest.raises(FileFormatError, match=r"expected an array of numbers, got a cell array; write it as one"):
+        open_psf(tmp_path / "H.mat")
+
+
+def test_crafted_variables_are_one_line(tmp_path: Path) -> None:
+    values = np.ones((1, 3, 3, 5, 5), "f4")
+    order = np.array([[ord(c)] for c in "stxyz"], np.uint16)
+    for k, (name, value) in enumerate(
+        {
+            "axisOrder": np.array([[65]], np.uint16),
+            "cutout": [[7.0], [5.0]],
+            "lensCentre": [[1.0]],
+            "anchor": [[np.nan], [1.0]],
+        }.items()
+    ):
+        with h5py.File(tmp_path / f"{k}.mat", "w", userblock_size=512) as file:
+            file["H"] = values
+            file[name] = value
+            if name != "axisOrder":
+                file["axisOrder"] = order
+        with pytest.raises(FileFormatError, match=name):
+            open_psf(tmp_path / f"{k}.mat")
+
+
+def test_import_of_other_codes_files(tmp_path: Path) -> None:
+    values = np.random.default_rng(0).random((3, 3, 5, 5)).astype("f4")
+    with h5py.File(tmp_path / "single.mat", "w", userblock_size=512) as file:
+        file["H"] = values  # MATLAB drops the axis of a single plane
+    np.testing.assert_array_equal(np.asarray(open_psf(tmp_path / "single.mat")), values[None])
+    (tmp_path / "old.mat").write_bytes(b"MATLAB 5.0 MAT-file, Platform: PCWIN64" + bytes(200))
+    with pytest.raises(FileFormatError, match=r"v7\.3"):
+        open_psf(tmp_path / "old.mat")
+    with h5py.File(tmp_path / "link.mat", "w", userblock_size=512) as file:
+        file["H"] = h5py.ExternalLink("/etc/passwd", "/H")
+    with pytest.raises(UnsafeFileError):
+        open_psf(tmp_path / "link.mat")
+    with h5py.File(tmp_path / "flat.mat", "w", userblock_size=512) as file:
+        file["H"] = np.zeros((3, 3))
+    with pytest.raises(FileFormatError, match="5 axes"):
+        open_psf(tmp_path / "flat.mat")
+    with h5py.File(tmp_path / "none.mat", "w", userblock_size=512) as file:
+        file["PSF"] = values
+    with pytest.raises(FileFormatError, match="only PSF"):
+        open_psf(tmp_path / "none.mat")
