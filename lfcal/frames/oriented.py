@@ -48,7 +48,7 @@ class OrientedSource(SourceView):
     def metadata(self) -> Mapping[str, Any]:
         """The source's metadata; what belongs to single delivered pixels is left out."""
         known = {k: v for k, v in self.source.metadata.items() if k not in ("cfa", "channel_phase", "darks")}
-        return known | {"orientation": self.turn.name}
+        return known | {"orientation": {"applied": self.turn.name}}
 
     def info(self, index: int) -> FrameInfo:
         """Return what is known of frame ``index``: origin and mask turned; a drift is of the plan's upright image."""
