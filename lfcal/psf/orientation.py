@@ -14,7 +14,7 @@ from lfcal.frames.source import FrameSource
 from lfcal.progress import Work, drain
 from lfcal.psf.spot_path import SpotPath, iter_spot_path
 
-__all__ = ["FoundOrientation", "find_orientation", "iter_find_orientation", "orientation_of_path"]
+__all__ = ["FoundOrientation", "either_words", "find_orientation", "iter_find_orientation", "orientation_of_path"]
 
 CERTAIN = 3.0
 """The second best orientation must fit so many times worse."""
@@ -42,6 +42,11 @@ SCAN = {
     "anti-transpose": "x and y of the scan swapped and both reversed",
 }
 """What would make an image move as it does in frames that need an orientation."""
+
+
+def either_words(name: str) -> str:
+    """Return what may be wrong where the image moves as in frames that need orientation ``name``."""
+    return f"the frames are {ORIENTATIONS[name].words}, or {SCAN[name]} against the plan"
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,10 +90,9 @@ class FoundOrientation:
         """What was found, for people."""
         if not self.name:
             return f"which way the frames lie cannot be told: {self.reason}"
-        turned, scan = f"the frames are {ORIENTATIONS[self.name].words}", SCAN[self.name]
         if not self.wrong or self.cause == "frames":
-            return turned
-        return f"{scan} against the plan" if self.cause == "scan" else f"{turned}, or {scan} against the plan"
+            return f"the frames are {ORIENTATIONS[self.name].words}"
+        return f"{SCAN[self.name]} against the plan" if self.cause == "scan" else either_words(self.name)
 
 
 def find_orientation(source: FrameSource, plan: ScanPlan) -> FoundOrientation:
