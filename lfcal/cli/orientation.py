@@ -36,7 +36,7 @@ def upright(
         they lie, or the scan and not the frames is turned.
     """
     from lfcal.cli.console import run_work
-    from lfcal.frames import AS_IS, ORIENTATIONS, OrientedSource, named_orientation
+    from lfcal.frames import AS_IS, ORIENTATIONS, named_orientation, oriented
     from lfcal.psf.orientation import iter_find_orientation
 
     if choice not in (CHECK, AUTO):
@@ -49,11 +49,7 @@ def upright(
         record = {"applied": turn.name, "found": found.name or None, "cause": found.cause, "margin": found.margin}
         if not found.name or found.cause == "either":
             record["note"] = found.words
-    if turn.name == AS_IS:
-        return view, {"orientation": record}
-    whole = all(view.info(k).origin == (0, 0) for k in range(len(view)))
-    sensor = None if whole else turn.inverse.shape(plan.camera.sensor.shape)
-    return OrientedSource(view, turn, sensor), {"orientation": record}
+    return oriented(view, turn, plan.camera.sensor.shape), {"orientation": record}
 
 
 def _refuse(found: FoundOrientation, choice: str) -> None:

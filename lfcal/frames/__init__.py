@@ -24,8 +24,8 @@ from lfcal.frames.formats.opening import open_image, read_image
 from lfcal.frames.manifest import FrameEntry, Manifest
 from lfcal.frames.manifest_file import read_manifest, write_manifest
 from lfcal.frames.opening import open_frames
-from lfcal.frames.orientation import AS_IS, ORIENTATIONS, Orientation, named_orientation
-from lfcal.frames.oriented import OrientedSource
+from lfcal.frames.orientation import AS_IS, ORIENTATIONS, Orientation, named_orientation, nearest_orientation
+from lfcal.frames.oriented import OrientedSource, oriented
 from lfcal.frames.positions import NamePattern, scan_positions
 from lfcal.frames.source import FrameInfo, Frames, FrameSource, LeftOut, Noise, Position, Samples
 from lfcal.frames.sources.array import ArraySource
@@ -67,8 +67,10 @@ __all__ = [
     "iter_find_defects",
     "iter_undamaged",
     "named_orientation",
+    "nearest_orientation",
     "open_frames",
     "open_image",
+    "oriented",
     "read_image",
     "read_manifest",
     "scan_positions",

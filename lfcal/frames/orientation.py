@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.errors import InputError
 from lfcal.frames.regions import Region
 
-__all__ = ["AS_IS", "ORIENTATIONS", "Orientation", "named_orientation"]
+__all__ = ["AS_IS", "ORIENTATIONS", "Orientation", "named_orientation", "nearest_orientation"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +106,18 @@ ORIENTATIONS: dict[str, Orientation] = {
 """What is done to a delivered frame ``f`` to make it upright: ``"as is"`` f; ``"rot90"`` numpy.rot90(f), a quarter turn
 anticlockwise; ``"rot180"`` numpy.rot90(f, 2); ``"rot270"`` numpy.rot90(f, 3), a quarter turn clockwise; ``"mirror x"``
 f[:, ::-1]; ``"mirror y"`` f[::-1]; ``"transpose"`` f.T; ``"anti-transpose"`` f[::-1, ::-1].T."""
+
+
+def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
+    """Return the orientation of frames in which the image moves by ``moves``, and how far it really is from that.
+
+    ``moves`` ``(2, 2)`` are (down, right) pixels for each planned pixel down and right: the unit matrix where frames
+    are upright. The distance is the root of the sum of squared differences.
+    """
+    seen = np.asarray(moves, np.float64)
+    away = {name: float(np.linalg.norm(one.inverse.moves() - seen)) for name, one in ORIENTATIONS.items()}
+    name = min(away, key=away.__getitem__)
+    return ORIENTATIONS[name], away[name]
 
 
 def named_orientation(name: str) -> Orientation:

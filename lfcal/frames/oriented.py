@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.frames.orientation import Orientation
+from lfcal.frames.orientation import AS_IS, Orientation
 from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, FrameSource, Samples
 from lfcal.frames.view import SourceView
 
-__all__ = ["OrientedSource"]
+__all__ = ["OrientedSource", "oriented"]
 
 
 class OrientedSource(SourceView):
@@ -81,3 +81,21 @@ class OrientedSource(SourceView):
         if region is None:
             return None
         return self.turn.region(check_region(region, self.shape), self.source.shape)
+
+
+def oriented(source: FrameSource, turn: Orientation, sensor: tuple[int, int]) -> FrameSource:
+    """Return the frames of ``source`` turned upright; themselves where nothing is to be turned.
+
+    Parameters
+    ----------
+    source
+        Corrected frames as delivered.
+    turn
+        What makes them upright.
+    sensor
+        Rows and columns of the upright sensor, about which cutouts are turned.
+    """
+    if turn.name == AS_IS:
+        return source
+    whole = all(source.info(k).origin == (0, 0) for k in range(len(source)))
+    return OrientedSource(source, turn, None if whole else turn.inverse.shape(sensor))

@@ -33,13 +33,13 @@ GAINS = (0.3, 3.0)
 
 SCAN = {
     "as is": "",
-    "rot90": "the scan's axes swapped and one of them reversed",
-    "rot180": "both axes of the scan reversed",
-    "rot270": "the scan's axes swapped and one of them reversed",
-    "mirror x": "the scan's x axis reversed",
-    "mirror y": "the scan's y axis reversed",
-    "transpose": "x and y of the scan swapped",
-    "anti-transpose": "x and y of the scan swapped and both reversed",
+    "rot90": "x and y of stage or scan are swapped and one is reversed",
+    "rot180": "both axes of stage or scan are reversed",
+    "rot270": "x and y of stage or scan are swapped and one is reversed",
+    "mirror x": "the x axis of stage or scan is reversed",
+    "mirror y": "the y axis of stage or scan is reversed",
+    "transpose": "x and y of stage or scan are swapped",
+    "anti-transpose": "x and y of stage or scan are swapped and both reversed",
 }
 """What would make an image move as it does in frames that need an orientation."""
 

@@ -107,7 +107,7 @@ def test_a_reversed_scan_is_not_mended_by_turning_frames(
     for choice in ("check", "auto"):
         done = lfcal(*arguments(folder, tmp_path / "H.h5", "--orientation", choice))
         assert done.code == 2
-        assert "x axis reversed" in done.err
+        assert "x axis of stage or scan is reversed" in done.err
         assert "order of the positions" in done.err
 
 

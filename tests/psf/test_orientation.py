@@ -113,7 +113,7 @@ def test_a_scan_that_ran_backwards_in_upright_frames_is_not_taken_for_mirrored_f
     frames, places = upright(plan, moves=np.diag([1.0, -1.0]), every=37)
     found = solved(frames, places, plan)
     assert (found.name, found.cause) == ("mirror x", "scan")
-    assert found.words == "the scan's x axis reversed against the plan"
+    assert found.words == "the x axis of stage or scan is reversed against the plan"
 
 
 def test_where_the_cell_is_in_the_middle_both_explanations_are_named() -> None:
@@ -121,7 +121,10 @@ def test_where_the_cell_is_in_the_middle_both_explanations_are_named() -> None:
     frames, places = upright(plan, moves=np.diag([1.0, -1.0]), every=37)
     found = solved(frames, places, plan)
     assert (found.name, found.cause) == ("mirror x", "either")
-    assert found.words == "the frames are mirrored left to right, or the scan's x axis reversed against the plan"
+    assert (
+        found.words
+        == "the frames are mirrored left to right, or the x axis of stage or scan is reversed against the plan"
+    )
 
 
 def test_a_wrong_step_does_not_hide_the_orientation() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.frames.orientation import AS_IS, ORIENTATIONS
+from lfcal.frames.orientation import AS_IS, nearest_orientation
 from lfcal.psf.quality.pattern_table import PatternTable
 
 __all__ = ["move_matrix", "turned_frames"]
@@ -41,13 +41,12 @@ def move_matrix(table: PatternTable, use: NDArray[np.bool_]) -> NDArray[np.float
 
 
 def turned_frames(table: PatternTable, use: NDArray[np.bool_]) -> str:
-    """Return the orientation that would make the frames of a plane upright, one of `ORIENTATIONS`.
+    """Return the orientation that would make the frames of a plane upright, by name.
 
     ``"as is"`` unless another one is clearly nearer to the motion of the image.
     """
     moves = move_matrix(table, use)
     if moves is None:
         return AS_IS
-    away = {name: float(np.linalg.norm(one.inverse.moves() - moves)) for name, one in ORIENTATIONS.items()}
-    nearest = min(away, key=away.__getitem__)
-    return nearest if away[nearest] < min(FAR, away[AS_IS] / 2) else AS_IS
+    nearest, away = nearest_orientation(moves)
+    return nearest.name if away < min(FAR, float(np.linalg.norm(np.eye(2) - moves)) / 2) else AS_IS
