@@ -137,7 +137,7 @@ def _assemble(
 ) -> None:
     """Correct, crop and write H; print what was made."""
     from lfcal.cli.console import run_work
-    from lfcal.cli.orientation import upright
+    from lfcal.cli.orientation import check_colours, upright
     from lfcal.frames import corrected_view, iter_undamaged
     from lfcal.psf.assemble_plan import iter_assemble_plan
 
@@ -147,6 +147,7 @@ def _assemble(
         if skip_damaged:
             frames = run_work(iter_undamaged(source, workers=settings.workers), quiet=json)
         view, lie = upright(corrected_view(frames, recipe, plan), plan, orientation, quiet=json)
+        check_colours(frames, plan, recipe, lie["orientation"]["applied"])
         report = run_work(iter_assemble_plan(view, plan, out, settings, provenance=lie), quiet=json)
     with report.matrix:
         show_report(report, out, time.perf_counter() - start, json)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
-    from lfcal.frames import FrameSource
+    from lfcal.frames import CorrectionRecipe, FrameSource
     from lfcal.psf.orientation import FoundOrientation
 
-__all__ = ["check_choice", "upright"]
+__all__ = ["check_choice", "check_colours", "upright"]
 
 CHECK, AUTO = "check", "auto"
 
@@ -52,6 +52,22 @@ def upright(
     return oriented(view, turn, plan.camera.sensor.shape), {"orientation": record}
 
 
+def check_colours(frames: FrameSource, plan: ScanPlan, recipe: CorrectionRecipe, applied: str) -> None:
+    """Raise `InputError` where frames were turned whose colour pattern is known from the upright sensor only."""
+    from lfcal.errors import InputError
+    from lfcal.frames import AS_IS
+
+    used = recipe.channel or recipe.defects or recipe.white
+    if applied == AS_IS or not used or frames.metadata.get("cfa") or not plan.camera.sensor.cfa:
+        return
+    raise InputError.expected(
+        "colour pattern of frames that are turned",
+        "one that the frames state as they are delivered",
+        f"that of the plan's upright sensor, {plan.camera.sensor.cfa}",
+        "state it in the manifest, or turn the files themselves",
+    )
+
+
 def _refuse(found: FoundOrientation, choice: str) -> None:
     """Raise where nothing may be assembled by what was found."""
     from lfcal.errors import InputError
@@ -67,4 +83,6 @@ def _refuse(found: FoundOrientation, choice: str) -> None:
     scan = "correct the order of the positions, or the plan's stage axes"
     turn = f"turn the frames with --orientation {ORIENTATIONS[found.name].option}"
     remedy = {"scan": scan, "frames": turn, "either": f"{turn}, or {scan}"}[found.cause]
-    raise InputError.expected("frames", "the image to move as the plan says", found.words, f"{remedy}; {keep}")
+    raise InputError.expected(
+        "frames", "an image that moves as the plan says", f"another: {found.words}", f"{remedy}; {keep}"
+    )

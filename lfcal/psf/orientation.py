@@ -16,7 +16,7 @@ from lfcal.psf.spot_path import SpotPath, iter_spot_path
 
 __all__ = ["FoundOrientation", "either_words", "find_orientation", "iter_find_orientation", "orientation_of_path"]
 
-CERTAIN = 3.0
+CERTAIN = 4.0
 """The second best orientation must fit so many times worse."""
 
 MOST = 10.0
@@ -27,6 +27,9 @@ KEPT = 0.7
 
 FLOOR_PX = 0.3
 """Centroids of patterns of lenslet spots are not better than this (pixels)."""
+
+FEW = 5
+"""Fewer frames of a plane fit any orientation, with step and offset free, once some are left out."""
 
 GAINS = (0.3, 3.0)
 """The image may move by so much of what was planned: a wrong step, or part of the light standing still."""
@@ -145,7 +148,8 @@ def orientation_of_path(
     order = sorted(fits, key=lambda name: fits[name].misfit)
     best = fits[order[0]]
     alike = [name for name in order if fits[name].misfit < CERTAIN * best.misfit]
-    slack = max(2.0, 0.1 * max(plan.cutout))
+    # a stage's origin is not better than that, nor is the place of a path than what the path leaves
+    slack = max(2.0, 0.1 * max(plan.cutout), 2 * best.residual_px)
     name, reason = order[0], ""
     if len(alike) > 1:
         name, reason = _by_place(alike, fits, slack, frame, plan.camera.sensor.shape)
@@ -190,7 +194,12 @@ def _fits(path: SpotPath, expected: NDArray[np.float64], frame: tuple[int, int])
 
 
 def _residual(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
-    """Return the rms distance of a path from the expected one, with offset and step free, of the frames that agree."""
+    """Return the rms distance of a path from the expected one, with offset and step free, of the frames that agree.
+
+    The same for all where there are too few frames to say anything.
+    """
+    if len(seen) < FEW:
+        return FLOOR_PX
     move, plan = seen - np.median(seen, axis=0), expected - np.median(expected, axis=0)
     keep = np.ones(len(move), bool)
     distance = np.zeros(len(move))
@@ -211,12 +220,11 @@ def _by_place(
     sensor: tuple[int, int],
 ) -> tuple[str, str]:
     """Return the one of the orientations that move alike whose path lies where the plan has it, or why none does."""
-    away = sorted((math.hypot(*fits[name].offset_px), name) for name in alike)
+    # frames whose shape fits are never turned on their side
+    shaped = [one for one in alike if ORIENTATIONS[one].shape(frame) == sensor] or alike
+    away = sorted((math.hypot(*fits[name].offset_px), name) for name in shaped)
     near, name = away[0]
-    shaped = [one for one in alike if ORIENTATIONS[one].shape(frame) == sensor]
-    if len(shaped) == 1 and math.hypot(*fits[shaped[0]].offset_px) < 2 * slack:
-        return shaped[0], ""
-    if near < 2 * slack and away[1][0] > 3 * near + 2 * slack:
+    if near < 2 * slack and (len(away) == 1 or away[1][0] > 3 * near + 2 * slack):
         return name, ""
     words = " and ".join(one.replace("as is", "upright frames") for one in sorted(alike)[:3])
     more = f" and {len(alike) - 3} more" if len(alike) > 3 else ""
