@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -138,3 +139,15 @@ def test_an_unknown_orientation_is_one_line(lfcal: Callable[..., Run], tmp_path:
     done = lfcal(*arguments(straight, tmp_path / "H.h5", "--orientation", "upside-down"))
     assert done.code == 2
     assert "expected check, auto, as-is, rot90" in done.err
+
+
+def test_the_colours_of_the_upright_sensor_are_not_taken_for_those_of_turned_frames(
+    lfcal: Callable[..., Run], tmp_path: Path, scan: tuple[np.ndarray, list[str]]
+) -> None:
+    sensor = replace(PLAN.camera.sensor, cfa="RGGB")
+    plan = replace(PLAN, camera=replace(PLAN.camera, sensor=sensor))
+    folder = deliver(tmp_path / "s", *scan, "mirror x", plan)
+    done = lfcal(*arguments(folder, tmp_path / "H.h5", "--orientation", "mirror-x", "--defects"))
+    assert done.code == 2
+    assert "the plan's upright sensor, RGGB" in done.err
+    assert lfcal(*arguments(folder, tmp_path / "H.h5", "--orientation", "mirror-x")).code == 0
