@@ -14,7 +14,7 @@ WAIT_MS = 300
 
 
 class Notice(QFrame):
-    """One line with one button; hidden where there is nothing to say."""
+    """One line with one button, or two where it offers something; hidden where there is nothing to say."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -27,8 +27,11 @@ class Notice(QFrame):
         self.label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.button = QPushButton()
         self.button.clicked.connect(self._pressed)
+        self.leave = QPushButton("Leave as it is")
+        self.leave.clicked.connect(self.clear)
         row.addWidget(self.label, 1)
-        row.addWidget(self.button, 0, Qt.AlignmentFlag.AlignTop)
+        for button in (self.leave, self.button):
+            row.addWidget(button, 0, Qt.AlignmentFlag.AlignTop)
         self._cancel: Callable[[], None] | None = None
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
@@ -49,6 +52,13 @@ class Notice(QFrame):
         self._cancel = None
         self.show()
 
+    def offer(self, text: str, button: str, action: Callable[[], None]) -> None:
+        """Say what was noticed, with a button that does something about it and one that leaves it."""
+        self._say(text, button, "error")
+        self._cancel = action
+        self.leave.show()
+        self.show()
+
     def clear(self) -> None:
         """Say nothing."""
         self._timer.stop()
@@ -57,6 +67,7 @@ class Notice(QFrame):
 
     def _say(self, text: str, button: str, role: str) -> None:
         self._timer.stop()
+        self.leave.hide()
         self.label.setText(text)
         self.button.setText(button)
         self.label.setProperty("role", role)

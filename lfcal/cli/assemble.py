@@ -60,6 +60,12 @@ def command(
     saturation: float | None = typer.Option(None, "--saturation", help="Sample value of saturation."),
     shift: int = typer.Option(0, "--shift", help="Bits by which left-aligned samples are moved down."),
     channel: str = typer.Option("", "--channel", help="Colour channel of a mosaic: R, G1, G2, B …"),
+    orientation: str = typer.Option(
+        "check",
+        "--orientation",
+        help="What makes the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to right), "
+        "mirror-y, transpose, anti-transpose; auto: find it; check: as-is, but stop where it is certainly wrong.",
+    ),
     cutout: str = typer.Option("", "--cutout", help="Odd number of pixels, ROWS,COLUMNS, or 'auto' by energy."),
     lost: float = typer.Option(0.005, "--lost", help="With --cutout auto: largest share of energy left outside."),
     interpolation: str = typer.Option("", "--interpolation", help="nearest, linear, cubic or fourier."),
@@ -81,10 +87,12 @@ def command(
 
     Example: `lfcal assemble session/frames --dark session/dark --white session/white -o H.h5`
     """
+    from lfcal.cli.orientation import check_choice
     from lfcal.cli.outputs import TABLES, check_output
     from lfcal.frames import CorrectionRecipe
     from lfcal.psf.assemble_plan import AssemblySettings
 
+    check_choice(orientation)
     # A manifest's frames lie beside it.
     beside = frames.parent if frames.suffix.lower() in TABLES else None
     check_output(out, frames, beside, plan, manifest, dark, white, force=force)
@@ -113,7 +121,7 @@ def command(
         workers=workers,
     )
     source, scan = open_scan(frames, plan, manifest=manifest, pattern=pattern, order=order, skip_damaged=skip_damaged)
-    _assemble(source, scan, recipe, settings, out=out, json=json, skip_damaged=skip_damaged)
+    _assemble(source, scan, recipe, settings, orientation, out=out, json=json, skip_damaged=skip_damaged)
 
 
 def _assemble(
@@ -121,6 +129,7 @@ def _assemble(
     plan: ScanPlan,
     recipe: CorrectionRecipe,
     settings: AssemblySettings,
+    orientation: str,
     *,
     out: Path,
     json: bool,
@@ -128,6 +137,7 @@ def _assemble(
 ) -> None:
     """Correct, crop and write H; print what was made."""
     from lfcal.cli.console import run_work
+    from lfcal.cli.orientation import check_colours, upright
     from lfcal.frames import corrected_view, iter_undamaged
     from lfcal.psf.assemble_plan import iter_assemble_plan
 
@@ -136,8 +146,9 @@ def _assemble(
         frames: Frames = source
         if skip_damaged:
             frames = run_work(iter_undamaged(source, workers=settings.workers), quiet=json)
-        view = corrected_view(frames, recipe, plan)
-        report = run_work(iter_assemble_plan(view, plan, out, settings), quiet=json)
+        view, lie = upright(corrected_view(frames, recipe, plan), plan, orientation, quiet=json)
+        check_colours(frames, plan, recipe, lie["orientation"]["applied"])
+        report = run_work(iter_assemble_plan(view, plan, out, settings, provenance=lie), quiet=json)
     with report.matrix:
         show_report(report, out, time.perf_counter() - start, json)
 
@@ -233,6 +244,7 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
                 "frames": report.frames,
                 "missing": report.missing,
                 "repeated": report.repeated,
+                "orientation": matrix.provenance.get("orientation", {"applied": report.orientation}),
                 "left_out": [found._asdict() for found in report.left_out],
                 "saturated_positions": report.saturated,
                 "unknown_saturation": report.unknown_saturation,
@@ -244,7 +256,8 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
             }
         )
         return
-    for note in report.notes:
+    told = matrix.provenance.get("orientation", {}).get("note")
+    for note in (*([told] if told else []), *report.notes):
         line(f"note: {note}")
     for found in report.left_out[:LISTED]:
         where = "dark frame" if found.position is None else f"(z, y, x) = {tuple(found.position)}"

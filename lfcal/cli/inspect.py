@@ -142,6 +142,9 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -
     from lfcal.units import format_length, format_seconds
 
     typer.echo(f"H (z, y, x, t, s) = {quality.shape}, inspected in {format_seconds(quality.seconds)}")
+    turned = H.provenance.get("orientation", {}).get("applied", "as is")
+    if turned != "as is":
+        typer.echo(f"made from frames that were turned upright: {turned}")
     colour = {"good": typer.colors.GREEN, "fair": typer.colors.YELLOW, "bad": typer.colors.RED}.get(quality.merit)
     typer.secho(quality.verdict, fg=colour, bold=True)
     print_table(

@@ -6,6 +6,7 @@
 - ``manifest``, ``manifest_file``, ``positions``: which frame was taken where
 - ``regions``: parts of a frame; ``cfa``, ``channels``: colour filter patterns, and mosaics by channel
 - ``described``: what a scan plan adds to what frames say of themselves; ``aligned``: left-aligned samples
+- ``orientation``, ``oriented``: the eight flips and turns, and frames turned upright
 - ``damage``: frames that cannot be read, named and left out
 - ``corrections``: single corrections, their chain, the recipe, and the corrected view made from it
 """
@@ -23,12 +24,16 @@ from lfcal.frames.formats.opening import open_image, read_image
 from lfcal.frames.manifest import FrameEntry, Manifest
 from lfcal.frames.manifest_file import read_manifest, write_manifest
 from lfcal.frames.opening import open_frames
+from lfcal.frames.orientation import AS_IS, ORIENTATIONS, Orientation, named_orientation, nearest_orientation
+from lfcal.frames.oriented import OrientedSource, oriented
 from lfcal.frames.positions import NamePattern, scan_positions
 from lfcal.frames.source import FrameInfo, Frames, FrameSource, LeftOut, Noise, Position, Samples
 from lfcal.frames.sources.array import ArraySource
 from lfcal.frames.sources.folder import FolderSource
 
 __all__ = [
+    "AS_IS",
+    "ORIENTATIONS",
     "ArraySource",
     "Background",
     "BalancedSource",
@@ -48,6 +53,8 @@ __all__ = [
     "Manifest",
     "NamePattern",
     "Noise",
+    "Orientation",
+    "OrientedSource",
     "Position",
     "Samples",
     "White",
@@ -59,8 +66,11 @@ __all__ = [
     "find_defects",
     "iter_find_defects",
     "iter_undamaged",
+    "named_orientation",
+    "nearest_orientation",
     "open_frames",
     "open_image",
+    "oriented",
     "read_image",
     "read_manifest",
     "scan_positions",

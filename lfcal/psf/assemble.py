@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import Camera
 from lfcal.errors import InputError
+from lfcal.frames.orientation import AS_IS, ORIENTATIONS
 from lfcal.frames.source import FrameSource, LeftOut, Position
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.cutout import Cutout
@@ -54,6 +55,8 @@ class AssemblyReport:
         Median relative difference between repeated frames; None without repeats.
     left_out
         Damaged frames, of positions and dark ones, that were left out.
+    orientation
+        How the frames were flipped or turned, one of `lfcal.frames.orientation.ORIENTATIONS`.
     """
 
     matrix: PSFMatrix
@@ -66,11 +69,14 @@ class AssemblyReport:
     residual_px: tuple[float, float] = (0.0, 0.0)
     spread: float | None = None
     left_out: tuple[LeftOut, ...] = ()
+    orientation: str = AS_IS
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know, a line each."""
         notes = []
+        if self.orientation != AS_IS:
+            notes.append(f"the frames are {ORIENTATIONS[self.orientation].words}: turned upright ({self.orientation})")
         if self.left_out:
             notes.append(f"{len(self.left_out)} damaged frames are left out")
         if self.missing:
@@ -158,6 +164,9 @@ def iter_assemble(
     left_out: tuple[LeftOut, ...] = tuple(source.metadata.get("left_out", ()))
     if left_out:
         history["left_out"] = [found._asdict() for found in left_out]
+    turned = source.metadata.get("orientation")
+    if turned:
+        history.setdefault("orientation", turned)
     meta: dict[str, Any] = {"depths": depths, "camera": camera, "anchor": cutout.anchor}
     sink: _Memory | PSFWriter
     if out is None:
@@ -174,7 +183,9 @@ def iter_assemble(
         )
     yield from _fill(gatherer, order, starts, counts, sink, workers)
     matrix = sink.matrix() if isinstance(sink, _Memory) else open_psf(sink.path)
-    return replace(_report(matrix, len(source), missing, repeated, padded, residual), left_out=left_out)
+    applied = AS_IS if turned is None else turned["applied"]
+    report = _report(matrix, len(source), missing, repeated, padded, residual)
+    return replace(report, left_out=left_out, orientation=applied)
 
 
 def _fill(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -105,6 +106,24 @@ def test_every_wrong_sign_and_swap_is_caught_and_the_right_axes_are_named(right:
     else:
         with pytest.raises(InputError, match="wrong way"):
             check_stage(fit, PLAN)
+
+
+@pytest.mark.parametrize(
+    ("right", "down", "words"),
+    [
+        ("-x", "+y", "the frames are mirrored left to right, or the x axis of stage or scan is reversed"),
+        ("+x", "-y", "mirrored top to bottom"),
+        ("-x", "-y", "turned by 180°"),
+        ("+y", "+x", "transposed (rows and columns swapped)"),
+        # the image moves right where it should move down: clockwise frames would have it move left
+        ("+y", "-x", "turned anticlockwise by 90°"),
+        ("-y", "+x", "turned clockwise by 90°"),
+    ],
+)
+def test_a_live_image_that_moves_otherwise_is_named_as_turned_frames_are(right: str, down: str, words: str) -> None:
+    fit = drain(iter_stage_fit(rig_for(PLAN, axes=StageAxes(right, down, "+z", PLAN.stage.origin_um)), PLAN))
+    with pytest.raises(InputError, match=re.escape(words)):
+        check_stage(fit, PLAN)
 
 
 def test_axes_that_were_measured_mend_the_plan() -> None:

@@ -21,9 +21,8 @@ def fit_words(fit: StageFit, plan: ScanPlan) -> tuple[str, bool]:
         verdict, good = f"<b>{error}</b>", False
     right, down = fit.scale
     axes = fit.axes
-    sign = "<b>mirrored</b>, " if fit.mirrored else ""
     return (
-        f"{verdict}<br>{sign}scale right {right:.4f}, down {down:.4f} (1: as planned); rotation "
+        f"{verdict}<br>scale right {right:.4f}, down {down:.4f} (1: as planned); rotation "
         f"{math.degrees(fit.rotation_rad):+.2f}°; residual {fit.residual_px:.3f} px rms<br>image right is stage "
         f"{axes.right}, down {axes.down}"
     ), good

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.pages.acquire.model_station import Look, cut
-from lfcal.camera import ScanPlan
+from lfcal.camera import ScanPlan, StageAxes
 from lfcal.errors import LfcalError
 from lfcal.psf import PSFMatrix
 from lfcal.psf.cutout import Cutout
 
-__all__ = ["LivePicture", "live_picture", "predicted_pattern"]
+__all__ = ["LivePicture", "live_picture", "predicted_pattern", "stage_arrows"]
 
 BINS = 256
 
@@ -73,6 +73,18 @@ def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None) -> Liv
     numbers = f"maximum <b>{levels.maximum}</b>, median <b>{levels.quantile(0.5)}</b>, mean <b>{mean:.1f}</b> counts"
     made = LivePicture(frame, edges, counts, numbers, _spot_words(look), levels.saturated, state.stage_um)
     return made if state.expected_px is None else _with_cutout(made, state.expected_px, plan, reference)
+
+
+def stage_arrows(axes: StageAxes) -> tuple[tuple[str, float, float], ...]:
+    """Return for the two stage axes that move the image sideways the words and the direction (down, right).
+
+    Each arrow shows where a move in the axis's positive sense moves the image.
+    """
+    found = []
+    for axis, move in ((axes.right, (0.0, 1.0)), (axes.down, (1.0, 0.0))):
+        sign = 1.0 if axis[0] == "+" else -1.0
+        found.append((f"+{axis[1]}", sign * move[0] + 0.0, sign * move[1] + 0.0))
+    return tuple(sorted(found))
 
 
 def _spot_words(look: Look) -> str:

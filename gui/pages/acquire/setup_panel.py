@@ -14,6 +14,7 @@ from gui.pages.acquire.device_panel import DevicePanel
 from gui.pages.acquire.model_live import LivePicture
 from gui.pages.acquire.stage_panel import StagePanel
 from gui.theme import current_theme
+from gui.widgets.axis_arrows import AxisArrows
 from gui.widgets.cards import card, column_area, heading, line
 from gui.widgets.frame_view import FrameView
 from gui.widgets.image_view import ImageView
@@ -93,22 +94,13 @@ class SetupPanel(QWidget):
         self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.exposure.setToolTip("Exposure of the live view; the plan's exposures stay as they are")
         self.exposure.valueChanged.connect(lambda ms: self.exposure_edited.emit(ms / 1e3))
-        self.lattice = QCheckBox("Lattice")
-        self.lattice.setToolTip("Micro-image centres of the described camera, coloured by lens type")
-        self.cutout = QCheckBox("Cutout")
-        self.cutout.setChecked(True)
-        self.cutout.setToolTip("Where the plan expects the image (cross) and the cutout around it (square)")
-        self.log = QCheckBox("Log")
-        self.log.setToolTip("Four decades below the brightest pixel instead of a linear scale")
-        for box in (self.lattice, self.cutout):
-            box.toggled.connect(lambda _: self.overlays_changed.emit())
-        self.log.toggled.connect(lambda on: self.view.set_display(Display("log" if on else "linear")))
+        self._make_boxes()
         whole, near = QPushButton("Whole"), QPushButton("Near")
         whole.setToolTip("Show the whole frame")
         near.setToolTip("Zoom to the predicted cutout")
         whole.clicked.connect(self.view.show_all)
         near.clicked.connect(self._zoom)
-        column.addLayout(line(self.live, self.exposure, self.lattice, self.cutout, self.log))
+        column.addLayout(line(self.live, self.exposure, self.lattice, self.cutout, self.axes, self.log))
         column.addWidget(self.view, 1)
         self.readout = QLabel("Connect devices, then switch the live view on.")
         self.readout.setProperty("role", "hint")
@@ -116,6 +108,24 @@ class SetupPanel(QWidget):
         self._window: tuple[int, int, int, int] | None = None
         self._waiting = True
         return frame
+
+    def _make_boxes(self) -> None:
+        """Make the switches of what is drawn over the frame, and the arrows."""
+        self.lattice = QCheckBox("Lattice")
+        self.lattice.setToolTip("Micro-image centres of the described camera, coloured by lens type")
+        self.cutout = QCheckBox("Cutout")
+        self.cutout.setChecked(True)
+        self.cutout.setToolTip("Where the plan expects the image (cross) and the cutout around it (square)")
+        self.axes = QCheckBox("Axes")
+        self.axes.setChecked(True)
+        self.axes.setToolTip("Where moves of the stage move the image by the plan, and how the sensor counts")
+        self.arrows = AxisArrows(self.view)
+        self.axes.toggled.connect(self.arrows.setVisible)
+        self.log = QCheckBox("Log")
+        self.log.setToolTip("Four decades below the brightest pixel instead of a linear scale")
+        for box in (self.lattice, self.cutout):
+            box.toggled.connect(lambda _: self.overlays_changed.emit())
+        self.log.toggled.connect(lambda on: self.view.set_display(Display("log" if on else "linear")))
 
     def _find_card(self) -> QWidget:
         frame, column = card("Find by moving")

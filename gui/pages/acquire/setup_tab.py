@@ -13,7 +13,7 @@ from gui.jobs import Job, JobState
 from gui.models.project import ProjectState
 from gui.pages.acquire import model_findings as findings
 from gui.pages.acquire.model import AcquireSettings, target_of
-from gui.pages.acquire.model_live import LivePicture, live_picture
+from gui.pages.acquire.model_live import LivePicture, live_picture, stage_arrows
 from gui.pages.acquire.model_station import Station, open_station
 from gui.pages.acquire.setup_panel import FINDINGS, SetupPanel
 from lfcal.errors import LfcalError
@@ -77,6 +77,7 @@ class SetupTab(QObject):
             return
         chosen = AcquireSettings.of(state)
         self.panel.stage.set_planes(state.plan.depths_um)
+        self.panel.arrows.set_arrows(stage_arrows(state.plan.stage))
         self.panel.devices.set_choice(chosen.backend, dict(chosen.device_options), chosen.stage)
         if self.panel.exposure.value() == self.panel.exposure.minimum():
             self.panel.set_exposure(state.plan.exposures[0])

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from gui.models.frame_view import FrameNumbers, frame_numbers
 from gui.models.settings import PageSettings
+from gui.pages.frames.orientation import lie_of, turned
 from lfcal.camera import ScanPlan
 from lfcal.files import read_text
+from lfcal.frames.orientation import AS_IS
 from lfcal.frames.source import FrameSource, Position
 from lfcal.progress import Work
 from lfcal.psf.cutout import INTERPOLATIONS, Cutout
@@ -59,6 +61,8 @@ class FrameSettings(PageSettings):
         Which corrections are made; see `CORRECTIONS`.
     interpolation
         How cutouts between pixels are taken; empty: as the plan needs.
+    orientation
+        What makes the frames upright, one of `lfcal.frames.ORIENTATIONS`.
     """
 
     page: ClassVar[str] = "frames"
@@ -72,6 +76,7 @@ class FrameSettings(PageSettings):
     use_defects: bool = False
     use_background: bool = False
     interpolation: str = ""
+    orientation: str = AS_IS
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +86,7 @@ class Opened:
     Attributes
     ----------
     source, view
-        The frames, and the corrected view of them that everything is made from.
+        The frames, and the corrected, upright view of them that everything is made from.
     frames
         Number of the frame of each position ``(nz, ny, nx)``, -1 where there is none.
     plan
@@ -153,7 +158,8 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
     frames = np.full(plan.shape[:3], -1, np.int64)
     for index in range(len(source)):
         frames[source.info(index).position] = index
-    return Opened(source, corrected_view(source, recipe, plan), frames, plan, settings.interpolation)
+    view = turned(corrected_view(source, recipe, plan), plan, settings.orientation)
+    return Opened(source, view, frames, plan, settings.interpolation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +197,7 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None) -> 
     from lfcal.acquire import SessionFile
 
     folder = Path(path)
-    chosen = replace(settings, manifest="", pattern="", dark="", white="")
+    chosen = replace(settings, manifest="", pattern="", dark="", white="", orientation=AS_IS)
     if (folder / "session.json").is_file():
         plan, frames = SessionFile.read(folder).plan, folder
     else:
@@ -208,8 +214,9 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None) -> 
 def load_frame(opened: Opened, position: Position) -> Loaded:
     """Read one frame, correct it, count every pixel of it, and say where its cutout is."""
     index = int(opened.frames[position])
-    info = opened.source.info(index)
-    raw, fixed = opened.source.read(index), opened.view.samples(index)
+    info = opened.view.info(index)
+    raw = turned(opened.source, opened.plan, lie_of(opened.view)).read(index)
+    fixed = opened.view.samples(index)
     cutout = Cutout.for_plan(opened.plan)
     corner = cutout.window(position)
     row, column = opened.plan.image_px(position).tolist()

@@ -23,9 +23,11 @@ from gui.pages.frames.model import (
     load_frame,
     open_imported,
 )
+from gui.pages.frames.orientation import advice, look
 from gui.pages.frames.panel import FramesPanel
 from gui.saving import ask_target
 from lfcal.frames.source import Position
+from lfcal.psf.orientation import FoundOrientation
 
 __all__ = ["Page"]
 
@@ -183,12 +185,28 @@ class Page(BasePage):
         self.notice.clear()
         self.opened = opened
         self.assemble_button.setEnabled(True)
-        rows, columns = opened.source.shape
+        rows, columns = opened.view.shape
         self.hint.setText(f"{len(opened.source)} frames of {columns} × {rows} px")
         self.position = opened.place(self.position)  # these frames may have fewer planes than those before
         self.panel.set_planes(opened.frames.shape[0])
         self._show_map()
         self.go_to(self.position)
+        self.context.jobs.compute(
+            "frames orientation",
+            lambda: look(opened.view, opened.plan),
+            lambda found: self._show_advice(opened, found),
+            self.context.message.emit,
+        )
+
+    def _show_advice(self, opened: Opened, found: FoundOrientation) -> None:
+        advised = advice(found, self.settings.orientation)
+        if opened is not self.opened or advised is None:
+            return
+        self.context.message.emit(advised.words)
+        if advised.apply:
+            self.notice.offer(f"{advised.words}.", "Turn them upright", lambda: self._set("orientation", advised.apply))
+        else:
+            self.notice.offer(f"{advised.words}.", "Plan", lambda: self.context.go.emit("plan", None))
 
     # -- stepping --------------------------------------------------------------------------------------
     def go_to(self, position: Position) -> None:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import (
     QCheckBox,
+    QComboBox,
     QFormLayout,
     QHBoxLayout,
     QLabel,
@@ -22,6 +23,7 @@ from gui.jobs import Jobs
 from gui.models.display import Display
 from gui.models.frame_view import FrameNumbers
 from gui.pages.frames.model import CORRECTIONS, WAYS, FrameSettings, Loaded
+from gui.pages.frames.orientation import CHOICES
 from gui.theme import current_theme
 from gui.widgets.cards import card, choice_box, heading
 from gui.widgets.frame_view import FrameView
@@ -172,10 +174,19 @@ class FramesPanel(QWidget):
         self.interpolation.currentIndexChanged.connect(
             lambda _: self.setting_chosen.emit("interpolation", self.interpolation.currentData())
         )
+        self.orientation = choice_box(CHOICES, "What makes the frames upright: rows and columns as the plan has them")
+        self.orientation.setAccessibleName("orientation")
+        # the panel is narrower than the words
+        self.orientation.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.orientation.setMinimumContentsLength(12)
+        self.orientation.currentIndexChanged.connect(
+            lambda _: self.setting_chosen.emit("orientation", self.orientation.currentData())
+        )
         form = QFormLayout()
         form.addRow("File names", self.pattern)
         form.addRow("Manifest", self.manifest)
         form.addRow("Interpolation", self.interpolation)
+        form.addRow("Orientation", self.orientation)
         return form
 
     # -- showing ---------------------------------------------------------------------------------------
@@ -186,10 +197,11 @@ class FramesPanel(QWidget):
             box.setChecked(getattr(settings, key))
             blocker.unblock()
         self.boxes["use_white"].setEnabled(bool(settings.white))
-        blockers = [QSignalBlocker(w) for w in (self.pattern, self.manifest, self.interpolation)]
+        blockers = [QSignalBlocker(w) for w in (self.pattern, self.manifest, self.interpolation, self.orientation)]
         self.pattern.setText(settings.pattern)
         self.manifest.setText(settings.manifest)
         self.interpolation.setCurrentIndex(self.interpolation.findData(settings.interpolation))
+        self.orientation.setCurrentIndex(self.orientation.findData(settings.orientation))
         for one in blockers:
             one.unblock()
 

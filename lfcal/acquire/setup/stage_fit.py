@@ -17,7 +17,9 @@ from lfcal.acquire.options import Options
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.devices.protocols import Rig
 from lfcal.errors import InputError
+from lfcal.frames.orientation import AS_IS, nearest_orientation
 from lfcal.progress import Clock, Work
+from lfcal.psf.orientation import either_words
 
 __all__ = ["StageFit", "check_stage", "fit_stage", "iter_stage_fit"]
 
@@ -54,6 +56,12 @@ class StageFit:
         """Whether one axis runs the wrong way, or the two are swapped."""
         (a, b), (c, d) = self.matrix
         return a * d - b * c < 0
+
+    @property
+    def orientation(self) -> str:
+        """What would make the live image move as planned, one of `lfcal.frames.ORIENTATIONS`."""
+        (a, b), (c, d) = self.matrix
+        return nearest_orientation(((d, c), (b, a)))[0].name
 
     @property
     def rotation_rad(self) -> float:
@@ -141,10 +149,11 @@ def check_stage(
     """
     old, new = plan.stage, fit.axes
     if (old.right, old.down) != (new.right, new.down):
+        why = "" if fit.orientation == AS_IS else f": {either_words(fit.orientation)}"
         raise InputError.expected(
             "stage axes (right, down)",
             f"{old.right}, {old.down} as in the plan",
-            f"{new.right}, {new.down} by what the image does",
+            f"{new.right}, {new.down} by what the image does{why}",
             "set these in the plan: the scan would run the wrong way",
         )
     for value, sense in zip(fit.scale, SENSES, strict=True):

@@ -34,6 +34,13 @@ class CorrectedSource(SourceView):
                 "background", "a constant for frames that are cutouts", "one measured on whole frames", "use a constant"
             )
         if not cut and chain.shape is not None and chain.shape != source.shape:
+            if chain.shape == source.shape[::-1]:
+                raise InputError.expected(
+                    "frames and their calibration frames",
+                    "all delivered the same way up",
+                    f"frames {source.shape} and dark or white {chain.shape}, on their side",
+                    "take dark and white as the frames come: all are turned upright together (orientation)",
+                )
             raise InputError.expected(
                 "frames",
                 f"shape {chain.shape} of the calibration frames",

@@ -2,7 +2,8 @@
 
 - ``inspect``: reads every plane once and returns a `QualityReport`; ``report`` is what that is
 - ``metric``: what a metric is; ``metrics`` holds them, ``catalogue`` finds them
-- ``measure``: what metrics share of one plane, from ``dark``, ``pattern_table``, ``sums``, ``positions``, ``steps``
+- ``measure``: what metrics share of one plane, from ``dark``, ``pattern_table``, ``sums``, ``positions``, ``turned``,
+  ``steps``
 - ``across``: what they share of all planes
 - ``field``, ``lattice``, ``kernels``: parts, phases and compiled passes that these are made of
 - ``periodicity``: how true the tiling is, from control frames over the field

@@ -136,6 +136,8 @@ class MetricSpec:
         How planes make the overall value: the ``worst`` of them, or their ``sum``.
     redo
         Whether the positions it names should be recorded again.
+    verdict_detail
+        Whether the verdict says what was found instead of the title.
     """
 
     key: str
@@ -154,6 +156,7 @@ class MetricSpec:
     always_shown: bool = False
     overall: Literal["worst", "sum"] = "worst"
     redo: bool = False
+    verdict_detail: bool = False
 
     def __post_init__(self) -> None:
         """Check that there is exactly one function, and that all words are there."""

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.frames.orientation import AS_IS
 from lfcal.psf.quality.field import Parts, split
 from lfcal.psf.quality.lattice import SpotLattice, displacements, find_spots
 from lfcal.psf.quality.pattern_table import PatternTable
+from lfcal.psf.quality.turned import turned_frames
 
 __all__ = ["CentroidPath", "LatticePhases", "Positions", "measure_positions"]
 
@@ -85,6 +87,8 @@ class Positions:
         By the lattice's phases and by the centroids.
     misplaced
         Frames in use that are misplaced by either, ``(ny, nx)``.
+    turned
+        Orientation that the frames need for the image to move as planned.
     """
 
     spots: SpotLattice | None = None
@@ -92,11 +96,12 @@ class Positions:
     phases: LatticePhases | None = None
     path: CentroidPath | None = None
     misplaced: NDArray[np.bool_] | None = None
+    turned: str = AS_IS
 
     @property
     def as_planned(self) -> bool:
         """Whether the scan ran in the planned order, as far as is known."""
-        return self.spots is None or self.spots.order == "as planned"
+        return self.turned == AS_IS and (self.spots is None or self.spots.order == "as planned")
 
 
 def measure_positions(
@@ -122,6 +127,10 @@ def measure_positions(
     workers
         Threads.
     """
+    turned = turned_frames(table, use)
+    if turned != AS_IS:
+        # steps, drifts and places measured against the wrong way would only tell of it again
+        return Positions(turned=turned)
     spots = find_spots(patterns, use, table.floor, waves, diameter_px, workers)
     if spots is None:
         return Positions()

@@ -80,7 +80,7 @@ class QualityReport:
         """One sentence for people."""
         alarms = self.alarms
         if alarms:
-            names = ", ".join(m.spec.title.lower() for m in alarms[:3])
+            names = ", ".join(_in_verdict(m) for m in alarms[:3])
             more = f" and {len(alarms) - 3} more" if len(alarms) > 3 else ""
             return f"This PSF should not be used as it is: {names}{more}."
         fair = [m.spec.title.lower() for m in self.metrics if m.merit == "fair"]
@@ -127,3 +127,7 @@ class QualityReport:
             "energy": float(self.energy[z]),
             "aperture": self.apertures[z],
         }
+
+
+def _in_verdict(metric: Metric) -> str:
+    return metric.detail if metric.spec.verdict_detail and metric.detail else metric.spec.title.lower()

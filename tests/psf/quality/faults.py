@@ -130,7 +130,7 @@ def _(scene: Scene) -> PSFMatrix:
     return moved(scene, 0.1 * np.stack([y, x], -1))
 
 
-@fault("stage runs backwards", "stage_gain")
+@fault("stage runs backwards", "scan_order")
 def _(scene: Scene) -> PSFMatrix:
     y, x = grid(scene)
     return moved(scene, np.stack([0 * y, scene.period[1] // 2 * 1.0 - 2.0 * (x - scene.period[1] // 4)], -1))

@@ -1,7 +1,9 @@
-"""Whether the frames were recorded in the order of their positions."""
+"""Whether frames and scan lie as the plan says, and the frames were recorded in the order of their positions."""
 
 from __future__ import annotations
 
+from lfcal.frames.orientation import AS_IS
+from lfcal.psf.orientation import either_words
 from lfcal.psf.quality.lattice import ORDERS
 from lfcal.psf.quality.measure import PlaneMeasures
 from lfcal.psf.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, Reading
@@ -10,7 +12,9 @@ __all__ = ["METRICS"]
 
 
 def _scan_order(plane: PlaneMeasures) -> Reading:
-    spots = plane.positions.spots
+    turned, spots = plane.positions.turned, plane.positions.spots
+    if turned != AS_IS:
+        return Reading(1.0, detail=either_words(turned))
     if spots is None:
         return UNKNOWN
     return Reading(float(spots.order != "as planned"), detail=ORDERS[spots.order])
@@ -27,15 +31,17 @@ def _misplaced(plane: PlaneMeasures) -> Reading:
 METRICS = (
     MetricSpec(
         key="scan_order",
-        title="Order of the scan",
+        title="Orientation of frames and scan",
         unit="planes off",
         limits=Limits(good=0, bad=0),
-        cost=CostModel(at_bad=2.5, worst=3.6),
+        cost=CostModel(at_bad=3.6, worst=3.6),
         plot="map",
-        meaning="Planes in which the spots run over the lattice in another order than the positions say.",
-        advice="Swap or reverse the axes of the scan, or mirror the frames, and assemble again; no new recording is "
-        "needed.",
+        meaning="Planes in which the image moves another way, or the spots run over the lattice in another order, than "
+        "the positions say.",
+        advice="Assemble again with the frames turned upright (--orientation auto), or with the axes of the scan "
+        "corrected; no new recording is needed.",
         overall="sum",
+        verdict_detail=True,
         of_plane=_scan_order,
     ),
     MetricSpec(

@@ -16,6 +16,7 @@ from gui.pages.acquire.model_station import Station, cut, open_station
 from lfcal.acquire.control import Control
 from lfcal.acquire.options import Options
 from lfcal.acquire.setup import OpticalAxis, fit_stage
+from lfcal.acquire.setup.live import predicted_image
 from lfcal.camera import StageAxes
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.errors import InputError
@@ -116,6 +117,20 @@ def test_cut_fills_with_zeros_beyond_the_frame() -> None:
     for row, column in ((-2, -1), (0, 0), (2, 3), (-9, 0), (1, -2)):
         expected = padded[max(row, -5) + 5 :, max(column, -5) + 5 :][:3, :3] if row >= -5 else np.zeros((3, 3))
         np.testing.assert_array_equal(cut(frame, row, column, (3, 3)), expected)
+
+
+@pytest.mark.parametrize(("right", "down"), [("+x", "+y"), ("-x", "+y"), ("-y", "+x"), ("+y", "-x"), ("+x", "-z")])
+def test_arrows_point_where_the_image_goes(right: str, down: str) -> None:
+    away = "+" + ({"x", "y", "z"} - {right[1], down[1]}).pop()
+    plan = replace(PLAN, stage=StageAxes(right, down, away))
+    still = np.array(predicted_image(plan, (0.0, 0.0, 0.0)))
+    arrows = model_live.stage_arrows(plan.stage)
+    assert [words for words, *_ in arrows] == sorted("+" + axis[1] for axis in (right, down))
+    for words, *direction in arrows:
+        stage = [0.0, 0.0, 0.0]
+        stage["xyz".index(words[1])] = 50.0
+        move = np.array(predicted_image(plan, (stage[0], stage[1], stage[2]))) - still
+        np.testing.assert_allclose(move / np.linalg.norm(move), direction, atol=1e-9)
 
 
 def test_a_wrong_sign_is_said() -> None:

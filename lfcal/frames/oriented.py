@@ -1,0 +1,101 @@
+"""Frames flipped or turned upright."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.frames.orientation import AS_IS, Orientation
+from lfcal.frames.regions import Region, check_region
+from lfcal.frames.source import FrameInfo, FrameSource, Samples
+from lfcal.frames.view import SourceView
+
+__all__ = ["OrientedSource", "oriented"]
+
+
+class OrientedSource(SourceView):
+    """The frames of ``source`` as ``turn`` puts them; a region costs no more than the region.
+
+    The last view of all: frames, darks and whites come from one camera in one orientation and are combined in it,
+    and only the clean result is turned. Where frames are cutouts, their places are turned about the ``sensor``.
+
+    Parameters
+    ----------
+    source
+        Corrected frames as delivered.
+    turn
+        What makes them upright.
+    sensor
+        Rows and columns of the sensor as delivered; None: of the frames, which are then whole.
+    """
+
+    def __init__(self, source: FrameSource, turn: Orientation, sensor: tuple[int, int] | None = None) -> None:
+        super().__init__(source)
+        self.turn = turn
+        self.sensor = sensor or source.shape
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of every frame, turned."""
+        return self.turn.shape(self.source.shape)
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """The source's metadata; what belongs to single delivered pixels is left out."""
+        known = {k: v for k, v in self.source.metadata.items() if k not in ("cfa", "channel_phase", "darks")}
+        return known | {"orientation": {"applied": self.turn.name}}
+
+    def info(self, index: int) -> FrameInfo:
+        """Return what is known of frame ``index``: origin and mask turned; a drift is of the plan's upright image."""
+        info = self.source.info(index)
+        # the pixel that becomes the first one is at the corner nearest to that of the turned sensor
+        first = np.array(info.origin)
+        last = first + self.source.shape - 1
+        if (last >= self.sensor).any():
+            raise InputError.expected(
+                f"{info.label}, frame to turn",
+                f"one on the sensor of {self.sensor}",
+                f"{first} … {last}",
+                "name its sensor",
+            )
+        row, column = self.turn.places([first, last], self.sensor).min(axis=0).astype(int).tolist()
+        mask = None if info.mask is None else self.turn.apply(info.mask)
+        return replace(info, origin=(row, column), mask=mask)
+
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
+        """Return frame ``index``, or the rows and columns ``region`` of the turned frame."""
+        return np.ascontiguousarray(self.turn.apply(self.source.read(index, self._behind(region))))
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return the source's samples, turned with what is known of each."""
+        found = self.source.samples(index, self._behind(region))
+        valid = None if found.valid is None else np.ascontiguousarray(self.turn.apply(found.valid))
+        return found._replace(values=np.ascontiguousarray(self.turn.apply(found.values)), valid=valid)
+
+    def _behind(self, region: Region | None) -> Region | None:
+        if region is None:
+            return None
+        return self.turn.region(check_region(region, self.shape), self.source.shape)
+
+
+def oriented(source: FrameSource, turn: Orientation, sensor: tuple[int, int]) -> FrameSource:
+    """Return the frames of ``source`` turned upright; themselves where nothing is to be turned.
+
+    Parameters
+    ----------
+    source
+        Corrected frames as delivered.
+    turn
+        What makes them upright.
+    sensor
+        Rows and columns of the upright sensor, about which cutouts are turned.
+    """
+    if turn.name == AS_IS:
+        return source
+    whole = all(source.info(k).origin == (0, 0) for k in range(len(source)))
+    return OrientedSource(source, turn, None if whole else turn.inverse.shape(sensor))

@@ -1,0 +1,266 @@
+"""Which way the frames of a scan lie: the path of the pattern against the one that the plan predicts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.frames.orientation import AS_IS, ORIENTATIONS
+from lfcal.frames.source import FrameSource
+from lfcal.progress import Work, drain
+from lfcal.psf.spot_path import SpotPath, iter_spot_path
+
+__all__ = ["FoundOrientation", "either_words", "find_orientation", "iter_find_orientation", "orientation_of_path"]
+
+CERTAIN = 4.0
+"""The second best orientation must fit so many times worse."""
+
+MOST = 10.0
+"""Residuals count up to so many times the best: wrong by more is not more wrong."""
+
+KEPT = 0.7
+"""Share of the frames of a plane that must agree; the others may be dark, stray or exchanged."""
+
+FLOOR_PX = 0.3
+"""Centroids of patterns of lenslet spots are not better than this (pixels)."""
+
+FEW = 5
+"""Fewer frames of a plane fit any orientation, with step and offset free, once some are left out."""
+
+GAINS = (0.3, 3.0)
+"""The image may move by so much of what was planned: a wrong step, or part of the light standing still."""
+
+SCAN = {
+    "as is": "",
+    "rot90": "x and y of stage or scan are swapped and one is reversed",
+    "rot180": "both axes of stage or scan are reversed",
+    "rot270": "x and y of stage or scan are swapped and one is reversed",
+    "mirror x": "the x axis of stage or scan is reversed",
+    "mirror y": "the y axis of stage or scan is reversed",
+    "transpose": "x and y of stage or scan are swapped",
+    "anti-transpose": "x and y of stage or scan are swapped and both reversed",
+}
+"""What would make an image move as it does in frames that need an orientation."""
+
+
+def either_words(name: str) -> str:
+    """Return what may be wrong where the image moves as in frames that need orientation ``name``."""
+    return f"the frames are {ORIENTATIONS[name].words}, or {SCAN[name]} against the plan"
+
+
+@dataclass(frozen=True, slots=True)
+class FoundOrientation:
+    """What the path of the pattern says of the frames.
+
+    Attributes
+    ----------
+    name
+        What makes the frames upright, one of `lfcal.frames.orientation.ORIENTATIONS`; empty: it cannot be told.
+    cause
+        ``"frames"``: they are flipped or turned; ``"scan"``: its axes ran otherwise than the plan says, in upright
+        frames; ``"either"``: both would look the same. Empty where the frames are upright or nothing can be told.
+    margin
+        How many times worse the second best orientation fits, 1 to 10.
+    residual_px
+        What the path leaves under the best orientation (pixels); NaN where it cannot be told.
+    offset_px
+        How far the upright pattern lies from where the plan puts it, (rows, columns) in pixels.
+    frames
+        Frames in which the pattern was found.
+    reason
+        Why it cannot be told, or empty.
+    """
+
+    name: str = ""
+    cause: str = ""
+    margin: float = 1.0
+    residual_px: float = math.nan
+    offset_px: tuple[float, float] = (math.nan, math.nan)
+    frames: int = 0
+    reason: str = ""
+
+    @property
+    def wrong(self) -> bool:
+        """Whether it is certain that frames and plan do not agree as they are."""
+        return self.name not in ("", AS_IS)
+
+    @property
+    def words(self) -> str:
+        """What was found, for people."""
+        if not self.name:
+            return f"which way the frames lie cannot be told: {self.reason}"
+        if not self.wrong or self.cause == "frames":
+            return f"the frames are {ORIENTATIONS[self.name].words}"
+        return f"{SCAN[self.name]} against the plan" if self.cause == "scan" else either_words(self.name)
+
+
+def find_orientation(source: FrameSource, plan: ScanPlan) -> FoundOrientation:
+    """Return which way the frames lie; see `iter_find_orientation`."""
+    return drain(iter_find_orientation(source, plan))
+
+
+def iter_find_orientation(source: FrameSource, plan: ScanPlan) -> Work[FoundOrientation]:
+    """Read about 20 frames and hold the pattern's path against the planned one in all eight orientations.
+
+    Parameters
+    ----------
+    source
+        Frames as they lie, best corrected; whole ones, or cutouts that know their place.
+    plan
+        Where the image should be at each position.
+    """
+    path = yield from iter_spot_path(source, plan.shape[:3], plan.cutout)
+    whole = all(source.info(int(k)).origin == (0, 0) for k in path.indices)
+    expected = plan.image_px(path.positions)
+    drifts = [source.info(int(k)).drift for k in path.indices]
+    expected += np.array([drift or (0.0, 0.0) for drift in drifts]).reshape(-1, 2)
+    return orientation_of_path(path, expected, source.shape if whole else plan.camera.sensor.shape, plan)
+
+
+def orientation_of_path(
+    path: SpotPath, expected: NDArray[np.float64], frame: tuple[int, int], plan: ScanPlan
+) -> FoundOrientation:
+    """Return which way frames of shape ``frame`` lie that showed the pattern along ``path``.
+
+    The direction of the motion is held against the plan's in each plane by itself, with the step, and where the path
+    lies, left free. Orientations that move alike are told apart by where the path lies, and so are turned frames and
+    a scan that ran otherwise in upright frames.
+
+    Parameters
+    ----------
+    path
+        Where the pattern was seen.
+    expected
+        Where the plan puts the image ``(n, 2)`` as (row, column) (sensor pixels).
+    frame
+        Rows and columns of the sensor as delivered.
+    plan
+        Its sensor's shape and cutout.
+    """
+    if len(path.indices) < 3:
+        reason = f"light in {len(path.indices)} of {path.looked} frames"
+        return FoundOrientation(frames=len(path.indices), reason=reason)
+    fits = _fits(path, expected, frame)
+    order = sorted(fits, key=lambda name: fits[name].misfit)
+    best = fits[order[0]]
+    alike = [name for name in order if fits[name].misfit < CERTAIN * best.misfit]
+    # a stage's origin is not better than that, nor is the place of a path than what the path leaves
+    slack = max(2.0, 0.1 * max(plan.cutout), 2 * best.residual_px)
+    name, reason = order[0], ""
+    if len(alike) > 1:
+        name, reason = _by_place(alike, fits, slack, frame, plan.camera.sensor.shape)
+    if not name:
+        return FoundOrientation(frames=len(path.indices), margin=fits[order[1]].misfit / best.misfit, reason=reason)
+    rivals = [fits[other].misfit for other in order if other not in alike]
+    cause, reason = _cause(name, path, expected, fits[name], frame, plan.camera.sensor.shape, slack)
+    return FoundOrientation(
+        "" if reason else name,
+        cause,
+        min(rivals, default=math.inf) / best.misfit if len(alike) == 1 else CERTAIN,
+        fits[name].residual_px,
+        fits[name].offset_px,
+        len(path.indices),
+        reason,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """How an orientation fits: misfit in units of the best, residual and offset of the path (pixels)."""
+
+    misfit: float
+    residual_px: float
+    offset_px: tuple[float, float]
+
+
+def _fits(path: SpotPath, expected: NDArray[np.float64], frame: tuple[int, int]) -> dict[str, _Fit]:
+    planes = [path.positions[:, 0] == z for z in np.unique(path.positions[:, 0])]
+    turned = {name: one.places(path.seen, frame) for name, one in ORIENTATIONS.items()}
+    left = {name: [_residual(seen[p], expected[p]) for p in planes] for name, seen in turned.items()}
+    # what the best leaves in a plane is what can be seen there: a plane whose pattern stands still says nothing
+    least = [max(FLOOR_PX, min(values)) for values in zip(*left.values(), strict=True)]
+    weights = [int(p.sum()) for p in planes]
+    found = {}
+    for name, values in left.items():
+        worse = [min(value / unit, MOST) ** 2 for value, unit in zip(values, least, strict=True)]
+        misfit = math.sqrt(max(1.0, float(np.average(worse, weights=weights))))
+        row, column = np.median(turned[name] - expected, axis=0).tolist()
+        found[name] = _Fit(misfit, min(values), (row, column))
+    return found
+
+
+def _residual(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
+    """Return the rms distance of a path from the expected one, with offset and step free, of the frames that agree.
+
+    The same for all where there are too few frames to say anything.
+    """
+    if len(seen) < FEW:
+        return FLOOR_PX
+    move, plan = seen - np.median(seen, axis=0), expected - np.median(expected, axis=0)
+    keep = np.ones(len(move), bool)
+    distance = np.zeros(len(move))
+    for _ in range(3):
+        a, b = (part - part[keep].mean(axis=0) for part in (move, plan))
+        norm = float((b[keep] ** 2).sum())
+        gain = float((a[keep] * b[keep]).sum()) / norm if norm > 0 else 1.0
+        distance = np.hypot(*(a - np.clip(gain, *GAINS) * b).T)
+        keep = distance <= np.quantile(distance, KEPT)
+    return float(np.sqrt(np.mean(distance[keep] ** 2)))
+
+
+def _by_place(
+    alike: list[str],
+    fits: dict[str, _Fit],
+    slack: float,
+    frame: tuple[int, int],
+    sensor: tuple[int, int],
+) -> tuple[str, str]:
+    """Return the one of the orientations that move alike whose path lies where the plan has it, or why none does."""
+    # frames whose shape fits are never turned on their side
+    shaped = [one for one in alike if ORIENTATIONS[one].shape(frame) == sensor] or alike
+    away = sorted((math.hypot(*fits[name].offset_px), name) for name in shaped)
+    near, name = away[0]
+    if near < 2 * slack and (len(away) == 1 or away[1][0] > 3 * near + 2 * slack):
+        return name, ""
+    words = " and ".join(one.replace("as is", "upright frames") for one in sorted(alike)[:3])
+    more = f" and {len(alike) - 3} more" if len(alike) > 3 else ""
+    return "", f"the pattern's path fits {words}{more} alike"
+
+
+def _cause(
+    name: str,
+    path: SpotPath,
+    expected: NDArray[np.float64],
+    fit: _Fit,
+    frame: tuple[int, int],
+    sensor: tuple[int, int],
+    slack: float,
+) -> tuple[str, str]:
+    """Return whether frames or scan run otherwise than planned, and why that cannot be told, or empty."""
+    by_frames, by_scan = ORIENTATIONS[name].shape(frame) == sensor, frame == sensor
+    if name == AS_IS:
+        known = by_scan or not _some_turn_fits(frame, sensor)
+        return "", "" if known else f"their shape is that of turned frames, {frame}, but the pattern moves as planned"
+    if not by_frames and not by_scan:
+        if _some_turn_fits(frame, sensor):
+            return (
+                "",
+                f"their shape is that of frames on their side, {frame}, but the pattern moves along rows as planned",
+            )
+        # cropped or binned by others: the places mean nothing
+        return "either", ""
+    if by_frames != by_scan:
+        return ("frames" if by_frames else "scan"), ""
+    if_frames = math.hypot(*fit.offset_px)
+    if_scan = math.hypot(*np.median(path.seen - expected, axis=0).tolist())
+    if abs(if_frames - if_scan) < max(2 * slack, min(if_frames, if_scan)):
+        return "either", ""
+    return ("frames" if if_frames < if_scan else "scan"), ""
+
+
+def _some_turn_fits(frame: tuple[int, int], sensor: tuple[int, int]) -> bool:
+    return any(one.shape(frame) == sensor for one in ORIENTATIONS.values())

@@ -1,0 +1,152 @@
+"""Where the point's pattern is in a few frames of a scan, whatever way these lie."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.frames.source import FrameInfo, FrameSource
+from lfcal.progress import Clock, Work
+
+__all__ = ["SpotPath", "iter_spot_path", "path_frames"]
+
+GRIDS = {1: (4, 5), 2: (3, 3), 3: (2, 3)}
+"""Rows and columns of positions looked at in each of so many planes: about 20 frames in all."""
+
+SIDE = 512
+"""Larger frames are averaged over blocks down to this many pixels a side."""
+
+DETECT = 6.0
+"""Light stands out of the noise by so many times."""
+
+FAINT = 0.05
+"""Share of the peak below which light does not count: the wings of the noise would pull a centroid."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpotPath:
+    """Where the pattern was seen.
+
+    Attributes
+    ----------
+    indices
+        Frames in which light was found ``(n,)``.
+    positions
+        Their scan positions ``(n, 3)`` as (z, y, x).
+    seen
+        Centroids of the pattern ``(n, 2)`` as (row, column) on the sensor, as the frames lie (pixels).
+    looked
+        Frames looked at.
+    """
+
+    indices: NDArray[np.intp]
+    positions: NDArray[np.intp]
+    seen: NDArray[np.float64]
+    looked: int
+
+
+def path_frames(infos: Sequence[FrameInfo], shape: tuple[int, int, int]) -> list[int]:
+    """Return about 20 frames spread over a scan of ``shape`` (nz, ny, nx): first, middle and last plane, wide apart.
+
+    Frames of many points and those beyond the scan are passed over; of missing positions the nearest ones are taken.
+    """
+    known = [k for k, info in enumerate(infos) if len(info.points) == 1]
+    at = np.array([infos[k].points[0] for k in known], np.intp).reshape(-1, 3)
+    inside = ((at >= 0) & (at < np.array(shape))).all(axis=1)
+    numbers, at = np.array(known, np.intp)[inside], at[inside]
+    planes = np.unique(at[:, 0])
+    planes = np.unique(planes[[0, len(planes) // 2, -1]]) if len(planes) else planes
+    found: dict[int, None] = {}
+    for z in planes.tolist():
+        here = np.flatnonzero(at[:, 0] == z)
+        rows, columns = GRIDS[len(planes)]
+        for y in np.linspace(0, shape[1] - 1, rows):
+            for x in np.linspace(0, shape[2] - 1, columns):
+                away = np.hypot(at[here, 1] - y, at[here, 2] - x)
+                found[int(numbers[here[int(np.argmin(away))]])] = None
+    return list(found)
+
+
+def iter_spot_path(source: FrameSource, shape: tuple[int, int, int], cutout: tuple[int, int]) -> Work[SpotPath]:
+    """Read about 20 frames and find the pattern in each.
+
+    What does not change from frame to frame (background, reflections, hot pixels) is taken off; the pattern is where
+    a window of the cutout's size holds most of the light that is left, and its place is the centroid in that window.
+
+    Parameters
+    ----------
+    source
+        Frames as they lie, best corrected.
+    shape
+        ``(nz, ny, nx)`` positions of the scan.
+    cutout
+        Pixels ``(nt, ns)`` that hold a pattern, about.
+    """
+    infos = [source.info(k) for k in range(len(source))]
+    chosen = path_frames(infos, shape)
+    block = max(1, -(-max(source.shape) // SIDE))
+    clock = Clock("look at the frames", len(chosen))
+    small: list[NDArray[np.float32]] = []
+    for done, index in enumerate(chosen):
+        yield clock.at(done)
+        small.append(_averaged(source.read(index), block))
+    yield clock.at(len(chosen))
+    # frames that are cutouts show another part of the sensor each: none of their pixels can be compared
+    still = len(small) >= 6 and len({infos[k].origin for k in chosen}) == 1
+    # a third: above the dark frames among them, below a pattern that is in most of them
+    low = len(small) // 3
+    common = np.partition(np.stack(small), low, axis=0)[low] if still else np.float32(0)
+    side = max(3, round(max(cutout) / block) | 1)
+    places = [_place(frame - common, side) for frame in small]
+    lit = [k for k, place in enumerate(places) if place is not None]
+    seen = np.array([places[k] for k in lit], np.float64).reshape(-1, 2)
+    origins = np.array([infos[chosen[k]].origin for k in lit], np.float64).reshape(-1, 2)
+    return SpotPath(
+        np.array([chosen[k] for k in lit], np.intp),
+        np.array([infos[chosen[k]].points[0] for k in lit], np.intp).reshape(-1, 3),
+        (seen + 0.5) * block - 0.5 + origins,
+        len(chosen),
+    )
+
+
+def _averaged(frame: NDArray[Any], block: int) -> NDArray[np.float32]:
+    """Return the means of ``block`` by ``block`` pixels; what is left over at the end is left out."""
+    values = np.nan_to_num(np.asarray(frame, np.float32), copy=False, posinf=0.0, neginf=0.0)
+    if block == 1:
+        return values
+    rows, columns = (n // block for n in values.shape)
+    blocks = values[: rows * block, : columns * block].reshape(rows, block, columns, block)
+    means: NDArray[np.float32] = blocks.mean(axis=(1, 3), dtype=np.float32)
+    return means
+
+
+def _place(frame: NDArray[np.float32], side: int) -> tuple[float, float] | None:
+    """Return row and column of the pattern's centroid in a window of ``side`` pixels; None where no light is."""
+    from scipy import ndimage
+
+    smooth = ndimage.gaussian_filter(frame, 1.0, mode="nearest")
+    level = float(np.median(smooth))
+    noise = 1.4826 * float(np.median(np.abs(smooth - level)))
+    peak = float(smooth.max()) - level
+    if not peak > DETECT * noise:
+        return None
+    light = np.where(smooth - level > max(DETECT * noise, FAINT * peak), smooth - level, 0)
+    crowd = ndimage.uniform_filter(light, side, mode="constant")
+    # a plateau has many highest places: their mean, not the first of them
+    at = np.argwhere(crowd >= crowd.max() * (1 - 1e-4)).mean(axis=0)
+    half = side / 2
+    for _ in range(4):
+        low = np.maximum(np.ceil(at - half), 0).astype(int)
+        high = np.minimum(np.floor(at + half) + 1, light.shape).astype(int)
+        part = light[low[0] : high[0], low[1] : high[1]]
+        total = float(part.sum(dtype=np.float64))
+        if not total > 0:
+            return None
+        at = low + [
+            float(part.sum(axis=1 - axis, dtype=np.float64) @ np.arange(part.shape[axis])) / total for axis in (0, 1)
+        ]
+    return float(at[0]), float(at[1])
