@@ -218,18 +218,18 @@ def views(
     """
     from lfcal.frames import read_image
     from lfcal.lattice import fit_lattice
-    from lfcal.multiplex import SuperPixelLattice, demultiplex_lattice, lattice_channels
+    from lfcal.multiplex import demultiplex_lattice, lattice_channels
 
     check_output(out, frame, white, dark, force=force)
     if modulator is not None and size:  # a mask has as many views as its super-pixel
         raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
     light, bright = (pictures.less(read_image(p), dark) for p in (frame, white))
-    lattice = SuperPixelLattice.of_fit(fit_lattice(bright))
+    lattice = fit_lattice(bright)
     if modulator is not None:
         found = demultiplex_lattice(light, lattice, modulator_of(modulator), filter=filter)
     else:
         # An odd number of views has one in the middle, through the centre of the pupil.
-        count = size or max(1, (int(min(lattice.pitch_px)) - 1) // 2 * 2 + 1)
+        count = size or max(1, (int(min(lattice.pitch_px, lattice.row_pitch_px)) - 1) // 2 * 2 + 1)
         found = lattice_channels(light, lattice, count, filter=filter)
         found = found.reshape(-1, *found.shape[2:])
     pictures.write_tiff(out, found)

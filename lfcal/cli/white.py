@@ -100,7 +100,7 @@ def _as_json(fit: LatticeFit, fall: Vignetting, types: LensTypes | None, camera:
 def _save_views(views: Views, slopes: tuple[float, ...], samples: int, out: Path) -> list[Path]:
     """Write the views side by side, the middle view and the focal stack as PNG, and the stack as float32 TIFF."""
     from lfcal.figures import save_array_png
-    from lfcal.lattice.views import refocus
+    from lfcal.lattice.refocus import refocus
     from lfcal.tiff_file import write_tiff
 
     stack = refocus(views, slopes, samples=samples)
@@ -137,7 +137,7 @@ def _shown(image: NDArray[np.float32], times: int) -> NDArray[np.float32]:
 
 
 def _slopes(text: str, depths: str, camera: Camera | None) -> tuple[float, ...]:
-    from lfcal.lattice.views import sensor_slope
+    from lfcal.lattice.refocus import sensor_slope
 
     if depths and camera is None:
         raise InputError("depths: need --camera to know where they are focused; give it, or --slopes instead")

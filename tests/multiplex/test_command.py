@@ -13,7 +13,6 @@ import tifffile
 from lfcal.camera import preset
 from lfcal.lattice import fit_lattice
 from lfcal.multiplex import (
-    SuperPixelLattice,
     camera_chi2,
     cfa,
     demultiplex,
@@ -97,7 +96,7 @@ def field(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_views_of_any_number_and_filter(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
     frame, white = (tifffile.imread(field / name).astype(np.float32) for name in ("field.tif", "white.tif"))
-    lattice = SuperPixelLattice.of_fit(fit_lattice(white))
+    lattice = fit_lattice(white)
     for size, name in ((3, "nearest"), (5, "linear")):
         out = tmp_path / f"{size}.tif"
         files = (field / "field.tif", "--white", field / "white.tif", "-o", out)
@@ -111,7 +110,7 @@ def test_views_through_a_mask(lfcal, field: Path, tmp_path: Path) -> None:  # no
     out = tmp_path / "mask.tif"
     files = ("multiplex", "views", field / "field.tif", "--white", field / "white.tif", "-o", out)
     assert lfcal(*files, "--modulator", "MURA:5", "--filter", "linear").code == 0
-    lattice = SuperPixelLattice.of_fit(fit_lattice(white))
+    lattice = fit_lattice(white)
     wanted = demultiplex_lattice(frame, lattice, mask("MURA", 5), filter="linear")
     np.testing.assert_allclose(tifffile.imread(out), wanted, rtol=1e-5, atol=1e-2)
     both = lfcal(*files[:-1], tmp_path / "no.tif", "--modulator", "MURA:5", "--size", 3)
