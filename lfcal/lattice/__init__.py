@@ -7,12 +7,14 @@
 - ``views``: sub-aperture views; ``view_grid`` and ``view_cells`` say where their samples lie and which lenslets make
   them, ``view_samples`` is the one extractor
 - ``refocus``: images focused at a depth, from views
+- ``rendering``: the same for lenslets focused on the scene, lens types by their sharpness, and all in focus
 """
 
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
 from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice, cropped, lattice_of, type_lattice
 from lfcal.lattice.refocus import refocus, sensor_slope
+from lfcal.lattice.rendering import RenderedPlanes, render, sharpness_shares, total_focus
 from lfcal.lattice.view_grid import ViewGrid, view_grid
 from lfcal.lattice.view_samples import sample_views
 from lfcal.lattice.views import Views, extract_views
@@ -23,6 +25,7 @@ __all__ = [
     "LatticeFit",
     "LensTypes",
     "MicroImageLattice",
+    "RenderedPlanes",
     "ViewGrid",
     "Views",
     "Vignetting",
@@ -33,8 +36,11 @@ __all__ = [
     "fit_lattice",
     "lattice_of",
     "refocus",
+    "render",
     "sample_views",
     "sensor_slope",
+    "sharpness_shares",
+    "total_focus",
     "type_lattice",
     "view_grid",
     "vignetting_map",

@@ -12,7 +12,7 @@ from lfcal.camera import Camera, MainLens
 from lfcal.checks import check_number
 from lfcal.lattice.views import Views
 
-__all__ = ["refocus", "sensor_slope"]
+__all__ = ["MIN_WEIGHT", "refocus", "sensor_slope", "virtual_depth_of_slope"]
 
 Image = NDArray[np.float32]
 MIN_WEIGHT = 0.05
@@ -31,6 +31,22 @@ def sensor_slope(camera: Camera, z_um: float) -> float:
         return v
     b = camera.optics.image_distance_um
     return v * (b + camera.lattice.gap_um) / (b + a)
+
+
+def virtual_depth_of_slope(camera: Camera, slope: float) -> float:
+    """Return the virtual depth of the plane with a slope: what `sensor_slope` says, read backwards.
+
+    Raises
+    ------
+    InputError
+        If no plane has this slope: behind a main lens it grows to (b + B)/B at most.
+    """
+    if not isinstance(camera.optics, MainLens):
+        return slope
+    b, gap = camera.optics.image_distance_um, camera.lattice.gap_um
+    limit = (b + gap) / gap
+    check_number("slope", slope, below=limit, remedy="choose a plane nearer to the lenslets")
+    return slope * b / (b + gap - slope * gap)
 
 
 def refocus(views: Views, slopes: Sequence[float], *, samples: int = 1) -> Image:

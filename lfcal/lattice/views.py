@@ -15,7 +15,7 @@ from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice
 from lfcal.lattice.view_grid import ViewGrid, view_grid
 from lfcal.lattice.view_samples import sample_views
 
-__all__ = ["Views", "extract_views"]
+__all__ = ["RADIUS", "Views", "extract_views"]
 
 Image = NDArray[np.float32]
 
