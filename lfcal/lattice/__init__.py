@@ -12,7 +12,7 @@
 
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
-from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice, cropped, lattice_of, type_lattice
+from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice, TypeLattice, cropped, lattice_of, type_lattice
 from lfcal.lattice.refocus import refocus, sensor_slope
 from lfcal.lattice.rendering import RenderedPlanes, render, sharpness_shares, total_focus
 from lfcal.lattice.view_grid import ViewGrid, view_grid
@@ -26,6 +26,7 @@ __all__ = [
     "LensTypes",
     "MicroImageLattice",
     "RenderedPlanes",
+    "TypeLattice",
     "ViewGrid",
     "Views",
     "Vignetting",

@@ -23,7 +23,7 @@ from lfcal.lattice.view_grid import ViewGrid, view_grid
 from lfcal.lattice.views import RADIUS
 from lfcal.threads import for_each_chunk
 
-__all__ = ["MIN_SLOPE", "RenderedPlanes", "render", "sharpness_shares", "total_focus"]
+__all__ = ["MIN_SLOPE", "RenderedPlanes", "check_slopes", "render", "sharpness_shares", "total_focus"]
 
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -110,15 +110,7 @@ def render(
         If a frame does not fit the lattice, or a slope or number is out of range.
     """
     check_number("samples per lenslet", samples, at_least=1, at_most=32, integer=True)
-    for slope in slopes:
-        check_number("slope", slope, at_least=-1e3, at_most=1e3)
-        if abs(slope) < MIN_SLOPE:
-            raise InputError.expected(
-                "slope of a plane seen by lens types",
-                f"one beyond ±{MIN_SLOPE:g}",
-                f"{slope:g}",
-                "leave the plane out, or refocus views without types",
-            )
+    check_slopes(slopes)
     radius = RADIUS * min(lattice.pitch_px, lattice.row_pitch_px) if radius_px is None else radius_px
     check_number("radius of the micro-images (px)", radius, at_least=1, at_most=lattice.pitch_px)
     light, lit = _prepared(frame, white, dark, lattice)
@@ -140,6 +132,19 @@ def render(
         for_each_chunk(work, size[0], workers)
         images[k], spread[k] = _mean_and_variance(sums)
     return RenderedPlanes(images, spread, tuple(map(float, slopes)), grid, samples)
+
+
+def check_slopes(slopes: Sequence[float]) -> None:
+    """Raise `InputError` unless every plane is one that `render` can make."""
+    for slope in slopes:
+        check_number("slope", slope, at_least=-1e3, at_most=1e3)
+        if abs(slope) < MIN_SLOPE:
+            raise InputError.expected(
+                "slope of a plane seen by lens types",
+                f"one beyond ±{MIN_SLOPE:g}",
+                f"{slope:g}",
+                "leave the plane out, or refocus views without types",
+            )
 
 
 def _prepared(

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.checks import check_choice, check_number, check_tuple
 from lfcal.errors import InputError
-from lfcal.lattice import MicroImageLattice, sample_views, view_grid
+from lfcal.lattice import MicroImageLattice, ViewGrid, sample_views, view_grid
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
 
-__all__ = ["LATTICE_FILTERS", "SuperPixelLattice", "demultiplex_lattice", "lattice_channels"]
+__all__ = ["LATTICE_FILTERS", "SuperPixelLattice", "channel_grid", "demultiplex_lattice", "lattice_channels"]
 
 Array = NDArray[np.float64]
 
@@ -131,20 +131,44 @@ def lattice_channels(
     """
     check_choice("filter", filter, LATTICE_FILTERS)
     image = check_frame(frame, (1, 1))
+    grid, count, step = _channel_grid(image.shape, lattice, size, spacing_px, axes)
+    result = _output(out, (*count, *grid.shape), image.dtype)
+    return sample_views(image, grid, result, step_px=step, filter=filter, workers=workers)
+
+
+def channel_grid(
+    shape: tuple[int, ...],
+    lattice: MicroImageLattice,
+    size: int | tuple[int, int],
+    *,
+    spacing_px: float | tuple[float, float] | None = 1.0,
+    axes: str = "lattice",
+) -> ViewGrid:
+    """Return which super-pixels of a frame of ``shape`` `lattice_channels` takes; raises as it does."""
+    return _channel_grid(shape, lattice, size, spacing_px, axes)[0]
+
+
+def _channel_grid(
+    shape: tuple[int, ...],
+    lattice: MicroImageLattice,
+    size: int | tuple[int, int],
+    spacing_px: float | tuple[float, float] | None,
+    axes: str,
+) -> tuple[ViewGrid, tuple[int, ...], tuple[float, float]]:
+    """Return the super-pixels, and number and distance of their channels."""
     pair = (size, size) if isinstance(size, int | np.integer) else size
     count = check_tuple("channels of a super-pixel", pair, 2, at_least=1, at_most=512, integer=True)
     step = _spacing(spacing_px, lattice, count)
     half = ((count[0] - 1) / 2 * step[0], (count[1] - 1) / 2 * step[1])
-    grid = view_grid(lattice, image.shape, max(half), axes=axes)
+    grid = view_grid(lattice, shape, max(half), axes=axes)
     if not min(grid.shape):
         raise InputError.expected(
             "frame",
             f"a super-pixel of {2 * half[0] + 1:.0f} x {2 * half[1] + 1:.0f} px wholly inside",
-            f"{image.shape} px",
+            f"{shape} px",
             "give a larger frame or fewer views",
         )
-    result = _output(out, (*count, *grid.shape), image.dtype)
-    return sample_views(image, grid, result, step_px=step, filter=filter, workers=workers)
+    return grid, count, step
 
 
 def _output(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:

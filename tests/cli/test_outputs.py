@@ -27,6 +27,7 @@ Lfcal = Callable[..., Run]
 COMMANDS = (
     ("plan",),
     ("white",),
+    ("views",),
     ("simulate",),
     ("assemble",),
     ("acquire",),

@@ -84,6 +84,8 @@ def test_the_lenslets_of_a_type_are_a_lattice(step: int) -> None:
         index = lattice.lenslet_at(*places[types == k].T)
         np.testing.assert_allclose(index, np.rint(index), atol=1e-9)
         np.testing.assert_allclose(lattice.centres_px(*np.rint(index).T), places[types == k], atol=1e-9)
+        found = lattice.among(list(zip(q.tolist(), r.tolist(), strict=True)))
+        np.testing.assert_array_equal(found, np.rint(index).astype(int))
         others = lattice.lenslet_at(*places[types != k].T)
         assert (np.abs(others - np.rint(others)).max(1) > 0.3).all()
         assert lattice.pitch_px == pytest.approx(math.sqrt(3) * every.pitch_px)

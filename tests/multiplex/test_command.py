@@ -97,11 +97,13 @@ def field(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_views_of_any_number_and_filter(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
     frame, white = (tifffile.imread(field / name).astype(np.float32) for name in ("field.tif", "white.tif"))
     lattice = fit_lattice(white)
-    for size, name in ((3, "nearest"), (5, "linear")):
+    for size, name, axes in ((3, "nearest", "lattice"), (5, "linear", "frame")):
         out = tmp_path / f"{size}.tif"
         files = (field / "field.tif", "--white", field / "white.tif", "-o", out)
-        assert lfcal("multiplex", "views", *files, "--size", size, "--filter", name).code == 0
-        wanted = lattice_channels(frame, lattice, size, filter=name)
+        run = lfcal("multiplex", "views", *files, "--size", size, "--filter", name, "--axes", axes)
+        assert run.code == 0, run.err
+        wanted = lattice_channels(frame, lattice, size, filter=name, axes=axes)
+        assert f"{size * size} views of {wanted.shape[2]} x {wanted.shape[3]} of" in run.out
         np.testing.assert_allclose(tifffile.imread(out), wanted.reshape(-1, *wanted.shape[2:]), rtol=1e-6)
 
 
