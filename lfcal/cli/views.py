@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +16,11 @@ from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera, parse_depths
 from lfcal.cli.views_files import save_picture, save_stack, stack_names, view_names
-from lfcal.cli.views_input import CHANNELS, Cutting, Reading, cutting_of, read_planes
+from lfcal.cli.views_input import CHANNELS, Reading, Scene, cutting_of, read_planes
+from lfcal.cli.views_report import as_json, rows
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from lfcal.lattice import FrameLattice, Views
@@ -45,15 +44,6 @@ class _Wish:
     slopes: tuple[float, ...]
     samples: int
     workers: int | None
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """A frame by its colours, on what it is cut, and the camera where it is described."""
-
-    planes: dict[str, NDArray[np.float32]]
-    cutting: Cutting
-    camera: Camera | None
 
 
 def register(app: typer.Typer) -> None:
@@ -105,13 +95,13 @@ def command(
         check_outputs([out / name for name in _names(wish)], frame, white, dark, camera, force=force)
     reading = Reading(channel, cfa, dark, _origin(origin))
     planes = read_planes(frame, reading)
-    scene = _Scene(planes, cutting_of(planes, white, described, reading, (kind, pitch)), described)
+    scene = Scene(planes, cutting_of(planes, white, described, reading, (kind, pitch)), described)
     views = {label: _views(scene, lattice, wish) for label, lattice in _lattices(scene, wish).items()}
     written = [] if out is None else _save(scene, views, wish, out)
     if json:
-        print_json(_as_json(scene, views, written))
+        print_json(as_json(scene, views, written))
         return
-    print_table(["light field", frame.name], _rows(scene, views))
+    print_table(["light field", frame.name], rows(scene, views))
     for path in written:
         typer.echo(f"written: {path}")
 
@@ -145,7 +135,7 @@ def _names(wish: _Wish) -> list[str]:
     return names + (TOTAL if wish.types == "together" else [])
 
 
-def _lattices(scene: _Scene, wish: _Wish) -> dict[str, FrameLattice]:
+def _lattices(scene: Scene, wish: _Wish) -> dict[str, FrameLattice]:
     """Return the lattices that views are cut on: all lenslets, or those of each type."""
     from lfcal.lattice import type_lattice
 
@@ -156,7 +146,7 @@ def _lattices(scene: _Scene, wish: _Wish) -> dict[str, FrameLattice]:
     return {label: type_lattice(cutting.lattice, cutting.type_of, k) for k, label in enumerate(_labels(wish))}
 
 
-def _views(scene: _Scene, lattice: FrameLattice, wish: _Wish) -> list[Views]:
+def _views(scene: Scene, lattice: FrameLattice, wish: _Wish) -> list[Views]:
     """Return the views of each colour."""
     from lfcal.lattice import TypeLattice, extract_views
 
@@ -177,7 +167,7 @@ def _views(scene: _Scene, lattice: FrameLattice, wish: _Wish) -> list[Views]:
     ]
 
 
-def _save(scene: _Scene, views: dict[str, list[Views]], wish: _Wish, out: Path) -> list[Path]:
+def _save(scene: Scene, views: dict[str, list[Views]], wish: _Wish, out: Path) -> list[Path]:
     """Write views and focal stacks; return the files in the order of `_names`."""
     stacks, more = _stacks(scene, views, wish)
     for label, colours in views.items():
@@ -191,7 +181,7 @@ def _save(scene: _Scene, views: dict[str, list[Views]], wish: _Wish, out: Path) 
 
 
 def _stacks(
-    scene: _Scene, views: dict[str, list[Views]], wish: _Wish
+    scene: Scene, views: dict[str, list[Views]], wish: _Wish
 ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
     """Return the focal stacks ``(n, rows, columns)``, or with colours second, and what else is to be written."""
     import numpy as np
@@ -256,59 +246,3 @@ def _save_focal_stack(out: Path, label: str, stack: NDArray[Any], slopes: tuple[
     save_stack(out / names[0], stack, "ZCYX" if stack.ndim == 4 else "ZYX", [f"slope {w:+.3f}" for w in slopes])
     for name, image in zip(names[1:], stack, strict=True):
         save_picture(out / name, image)
-
-
-def _rows(scene: _Scene, found: dict[str, list[Views]]) -> list[list[str]]:
-    views = next(iter(found.values()))[0]
-    lattice, count = scene.cutting.lattice, len(views.offsets)
-    turned = f"turned by {math.degrees(lattice.rotation_rad):+.3f}°"
-    rows = [
-        ["lattice", f"{lattice.kind}, {lattice.pitch_px:.3f} px, {turned}, {scene.cutting.source}"],
-        ["views", f"{count} x {count}, a pixel of the micro-images apart"],
-        *([f"samples of a view{_spoken(label)}", of[0].grid.described()] for label, of in found.items()),
-        ["distance of samples", f"{views.step_px[0]:.3f} px down, {views.step_px[1]:.3f} px right"],
-        ["rows run along", "the frame" if views.rotation_rad == 0 else f"the lattice ({turned})"],
-    ]
-    masked = int((~views.mask).sum())
-    if masked:
-        rows.append(["seen by no lenslet", f"{masked} of {views.mask.size} samples (NaN in views.tif)"])
-    if "" not in scene.planes:
-        rows.append(["colours", ", ".join(scene.planes)])
-    return rows
-
-
-def _spoken(label: str) -> str:
-    return label.replace("_type", ", type ")
-
-
-def _as_json(scene: _Scene, found: dict[str, list[Views]], written: list[Path]) -> dict[str, Any]:
-    lattice, views = scene.cutting.lattice, next(iter(found.values()))[0]
-    return {
-        "lattice": {
-            "kind": lattice.kind,
-            "pitch_px": lattice.pitch_px,
-            "row_pitch_px": lattice.row_pitch_px,
-            "rotation_rad": lattice.rotation_rad,
-            "source": scene.cutting.source,
-        },
-        "views": len(views.offsets),
-        "fields": {label.lstrip("_") or "all": _field_as_json(of[0]) for label, of in found.items()},
-        "step_px": views.step_px,
-        "rotation_rad": views.rotation_rad,
-        "radius_px": views.radius_px,
-        "colours": [name for name in scene.planes if name],
-        "written": written,
-    }
-
-
-def _field_as_json(views: Views) -> dict[str, Any]:
-    """Return where the samples of a set of views lie, and what of the field they are."""
-    grid = views.grid
-    masked = int((~views.mask).sum())
-    return {
-        "shape": views.shape,
-        "whole": grid.field_shape,
-        "kept": grid.kept,
-        "masked": masked,
-        "corner_px": grid.corner_px,
-    }

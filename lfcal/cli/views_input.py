@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from lfcal.lattice.micro_images import FrameLattice, TypeOf
 
-__all__ = ["CHANNELS", "Cutting", "Reading", "cutting_of", "read_planes"]
+__all__ = ["CHANNELS", "Cutting", "Reading", "Scene", "cutting_of", "read_planes"]
 
 CHANNELS = ("", "R", "G", "B", "each")
 """Colours that are taken; empty: all of a mosaic, the only one of a grey frame."""
@@ -45,6 +45,15 @@ class Cutting:
     white: Planes | None
     radius_px: float | None
     source: str
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A frame by its colours, on what it is cut, and the camera where it is described."""
+
+    planes: Planes
+    cutting: Cutting
+    camera: Camera | None
 
 
 def read_planes(path: Path, reading: Reading) -> Planes:

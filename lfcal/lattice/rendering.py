@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import Camera
-from lfcal.checks import as_sensor_frame, check_number
+from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.lattice._rendering_kernels import Plane, render_rows
 from lfcal.lattice.lens_types import expected_blur
 from lfcal.lattice.micro_images import FrameLattice, TypeOf
 from lfcal.lattice.refocus import MIN_WEIGHT, virtual_depth_of_slope
 from lfcal.lattice.view_grid import ViewGrid, view_grid
-from lfcal.lattice.views import RADIUS
+from lfcal.lattice.views import RADIUS, less_dark
 from lfcal.threads import for_each_chunk
 
 __all__ = ["MIN_SLOPE", "RenderedPlanes", "check_slopes", "render", "sharpness_shares", "total_focus"]
@@ -113,7 +113,7 @@ def render(
     check_slopes(slopes)
     radius = RADIUS * min(lattice.pitch_px, lattice.row_pitch_px) if radius_px is None else radius_px
     check_number("radius of the micro-images (px)", radius, at_least=1, at_most=lattice.pitch_px)
-    light, lit = _prepared(frame, white, dark, lattice)
+    light, lit = less_dark(frame, dark, lattice, "light-field frame"), _lit(white, dark, lattice)
     grid = view_grid(lattice, lattice.shape, float(np.floor(radius)))
     size = (grid.shape[0] * samples, grid.shape[1] * samples)
     images, spread = np.empty((len(slopes), *size), np.float32), np.empty((len(slopes), *size), np.float32)
@@ -147,24 +147,15 @@ def check_slopes(slopes: Sequence[float]) -> None:
             )
 
 
-def _prepared(
-    frame: ArrayLike, white: ArrayLike | None, dark: ArrayLike | float, lattice: FrameLattice
-) -> tuple[Image, Image]:
-    """Return the light and the white light of every pixel, the latter 1 at its brightest places."""
-    images: list[Image] = []
-    for what, given in (("light-field frame", frame), ("white frame", white)):
-        if given is None:
-            return images[0], np.ones_like(images[0])
-        image, level = as_sensor_frame(what, given), np.asarray(dark, np.float32)
-        for part, shape in ((what, image.shape), (f"dark of the {what}", level.shape)):
-            if shape not in (tuple(lattice.shape), ()):
-                raise InputError.expected(part, f"shape {tuple(lattice.shape)}", shape, "use one sensor setting")
-        images.append((image - level).astype(np.float32))
-    bright = max(float(np.percentile(images[1], 99)), 1e-30)
-    lit = images[1] / np.float32(bright)
+def _lit(white: ArrayLike | None, dark: ArrayLike | float, lattice: FrameLattice) -> Image:
+    """Return the white light of every pixel, 1 at its brightest places and 0 where there is hardly any."""
+    if white is None:
+        return np.ones(tuple(lattice.shape), np.float32)
+    lit = less_dark(white, dark, lattice, "white frame")
+    lit /= np.float32(max(float(np.percentile(lit, 99)), 1e-30))
     # hardly lit pixels say nothing but noise
     lit[lit < MIN_WEIGHT] = 0
-    return images[0], lit
+    return lit
 
 
 def _plane(slope: float, radius: float, grid: ViewGrid, samples: int) -> Plane:

@@ -15,7 +15,7 @@ from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice
 from lfcal.lattice.view_grid import ViewGrid, view_grid
 from lfcal.lattice.view_samples import sample_views
 
-__all__ = ["RADIUS", "Views", "extract_views"]
+__all__ = ["RADIUS", "Views", "extract_views", "less_dark"]
 
 Image = NDArray[np.float32]
 
@@ -128,7 +128,7 @@ def extract_views(
     InputError
         If a frame does not fit the lattice, or holds no whole micro-image.
     """
-    light = _less_dark(frame, dark, lattice, "light-field frame")
+    light = less_dark(frame, dark, lattice, "light-field frame")
     # the raster of a single lens type's views is the whole lattice's, and so is the size of the micro-images
     of = raster or lattice
     radius = RADIUS * min(of.pitch_px, of.row_pitch_px) if radius_px is None else radius_px
@@ -150,14 +150,21 @@ def extract_views(
     if white is None:
         weights = (inside & grid.mask).astype(np.float32)
         return Views(images, weights, offsets, radius, grid)
-    lit = np.maximum(_less_dark(white, dark, lattice, "white frame"), 0)
+    lit = np.maximum(less_dark(white, dark, lattice, "white frame"), 0)
     weights = sample_views(lit, grid, np.empty_like(images), workers=workers)
     weights *= inside
     weights /= max(float(weights.max()), 1e-30)
     return Views(images, weights, offsets, radius, grid)
 
 
-def _less_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLattice, what: str) -> Image:
+def less_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLattice, what: str) -> Image:
+    """Return a frame less its dark frame or level, float32, after checking that both fit the lattice.
+
+    Raises
+    ------
+    InputError
+        If one does not; ``what`` names the frame.
+    """
     image = as_sensor_frame(what, frame)
     if image.shape != tuple(lattice.shape):
         raise InputError.expected(what, f"shape {tuple(lattice.shape)}", image.shape, "use the white image's camera")
