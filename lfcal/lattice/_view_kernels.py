@@ -18,7 +18,10 @@ __all__ = ["Reading", "Sites", "largest_box", "sample_rows"]
 Float = NDArray[Any]
 
 TOGETHER = 8
-"""Rows of samples taken at a time: their lenslets' lines stay in the processor's cache."""
+"""Rows of samples taken at a time."""
+
+CACHED = 1 << 15
+"""Measurements that are kept at a time: they stay in the processor's cache."""
 
 
 class Sites(NamedTuple):
@@ -94,17 +97,24 @@ def _by_pixel(frame: NDArray[Any], top: int, wy: Float, wx: Float, x0: NDArray[n
 
 @njit()
 def _mix(lines: Float, near: NDArray[np.int32], share: Float, mixed: Float) -> None:
-    """Write to ``mixed`` ``(columns, across)`` the lines of each sample's lenslets by their shares."""
+    """Write to ``mixed`` ``(columns, across)`` the lines of each sample's one to four lenslets by their shares."""
+    most, across = near.shape[1], mixed.shape[1]
     for c in range(near.shape[0]):
-        row, line, w = mixed[c], lines[near[c, 0]], share[c, 0]
-        for u in range(row.size):
-            row[u] = w * line[u]
-        for k in range(1, near.shape[1]):
-            w = share[c, k]
-            if w != 0:
-                line = lines[near[c, k]]
-                for u in range(row.size):
-                    row[u] += w * line[u]
+        row, one, a = mixed[c], lines[near[c, 0]], share[c, 0]
+        if most == 1 or a == 1:
+            for u in range(across):
+                row[u] = a * one[u]
+            continue
+        # all lenslets in one loop: it runs in vectors, and rows are short
+        two, b = lines[near[c, 1]], share[c, 1]
+        if most == 2:
+            for u in range(across):
+                row[u] = a * one[u] + b * two[u]
+            continue
+        three, d = lines[near[c, 2]], share[c, 2]
+        four, e = lines[near[c, most - 1]], share[c, 3] if most == 4 else share.dtype.type(0)
+        for u in range(across):
+            row[u] = a * one[u] + b * two[u] + d * three[u] + e * four[u]
 
 
 @njit()
@@ -129,10 +139,10 @@ def _used(near: NDArray[np.int32], share: Float, place: NDArray[np.int32]) -> ND
 
 
 @njit()
-def _read(frame: NDArray[Any], corner: Float, v: int, reading: Reading, lines: Float) -> None:
-    """Read row ``v`` of the measurements of each lenslet ``corner`` ``(n, 2)`` to ``lines`` ``(n, across)``."""
+def _read(frame: NDArray[Any], corner: Float, first: int, reading: Reading, lines: Float) -> None:
+    """Read rows ``first …`` of the measurements of lenslets ``corner`` ``(n, 2)`` to ``lines`` ``(n, v, across)``."""
     step_x, taps = reading.step_x, reading.taps
-    (high, wide), across = frame.shape, lines.shape[1]
+    (high, wide), across = frame.shape, lines.shape[2]
     reach = (taps - 1) // 2
     even = step_x == 1.0  # measurements a pixel apart share their weights
     places = 1 if even else across
@@ -140,20 +150,21 @@ def _read(frame: NDArray[Any], corner: Float, v: int, reading: Reading, lines: F
     wx, x0 = np.empty((places, taps), lines.dtype), np.empty(places, np.intp)
     strip = np.empty(across + taps - 1, lines.dtype)
     for m in range(len(corner)):
-        top = _taps(corner[m, 0] + v * reading.step_y, taps, wy) - reach
         for u in range(places):
             x0[u] = _taps(corner[m, 1] + u * step_x, taps, wx[u]) - reach
-        inside = even and top >= 0 and top + taps <= high and x0[0] >= 0 and x0[0] + strip.size <= wide
-        if not inside:
-            _by_pixel(frame, top, wy, wx, x0, lines[m])
-            continue
-        # down first, then along: both reuse what lies next to each other
-        for i in range(taps):
-            part = frame[top + i, x0[0] : x0[0] + strip.size]
-            w = wy[i]
-            for k in range(strip.size):
-                strip[k] = w * part[k] if i == 0 else strip[k] + w * part[k]
-        _along(strip, wx[0], lines[m])
+        for v in range(lines.shape[1]):
+            top = _taps(corner[m, 0] + (first + v) * reading.step_y, taps, wy) - reach
+            inside = even and top >= 0 and top + taps <= high and x0[0] >= 0 and x0[0] + strip.size <= wide
+            if not inside:
+                _by_pixel(frame, top, wy, wx, x0, lines[m, v])
+                continue
+            # down first, then along: both reuse what lies next to each other
+            for i in range(taps):
+                part = frame[top + i, x0[0] : x0[0] + strip.size]
+                w = wy[i]
+                for k in range(strip.size):
+                    strip[k] = w * part[k] if i == 0 else strip[k] + w * part[k]
+            _along(strip, wx[0], lines[m, v])
 
 
 @njit()
@@ -166,22 +177,25 @@ def sample_rows(frame: NDArray[Any], sites: Sites, reading: Reading, out: Float,
     # arrays out of their records before the loops: inside, each access would count references
     near, share = sites.near, sites.share
     (down, across), columns = out.shape[:2], out.shape[3]
-    mixed = np.empty((columns, across), out.dtype)
     for first in range(start, stop, TOGETHER):
         last = min(first + TOGETHER, stop)
         place = np.empty(near[first:last].shape, np.int32)
         used = _used(near[first:last], share[first:last], place)
         # one line at least: samples without lenslets take nothing of it
-        corner, lines = sites.corner[used], np.zeros((max(len(used), 1), across), out.dtype)
-        for v in range(down):
+        corner, lenses = sites.corner[used], max(len(used), 1)
+        group = min(down, max(1, CACHED // (lenses * across)))
+        for v in range(0, down, group):
+            count = min(group, down - v)
+            lines = np.zeros((lenses, count, across), out.dtype)
             _read(frame, corner, v, reading, lines)
+            flat, mixed = lines.reshape(lenses, count * across), np.empty((columns, count * across), out.dtype)
             for r in range(first, last):
-                # a sample's lenslets are added along u, where memory is contiguous
-                _mix(lines, place[r - first], share[r], mixed)
-                for u in range(across):
-                    target = out[v, u, r]
+                # a sample's lenslets are added along v and u, where memory is contiguous
+                _mix(flat, place[r - first], share[r], mixed)
+                for k in range(count * across):
+                    target = out[v + k // across, k % across, r]
                     for c in range(columns):
-                        target[c] = mixed[c, u]
+                        target[c] = mixed[c, k]
 
 
 @njit()
