@@ -32,6 +32,13 @@ def centres_of(lattice: Straight) -> dict[tuple[int, int], tuple[float, float]]:
     }
 
 
+@cache
+def named(lattice: Straight) -> tuple[list[tuple[int, int]], np.ndarray]:
+    """Return names and places of all lenslets as arrays are wanted."""
+    centres = centres_of(lattice)
+    return list(centres), np.array(list(centres.values()))
+
+
 def inside(place: tuple[float, float]) -> bool:
     return all(MARGIN - 1e-6 <= p <= n - 1 - MARGIN + 1e-6 for p, n in zip(place, SHAPE, strict=True))
 
@@ -52,7 +59,7 @@ def about(lattice: Straight, place: tuple[float, float]) -> Shares:
     """Lenslets about a place and their shares: the corners of a triangle (Cramer's rule) or a square (areas)."""
     centres = centres_of(lattice)
     if lattice.kind == "hexagonal":
-        names, points = list(centres), np.array(list(centres.values()))
+        names, points = named(lattice)
         away = ((points - place) ** 2).sum(1)
         three = [names[n] for n in np.argsort(away)[:3]]
         if away.min() < 1e-12:
