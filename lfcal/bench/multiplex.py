@@ -57,11 +57,12 @@ def measure(shape: tuple[int, int], filters: list[str], workers: int | None, rou
 
     from lfcal.bench._transposers import copy_parallel, interleaved
     from lfcal.camera import preset
-    from lfcal.multiplex import SuperPixelLattice, cfa, demultiplex, lattice_channels
+    from lfcal.lattice import lattice_of
+    from lfcal.multiplex import cfa, demultiplex, lattice_channels
 
     frame = bayer_frame(shape)
     bayer = cfa("GRBG")
-    lattice = SuperPixelLattice.of_camera(preset("r29"))
+    lattice = lattice_of(preset("r29"))
     colours = np.ones((3, *shape), np.float32)
     spare = np.ones_like(colours)
     bgr = np.ones((*shape, 3), np.uint16)

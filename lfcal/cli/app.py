@@ -16,6 +16,7 @@ ORDER = (
     "demo",
     "plan",
     "white",
+    "views",
     "simulate",
     "acquire",
     "verify",

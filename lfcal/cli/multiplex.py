@@ -209,6 +209,7 @@ def views(
     dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
     filter: str = typer.Option("cubic", help="nearest, linear or cubic."),
     modulator: str | None = typer.Option(None, help="Mask in place of lenslets, such as MURA:11."),
+    axes: str = typer.Option("lattice", help="Rows run along the lattice's or the frame's."),
     workers: WorkersOption = None,
     force: ForceOption = False,
 ) -> None:
@@ -218,21 +219,25 @@ def views(
     """
     from lfcal.frames import read_image
     from lfcal.lattice import fit_lattice
-    from lfcal.multiplex import SuperPixelLattice, demultiplex_lattice, lattice_channels
+    from lfcal.multiplex import channel_grid, demultiplex_lattice, lattice_channels
 
     check_output(out, frame, white, dark, force=force)
     if modulator is not None and size:  # a mask has as many views as its super-pixel
         raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
     light, bright = (pictures.less(read_image(p), dark) for p in (frame, white))
-    lattice = SuperPixelLattice.of_fit(fit_lattice(bright))
+    lattice = fit_lattice(bright)
     if modulator is not None:
-        found = demultiplex_lattice(light, lattice, modulator_of(modulator), filter=filter)
+        mask = modulator_of(modulator)
+        found = demultiplex_lattice(light, lattice, mask, filter=filter, axes=axes)
+        grid = channel_grid(light.shape, lattice, mask.side, spacing_px=None, axes=axes)
     else:
         # An odd number of views has one in the middle, through the centre of the pupil.
-        count = size or max(1, (int(min(lattice.pitch_px)) - 1) // 2 * 2 + 1)
-        found = lattice_channels(light, lattice, count, filter=filter)
+        count = size or max(1, (int(min(lattice.pitch_px, lattice.row_pitch_px)) - 1) // 2 * 2 + 1)
+        found = lattice_channels(light, lattice, count, filter=filter, axes=axes)
         found = found.reshape(-1, *found.shape[2:])
+        grid = channel_grid(light.shape, lattice, count, axes=axes)
     pictures.write_tiff(out, found)
+    typer.echo(f"{len(found)} views of {grid.described()}")
 
 
 def search(

@@ -1,4 +1,4 @@
-"""``lfcal white``: the lenslet lattice from a white image, and a look at what it makes of a frame."""
+"""``lfcal white``: the lenslet lattice from a white image."""
 
 from __future__ import annotations
 
@@ -13,23 +13,19 @@ from lfcal.camera import Camera
 from lfcal.cli.console import print_json, print_table
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
-from lfcal.cli.plan import load_camera, parse_depths
-from lfcal.errors import InputError
+from lfcal.cli.plan import load_camera
 from lfcal.files import replace_whole
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from lfcal.lattice.fit import LatticeFit
     from lfcal.lattice.lens_types import LensTypes
-    from lfcal.lattice.views import Views
     from lfcal.lattice.vignetting import Vignetting
 
 __all__ = ["register"]
 
 CAMERA = "camera.json"
-PICTURES = ("views.png", "central_view.png", "focal_stack.tif")
 
 
 @dataclass(frozen=True)
@@ -97,55 +93,6 @@ def _as_json(fit: LatticeFit, fall: Vignetting, types: LensTypes | None, camera:
     }
 
 
-def _save_views(views: Views, slopes: tuple[float, ...], samples: int, out: Path) -> list[Path]:
-    """Write the views side by side, the middle view and the focal stack as PNG, and the stack as float32 TIFF."""
-    from lfcal.figures import save_array_png
-    from lfcal.lattice.views import refocus
-    from lfcal.tiff_file import write_tiff
-
-    stack = refocus(views, slopes, samples=samples)
-    written = [out / name for name in PICTURES]
-    save_array_png(_shown(views.mosaic(2), 1), written[0], cmap="gray")
-    save_array_png(_shown(views.central, samples), written[1], cmap="gray")
-    write_tiff(written[2], stack, metadata={"axes": "ZYX", "slopes": list(slopes)})
-    for slope, image in zip(slopes, stack, strict=True):
-        written.append(out / _focused(slope))
-        save_array_png(_shown(image, 1), written[-1], cmap="gray")
-    return written
-
-
-def _focused(slope: float) -> str:
-    return f"focus_{slope:+07.2f}.png"
-
-
-def _targets(out: Path, camera: Camera | None, views: Path | None, slopes: tuple[float, ...]) -> list[Path]:
-    """Return the files that will be written."""
-    names = [] if camera is None else [CAMERA]
-    names += [] if views is None else [*PICTURES, *map(_focused, slopes)]
-    return [out / name for name in names]
-
-
-def _shown(image: NDArray[np.float32], times: int) -> NDArray[np.float32]:
-    """Return ``image`` between its 0.5 and 99.7 percentiles, each pixel ``times`` as wide and high."""
-    import numpy as np
-
-    # Hot pixels and dead lenslets would otherwise decide the scale of the picture.
-    low, high = np.percentile(image, (0.5, 99.7))
-    clipped = np.clip(image - low, 0, max(high - low, 1e-30))
-    result: NDArray[np.float32] = clipped.repeat(times, axis=0).repeat(times, axis=1)
-    return result
-
-
-def _slopes(text: str, depths: str, camera: Camera | None) -> tuple[float, ...]:
-    from lfcal.lattice.views import sensor_slope
-
-    if depths and camera is None:
-        raise InputError("depths: need --camera to know where they are focused; give it, or --slopes instead")
-    if depths and camera is not None:
-        return tuple(sensor_slope(camera, z) for z in parse_depths(depths, lengths=True))
-    return parse_depths(text, lengths=False)
-
-
 def _types(white: NDArray[Any], dark: Any, fit: LatticeFit, camera: Camera | None) -> LensTypes | None:
     from lfcal.lattice.lens_types import classify_lens_types, expected_blur
 
@@ -179,30 +126,23 @@ def command(
     kind: str = typer.Option("", help="square or hexagonal; by default detected, or the camera's."),
     pitch: float = typer.Option(0.0, help="Nominal pitch (px), right within 10 %; by default detected."),
     types: bool = typer.Option(True, help="Find the three lens types, where the camera has them."),
-    views: Path | None = typer.Option(None, help="Light-field frame to make views and a focal stack of."),
-    slopes: str = typer.Option("-6:6:2", help="Planes of the focal stack as slopes (about virtual depths)."),
-    depths: str = typer.Option("", help="The same as depths in µm or mm; needs --camera."),
-    samples: int = typer.Option(4, help="Samples per lenslet of the focal stack."),
-    out: Path | None = typer.Option(None, "-o", "--out", help="Folder for camera.json and pictures."),
+    out: Path | None = typer.Option(None, "-o", "--out", help="Folder for camera.json."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Measure the lenslet lattice from a white image; make views of a frame to see that it is right.
+    """Measure the lenslet lattice from a white image; see with `lfcal views` what it makes of a frame.
 
-    Example: `lfcal white white.tif --dark dark.tif --views frame.tif -o out`
+    Example: `lfcal white white.tif --dark dark.tif --camera r29 -o out`
     """
     from lfcal.frames import read_image
 
-    if views is not None and out is None:
-        raise InputError("views: need a folder for the pictures; add -o FOLDER")
     described = load_camera(camera) if camera else None
-    planes = _slopes(slopes, depths, described)
-    if out is not None:
-        check_outputs(_targets(out, described, views, planes), image, dark, views, camera, force=force)
+    if out is not None and described is not None:
+        check_outputs([out / CAMERA], image, dark, camera, force=force)
     level = read_image(dark) if dark is not None else 0.0
     found = _measure(_White(read_image(image), level, described), kind, pitch, types)
-    written = _write(found, views, planes, samples, out)
+    written = [] if out is None or found.camera is None else [_save_camera(found.camera, out)]
     if json:
         print_json({**_as_json(found.fit, found.fall, found.types, found.camera), "written": written})
         return
@@ -222,18 +162,3 @@ def _measure(white: _White, kind: str, pitch: float, types: bool) -> _Found:
     found = _types(white.image, white.dark, fit, camera) if types else None
     measured = None if camera is None else _measured(camera, fit, found)
     return _Found(white, fit, vignetting_map(fit), found, measured)
-
-
-def _write(found: _Found, frame: Path | None, slopes: tuple[float, ...], samples: int, out: Path | None) -> list[Path]:
-    """Write the measured camera and the views of ``frame`` into ``out``; return the files."""
-    from lfcal.frames import read_image
-    from lfcal.lattice.views import extract_views
-
-    if out is None:
-        return []
-    # A frame that does not fit is refused before the first file is written.
-    views = None
-    if frame is not None:
-        views = extract_views(read_image(frame), found.fit, white=found.white.image, dark=found.white.dark)
-    written = [] if found.camera is None else [_save_camera(found.camera, out)]
-    return written if views is None else written + _save_views(views, slopes, samples, out)

@@ -13,7 +13,7 @@
 from lfcal.multiplex.acquisition import Acquisition, acquire_light_field
 from lfcal.multiplex.colour_filters import CFA_PATTERNS, cfa
 from lfcal.multiplex.demultiplexing import arrange, demultiplex, multiplex
-from lfcal.multiplex.lattice import SuperPixelLattice, demultiplex_lattice, lattice_channels
+from lfcal.multiplex.lattice import SuperPixelLattice, channel_grid, demultiplex_lattice, lattice_channels
 from lfcal.multiplex.masks import MASKS, mask, mask_at_distance, mask_pattern, shadow_shift_px
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 from lfcal.multiplex.noise import (
@@ -44,6 +44,7 @@ __all__ = [
     "best_mask",
     "camera_chi2",
     "cfa",
+    "channel_grid",
     "demultiplex",
     "demultiplex_lattice",
     "filter_set_frontier",

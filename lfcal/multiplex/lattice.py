@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.camera import Camera
 from lfcal.checks import check_choice, check_number, check_tuple
 from lfcal.errors import InputError
-from lfcal.lattice import LatticeFit, ViewGrid, view_grid
-from lfcal.multiplex._lattice_kernels import Reading, Sites, lattice_rows
+from lfcal.lattice import MicroImageLattice, ViewGrid, sample_views, view_grid
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
-from lfcal.threads import for_each_chunk
 
-__all__ = ["LATTICE_FILTERS", "SuperPixelLattice", "demultiplex_lattice", "lattice_channels"]
+__all__ = ["LATTICE_FILTERS", "SuperPixelLattice", "channel_grid", "demultiplex_lattice", "lattice_channels"]
 
 Array = NDArray[np.float64]
 
-LATTICE_FILTERS = {"nearest": 1, "linear": 2, "cubic": 4}
+LATTICE_FILTERS = ("nearest", "linear", "cubic")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,42 +53,51 @@ class SuperPixelLattice:
             "area of a super-pixel (px^2)", abs(ax * by - ay * bx), at_least=0.999, remedy="a period of 1 px or more"
         )
 
-    @classmethod
-    def of_fit(cls, fit: LatticeFit) -> SuperPixelLattice:
-        """Return the lattice of a `lfcal.lattice.LatticeFit`, measured on a white image."""
-        return cls(fit.kind, _pair(fit.origin_px), *map(_pair, fit.basis_px()))
-
-    @classmethod
-    def of_camera(cls, camera: Camera) -> SuperPixelLattice:
-        """Return the lattice a camera states."""
-        basis = camera.lattice.basis_um() / camera.sensor.pixel_um
-        return cls(camera.lattice.kind, _pair(camera.pixels(camera.lattice.offset_um)), *map(_pair, basis))
+    @property
+    def pitch_px(self) -> float:
+        """Distance of neighbours along a row (pixels)."""
+        return math.hypot(*self.along_px)
 
     @property
-    def pitch_px(self) -> tuple[float, float]:
-        """Distance of rows, and of neighbours along a row (pixels)."""
+    def row_pitch_px(self) -> float:
+        """Distance of neighbouring rows (pixels)."""
         (ax, ay), (bx, by) = self.along_px, self.across_px
-        length = float(np.hypot(ax, ay))
         # row distance is the cell's area over the pitch: it holds for any angle of the two vectors
-        return abs(ax * by - ay * bx) / length, length
+        return abs(ax * by - ay * bx) / self.pitch_px
 
-    def view_grid(self, shape: tuple[int, ...], margin: float) -> ViewGrid:
-        """Return the largest box of super-pixels with ``margin`` pixels of frame about their centres."""
-        return view_grid(self.kind, (self.along_px, self.across_px), self.origin_px, shape, margin)
+    @property
+    def rotation_rad(self) -> float:
+        """Angle from the +x axis to a row (rad)."""
+        return math.atan2(self.along_px[1], self.along_px[0])
 
+    def basis_px(self) -> Array:
+        """Return the lattice vectors as rows (x, y) (pixels)."""
+        return np.array([self.along_px, self.across_px])
 
-def _pair(values: Any) -> tuple[float, float]:
-    first, second = values
-    return float(first), float(second)
+    def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
+        """Return centres ``(..., 2)`` as (row, column) of super-pixels q, r."""
+        q, r = np.asarray(q, float), np.asarray(r, float)
+        (ax, ay), (bx, by) = self.along_px, self.across_px
+        centres = np.empty((*np.broadcast_shapes(q.shape, r.shape), 2))
+        centres[..., 0] = self.origin_px[0] + q * ay + r * by
+        centres[..., 1] = self.origin_px[1] + q * ax + r * bx
+        return centres
+
+    def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
+        """Return fractional indices ``(..., 2)`` as (q, r) of image points."""
+        points = np.stack(np.broadcast_arrays(np.asarray(row, float), np.asarray(column, float)), axis=-1)
+        index: Array = (points - np.array(self.origin_px)) @ np.linalg.inv(self.basis_px()[:, ::-1])
+        return index
 
 
 def lattice_channels(
     frame: ArrayLike,
-    lattice: SuperPixelLattice,
+    lattice: MicroImageLattice,
     size: int | tuple[int, int],
     *,
     spacing_px: float | tuple[float, float] | None = 1.0,
     filter: str = "linear",
+    axes: str = "lattice",
     out: NDArray[Any] | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
@@ -101,14 +108,17 @@ def lattice_channels(
     frame
         ``(rows, columns)``, background subtracted.
     lattice
-        Where the super-pixels lie; neither pitch nor angle need fit the pixels.
+        Where the super-pixels lie: a `SuperPixelLattice`, a `lfcal.lattice.LatticeFit`, or `lfcal.lattice.lattice_of` a
+        camera. Neither pitch nor angle need fit the pixels, nor need the lattice be straight.
     size
         Channels down and across, about each centre.
     spacing_px
         Distance of channels (pixels), or down and across; None divides the pitch by ``size``.
     filter
-        ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels; columns between the lenslets of a hexagonal row are
-        linear.
+        ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels; between super-pixels it is linear.
+    axes
+        ``"lattice"``: rows of super-pixels as they are, in the largest box of the lattice's own axes; ``"frame"``:
+        upright in the frame, between super-pixels (`lfcal.lattice.view_grid`).
     out
         float32 or float64 array to write to.
     workers
@@ -119,28 +129,46 @@ def lattice_channels(
     InputError
         If no super-pixel lies wholly in the frame, or an option is out of range.
     """
-    check_choice("filter", filter, tuple(LATTICE_FILTERS))
+    check_choice("filter", filter, LATTICE_FILTERS)
     image = check_frame(frame, (1, 1))
+    grid, count, step = _channel_grid(image.shape, lattice, size, spacing_px, axes)
+    result = _output(out, (*count, *grid.shape), image.dtype)
+    return sample_views(image, grid, result, step_px=step, filter=filter, workers=workers)
+
+
+def channel_grid(
+    shape: tuple[int, ...],
+    lattice: MicroImageLattice,
+    size: int | tuple[int, int],
+    *,
+    spacing_px: float | tuple[float, float] | None = 1.0,
+    axes: str = "lattice",
+) -> ViewGrid:
+    """Return which super-pixels of a frame of ``shape`` `lattice_channels` takes; raises as it does."""
+    return _channel_grid(shape, lattice, size, spacing_px, axes)[0]
+
+
+def _channel_grid(
+    shape: tuple[int, ...],
+    lattice: MicroImageLattice,
+    size: int | tuple[int, int],
+    spacing_px: float | tuple[float, float] | None,
+    axes: str,
+) -> tuple[ViewGrid, tuple[int, ...], tuple[float, float]]:
+    """Return the super-pixels, and number and distance of their channels."""
     pair = (size, size) if isinstance(size, int | np.integer) else size
     count = check_tuple("channels of a super-pixel", pair, 2, at_least=1, at_most=512, integer=True)
     step = _spacing(spacing_px, lattice, count)
     half = ((count[0] - 1) / 2 * step[0], (count[1] - 1) / 2 * step[1])
-    grid = lattice.view_grid(image.shape, max(half))
+    grid = view_grid(lattice, shape, max(half), axes=axes)
     if not min(grid.shape):
         raise InputError.expected(
             "frame",
             f"a super-pixel of {2 * half[0] + 1:.0f} x {2 * half[1] + 1:.0f} px wholly inside",
-            f"{image.shape} px",
+            f"{shape} px",
             "give a larger frame or fewer views",
         )
-    result = _output(out, (*count, *grid.shape), image.dtype)
-    near, share, centres = _lenslets(lattice, grid)
-    corner_y = np.ascontiguousarray(centres[..., 1] - half[0])
-    corner_x = np.ascontiguousarray(centres[..., 0] - half[1])
-    sites = Sites(corner_y, corner_x, near, share.astype(result.dtype))
-    reading = Reading(*step, LATTICE_FILTERS[filter])
-    for_each_chunk(lambda a, b: lattice_rows(image, sites, reading, result, a, b), len(grid.rows), workers)
-    return result
+    return grid, count, step
 
 
 def _output(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -154,30 +182,11 @@ def _output(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[An
     return out
 
 
-def _lenslets(lattice: SuperPixelLattice, grid: ViewGrid) -> tuple[NDArray[np.intp], Array, Array]:
-    """Return the lenslets of each row of the grid, as the kernel counts them.
-
-    Returns
-    -------
-    tuple
-        Number of the lenslet left of each view pixel, counted from the first one its row needs; share of the one to
-        its right; and the centres of those lenslets ``(rows, lenslets, 2)`` as (x, y) (pixels).
-    """
-    left, share = grid.neighbours()
-    # relative to the leftmost lenslet of its row, so that the kernel's tables stay short
-    base = left[:, :1]
-    q = base + np.arange(int((left - base).max()) + 2)
-    index = np.stack([q, np.broadcast_to(grid.rows[:, None], q.shape)], -1)
-    # lattices count (x, y), pixels (row, column)
-    centres: Array = index @ np.array([lattice.along_px, lattice.across_px]) + np.array(lattice.origin_px)[::-1]
-    return np.ascontiguousarray(left - base), share, centres
-
-
 def _spacing(
-    spacing: float | tuple[float, float] | None, lattice: SuperPixelLattice, count: tuple[int, ...]
+    spacing: float | tuple[float, float] | None, lattice: MicroImageLattice, count: tuple[int, ...]
 ) -> tuple[float, float]:
     if spacing is None:
-        spacing = (lattice.pitch_px[0] / count[0], lattice.pitch_px[1] / count[1])
+        spacing = (lattice.row_pitch_px / count[0], lattice.pitch_px / count[1])
     pair = spacing if isinstance(spacing, tuple) else (spacing, spacing)
     for value in check_tuple("spacing of channels (px)", pair, 2):
         check_number("spacing of channels (px)", value, above=0, at_most=1e3)
@@ -186,10 +195,11 @@ def _spacing(
 
 def demultiplex_lattice(
     frame: ArrayLike,
-    lattice: SuperPixelLattice,
+    lattice: MicroImageLattice,
     modulator: Modulator,
     *,
     filter: str = "linear",
+    axes: str = "lattice",
     rcond: float | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
@@ -210,7 +220,9 @@ def demultiplex_lattice(
             modulator.name,
             "part the colours first (lfcal.frames.channel_source)",
         )
-    channels = lattice_channels(frame, lattice, modulator.side, spacing_px=None, filter=filter, workers=workers)
+    channels = lattice_channels(
+        frame, lattice, modulator.side, spacing_px=None, filter=filter, axes=axes, workers=workers
+    )
     flat = channels.reshape(modulator.pixels, -1)
     inverse = modulator.inverse(rcond).astype(channels.dtype)
     views: NDArray[Any] = (inverse @ flat).reshape(modulator.count, *channels.shape[2:])

@@ -28,6 +28,7 @@ Lfcal = Callable[..., Run]
 COMMANDS = (
     ("plan",),
     ("white",),
+    ("views",),
     ("simulate",),
     ("assemble",),
     ("acquire",),

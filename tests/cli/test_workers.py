@@ -24,6 +24,7 @@ Lfcal = Callable[..., Run]
 
 COMPUTING = (
     ("white",),
+    ("views",),
     ("simulate",),
     ("acquire",),
     ("assemble",),

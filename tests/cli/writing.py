@@ -36,7 +36,7 @@ class Writer(NamedTuple):
 WRITERS = {
     "plan": Writer("plan bench --virtual-depths 3,4 -o out.json", "out.json", 500),
     "white": Writer("white white.tif --camera camera.json -o out", "out/camera.json", 200),
-    "white views": Writer("white white.tif --views white.tif --slopes 2,3 -o out", "out/focal_stack.tif", 2000),
+    "views": Writer("views white.tif --white white.tif --slopes 2,3 -o out", "out/focal_stack.tif", 2000),
     "simulate": Writer("simulate scan.json --level geometric -o out.h5", "out.h5", 8000),
     "assemble": Writer("assemble session/frames --dark session/dark -o out.h5", "out.h5", 8000),
     "acquire": Writer(
@@ -64,7 +64,7 @@ WRITERS = {
     "demo": Writer("demo out", "out/H.h5", 8000),
     "bench accuracy": Writer("bench accuracy bench --positions 1 -o out.png", "out.png", 3000),
 }
-LONG = {"demo", "inspect", "white", "white views", "bench accuracy"}
+LONG = {"demo", "inspect", "white", "views", "bench accuracy"}
 LONG |= {f"multiplex {name}" for name in ("compare", "show", "search", "filters", "figures")}
 """Those that take a second or more."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 __all__ = ["TARGETS", "Target"]
 
 FRAMES = ("--plan", "plan.json", "--keep-pedestal", "-o", "out.h5")
-VIEWS = ("white", "white.png", "--no-types", "--views", "white.tif", "--slopes", "0", "-o", "out")
+VIEWS = ("views", "white.tif", "--white", "white.png", "--slopes", "0", "-o", "out")
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lfcal.errors import InputError
+from lfcal.lattice import view_grid
 from lfcal.multiplex import (
     SuperPixelLattice,
     amplification,
@@ -128,10 +129,9 @@ def test_non_integer_periods(pitch: float) -> None:
     scene = 2 + np.sin(y / 17) + np.cos(x / 23)
     lattice = SuperPixelLattice("square", (30.0, 45.0), (pitch, 0.02), (-0.02, pitch))
     views = demultiplex_lattice(scene, lattice, mask("pinhole", 3), filter="cubic")
-    grid = lattice.view_grid(shape, pitch / 3)
-    rows, columns = grid.rows, grid.columns
-    place = columns[None, :, None] * np.array(lattice.along_px) + rows[:, None, None] * np.array(lattice.across_px)
-    cy, cx = place[..., 1] + 30.0, place[..., 0] + 45.0
+    # shares are those of one super-pixel each: its centre is the sample's place
+    grid = view_grid(lattice, shape, pitch / 3, axes="lattice")
+    cy, cx = np.moveaxis(grid.centres_px[grid.near[..., 0]], -1, 0)
     np.testing.assert_allclose(views[4], 2 + np.sin(cy / 17) + np.cos(cx / 23), atol=5e-3)
 
 

@@ -13,7 +13,6 @@ import tifffile
 from lfcal.camera import preset
 from lfcal.lattice import fit_lattice
 from lfcal.multiplex import (
-    SuperPixelLattice,
     camera_chi2,
     cfa,
     demultiplex,
@@ -97,12 +96,14 @@ def field(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_views_of_any_number_and_filter(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
     frame, white = (tifffile.imread(field / name).astype(np.float32) for name in ("field.tif", "white.tif"))
-    lattice = SuperPixelLattice.of_fit(fit_lattice(white))
-    for size, name in ((3, "nearest"), (5, "linear")):
+    lattice = fit_lattice(white)
+    for size, name, axes in ((3, "nearest", "lattice"), (5, "linear", "frame")):
         out = tmp_path / f"{size}.tif"
         files = (field / "field.tif", "--white", field / "white.tif", "-o", out)
-        assert lfcal("multiplex", "views", *files, "--size", size, "--filter", name).code == 0
-        wanted = lattice_channels(frame, lattice, size, filter=name)
+        run = lfcal("multiplex", "views", *files, "--size", size, "--filter", name, "--axes", axes)
+        assert run.code == 0, run.err
+        wanted = lattice_channels(frame, lattice, size, filter=name, axes=axes)
+        assert f"{size * size} views of {wanted.shape[2]} x {wanted.shape[3]} of" in run.out
         np.testing.assert_allclose(tifffile.imread(out), wanted.reshape(-1, *wanted.shape[2:]), rtol=1e-6)
 
 
@@ -111,7 +112,7 @@ def test_views_through_a_mask(lfcal, field: Path, tmp_path: Path) -> None:  # no
     out = tmp_path / "mask.tif"
     files = ("multiplex", "views", field / "field.tif", "--white", field / "white.tif", "-o", out)
     assert lfcal(*files, "--modulator", "MURA:5", "--filter", "linear").code == 0
-    lattice = SuperPixelLattice.of_fit(fit_lattice(white))
+    lattice = fit_lattice(white)
     wanted = demultiplex_lattice(frame, lattice, mask("MURA", 5), filter="linear")
     np.testing.assert_allclose(tifffile.imread(out), wanted, rtol=1e-5, atol=1e-2)
     both = lfcal(*files[:-1], tmp_path / "no.tif", "--modulator", "MURA:5", "--size", 3)

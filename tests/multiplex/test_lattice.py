@@ -9,8 +9,7 @@ import pytest
 
 from lfcal.camera import preset
 from lfcal.errors import InputError
-from lfcal.lattice.fit import LatticeFit
-from lfcal.lattice.views import extract_views
+from lfcal.lattice import LatticeFit, extract_views, lattice_of, view_grid
 from lfcal.multiplex import SuperPixelLattice, cfa, demultiplex, demultiplex_lattice, lattice_channels, mask, multiplex
 
 
@@ -25,10 +24,10 @@ def as_fit(given: SuperPixelLattice, shape: tuple[int, int]) -> LatticeFit:
     q, r = (v.ravel() for v in np.meshgrid(range(-15, 16), range(-15, 16)))
     index = np.stack([q, r], 1)
     centres = index @ np.array([given.along_px, given.across_px]) + np.array(given.origin_px)[::-1]
-    half = given.pitch_px[1] / 2
+    half = given.pitch_px / 2
     index = index[((centres >= half) & (centres <= np.array(shape[::-1]) - 1 - half)).all(1)]
     n = len(index)
-    row, pitch = given.pitch_px
+    row, pitch = given.row_pitch_px, given.pitch_px
     angle = math.atan2(given.along_px[1], given.along_px[0])
     return LatticeFit(
         given.kind,
@@ -52,8 +51,7 @@ def test_linear_channels_are_the_extracted_views(kind: str) -> None:
     given = lattice(kind)
     frame = np.random.default_rng(0).random((150, 170), np.float32)
     fit = as_fit(given, frame.shape)
-    assert SuperPixelLattice.of_fit(fit).along_px == pytest.approx(given.along_px)
-    views = extract_views(frame, fit, radius_px=5.0)
+    views = extract_views(frame, fit, radius_px=5.0, axes="lattice")
     channels = lattice_channels(frame, given, 11)
     assert channels.shape == views.images.shape
     np.testing.assert_allclose(channels, views.images, atol=2e-5)
@@ -65,12 +63,12 @@ def test_filters_keep_polynomials(name: str, power: int, spacing: float) -> None
     given = lattice("square")
     y, x = np.mgrid[:150, :170] / 100.0
     channels = lattice_channels(y**power + x**power, given, 9, spacing_px=spacing, filter=name)
-    grid = given.view_grid((150, 170), 4 * spacing)
-    rows, columns = grid.rows, grid.columns
+    grid = view_grid(given, (150, 170), 4 * spacing, axes="lattice")
+    rows, columns = (np.arange(n) for n in grid.shape)
     place = columns[None, :, None] * given.along_px + rows[:, None, None] * np.array(given.across_px)
     offsets = (np.arange(9) - 4) * spacing
-    cy = (place[..., 1] + given.origin_px[0] + offsets[:, None, None, None]) / 100
-    cx = (place[..., 0] + given.origin_px[1] + offsets[None, :, None, None]) / 100
+    cy = (place[..., 1] + grid.corner_px[0] + offsets[:, None, None, None]) / 100
+    cx = (place[..., 0] + grid.corner_px[1] + offsets[None, :, None, None]) / 100
     # away from the border, where samples are repeated
     inner = (..., slice(1, -1), slice(1, -1))
     np.testing.assert_allclose(channels[inner], (cy**power + cx**power)[inner], atol=1e-10)
@@ -112,10 +110,10 @@ def test_mask_of_non_integer_period() -> None:
 
 
 def test_camera_lattice_and_threads() -> None:
-    given = SuperPixelLattice.of_camera(preset("r29"))
-    assert given.kind == "hexagonal" and given.pitch_px[1] == pytest.approx(31.7)
-    assert given.origin_px == pytest.approx(((4384 - 1) / 2, (6576 - 1) / 2))
-    near = SuperPixelLattice("hexagonal", (40.0, 50.0), given.along_px, given.across_px)
+    given = lattice_of(preset("r29"))
+    assert given.kind == "hexagonal" and given.pitch_px == pytest.approx(31.7)
+    assert given.centres_px(0, 0) == pytest.approx(((4384 - 1) / 2, (6576 - 1) / 2))
+    near = SuperPixelLattice("hexagonal", (40.0, 50.0), *given.basis_px().tolist())
     frame = np.random.default_rng(2).integers(0, 4096, (220, 260)).astype(np.uint16)
     one = lattice_channels(frame, near, 31, filter="cubic", workers=1)
     np.testing.assert_array_equal(one, lattice_channels(frame, near, 31, filter="cubic", workers=3))

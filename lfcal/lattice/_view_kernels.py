@@ -1,0 +1,227 @@
+"""Compiled inner loops of views: the pixels under each lenslet of any lattice, and the largest box of good samples.
+
+Measurement (v, u) of lenslet m is the frame at corner[m] + step * (v, u), between pixels by
+convolution with a kernel of 1, 2 or 4 taps: nearest, linear, or cubic (Keys 1981, a = -1/2).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.compiled import njit
+
+__all__ = ["Reading", "Sites", "largest_box", "sample_rows"]
+
+Float = NDArray[Any]
+
+TOGETHER = 8
+"""Rows of samples taken at a time."""
+
+CACHED = 1 << 15
+"""Measurements that are kept at a time: they stay in the processor's cache."""
+
+
+class Sites(NamedTuple):
+    """Where lenslets begin, and what share each has in which sample."""
+
+    corner: Float  # (lenslets, 2): first measurement (row, column) of each lenslet (pixels)
+    near: NDArray[np.int32]  # (rows, columns, k): lenslets of a sample, numbered about in the order of the rows
+    share: Float  # (rows, columns, k): share of each of them
+
+
+class Reading(NamedTuple):
+    """How a lenslet's measurements are read from the frame."""
+
+    step_y: float  # distance of measurements (pixels)
+    step_x: float
+    taps: int  # 1 nearest, 2 linear, 4 cubic
+
+
+@njit()
+def _along(strip: Float, weights: Float, line: Float) -> None:
+    """Write the weighted sum of neighbours of ``strip`` to ``line``."""
+    n = line.size
+    # weights in variables, not in memory: the loops over k then run in vectors
+    if weights.size == 4:
+        a, b, c, d = weights[0], weights[1], weights[2], weights[3]
+        for k in range(n):
+            line[k] = a * strip[k] + b * strip[k + 1] + c * strip[k + 2] + d * strip[k + 3]
+    elif weights.size == 2:
+        a, b = weights[0], weights[1]
+        for k in range(n):
+            line[k] = a * strip[k] + b * strip[k + 1]
+    else:
+        line[:] = strip
+
+
+@njit()
+def _taps(place: float, taps: int, weights: Float) -> int:
+    """Fill the weights of the samples about ``place`` and return the sample at or before it."""
+    if taps == 1:
+        weights[0] = 1
+        return int(np.floor(place + 0.5))
+    first = int(np.floor(place))
+    t = place - first
+    if taps == 2:
+        weights[0] = 1 - t
+        weights[1] = t
+        return first
+    # Keys's kernel by Horner's rule; the four sum to 1 for every t
+    weights[0] = ((-0.5 * t + 1) * t - 0.5) * t
+    weights[1] = (1.5 * t - 2.5) * t * t + 1
+    weights[2] = ((-1.5 * t + 2) * t + 0.5) * t
+    weights[3] = (0.5 * t - 0.5) * t * t
+    return first
+
+
+@njit()
+def _by_pixel(frame: NDArray[Any], top: int, wy: Float, wx: Float, x0: NDArray[np.intp], line: Float) -> None:
+    """Read one row of a lenslet's measurements where they are not a pixel apart, or where the frame's border is near.
+
+    Pixels outside the frame repeat its border. Of measurements a pixel apart only the first has weights ``wx``
+    (1, taps) and a first pixel ``x0`` (1,).
+    """
+    high, wide = frame.shape
+    line[:] = 0
+    for i in range(wy.size):
+        row = frame[min(max(top + i, 0), high - 1)]
+        for u in range(line.size):
+            m = min(u, x0.size - 1)
+            first = x0[m] + u - m
+            for s in range(wy.size):
+                line[u] += wy[i] * wx[m, s] * row[min(max(first + s, 0), wide - 1)]
+
+
+@njit()
+def _mix(lines: Float, near: NDArray[np.int32], share: Float, mixed: Float) -> None:
+    """Write to ``mixed`` ``(columns, across)`` the lines of each sample's one to four lenslets by their shares."""
+    most, across = near.shape[1], mixed.shape[1]
+    for c in range(near.shape[0]):
+        row, one, a = mixed[c], lines[near[c, 0]], share[c, 0]
+        if most == 1 or a == 1:
+            for u in range(across):
+                row[u] = a * one[u]
+            continue
+        # all lenslets in one loop: it runs in vectors, and rows are short
+        two, b = lines[near[c, 1]], share[c, 1]
+        if most == 2:
+            for u in range(across):
+                row[u] = a * one[u] + b * two[u]
+            continue
+        three, d = lines[near[c, 2]], share[c, 2]
+        four, e = lines[near[c, most - 1]], share[c, 3] if most == 4 else share.dtype.type(0)
+        for u in range(across):
+            row[u] = a * one[u] + b * two[u] + d * three[u] + e * four[u]
+
+
+@njit()
+def _used(near: NDArray[np.int32], share: Float, place: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the numbers of the lenslets that have a share, each once and rising; fill each one's ``place`` there."""
+    low, high = 2**31 - 1, -1
+    for r, c, k in np.ndindex(near.shape):
+        if share[r, c, k] != 0:
+            low, high = min(low, int(near[r, c, k])), max(high, int(near[r, c, k]))
+    table = np.zeros(max(high - low + 1, 0), np.int32)
+    for r, c, k in np.ndindex(near.shape):
+        if share[r, c, k] != 0:
+            table[near[r, c, k] - low] = 1
+    used, count = np.empty(table.size, np.int32), 0
+    for m in range(table.size):
+        if table[m]:
+            table[m], used[count] = count, low + m
+            count += 1
+    for r, c, k in np.ndindex(near.shape):
+        place[r, c, k] = table[near[r, c, k] - low] if share[r, c, k] != 0 else 0
+    return used[:count]
+
+
+@njit()
+def _read(frame: NDArray[Any], corner: Float, first: int, reading: Reading, lines: Float) -> None:
+    """Read rows ``first …`` of the measurements of lenslets ``corner`` ``(n, 2)`` to ``lines`` ``(n, v, across)``."""
+    step_x, taps = reading.step_x, reading.taps
+    (high, wide), across = frame.shape, lines.shape[2]
+    reach = (taps - 1) // 2
+    even = step_x == 1.0  # measurements a pixel apart share their weights
+    places = 1 if even else across
+    wy = np.empty(taps, lines.dtype)
+    wx, x0 = np.empty((places, taps), lines.dtype), np.empty(places, np.intp)
+    strip = np.empty(across + taps - 1, lines.dtype)
+    for m in range(len(corner)):
+        for u in range(places):
+            x0[u] = _taps(corner[m, 1] + u * step_x, taps, wx[u]) - reach
+        for v in range(lines.shape[1]):
+            top = _taps(corner[m, 0] + (first + v) * reading.step_y, taps, wy) - reach
+            inside = even and top >= 0 and top + taps <= high and x0[0] >= 0 and x0[0] + strip.size <= wide
+            if not inside:
+                _by_pixel(frame, top, wy, wx, x0, lines[m, v])
+                continue
+            # down first, then along: both reuse what lies next to each other
+            for i in range(taps):
+                part = frame[top + i, x0[0] : x0[0] + strip.size]
+                w = wy[i]
+                for k in range(strip.size):
+                    strip[k] = w * part[k] if i == 0 else strip[k] + w * part[k]
+            _along(strip, wx[0], lines[m, v])
+
+
+@njit()
+def sample_rows(frame: NDArray[Any], sites: Sites, reading: Reading, out: Float, start: int, stop: int) -> None:
+    """Write rows ``start … stop`` of the samples to ``out`` ``(down, across, rows, columns)``.
+
+    A sample is the sum of its lenslets' measurements by their shares; lenslets without a share count for nothing.
+    Rows are taken some at a time: neighbouring ones need the same lenslets, each of which is read once.
+    """
+    # arrays out of their records before the loops: inside, each access would count references
+    near, share = sites.near, sites.share
+    (down, across), columns = out.shape[:2], out.shape[3]
+    for first in range(start, stop, TOGETHER):
+        last = min(first + TOGETHER, stop)
+        place = np.empty(near[first:last].shape, np.int32)
+        used = _used(near[first:last], share[first:last], place)
+        # one line at least: samples without lenslets take nothing of it
+        corner, lenses = sites.corner[used], max(len(used), 1)
+        group = min(down, max(1, CACHED // (lenses * across)))
+        for v in range(0, down, group):
+            count = min(group, down - v)
+            lines = np.zeros((lenses, count, across), out.dtype)
+            _read(frame, corner, v, reading, lines)
+            flat, mixed = lines.reshape(lenses, count * across), np.empty((columns, count * across), out.dtype)
+            for r in range(first, last):
+                # a sample's lenslets are added along v and u, where memory is contiguous
+                _mix(flat, place[r - first], share[r], mixed)
+                for k in range(count * across):
+                    target = out[v + k // across, k % across, r]
+                    for c in range(columns):
+                        target[c] = mixed[c, k]
+
+
+@njit()
+def largest_box(good: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """Return the largest box ``top, bottom, left, right`` of true values only, its ends excluded; zeros without one.
+
+    Row by row, the columns' heights of true values make a histogram; a stack holds those that may still widen.
+    """
+    rows, columns = good.shape
+    height, starts = np.zeros(columns, np.intp), np.empty(columns + 1, np.intp)
+    levels = np.empty(columns + 1, np.intp)
+    best, box = 0, (0, 0, 0, 0)
+    for r in range(rows):
+        count = 0
+        for c in range(columns + 1):
+            now = 0
+            if c < columns:
+                height[c] = height[c] + 1 if good[r, c] else 0
+                now = height[c]
+            start = c
+            while count > 0 and levels[count - 1] >= now:
+                count -= 1
+                start = starts[count]
+                area = levels[count] * (c - start)
+                if area > best:
+                    best, box = area, (r + 1 - levels[count], r + 1, start, c)
+            starts[count], levels[count] = start, now
+            count += 1
+    return box

@@ -1,0 +1,299 @@
+"""What views ask of a lattice of micro-images, and the lattices that answer: of a camera, cropped, of one lens type."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera import Camera
+from lfcal.checks import check_tuple
+from lfcal.errors import InputError
+
+__all__ = [
+    "CameraLattice",
+    "CroppedLattice",
+    "FrameLattice",
+    "MicroImageLattice",
+    "TypeLattice",
+    "cropped",
+    "lattice_of",
+    "type_lattice",
+]
+
+Array = NDArray[np.float64]
+TypeOf = Callable[[ArrayLike, ArrayLike], NDArray[np.intp]]
+"""Lens types of lenslets q, r."""
+
+INVERSE_PX, INVERSE_ROUNDS = 1e-8, 25
+"""The index of a point is sought until its lenslet's centre lies this close to the point (pixels)."""
+
+
+class MicroImageLattice(Protocol):
+    """Where micro-images lie: all that is needed to cut views. `LatticeFit` is one, `CameraLattice` another."""
+
+    @property
+    def kind(self) -> str:
+        """``"square"`` or ``"hexagonal"``."""
+
+    @property
+    def pitch_px(self) -> float:
+        """Distance of neighbours along a row (pixels)."""
+
+    @property
+    def row_pitch_px(self) -> float:
+        """Distance of neighbouring rows (pixels)."""
+
+    @property
+    def rotation_rad(self) -> float:
+        """Angle from the +x (column) axis to a row, positive towards +y (down) (rad)."""
+
+    def basis_px(self) -> Array:
+        """Return the lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
+
+    def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
+        """Return centres ``(..., 2)`` as (row, column) of lenslets q (in row), r (row)."""
+
+    def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
+        """Return fractional lattice indices ``(..., 2)`` as (q, r) of image points."""
+
+
+class FrameLattice(MicroImageLattice, Protocol):
+    """A lattice of micro-images on frames of one shape."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the frames."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraLattice:
+    """The lattice that a camera description states, on its whole sensor."""
+
+    camera: Camera
+
+    @property
+    def kind(self) -> str:
+        """``"square"`` or ``"hexagonal"``."""
+        return self.camera.lattice.kind
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the sensor."""
+        return self.camera.sensor.shape
+
+    @property
+    def pitch_px(self) -> float:
+        """Distance of neighbours along a row (pixels)."""
+        return self.camera.pitch_px
+
+    @property
+    def row_pitch_px(self) -> float:
+        """Distance of neighbouring rows (pixels)."""
+        return self.camera.lattice.row_step_um / self.camera.sensor.pixel_um
+
+    @property
+    def rotation_rad(self) -> float:
+        """Angle from the +x axis to a row (rad)."""
+        return self.camera.lattice.rotation_rad
+
+    def basis_px(self) -> Array:
+        """Return the lattice vectors as rows (x, y) (pixels)."""
+        return self.camera.lattice.basis_um() / self.camera.sensor.pixel_um
+
+    def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
+        """Return centres ``(..., 2)`` as (row, column) of lenslets q, r."""
+        return self.camera.pixels(self.camera.lattice.centres_um(q, r))
+
+    def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
+        """Return fractional indices ``(..., 2)`` as (q, r) of image points: the inverse of `centres_px`."""
+        points = np.stack(np.broadcast_arrays(np.asarray(row, float), np.asarray(column, float)), axis=-1)
+        inverse = np.linalg.inv(self.basis_px())
+        index: Array = (points - self.centres_px(0, 0))[..., ::-1] @ inverse
+        # a distorted lattice differs little from its basis: each round leaves a few per cent of the distance
+        for _ in range(INVERSE_ROUNDS):
+            off = points - self.centres_px(index[..., 0], index[..., 1])
+            index = index + off[..., ::-1] @ inverse
+            if not off.size or np.abs(off).max() < INVERSE_PX:
+                break
+        return index
+
+
+@dataclass(frozen=True, slots=True)
+class CroppedLattice:
+    """The lattice on frames that are a part of its sensor: ``origin`` is the sensor's pixel of their first."""
+
+    whole: FrameLattice
+    shape: tuple[int, int]
+    origin: tuple[int, int]
+
+    @property
+    def kind(self) -> str:
+        """``"square"`` or ``"hexagonal"``."""
+        return self.whole.kind
+
+    @property
+    def pitch_px(self) -> float:
+        """Distance of neighbours along a row (pixels)."""
+        return self.whole.pitch_px
+
+    @property
+    def row_pitch_px(self) -> float:
+        """Distance of neighbouring rows (pixels)."""
+        return self.whole.row_pitch_px
+
+    @property
+    def rotation_rad(self) -> float:
+        """Angle from the +x axis to a row (rad)."""
+        return self.whole.rotation_rad
+
+    def basis_px(self) -> Array:
+        """Return the lattice vectors as rows (x, y) (pixels)."""
+        return self.whole.basis_px()
+
+    def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
+        """Return centres ``(..., 2)`` as (row, column) in the part."""
+        centres: Array = self.whole.centres_px(q, r) - np.array(self.origin, float)
+        return centres
+
+    def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
+        """Return fractional indices ``(..., 2)`` as (q, r) of points in the part."""
+        return self.whole.lenslet_at(np.asarray(row) + self.origin[0], np.asarray(column) + self.origin[1])
+
+
+@dataclass(frozen=True, slots=True)
+class TypeLattice:
+    """The lenslets of one of three types: again a hexagonal lattice, sqrt(3) as wide and turned by -30 degrees.
+
+    Lenslet (Q, R) of it is ``(first + 2 Q + R, R - Q)`` of ``every``: a step of (2, -1) or (1, 1) keeps the type,
+    which is that of ``(q - r) mod 3``.
+    """
+
+    every: FrameLattice
+    first: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the frames."""
+        return self.every.shape
+
+    @property
+    def kind(self) -> str:
+        """``"hexagonal"``."""
+        return "hexagonal"
+
+    @property
+    def pitch_px(self) -> float:
+        """Distance of neighbours along a row (pixels)."""
+        return float(np.hypot(*self.basis_px()[0]))
+
+    @property
+    def row_pitch_px(self) -> float:
+        """Distance of neighbouring rows (pixels)."""
+        return abs(float(np.linalg.det(self.basis_px()))) / self.pitch_px
+
+    @property
+    def rotation_rad(self) -> float:
+        """Angle from the +x axis to a row (rad)."""
+        x, y = self.basis_px()[0]
+        return math.atan2(y, x)
+
+    def basis_px(self) -> Array:
+        """Return the lattice vectors as rows (x, y) (pixels)."""
+        basis: Array = np.array([[2.0, -1.0], [1.0, 1.0]]) @ self.every.basis_px()
+        return basis
+
+    def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
+        """Return centres ``(..., 2)`` as (row, column) of lenslets Q, R."""
+        along, across = np.asarray(q), np.asarray(r)
+        return self.every.centres_px(self.first + 2 * along + across, across - along)
+
+    def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
+        """Return fractional indices ``(..., 2)`` as (Q, R) of image points."""
+        return self._own(*np.moveaxis(self.every.lenslet_at(row, column), -1, 0))
+
+    def among(self, lenslets: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+        """Return those of the lenslets (q, r) that are of this type, as (Q, R)."""
+        mine = [(q, r) for q, r in lenslets if (q - r - self.first) % 3 == 0]
+        return [(int(i), int(j)) for i, j in (self._own(np.asarray(q), np.asarray(r)) for q, r in mine)]
+
+    def _own(self, q: NDArray[Any], r: NDArray[Any]) -> Array:
+        return np.stack([(q - self.first - r) / 3, (q - self.first + 2 * r) / 3], axis=-1)
+
+
+def lattice_of(
+    camera: Camera, shape: Sequence[int] | None = None, origin: tuple[int, int] | None = None
+) -> FrameLattice:
+    """Return the lattice that ``camera`` states, on its frames or on parts of them.
+
+    Parameters
+    ----------
+    camera
+        A described camera; no white image is needed.
+    shape
+        Rows and columns of the frames; by default those of the sensor.
+    origin
+        Row and column on the sensor of the frames' first pixel, where they are a part of it.
+
+    Raises
+    ------
+    InputError
+        If the frames are of another shape and nothing is said of where they lie, or do not lie on the sensor.
+    """
+    whole = CameraLattice(camera)
+    return cropped(whole, whole.shape if shape is None else shape, origin)
+
+
+def cropped(lattice: FrameLattice, shape: Sequence[int], origin: tuple[int, int] | None = None) -> FrameLattice:
+    """Return ``lattice`` on frames of ``shape`` whose first pixel is the pixel ``origin`` (row, column) of its own.
+
+    Raises
+    ------
+    InputError
+        As `lattice_of`.
+    """
+    rows, columns = (int(n) for n in shape)
+    if origin is None:
+        if (rows, columns) == tuple(lattice.shape):
+            return lattice
+        raise InputError.expected(
+            "frame",
+            f"the {_by(lattice.shape)} pixels of the sensor",
+            _by((rows, columns)),
+            "give a whole frame, or the row and column on the sensor of its first pixel (--origin ROW,COLUMN)",
+        )
+    top, left = check_tuple("origin of the frame (row, column)", origin, 2, at_least=0, integer=True)
+    if top + rows > lattice.shape[0] or left + columns > lattice.shape[1]:
+        raise InputError.expected(
+            "frame",
+            f"a part of the {_by(lattice.shape)} pixels of the sensor",
+            f"{_by((rows, columns))} from row {top}, column {left} on",
+            "correct its origin, or choose the camera it was taken with",
+        )
+    return CroppedLattice(lattice, (rows, columns), (top, left))
+
+
+def _by(shape: Sequence[int]) -> str:
+    return f"{shape[0]} x {shape[1]}"
+
+
+def type_lattice(lattice: FrameLattice, type_of: TypeOf, lens_type: int) -> TypeLattice:
+    """Return the lenslets of one of three types as a lattice of their own.
+
+    ``type_of`` is that of `LensTypes` or of the camera's lattice.
+
+    Raises
+    ------
+    InputError
+        If the lattice has no three types.
+    """
+    found = [q for q in range(3) if lattice.kind == "hexagonal" and int(type_of(q, 0)) == lens_type]
+    if len(found) != 1:
+        raise InputError.expected(
+            "lattice", f"three lens types, one of them number {lens_type}", lattice.kind, "leave the types out"
+        )
+    return TypeLattice(lattice, found[0])

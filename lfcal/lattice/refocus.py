@@ -1,0 +1,111 @@
+"""Images focused at a depth, from sub-aperture views."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, MainLens
+from lfcal.checks import check_number
+from lfcal.lattice.views import Views
+
+__all__ = ["MIN_WEIGHT", "refocus", "sensor_slope", "virtual_depth_of_slope"]
+
+Image = NDArray[np.float32]
+MIN_WEIGHT = 0.05
+"""Where less than this share of the best-lit place is seen, a refocused image is left at zero."""
+
+
+def sensor_slope(camera: Camera, z_um: float) -> float:
+    """Return by how many micro-image distances a point at depth ``z_um`` moves per distance within a micro-image.
+
+    A point whose chief ray meets the sensor at S is seen at c + (S - c)/w below the lenslet whose micro-image
+    is centred at c, w = (a/B) (b + B)/(b + a): the virtual depth, but for the perspective of a main lens.
+    """
+    a = camera.image_shift_um(z_um)
+    v = a / camera.lattice.gap_um
+    if not isinstance(camera.optics, MainLens):
+        return v
+    b = camera.optics.image_distance_um
+    return v * (b + camera.lattice.gap_um) / (b + a)
+
+
+def virtual_depth_of_slope(camera: Camera, slope: float) -> float:
+    """Return the virtual depth of the plane with a slope: what `sensor_slope` says, read backwards.
+
+    Raises
+    ------
+    InputError
+        If no plane has this slope: behind a main lens it grows to (b + B)/B at most.
+    """
+    if not isinstance(camera.optics, MainLens):
+        return slope
+    b, gap = camera.optics.image_distance_um, camera.lattice.gap_um
+    limit = (b + gap) / gap
+    check_number("slope", slope, below=limit, remedy="choose a plane nearer to the lenslets")
+    return slope * b / (b + gap - slope * gap)
+
+
+def refocus(views: Views, slopes: Sequence[float], *, samples: int = 1) -> Image:
+    """Return the images focused at ``slopes``, ``(n, rows * samples, columns * samples)`` float32.
+
+    Views are shifted against each other and added: at S, the light at offset u below the micro-image at
+    S - w u, divided by the sum of the weights there (Ng et al. 2005, for points behind and before
+    the lenslets alike).
+
+    Parameters
+    ----------
+    views
+        From `extract_views`.
+    slopes
+        Slope w of each plane, 0 in the plane of the lenslets: `sensor_slope`.
+    samples
+        Samples per view sample along each side: more than one where the planes lie off the lenslets, for there
+        the views interleave.
+
+    Raises
+    ------
+    InputError
+        If a slope or ``samples`` is out of range.
+    """
+    check_number("samples per lenslet", samples, at_least=1, at_most=32, integer=True)
+    rows, columns = views.shape
+    stack = np.empty((len(slopes), rows * samples, columns * samples), np.float32)
+    for k, slope in enumerate(slopes):
+        check_number("slope", slope, at_least=-1e3, at_most=1e3)
+        stack[k] = _refocus_one(views, float(slope), samples)
+    return stack
+
+
+def _refocus_one(views: Views, slope: float, samples: int) -> Image:
+    import cv2
+
+    rows, columns = views.shape
+    fine = [((np.arange(n * samples) + 0.5) / samples - 0.5).astype(np.float32) for n in (rows, columns)]
+    total = np.zeros((rows * samples, columns * samples), np.float32)
+    weight = np.zeros_like(total)
+    turn = (math.cos(views.rotation_rad), math.sin(views.rotation_rad))
+    for j, v in enumerate(views.offsets):
+        for i, u in enumerate(views.offsets):
+            mask = views.weights[j, i]
+            if not mask.any():
+                continue
+            # offsets count along the pixels, the samples of a view along the lattice
+            down, right = turn[0] * v - turn[1] * u, turn[0] * u + turn[1] * v
+            shift = (slope * down / views.step_px[0], slope * right / views.step_px[1])
+            # an affine map: destination to source, both in view samples
+            move = np.array([[1 / samples, 0, fine[1][0] - shift[1]], [0, 1 / samples, fine[0][0] - shift[0]]])
+            for target, source in ((total, views.images[j, i]), (weight, mask)):
+                target += cv2.warpAffine(
+                    source,
+                    move,
+                    (columns * samples, rows * samples),
+                    flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                    borderValue=0,
+                )
+    # where hardly any view sees the plane, a ratio of two small numbers would show noise
+    least = max(MIN_WEIGHT * float(weight.max()), 1e-30)
+    return np.where(weight > least, total / np.maximum(weight, least), 0).astype(np.float32)

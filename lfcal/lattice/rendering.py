@@ -1,0 +1,199 @@
+"""Images of the focused plenoptic camera: planes at their depths, lens types by their sharpness, all in focus.
+
+Behind lenslets that are focused on the scene a micro-image is a small picture: places between the lenslets are seen
+at the resolution of the pixels, which views, whose samples are lenslets, do not have (Georgiev and Lumsdaine 2010).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera import Camera
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+from lfcal.lattice._rendering_kernels import Plane, render_rows
+from lfcal.lattice.lens_types import expected_blur
+from lfcal.lattice.micro_images import FrameLattice, TypeOf
+from lfcal.lattice.refocus import MIN_WEIGHT, virtual_depth_of_slope
+from lfcal.lattice.view_grid import ViewGrid, view_grid
+from lfcal.lattice.views import RADIUS, less_dark
+from lfcal.threads import for_each_chunk
+
+__all__ = ["MIN_SLOPE", "RenderedPlanes", "check_slopes", "render", "sharpness_shares", "total_focus"]
+
+Image = NDArray[np.float32]
+Array = NDArray[np.float64]
+
+MIN_SLOPE = 1.5
+"""Planes nearer to the lenslets have places that no lenslet sees; there views are refocused instead."""
+
+FLOOR_PX = 1.0
+"""Blur of a lenslet in focus: a pixel, and the diffraction of a lenslet that is made for it (pixels)."""
+
+WINDOW = 0.5
+"""Standard deviation of the window in which the disagreement of lenslets is averaged (view samples)."""
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedPlanes:
+    """The scene as it would look on planes at several depths.
+
+    Attributes
+    ----------
+    images
+        ``(n, rows, columns)`` float32: light relative to the white frame's; 0 where no lenslet looks.
+    disagreement
+        ``(n, rows, columns)`` float32: variance of what the lenslets say of each place: least where the scene lies
+        on the plane. Infinite where fewer than two look.
+    slopes
+        The planes' slopes (`sensor_slope`).
+    grid
+        Views' samples, of which each side holds ``samples`` of the images'.
+    """
+
+    images: Image = field(repr=False)
+    disagreement: Image = field(repr=False)
+    slopes: tuple[float, ...]
+    grid: ViewGrid
+    samples: int
+
+
+def sharpness_shares(camera: Camera, slope: float) -> tuple[float, ...]:
+    """Return what each lens type counts for at a slope: 1 for the sharpest, as one over the square of the blur.
+
+    The blur on the sensor is ``d |1/v - 1/v_focus|`` of clear diameter d, and a pixel at least.
+    """
+    diameter = camera.lattice.clear_diameter_um / camera.sensor.pixel_um
+    blur = diameter * np.array(expected_blur(camera, virtual_depth_of_slope(camera, slope)))
+    shares = 1 / (blur**2 + FLOOR_PX**2)
+    return tuple((shares / shares.max()).tolist())
+
+
+def render(
+    frame: ArrayLike,
+    lattice: FrameLattice,
+    slopes: Sequence[float],
+    *,
+    type_of: TypeOf | None = None,
+    shares: Sequence[Sequence[float]] | None = None,
+    white: ArrayLike | None = None,
+    dark: ArrayLike | float = 0.0,
+    radius_px: float | None = None,
+    samples: int = 4,
+    workers: int | None = None,
+) -> RenderedPlanes:
+    """Return images of the planes at ``slopes``, each place the mean of what all lenslets that see it show.
+
+    A place S on the plane of slope w is seen below the lenslet whose micro-image is centred at c at c + (S - c)/w.
+
+    Parameters
+    ----------
+    frame, lattice, white, dark, radius_px
+        As `extract_views`.
+    slopes
+        Slope of each plane, at least `MIN_SLOPE` or at most its negative.
+    type_of, shares
+        Lens type of lenslets q, r, and for each plane what each type counts for: `sharpness_shares`, or 1 for one
+        type and 0 for the others. By default all count alike.
+    samples
+        Samples along each side of a view's sample.
+    workers
+        Threads.
+
+    Raises
+    ------
+    InputError
+        If a frame does not fit the lattice, or a slope or number is out of range.
+    """
+    check_number("samples per lenslet", samples, at_least=1, at_most=32, integer=True)
+    check_slopes(slopes)
+    radius = RADIUS * min(lattice.pitch_px, lattice.row_pitch_px) if radius_px is None else radius_px
+    check_number("radius of the micro-images (px)", radius, at_least=1, at_most=lattice.pitch_px)
+    light, lit = less_dark(frame, dark, lattice, "light-field frame"), _lit(white, dark, lattice)
+    grid = view_grid(lattice, lattice.shape, float(np.floor(radius)))
+    size = (grid.shape[0] * samples, grid.shape[1] * samples)
+    images, spread = np.empty((len(slopes), *size), np.float32), np.empty((len(slopes), *size), np.float32)
+    index = np.rint(lattice.lenslet_at(*grid.centres_px.T)).astype(np.intp)
+    for k, slope in enumerate(slopes):
+        weight = np.ones(len(index))
+        if type_of is not None and shares is not None:
+            weight = np.array(shares[k], float)[type_of(index[:, 0], index[:, 1])]
+        lenslets = np.column_stack([grid.centres_px, weight])[weight > 0]
+        plane = _plane(float(slope), radius, grid, samples)
+        sums = np.zeros((4, *size), np.float32)
+
+        def work(a: int, b: int, into: Image = sums, near: Array = lenslets, at: Plane = plane) -> None:
+            render_rows(light, lit, near, at, into, (a, b))
+
+        for_each_chunk(work, size[0], workers)
+        images[k], spread[k] = _mean_and_variance(sums)
+    return RenderedPlanes(images, spread, tuple(map(float, slopes)), grid, samples)
+
+
+def check_slopes(slopes: Sequence[float]) -> None:
+    """Raise `InputError` unless every plane is one that `render` can make."""
+    for slope in slopes:
+        check_number("slope", slope, at_least=-1e3, at_most=1e3)
+        if abs(slope) < MIN_SLOPE:
+            raise InputError.expected(
+                "slope of a plane seen by lens types",
+                f"one beyond ±{MIN_SLOPE:g}",
+                f"{slope:g}",
+                "leave the plane out, or refocus views without types",
+            )
+
+
+def _lit(white: ArrayLike | None, dark: ArrayLike | float, lattice: FrameLattice) -> Image:
+    """Return the white light of every pixel, 1 at its brightest places and 0 where there is hardly any."""
+    if white is None:
+        return np.ones(tuple(lattice.shape), np.float32)
+    lit = less_dark(white, dark, lattice, "white frame")
+    lit /= np.float32(max(float(np.percentile(lit, 99)), 1e-30))
+    # hardly lit pixels say nothing but noise
+    lit[lit < MIN_WEIGHT] = 0
+    return lit
+
+
+def _plane(slope: float, radius: float, grid: ViewGrid, samples: int) -> Plane:
+    corner = [c + (0.5 / samples - 0.5) * step for c, step in zip(grid.corner_px, grid.step_px, strict=True)]
+    return Plane(slope, float(radius), corner[0], corner[1], grid.step_px[0] / samples, grid.step_px[1] / samples)
+
+
+def _mean_and_variance(sums: Image) -> tuple[Image, Image]:
+    """Return the weighted mean, and the variance free of bias (infinite where fewer than two lenslets look)."""
+    weight, light, square, squared_weight = sums
+    # places that only blurred types see are shown, too
+    seen = weight > 0
+    total = np.where(seen, weight, 1)
+    mean = np.where(seen, light / total, 0).astype(np.float32)
+    # one over the effective number of lenslets
+    single = squared_weight / total**2
+    several = seen & (single < 0.9)
+    variance = np.maximum(square / total - mean**2, 0) / np.where(several, 1 - single, 1)
+    return mean, np.where(several, variance, np.inf).astype(np.float32)
+
+
+def total_focus(planes: RenderedPlanes) -> tuple[Image, Image]:
+    """Return the image that is in focus everywhere, and the slope of the plane taken at each place.
+
+    The plane is the one on which the lenslets disagree least, in a small window: where the scene has no texture it
+    means nothing, and the image is the same on all planes.
+    """
+    import cv2
+
+    if not planes.slopes:
+        raise InputError.expected("planes", "one or more", 0, "give slopes")
+    sigma = WINDOW * planes.samples
+    cost = np.empty_like(planes.disagreement)
+    for k, spread in enumerate(planes.disagreement):
+        known = np.isfinite(spread).astype(np.float32)
+        near = cv2.GaussianBlur(known, (0, 0), sigma)
+        summed = cv2.GaussianBlur(np.where(known > 0, spread, 0).astype(np.float32), (0, 0), sigma)
+        cost[k] = np.where(near > 0.5, summed / np.maximum(near, 0.5), np.inf)
+    best = cost.argmin(0)
+    image: Image = np.take_along_axis(planes.images, best[None], axis=0)[0]
+    return image, np.array(planes.slopes, np.float32)[best]

@@ -1,0 +1,39 @@
+"""The one extractor: what the lenslets of a grid see, at any offsets from their centres."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.lattice._view_kernels import Reading, Sites, sample_rows
+from lfcal.lattice.view_grid import ViewGrid
+from lfcal.threads import for_each_chunk
+
+__all__ = ["TAPS", "sample_views"]
+
+TAPS = {"nearest": 1, "linear": 2, "cubic": 4}
+"""Pixels along each side that a filter takes."""
+
+
+def sample_views(
+    frame: NDArray[Any],
+    grid: ViewGrid,
+    out: NDArray[Any],
+    *,
+    step_px: tuple[float, float] = (1.0, 1.0),
+    filter: str = "linear",
+    workers: int | None = None,
+) -> NDArray[Any]:
+    """Fill ``out`` ``(nv, nu, rows, columns)`` with the views of a frame, and return it.
+
+    View (v, u) is the frame at each lenslet's centre + ``step_px`` (v - (nv - 1)/2, u - (nu - 1)/2), down and right
+    along the pixels, between pixels by ``filter`` (`TAPS`); each sample is its lenslets' by their shares, 0 where none
+    sees it. float32 or float64.
+    """
+    half = ((out.shape[0] - 1) / 2 * step_px[0], (out.shape[1] - 1) / 2 * step_px[1])
+    sites = Sites(grid.centres_px - np.array(half), grid.near, np.ascontiguousarray(grid.share, out.dtype))
+    reading = Reading(float(step_px[0]), float(step_px[1]), TAPS[filter])
+    for_each_chunk(lambda a, b: sample_rows(frame, sites, reading, out, a, b), grid.shape[0], workers)
+    return out
