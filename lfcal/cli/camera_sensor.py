@@ -36,6 +36,8 @@ SHOWN = (
     "dark_current_e_s",
 )
 
+PICTURES = (".png", ".pdf", ".svg")
+
 SMALLEST, LARGEST = 0.5, 2.0
 """Ratio of electrons per count, measured over stated, outside which one of them is doubted."""
 
@@ -69,6 +71,8 @@ def command(
 
     if out is not None and not camera:
         raise InputError.expected("measured camera", "a camera to write the sensor into", "none", "add --camera")
+    if figure is not None and figure.suffix.lower() not in PICTURES:
+        raise InputError.expected("figure", f"a name that ends in {', '.join(PICTURES)}", figure.name, "rename it")
     check_outputs([path for path in (out, figure) if path is not None], flats, darks, camera, force=force)
     known = load_camera(camera) if camera else None
     (lit, facts), (dark, _) = find_frames(flats), find_frames(darks)

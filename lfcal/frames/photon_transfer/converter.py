@@ -96,12 +96,13 @@ def _pile(counts: NDArray[np.int64]) -> float | None:
 
 
 def _used(counts: NDArray[np.int64]) -> float:
-    """Return the share of sample values that occur, where samples are so many that none should be missing."""
-    width = 33
-    around = np.convolve(counts, np.ones(width), mode="same") / width
-    dense = around > 40
-    # neighbours on both sides must be there too: levels of light end
-    inside = dense & (np.convolve(counts > 0, np.ones(3), mode="same") >= 2)
+    """Return the share of sample values that occur, where samples on both sides are so many that none should lack."""
+    reach = 6
+    sums = np.concatenate([np.zeros(reach + 1, np.int64), np.cumsum(counts), np.full(reach, counts.sum())])
+    at = np.arange(counts.size) + reach
+    below, above = sums[at] - sums[at - reach], sums[at + 1 + reach] - sums[at + 1]
+    # levels of light end between two values of their own: there one side has none
+    inside = (below > 20 * reach) & (above > 20 * reach)
     return float((counts[inside] > 0).mean()) if inside.sum() >= 32 else 1.0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,7 @@ class SensorMeasurement:
     black_level
         Sample value of no light; None where darks are cut off at zero.
     dark_level
-        Mean of the darks of the shortest exposure (sample values).
+        Mean of the darks of the shortest exposure (sample values), from which signals are counted.
     read_noise_counts, read_noise_e
         Rms, without that of rounding.
     saturation
@@ -165,6 +166,11 @@ def iter_measure_sensor(
     InputError
         If frames are of unlike shape, alike to the last bit, single, without light, or saturated everywhere.
     """
+    files = [{frame.source for frame in held if isinstance(frame.source, Path)} for held in (flats, darks)]
+    if files[0] & files[1]:
+        raise InputError.expected(
+            "flats and darks", "different files", "the same ones", "give each a folder of its own"
+        )
     clock = Clock("measure the sensor", 2 * (len(flats) + len(darks)))
     yield clock.at(0)
     scan, means = ConverterScan(), []
@@ -178,6 +184,11 @@ def iter_measure_sensor(
         means.append(float(values.mean(dtype=np.float64)))
         yield clock.at(k + 1)
     converter = scan.result()
+    dimmest, brightest = min(means[: len(darks)]), max(means[len(darks) :])
+    if brightest <= dimmest:
+        raise InputError.expected(
+            "flats", f"brighter frames than the darks (mean {dimmest:.4g})", f"{brightest:.4g} at most", "exchange them"
+        )
     if converter.shift:
         flats, darks = ([f.moved(converter.shift) for f in held] for held in (flats, darks))
     light = [mean / (1 << converter.shift) for mean in means[len(darks) :]]
@@ -228,12 +239,17 @@ def _measurement(
     inverse = None if curve.slope is None else curve.slope.inverse()
     read = _read_noise(dark, curve, whole, notes)
     saturation = _saturation(converter, curve, black, notes)
-    top = (converter.top if saturation is None else saturation.value) - black.value
+    end = (1 << int(converter.top).bit_length()) - 1
+    top = (end if saturation is None else saturation.value) - dark.black.value
     rate, current = Measured(0.0, 0.0), None
     if curve.slope is not None:
         current, said = dark_current(darks, curve.slope)
         notes += [said] if said else []
-        rate = current.times(curve.slope) if current is not None and not said else rate
+        if current is not None and not said:
+            rate = current.times(curve.slope)
+            # darks of the shortest exposure still hold its dark current
+            held = rate.times(dark.exposure_s or 0.0)
+            black = Measured(black.value - held.value, float(np.hypot(black.sigma, held.sigma)))
     linearity, said = measure_linearity(levels, dark.good, top, rate.value, dark.exposure_s or 0.0)
     notes += [said] if said else []
     prnu, dead = _pattern(levels, dark, curve, top, cfa, notes)
@@ -242,7 +258,7 @@ def _measurement(
     return SensorMeasurement(
         gain=curve.slope,
         black_level=None if dark.cut_off else black,
-        dark_level=black,
+        dark_level=dark.black,
         read_noise_counts=read,
         read_noise_e=None if inverse is None or read is None else read.times(inverse),
         saturation=saturation,

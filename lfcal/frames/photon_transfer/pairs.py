@@ -32,6 +32,9 @@ MOST_BINS = 48
 FEWEST = 200
 """Pixels of a bin; a variance is known to 10 % by so many."""
 
+COARSE, LEAST_WIDTH = 4.0, 3.0
+"""Below this variance of whole samples bins are at least so many sample values wide, and end between their means."""
+
 CLIP_SIGMA = 6.0
 ROLLING_CHI2 = 3.0
 """Rows whose light scatters by so much more than chance each get a ratio of their own."""
@@ -194,10 +197,17 @@ def _edges(pair: Frames2, variance: float) -> NDArray[np.float64]:
     noise = np.sqrt(max(variance, 1e-12) / pair.frames)
     # bins narrower than the noise would sort by the noise itself, and move the mean within a bin
     width = max(4 * noise, (high - low) / MOST_BINS)
+    coarse = pair.a.dtype.kind in "iu" and variance < COARSE
+    width = max(width, LEAST_WIDTH) if coarse else width
     count = int((high - low) / width) if width > 0 else 0
     if count < 2:
         return np.array([-np.inf, np.inf])
-    return np.concatenate([[-np.inf], np.linspace(low, high, count + 1)[1:-1], [np.inf]])
+    inner = np.linspace(low, high, count + 1)[1:-1]
+    if coarse:
+        # means of few whole samples lie on a grid, and their place in it tells of their difference
+        level = float(np.median(pair.dark))
+        inner = np.round(inner + level) + 0.5 / pair.frames - level
+    return np.concatenate([[-np.inf], inner, [np.inf]])
 
 
 def _moments(

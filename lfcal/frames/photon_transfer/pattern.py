@@ -58,7 +58,7 @@ def measure_prnu(
         return None, "pixel response (PRNU): unknown, for the flats have structure; take flats without the lenslets"
     # of the residual of a mean over a box that holds the pixel itself, (1 - 1/box) of the pixel's variance is left
     seen = squares / count / (1 - 1 / BOX**2)
-    chance = seen * np.sqrt(2 / count) + 0.02 * noise / count
+    chance = float(seen * np.sqrt(2 / count)) + 0.02 * noise / count
     found = Measured(seen - noise / count, chance).root()
     if found.value < 2 * found.sigma:
         return None, f"pixel response (PRNU): below {100 * 2 * found.sigma:.2g} %, lost in noise; average more flats"
