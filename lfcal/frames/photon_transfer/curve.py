@@ -14,7 +14,7 @@ from lfcal.frames.photon_transfer.values import Measured
 __all__ = ["Curve", "fit_curve"]
 
 LINEAR_UP_TO = 0.7
-"""Share of saturation up to which the variance is taken as linear (EMVA 1288 release 4, section 6.6)."""
+"""Share of saturation up to which the variance is taken as linear (EMVA 1288 release 4, section 6)."""
 
 COARSE = 0.25
 """Variance of whole samples (squared counts) below which their rounding hides the noise (EMVA: 0.24)."""

@@ -22,7 +22,7 @@ MOST_ZEROS = 0.01
 """Share of samples at zero from which darks are cut off there."""
 
 FINE = 0.24
-"""Read noise (sample values) below which whole samples do not show it (EMVA 1288 release 4, section 6.7)."""
+"""Read noise (sample values) below which whole samples do not show it (EMVA 1288 release 4, section 6)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +169,7 @@ def offset_scatter(dark: DarkLevel, whole: bool) -> Measured | None:
 
     None where rounding hides it, or the darks are cut off at zero.
 
-    EMVA 1288 release 4, section 8.1; hot pixels are counted on their own and left out here.
+    EMVA 1288 release 4, section 8; hot pixels are counted on their own and left out here.
     """
     if dark.cut_off or (whole and dark.variance.value < FINE**2):
         return None

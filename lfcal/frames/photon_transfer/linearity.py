@@ -1,4 +1,4 @@
-"""Signal over exposure: by how much it departs from a line (EMVA 1288 release 4, section 6.9)."""
+"""Signal over exposure: by how much it departs from a line (EMVA 1288 release 4, section 6)."""
 
 from __future__ import annotations
 

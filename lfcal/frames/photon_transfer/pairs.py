@@ -2,7 +2,7 @@
 
 The difference of two frames of equal light holds their temporal noise and nothing of what stays: dust, vignetting,
 micro-images, fixed pattern. Its half variance over pixels of like mean value is the variance of one sample there
-(EMVA 1288 release 4, section 6.6; Janesick 2007, chapter 5). A structured frame, such as the white image of a lenslet
+(EMVA 1288 release 4, section 6; Janesick 2007, chapter 5). A structured frame, such as the white image of a lenslet
 array, so gives a whole photon-transfer curve from one pair.
 
 Light that differs between the frames by the factor (1 - α)/(1 + α) leaves α times the signal in the difference.

@@ -25,7 +25,7 @@ def measure_prnu(
     """Return the relative rms of the pixels' responses, and why it cannot be told.
 
     The light is taken for smooth over `BOX` pixels of one colour; the temporal noise that is left in the mean of the
-    flats is taken off (EMVA 1288 release 4, section 8.2). Micro-images are not smooth: there it is unknown.
+    flats is taken off (EMVA 1288 release 4, section 8). Micro-images are not smooth: there it is unknown.
 
     Parameters
     ----------
