@@ -128,7 +128,10 @@ def _as_json(found: SensorMeasurement) -> dict[str, Any]:
 
 
 def _show(found: SensorMeasurement, known: Camera | None, written: list[Path]) -> None:
-    print_table([f"{found.frames[0]} flats, {found.frames[1]} darks", ""], _rows(found))
+    from lfcal.frames.photon_transfer.summary import figures_of
+
+    rows = [list(figure) for figure in figures_of(found)]
+    print_table([f"{found.frames[0]} flats, {found.frames[1]} darks", ""], rows)
     for doubt in found.doubts:
         report(f"warning: {doubt}")
     for note in found.notes:
@@ -143,31 +146,3 @@ def _show(found: SensorMeasurement, known: Camera | None, written: list[Path]) -
             )
     for path in written:
         typer.echo(f"written: {path}")
-
-
-def _rows(found: SensorMeasurement) -> list[list[str]]:
-    rows = [
-        ["gain", _text(found.gain, "counts per e⁻")],
-        ["", _text(found.electrons_per_count, "e⁻ per count")],
-        *[[f"  {name}", _text(gain, "counts per e⁻")] for name, gain in found.channels.items()],
-        ["black level", _text(found.black_level, "counts")],
-        ["read noise", _text(found.read_noise_e, "e⁻ rms")],
-        ["", _text(found.read_noise_counts, "counts rms")],
-        ["saturated from", _text(found.saturation, "counts")],
-        ["full well", _text(found.full_well_e, "e⁻")],
-        ["departure from linearity", _text(_percent(found.linearity), "% at most")],
-        ["pixel response (PRNU)", _text(_percent(found.prnu), "% rms")],
-        ["offsets (DSNU)", _text(found.dsnu_e, "e⁻ rms")],
-        ["dark current", _text(found.dark_current_e_s, "e⁻/s")],
-        ["bits in use", f"{found.bits}" + (f", left-aligned by {found.shift}" if found.shift else "")],
-        ["hot and dead pixels", f"{found.hot}, {found.dead}"],
-    ]
-    return rows
-
-
-def _percent(value: Measured | None) -> Measured | None:
-    return None if value is None else value.times(100.0)
-
-
-def _text(value: Measured | None, unit: str) -> str:
-    return "unknown" if value is None else f"{value} {unit}"

@@ -7,5 +7,5 @@
 - ``pairs``: mean and variance of pixels of like brightness, from pairs of flats; ``levels``: flats of equal light
 - ``curve``: the photon-transfer curve: gain, saturation; ``linearity``: signal over exposure
 - ``pattern``: fixed pattern and defect pixels; ``checks``: what does not look like raw frames
-- ``measurement``: all of it; ``figure``: the curve as a picture
+- ``measurement``: all of it; ``summary``: in words; ``figure``: the curve as a picture
 """
