@@ -8,9 +8,8 @@ import numpy as np
 
 from lfcal.frames.photon_transfer.converter import Converter
 from lfcal.frames.photon_transfer.curve import Curve
-from lfcal.frames.photon_transfer.darks import DarkLevel
+from lfcal.frames.photon_transfer.darks import FINE, DarkLevel
 from lfcal.frames.photon_transfer.levels import FlatLevel
-from lfcal.frames.photon_transfer.pairs import PairFinding
 
 __all__ = ["doubts_of", "notes_of"]
 
@@ -31,7 +30,9 @@ def doubts_of(
 ) -> tuple[str, ...]:
     """Return why the figures are not those of the sensor; empty where nothing speaks against them."""
     doubts = [f"gain: {curve.refusal}"] if curve.refusal else []
-    dark = np.mean([d.likeness for d in darks], axis=0)
+    # what rounding alone makes of darks says nothing of their noise
+    noisy = [d.likeness for d in darks if d.variance.value >= FINE or converter.step < 1]
+    dark = np.mean(noisy, axis=0) if noisy else np.zeros(2)
     lit = _likeness(flats, curve)
     # rows or columns with noise of their own make neighbours alike along one axis only
     if min(dark) > LIKE or (lit is not None and min(lit) > LIKE and min(dark) > LIKE / 2):
@@ -46,12 +47,14 @@ def doubts_of(
             f"differences of flats are alike in neighbouring pixels (correlation {min(lit):.2f}) and those of darks "
             "are not: light or camera moved between the frames of a pair, or the frames were compressed"
         )
-    lag = [level.lagging for level in flats if level.lagging is not None and _below(level, curve)]
+    lag = [level.lagging for level in _fitted(flats, curve) if level.lagging is not None]
     if lag and float(np.median(lag)) > LAG:
         doubts.append(
             f"frames farther apart differ more (variance {float(np.median(lag)):.2f} times): the camera mixes "
             "successive frames (temporal noise filter), or the light drifts"
         )
+    if converter.step == 0:
+        doubts.append("samples are no whole numbers: the frames were scaled or processed; record what the camera sends")
     if 0 < converter.step < 1:
         doubts.append(f"samples are means of {round(1 / converter.step)} frames: gain and noise are those of the mean")
     return tuple(doubts)
@@ -64,9 +67,7 @@ def notes_of(
     notes = []
     if converter.shift:
         notes.append(f"samples are left-aligned by {converter.shift} bits; all counts are after moving them down")
-    if converter.step == 0:
-        notes.append("samples are not whole numbers: rounding is not taken off the noise")
-    elif converter.step > 1 or converter.used < SPARSE:
+    if converter.step > 1 or converter.used < SPARSE:
         notes.append(
             f"{100 * min(converter.used, 1 / max(converter.step, 1)):.0f} % of the sample values occur: "
             "a table or a factor stretched them"
@@ -95,16 +96,16 @@ def notes_of(
     return tuple(notes)
 
 
-def _below(level: FlatLevel, curve: Curve) -> bool:
-    return float(level.bright.mean()) < curve.limit
+def _fitted(flats: Sequence[FlatLevel], curve: Curve) -> list[FlatLevel]:
+    """Return the levels with pairs that lie within the fit, or else the dimmest."""
+    paired = [level for level in flats if level.pairs]
+    return [level for level in paired if float(level.bright.mean()) < curve.limit] or paired[:1]
 
 
 def _likeness(flats: Sequence[FlatLevel], curve: Curve) -> tuple[float, float] | None:
     """Return the correlation of neighbours' differences in the brightest flats that were fitted."""
-    some: list[PairFinding] = []
-    for level in flats:
-        some = list(level.pairs) if level.pairs and _below(level, curve) else some
-    if not some:
+    levels = _fitted(flats, curve)
+    if not levels:
         return None
-    rows, columns = np.mean([pair.likeness for pair in some], axis=0).tolist()
+    rows, columns = np.mean([pair.likeness for pair in levels[-1].pairs], axis=0).tolist()
     return rows, columns

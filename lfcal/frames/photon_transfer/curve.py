@@ -16,8 +16,8 @@ __all__ = ["Curve", "fit_curve"]
 LINEAR_UP_TO = 0.7
 """Share of saturation up to which the variance is taken as linear (EMVA 1288 release 4, section 6)."""
 
-COARSE = 0.25
-"""Variance of whole samples (squared counts) below which their rounding hides the noise (EMVA: 0.24)."""
+COARSE = 0.35
+"""Variance of whole samples (squared counts) below which their rounding hides the noise."""
 
 BENT = 0.02
 """Departure from the line, relative at its upper end, from which the curve's bend is fitted too."""

@@ -13,7 +13,7 @@ from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
 from lfcal.frames.photon_transfer.pairs import Frames2, Points, measure_pair
 from lfcal.frames.photon_transfer.values import Measured
 
-__all__ = ["DarkLevel", "dark_current", "measure_darks", "offset_scatter", "read_noise"]
+__all__ = ["FINE", "DarkLevel", "dark_current", "measure_darks", "offset_scatter", "read_noise"]
 
 HOT_SIGMAS = 8.0
 """A pixel is hot so many robust standard deviations above the others."""
@@ -21,8 +21,8 @@ HOT_SIGMAS = 8.0
 MOST_ZEROS = 0.01
 """Share of samples at zero from which darks are cut off there."""
 
-FINE = 0.24
-"""Read noise (sample values) below which whole samples do not show it (EMVA 1288 release 4, section 6)."""
+FINE = 0.3
+"""Variance of whole dark samples below which it may all be rounding: up to 1/4 where black lies between two values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +94,7 @@ def measure_darks(frames: Sequence[CalibrationFrame], exposure_s: float | None) 
     for first, second in zip(frames[::2], frames[1::2], strict=False):
         # darks hold no light: nothing to sort by, and no ratio to find
         empty = np.zeros_like(mean)
-        pair = Frames2(first.read(), second.read(), mean, empty, good, "", len(frames))
-        found = measure_pair(_level(pair))
+        found = measure_pair(Frames2(first.read(), second.read(), empty, empty, good, "", len(frames), lit=False))
         if found.equal:
             raise InputError.expected(
                 "darks", "frames that differ", f"{first.label} and {second.label} alike", "remove copies"
@@ -117,11 +116,6 @@ def measure_darks(frames: Sequence[CalibrationFrame], exposure_s: float | None) 
     )
 
 
-def _level(pair: Frames2) -> Frames2:
-    """Return the pair above no dark at all, so that its difference alone counts."""
-    return Frames2(pair.a, pair.b, np.zeros_like(pair.dark), pair.bright, pair.good, pair.cfa, pair.frames)
-
-
 def _scatter(variances: list[float], value: float, total: int) -> float:
     """Return the standard error of a mean of variances: by chance, and as they scatter from pair to pair."""
     chance = value * np.sqrt(2 / max(1, total))
@@ -137,7 +131,8 @@ def _mean(frames: Sequence[CalibrationFrame]) -> tuple[NDArray[np.float32], NDAr
         total = np.zeros(values.shape) if total is None else total
         total += values
         means.append(float(values.mean(dtype=np.float64)))
-        zeros += int(np.count_nonzero(values <= 0))
+        # samples below zero show that nothing was cut off
+        zeros += int(np.count_nonzero(values == 0)) if values.min() >= 0 else 0
     assert total is not None
     return (total / len(frames)).astype(np.float32), np.array(means), zeros / (total.size * len(frames))
 
@@ -154,12 +149,12 @@ def _not_hot(mean: NDArray[np.float32]) -> NDArray[np.bool_]:
 
 def read_noise(dark: DarkLevel, whole: bool) -> Measured | None:
     """Return the read noise (sample values, rms) without that of rounding; None where rounding hides it."""
-    if whole and dark.variance.value < FINE**2:
+    if whole and dark.variance.value < FINE:
         return None
     rounding = 1 / 12 if whole else 0.0
     found = Measured(dark.variance.value - rounding, dark.variance.sigma).root()
     if whole and found.value < 0.6:
-        # near one step the rounding error of two frames is alike, by as much as the level lies between two values
+        # near one step the rounding errors of two frames are alike, by as much as the level lies between two values
         return Measured(found.value, float(np.hypot(found.sigma, 0.04)))
     return found
 
@@ -171,7 +166,7 @@ def offset_scatter(dark: DarkLevel, whole: bool) -> Measured | None:
 
     EMVA 1288 release 4, section 8; hot pixels are counted on their own and left out here.
     """
-    if dark.cut_off or (whole and dark.variance.value < FINE**2):
+    if dark.cut_off or (whole and dark.variance.value < FINE):
         return None
     values = dark.mean[dark.good].astype(np.float64)
     noise = dark.variance.times(1 / dark.count)

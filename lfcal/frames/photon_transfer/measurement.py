@@ -32,6 +32,8 @@ from lfcal.progress import Clock, Work, drain
 
 __all__ = ["SensorMeasurement", "iter_measure_sensor", "measure_sensor"]
 
+FEWEST_PIXELS = 1000
+
 
 @dataclass(frozen=True)
 class SensorMeasurement:
@@ -180,6 +182,10 @@ def iter_measure_sensor(
         shape = shape or values.shape
         if values.shape != shape:
             raise InputError.expected(frame.label, f"{shape} px as the others", values.shape, "take one sensor setting")
+        if values.size < FEWEST_PIXELS:
+            raise InputError.expected(
+                frame.label, f"{FEWEST_PIXELS} pixels or more", f"{values.shape}", "take larger frames"
+            )
         scan.add(values, frame.label)
         means.append(float(values.mean(dtype=np.float64)))
         yield clock.at(k + 1)
@@ -291,10 +297,13 @@ def _read_noise(dark: DarkLevel, curve: Curve, whole: bool, notes: list[str]) ->
     if dark.cut_off:
         rounding = 1 / 12 if whole else 0.0
         constant = Measured(curve.constant.value - rounding, curve.constant.sigma)
-        return constant.root() if curve.slope is not None and constant.value > 2 * constant.sigma else None
+        if curve.slope is not None and constant.value > 2 * constant.sigma:
+            return constant.root()
+        notes.append("read noise: unknown, for the flats are too bright to show it and the darks are cut off")
+        return None
     found = read_noise(dark, whole)
     if found is None:
-        notes.append("read noise: below a quarter of a count and lost in rounding; raise the camera's gain")
+        notes.append("read noise: below half a count and lost in rounding; raise the camera's gain")
     return found
 
 

@@ -90,6 +90,8 @@ class Frames2:
         Colour filter pattern, empty for none.
     frames
         Frames that ``bright`` is the mean of.
+    lit
+        Whether the frames hold light, which may differ between them by a factor.
     """
 
     a: NDArray[np.generic]
@@ -99,6 +101,7 @@ class Frames2:
     good: NDArray[np.bool_]
     cfa: str
     frames: int
+    lit: bool = True
 
 
 @dataclass(frozen=True)
@@ -152,6 +155,8 @@ def _copies(pair: Frames2) -> bool:
 def _ratios(pair: Frames2) -> tuple[NDArray[np.float64], float]:
     """Return α of every row ``(rows, 1)``, one for all unless they scatter beyond chance, and that scatter."""
     rows = pair.a.shape[0]
+    if not pair.lit:
+        return np.zeros((rows, 1)), 0.0
     d, s, d2 = np.zeros(rows), np.zeros(rows), np.zeros(rows)
     for part in strips((rows, pair.a.shape[1])):
         a, b, good = _above(pair, part)

@@ -69,6 +69,33 @@ def test_averaged_frames_are_doubted() -> None:
     assert any("means of 4 frames" in doubt for doubt in found.doubts)
 
 
+def test_scaled_floats_are_doubted_and_darks_taken_off_before_are_not() -> None:
+    flats, darks = PLAIN.flats(LEVELS), PLAIN.darks(4)
+    scaled = measured([f / 4095 for f in flats], [d / 4095 for d in darks])
+    assert any("no whole numbers" in doubt for doubt in scaled.doubts)
+    level = np.mean(PLAIN.darks(4, key=60_000), axis=0)
+    off = measured([f - level for f in flats], [d - level for d in darks])
+    assert off.doubts == () and off.gain is not None and off.black_level is not None
+    assert off.read_noise_e is not None
+    assert abs(off.read_noise_e.value - 8) < 4 * off.read_noise_e.sigma, "darks about zero have no light to compare"
+    assert abs(off.gain.value - 0.2) < 4 * off.gain.sigma and off.black_level.value == pytest.approx(0, abs=0.05)
+
+
+def test_samples_cut_to_8_bits_do_not_show_their_read_noise() -> None:
+    """Black at 4.0 between two values: all of the variance there is rounding."""
+    found = measured([f >> 4 for f in PLAIN.flats(LEVELS)], [d >> 4 for d in PLAIN.darks(4)])
+    assert found.read_noise_e is None and any("lost in rounding" in note for note in found.notes)
+
+
+def test_light_that_moves_over_the_frame_is_doubted() -> None:
+    columns = np.arange(SHAPE[1])
+    flats = [
+        PLAIN.frame(0.5 * PLAIN.full_e * (1 + 0.1 * np.sin(columns / 10 + k)) + np.zeros(SHAPE), key=k) for k in (0, 1)
+    ]
+    found = measured(flats, PLAIN.darks(4))
+    assert any("moved between" in doubt for doubt in found.doubts)
+
+
 def test_a_camera_that_moved_within_a_pair_is_doubted() -> None:
     scene = micro_images((SHAPE[0] + 4, SHAPE[1] + 4))
     flats = [

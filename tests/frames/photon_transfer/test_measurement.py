@@ -42,7 +42,7 @@ GRID: dict[str, tuple[Truth, Any, Callable[..., Any] | None, int, str, str]] = {
     "eight white images": (PLAIN, [0.5], micro_images, 8, "gain read_noise_e dsnu_e", "prnu"),
     "odd number of frames": (PLAIN, [0.3, 0.6], vignetting, 3, "gain read_noise_e prnu dsnu_e", ""),
     "many electrons a count": (
-        PLAIN.but(bits=8, gain=0.0125, black=10.3, read_e=30.0, dsnu_e=30.0),
+        PLAIN.but(bits=8, gain=0.0125, black=10.3, read_e=50.0, dsnu_e=30.0),
         [*LEVELS, 1.3],
         vignetting,
         2,
@@ -223,5 +223,7 @@ def test_copies_singles_and_swapped_folders_are_refused() -> None:
         measured(darks, flats)
     with pytest.raises(InputError, match="one sensor setting"):
         measured([f[:-2] for f in flats], darks)
+    with pytest.raises(InputError, match="1000 pixels"):
+        measured([f[:6, :6] for f in flats], [d[:6, :6] for d in darks])
     with pytest.raises(InputError, match="finite"):
         measured([np.where(f > 3, np.nan, f) for f in flats], darks)
