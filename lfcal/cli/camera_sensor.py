@@ -16,7 +16,7 @@ from lfcal.files import replace_whole
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
-    from lfcal.frames.photon_transfer.measurement import SensorMeasurement
+    from lfcal.frames.photon_transfer.result import SensorMeasurement
     from lfcal.frames.photon_transfer.values import Measured
 
 __all__ = ["register"]

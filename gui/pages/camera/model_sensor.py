@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from lfcal.camera import Camera
 from lfcal.errors import InputError
 from lfcal.frames.photon_transfer.frame_list import find_frames
-from lfcal.frames.photon_transfer.measurement import SensorMeasurement, iter_measure_sensor
+from lfcal.frames.photon_transfer.measurement import iter_measure_sensor
+from lfcal.frames.photon_transfer.result import SensorMeasurement
 from lfcal.frames.photon_transfer.summary import figures_of
 from lfcal.progress import Work
 

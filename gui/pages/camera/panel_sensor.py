@@ -27,7 +27,7 @@ from gui.pages.camera.model_sensor import curves_of, iter_sensor, rows_of, taken
 from gui.theme import current_theme
 from gui.widgets.plots import LINES, LinePlot
 from lfcal.camera import Camera
-from lfcal.frames.photon_transfer.measurement import SensorMeasurement
+from lfcal.frames.photon_transfer.result import SensorMeasurement
 
 __all__ = ["SensorDialog"]
 

@@ -7,5 +7,6 @@
 - ``pairs``: mean and variance of pixels of like brightness, from pairs of flats; ``levels``: flats of equal light
 - ``curve``: the photon-transfer curve: gain, saturation; ``linearity``: signal over exposure
 - ``pattern``: fixed pattern and defect pixels; ``checks``: what does not look like raw frames
-- ``measurement``: all of it; ``summary``: in words; ``figure``: the curve as a picture
+- ``measurement``: all of it; ``result``: the figures, and a camera with them
+- ``summary``: in words; ``figure``: the curve as a picture
 """

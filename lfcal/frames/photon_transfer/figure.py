@@ -7,7 +7,7 @@ import os
 import numpy as np
 
 from lfcal.figures import LINES, figure, save_figure
-from lfcal.frames.photon_transfer.measurement import SensorMeasurement
+from lfcal.frames.photon_transfer.result import SensorMeasurement
 
 __all__ = ["save_curve"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.frames.photon_transfer.measurement import SensorMeasurement
+from lfcal.frames.photon_transfer.result import SensorMeasurement
 from lfcal.frames.photon_transfer.values import Measured
 
 __all__ = ["figures_of"]

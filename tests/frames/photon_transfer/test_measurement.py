@@ -11,7 +11,8 @@ import pytest
 
 from lfcal.errors import InputError
 from lfcal.frames.photon_transfer.frame_list import array_frames
-from lfcal.frames.photon_transfer.measurement import SensorMeasurement, measure_sensor
+from lfcal.frames.photon_transfer.measurement import measure_sensor
+from lfcal.frames.photon_transfer.result import SensorMeasurement
 
 from .sensor_model import Truth, micro_images, vignetting
 
