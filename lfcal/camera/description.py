@@ -26,7 +26,9 @@ T = TypeVar("T")
 FORMAT = "lfcal-camera"
 VERSION = 2
 
-ADDED: dict[int, dict[str, dict[str, Any]]] = {2: {"": {"marks": {}}}}
+ADDED: dict[int, dict[str, dict[str, Any]]] = {
+    2: {"": {"marks": {}}, "sensor": {"saturation": None, "dsnu_e": None, "linearity": None}}
+}
 """Version to what came with it: part of the camera ("" for the camera itself) to entries and their earlier values."""
 
 

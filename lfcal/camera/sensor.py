@@ -40,6 +40,12 @@ class Sensor:
         Light-sensitive share of a pixel's area.
     cfa
         Colour filter pattern by rows, e.g. ``"GRBG"`` for 2 x 2; empty for a monochrome sensor.
+    saturation
+        Sample value from which samples carry no measurement; None: only the highest one does not.
+    dsnu_e
+        Offsets of the pixels in the dark, rms (electrons); None: not known.
+    linearity
+        Largest departure of the signal from a line over exposure (relative); None: not known.
     """
 
     shape: tuple[int, int] = (4384, 6576)
@@ -53,6 +59,9 @@ class Sensor:
     quantum_efficiency: float = 0.5
     fill_factor: float = 1.0
     cfa: str = ""
+    saturation: float | None = None
+    dsnu_e: float | None = None
+    linearity: float | None = None
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -67,6 +76,11 @@ class Sensor:
         check_number("PRNU", self.prnu, at_least=0, at_most=1)
         check_number("quantum efficiency", self.quantum_efficiency, above=0, at_most=1)
         check_number("fill factor", self.fill_factor, above=0, at_most=1)
+        if self.saturation is not None:
+            check_number("saturation (sample value)", self.saturation, above=self.black_level, at_most=self.max_value)
+        for what, value in (("DSNU (e-)", self.dsnu_e), ("linearity", self.linearity)):
+            if value is not None:
+                check_number(what, value, at_least=0)
         check_type("colour filter pattern", self.cfa, str)
         # Bayer is 2 x 2, Quad Bayer 4 x 4, X-Trans 6 x 6
         side = {0: 0, 1: 1, 4: 2, 16: 4, 36: 6}.get(len(self.cfa))
@@ -87,6 +101,11 @@ class Sensor:
     def max_value(self) -> int:
         """Highest sample value."""
         return (1 << self.bit_depth) - 1
+
+    @property
+    def saturated_from(self) -> float:
+        """Sample value from which a sample is saturated."""
+        return float(self.max_value if self.saturation is None else self.saturation)
 
     @property
     def electrons_per_count(self) -> float:

@@ -41,6 +41,8 @@ class ShiftedSource(SourceView):
     def metadata(self) -> Mapping[str, Any]:
         """What is known of the frames, with the shift; levels of the shifted type no longer hold."""
         known = {k: v for k, v in self.source.metadata.items() if k not in ("bit_depth", "saturation", "black_level")}
+        if "noise" in known:
+            known["noise"] = known["noise"].scaled(0.5**self.bits)
         return known | {"shift": self.bits}
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:

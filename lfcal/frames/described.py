@@ -8,19 +8,30 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.camera import ScanPlan, Sensor
+from lfcal.camera import Camera, ScanPlan, Sensor
 from lfcal.errors import InputError
 from lfcal.frames.regions import Region
 from lfcal.frames.source import FrameInfo, Frames, FrameSource, Noise, Samples
 from lfcal.frames.view import SourceView
 
-__all__ = ["DescribedSource", "sensor_noise"]
+__all__ = ["DescribedSource", "sensor_noise", "stated_noise"]
 
 
 def sensor_noise(sensor: Sensor) -> Noise:
     """Return the variance of raw samples as the sensor's description states it: read, quantisation and photon noise."""
     gain = sensor.electrons_per_count
-    return Noise((sensor.read_noise_e / gain) ** 2 + 1 / 12, 1 / gain)
+    return Noise((sensor.read_noise_e / gain) ** 2 + 1 / 12, 1 / gain, sensor.black_level)
+
+
+def stated_noise(camera: Camera) -> Noise | None:
+    """Return the variance of raw samples of ``camera``, or None where its noise was assumed and nobody stated it."""
+    marks = camera.marks
+    if "assumed" in (marks["sensor.read_noise_e"], marks["sensor.full_well_e"]):
+        return None
+    noise = sensor_noise(camera.sensor)
+    # 0 is the default of a description: unless it was measured it states nothing
+    unsaid = camera.sensor.black_level == 0 and marks["sensor.black_level"] != "measured"
+    return noise._replace(black=None) if unsaid else noise
 
 
 class DescribedSource(SourceView):
@@ -34,19 +45,20 @@ class DescribedSource(SourceView):
         super().__init__(source)
         self.plan = plan
         self._facts = dict(source.metadata)
-        self._filled = _raw(source, plan.camera.sensor) and self._fill(plan.camera.sensor)
+        self._filled = _raw(source, plan.camera.sensor) and self._fill(plan.camera)
 
-    def _fill(self, sensor: Sensor) -> bool:
+    def _fill(self, camera: Camera) -> bool:
         """Enter what the frames do not state; return whether their highest value comes from the plan."""
-        facts = self._facts
+        facts, sensor, noise = self._facts, camera.sensor, stated_noise(camera)
         unsaid = facts.get("bit_depth") is None and facts.get("saturation") is None
         if unsaid:
-            facts |= {"bit_depth": sensor.bit_depth, "saturation": float(sensor.max_value)}
+            facts |= {"bit_depth": sensor.bit_depth, "saturation": sensor.saturated_from}
         if sensor.black_level > 0:  # 0 is the default of a description, so it states nothing
             facts.setdefault("black_level", sensor.black_level)
         if sensor.cfa and self.source.shape == sensor.shape and not facts.get("cfa") and "channel" not in facts:
             facts["cfa"] = sensor.cfa
-        facts.setdefault("noise", sensor_noise(sensor))
+        if noise is not None:
+            facts.setdefault("noise", noise)
         return unsaid
 
     @property
@@ -68,12 +80,12 @@ class DescribedSource(SourceView):
             return found if found.noise is not None else found._replace(noise=self._facts.get("noise"))
         found = Frames.samples(self, index, region)
         if found.saturated:
-            top, largest = self._facts["saturation"], found.values.max()
+            top, largest = self.plan.camera.sensor.max_value, found.values.max()
             if largest > top:
                 bits = self._facts["bit_depth"]
                 raise InputError.expected(
                     self.info(index).label,
-                    f"values up to {top:.0f} ({bits} bits, as the plan says)",
+                    f"values up to {top} ({bits} bits, as the plan says)",
                     largest,
                     "shift left-aligned samples down, or correct the bit depth in the plan",
                 )

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol, Self, runtime_checkable
+from typing import Any, NamedTuple, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,19 +79,54 @@ class LeftOut(NamedTuple):
     reason: str
 
 
+Number: TypeAlias = float | NDArray[np.float64]
+
+
 class Noise(NamedTuple):
-    """The variance of a sample of value v, ``constant + slope * max(v, 0)``, in squared sample values.
+    """The variance of a sample of value v, ``constant + slope * max(v - black, 0)``, in squared sample values.
 
     A sensor of g electrons per count with r electrons of read noise has ``constant = (r / g)^2 + 1/12``
-    (quantisation) and ``slope = 1 / g`` (photon noise).
+    (quantisation) and ``slope = 1 / g`` (photon noise). Each is a number, or an array with a value for every sample
+    ``(rows, columns)``. ``black`` is the value of no light; None: not known, and taken for 0.
     """
 
-    constant: float
-    slope: float
+    constant: Number
+    slope: Number
+    black: float | None = 0.0
 
     def scaled(self, factor: float) -> Noise:
         """Return the noise of samples that were multiplied by ``factor``."""
-        return Noise(self.constant * factor * factor, self.slope * abs(factor))
+        black = None if self.black is None else self.black * factor
+        return Noise(self.constant * factor * factor, self.slope * abs(factor), black)
+
+    def of_mean(self, count: int) -> Noise:
+        """Return the noise of the mean of ``count`` samples."""
+        return Noise(self.constant / count, self.slope / count, self.black)
+
+    def variance(self, values: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the variance of each of ``values``."""
+        light = np.maximum(np.asarray(values, np.float64) - (self.black or 0.0), 0.0)
+        found: NDArray[np.float64] = self.constant + self.slope * light
+        return found
+
+    def typical(self, values: NDArray[Any]) -> Noise:
+        """Return the two numbers that describe the variance of all ``values`` best, counted from black.
+
+        Where constant and slope differ from sample to sample (a white image was divided by), least squares: the mean
+        variance is kept, and how it grows with the signal.
+        """
+        if not isinstance(self.constant, np.ndarray) and not isinstance(self.slope, np.ndarray):
+            if not self.black:
+                return Noise(self.constant, self.slope)
+            return Noise(self.constant - self.slope * self.black, self.slope)
+        light = np.maximum(np.asarray(values, np.float64), 0.0)
+        variance = self.variance(values)
+        away = light - light.mean()
+        norm = float((away * away).sum())
+        slope = float((away * variance).sum()) / norm if norm > 0 else float(np.mean(self.slope))
+        # a slope beyond all of them comes of samples that have next to no light
+        slope = min(max(slope, float(np.min(self.slope))), float(np.max(self.slope)))
+        return Noise(max(0.0, float(variance.mean()) - slope * float(light.mean())), slope)
 
 
 class Samples(NamedTuple):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,9 @@ from lfcal.frames.source import FrameInfo, FrameSource, Noise, Position, Samples
 from lfcal.psf.cutout import Cutout, Window
 
 __all__ = ["Gatherer", "Pattern", "by_position"]
+
+PROBE, WIDE_PROBE = (21, 21), (201, 201)
+"""Pixels of a cutout on which the weights of an interpolation are found, moving and scaling."""
 
 
 class Pattern(NamedTuple):
@@ -89,8 +93,20 @@ class Gatherer:
             )
         values, valid = _padded(found, region, inside)
         return found._replace(
-            values=self.cutout.resample(values, window), valid=None if valid is None else self._moved(valid, window)
+            values=self.cutout.resample(values, window),
+            valid=None if valid is None else self._moved(valid, window),
+            noise=None if found.noise is None else self._blended(found.noise.typical(found.values), window),
         )
+
+    def _blended(self, noise: Noise, window: Window) -> Noise:
+        """Return the noise of samples that interpolation blends: with weights w, sum w^2 of the variance is left."""
+        if self.cutout.resamples:
+            # the grids pass through all phases within a cutout, wherever it lies
+            weight, square = _weights_of_phases(replace(self.cutout, shape=WIDE_PROBE))
+        else:
+            moved_by = window.row_residual, window.column_residual
+            weight, square = _weights_of(replace(self.cutout, shape=PROBE), *moved_by)
+        return Noise(noise.constant * square, noise.slope * square / weight)
 
     def _moved(self, valid: NDArray[np.bool_], window: Window) -> NDArray[np.bool_]:
         """Return the mask as the values are moved: a sample is valid where no invalid one enters it."""
@@ -102,9 +118,32 @@ class Gatherer:
         """Return the pattern of one position from its frames: their weighted mean, with what their spread tells."""
         if len(indices) == 1:
             one = self.cut(int(indices[0]))
-            noise = Noise(np.nan, np.nan) if one.noise is None else one.noise
-            return Pattern(one.values, one.valid, noise, np.nan, -1 if one.saturated is None else one.saturated)
+            known = (np.nan, np.nan) if one.noise is None else (float(one.noise.constant), float(one.noise.slope))
+            return Pattern(one.values, one.valid, known, np.nan, -1 if one.saturated is None else one.saturated)
         return _mean([self.cut(int(k)) for k in indices])
+
+
+@lru_cache(maxsize=512)
+def _weights_of(cutout: Cutout, row: float, column: float) -> tuple[float, float]:
+    """Return sum and sum of squares of the weights with which a small ``cutout`` blends a sample, moved by so much."""
+    window = Window(0, 0, row, column)
+    rows, columns = cutout.region(window)
+    point = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.float32)
+    point[point.shape[0] // 2, point.shape[1] // 2] = 1
+    spread = cutout.resample(point, window).astype(np.float64)
+    return float(spread.sum()), float((spread**2).sum())
+
+
+@lru_cache(maxsize=8)
+def _weights_of_phases(cutout: Cutout) -> tuple[float, float]:
+    """Return the same for a ``cutout`` that scales, as the mean over all places of a sample between its pixels."""
+    rows, columns = cutout.region(Window(0, 0, 0.0, 0.0))
+    shape = (rows.stop - rows.start, columns.stop - columns.start)
+    level = cutout.resample(np.ones(shape, np.float32), Window(0, 0, 0.0, 0.0))
+    # white noise of variance 1, the same every time: what is left of its variance is the mean of sum w^2
+    noise = np.random.default_rng(0).standard_normal(shape, np.float32)
+    left = cutout.resample(noise, Window(0, 0, 0.0, 0.0)).astype(np.float64)
+    return float(level.mean()), float(np.mean(left**2))
 
 
 def _padded(found: Samples, region: Region, inside: Region) -> tuple[NDArray[np.float32], NDArray[np.bool_] | None]:
@@ -156,7 +195,7 @@ def _weights(cuts: list[Samples]) -> NDArray[np.float64]:
     for cut in cuts:
         if cut.noise is None:
             return np.ones(len(cuts))
-        variances.append(cut.noise.constant + cut.noise.slope * max(float(cut.values.mean()), 0.0))
+        variances.append(float(cut.noise.constant) + float(cut.noise.slope) * max(float(cut.values.mean()), 0.0))
     inverse: NDArray[np.float64] = 1 / np.maximum(np.array(variances), 1e-300)
     inverse /= inverse.max()
     return inverse
@@ -168,7 +207,7 @@ def _noise_of_mean(
     stated = [noise for noise in known if noise is not None]
     if len(stated) == len(known):
         share = (weights / weights.sum()) ** 2
-        constant, slope = (np.array([noise[k] for noise in stated]) @ share for k in range(2))
+        constant, slope = share @ np.array([[float(noise.constant), float(noise.slope)] for noise in stated])
         return float(constant), float(slope)
     return (float(scatter.mean()) / len(known) if scatter.size else np.nan), 0.0
 

@@ -29,6 +29,7 @@ from lfcal.devices.simulated.camera import Patch, Renderer
 from lfcal.devices.simulated.optics import PatternRenderer
 from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames import CorrectionRecipe, corrected_view
+from lfcal.frames.described import sensor_noise
 from lfcal.frames.source import FrameSource, Position
 from lfcal.progress import drain
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
@@ -411,6 +412,11 @@ def test_averaging_and_bracketing_record_floats(tmp_path: Path) -> None:
     assert mean[0, 0, 0].dtype == np.float32
     edge = np.s_[:2]
     assert mean[0, 0, 0][edge].std() < 0.6 * single[0, 0, 0][edge].std()
+    with RecordingSource(tmp_path / "mean") as source:
+        noise = source.samples(0).noise
+        assert noise is not None and noise == sensor_noise(plan.camera.sensor).of_mean(8)
+    with RecordingSource(tmp_path / "one") as source:
+        assert source.samples(0).noise is None, "the plan's own, which the corrected view takes for raw samples"
     bright = small_plan((2, 2), 1, exposure_s=0.1)
     rig = rig_for(bright, optics=None)
     dim = rig_for(one)
@@ -422,6 +428,7 @@ def test_averaging_and_bracketing_record_floats(tmp_path: Path) -> None:
     assert np.abs(merged - truth).max() < 0.12 * truth.max()
     with RecordingSource(tmp_path / "hdr") as source:
         assert int(source.record(0)["saturated"]) == 0
+        assert source.samples(0).noise is None, "a bracket has no one variance"
 
 
 def test_only_the_preview_may_drop_frames(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ def read_darks(folder: Path, session: SessionFile, schedule: Schedule, *, skip_d
             if frames:
                 first = file.records[next(iter(frames))]
                 place = (int(first["row"]), int(first["column"]))
-                darks[float(seconds)] = Dark(average_frames(frames.values()), origin=place)
+                darks[float(seconds)] = Dark(average_frames(frames.values()), origin=place, count=len(frames))
             else:
                 lost.append(float(seconds))
     finally:

@@ -21,8 +21,9 @@ from lfcal.axes import position_at
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.frames.damage import named
+from lfcal.frames.described import stated_noise
 from lfcal.frames.regions import Region, check_region
-from lfcal.frames.source import FrameInfo, Frames, Position, Samples, check_index
+from lfcal.frames.source import FrameInfo, Frames, Noise, Position, Samples, check_index
 from lfcal.frames.sources.base import FrameOptions, SourceKind
 
 __all__ = ["SOURCE", "CheckFrame", "RecordingSource", "read_checks"]
@@ -125,9 +126,18 @@ class RecordingSource(Frames):
             "darks": found.darks,
             "lost_darks": found.lost,
             "left_out": found.left_out,
+            "noise": self._noise_of_means(),
             "suspect": [[*position, what.words] for position, what in self.suspects()],
         }
         return known | {name: value for name, value in more.items() if value}
+
+    def _noise_of_means(self) -> Noise | None:
+        """Return the noise of frames that are means of equal exposures; None for single ones and for brackets."""
+        count = self.plan.frames_averaged
+        if count < 2 or not self.session.options.plain:
+            return None
+        noise = stated_noise(self.plan.camera)
+        return None if noise is None else noise.of_mean(count)
 
     def __len__(self) -> int:
         """Return the number of positions with a frame."""
@@ -172,7 +182,8 @@ class RecordingSource(Frames):
         # means of several exposures have no single level of saturation
         if self.dtype.kind != "f":
             return super().samples(index, region)
-        return Samples(self.read(index, region), saturated=int(self.record(index)["saturated"]))
+        noise = self.metadata.get("noise")
+        return Samples(self.read(index, region), noise=noise, saturated=int(self.record(index)["saturated"]))
 
     def close(self) -> None:
         """Close the files; may be called twice."""

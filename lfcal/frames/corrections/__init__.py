@@ -2,6 +2,7 @@
 
 - ``steps``, ``defects``, ``background``: single corrections; ``chain``: all of them in their order, in one pass
 - ``defect_search``: defect pixels found over many frames
+- ``noise``: the variance of a corrected sample
 - ``recipe``: which corrections are asked for, with which calibration frames
 - ``view``: a frame source seen through a chain
 """

@@ -214,10 +214,20 @@ class CorrectionChain:
         step: Exposure | None = self._find(Exposure)
         return 1.0 if step is None else step.factor(exposure_s)
 
-    def gain(self, region: Region) -> float:
-        """Return the mean factor of `White` over a sensor region, 1 without it."""
+    def gain(self, region: Region) -> NDArray[np.float64] | None:
+        """Return the factors of `White` over a sensor region, None without it."""
         white: White | None = self._find(White)
-        return 1.0 if white is None else float(white.gain[region].mean())
+        return None if white is None else white.gain[region].astype(np.float64)
+
+    def dark_at(self, exposure_s: float | None) -> Dark | None:
+        """Return what is subtracted from frames of this exposure, None where nothing is."""
+        found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
+        return None if found is None else found.at(exposure_s)
+
+    def level(self, plane: Plane, exposure_s: float | None, place: tuple[float, float]) -> float:
+        """Return the background of a frame at the sensor's (row, column), in corrected sample values."""
+        _, offset = self._affine(plane, exposure_s)
+        return float(offset[0] + offset[1] * place[0] + offset[2] * place[1])
 
     def repaired(self, region: Region) -> NDArray[np.intp]:
         """Return the pixels ``(n, 2)`` of a sensor region that are replaced, counted from its first one."""
@@ -271,8 +281,7 @@ class CorrectionChain:
         workers: int | None = 1,
     ) -> NDArray[np.float32]:
         white, defects = self._find(White), self._find(Defects)
-        found = self._find(Dark) or self._find(DarkSet)
-        dark = None if found is None else found.at(exposure_s)
+        dark = self.dark_at(exposure_s)
         dark_part = None if dark is None else dark.part(region)
         dark_frame = _EMPTY if dark_part is None else dark_part
         level = 0.0 if dark is None else dark.level

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.errors import InputError, LfcalError
 from lfcal.frames.corrections.chain import CorrectionChain
+from lfcal.frames.corrections.noise import corrected_noise
 from lfcal.frames.regions import Region, check_region, grow_region, moved, part_of, whole
 from lfcal.frames.source import FrameInfo, FrameSource, Noise, Samples, observed
 from lfcal.frames.view import SourceView
@@ -83,23 +84,30 @@ class CorrectedSource(SourceView):
         if self.chain.saturation is not None:
             raw = observed(raw.values, self.chain.saturation, raw.noise)
         try:
-            values = self._correct(raw.values, grown, inside, info)
+            values, level = self._correct(raw.values, grown, inside, info)
         except LfcalError as error:
             raise type(error)(f"{info.label}: {error}") from error
         valid, count = self._usable(raw, grown, inside, info)
-        return Samples(values, valid, self._noise(raw.noise, inside, info), count)
+        return Samples(values, valid, self._noise(raw.noise, inside, info, level), count)
 
-    def _correct(self, part: NDArray[Any], grown: Region, inside: Region, info: FrameInfo) -> NDArray[np.float32]:
+    def _correct(
+        self, part: NDArray[Any], grown: Region, inside: Region, info: FrameInfo
+    ) -> tuple[NDArray[np.float32], float]:
+        """Return corrected samples, and the background that was taken off at their middle."""
         plane = None
         if self.chain.measures_frames:
             plane = self.chain.measure(lambda region: part[region], self.shape, exposure_s=info.exposure_s)
-        return self.chain.apply_region(
+        values = self.chain.apply_region(
             part,
             moved(grown, info.origin),
             inside=moved(inside, info.origin),
             exposure_s=info.exposure_s,
             background=plane,
         )
+        if plane is None:
+            plane = self.chain.measure(lambda _: part, self.shape, exposure_s=info.exposure_s)
+        middle = tuple((side.start + side.stop - 1) / 2 for side in moved(inside, info.origin))
+        return values, self.chain.level(plane, info.exposure_s, (middle[0], middle[1]))
 
     def _usable(
         self, raw: Samples, grown: Region, inside: Region, info: FrameInfo
@@ -117,12 +125,11 @@ class CorrectedSource(SourceView):
         count = None if raw.saturated is None else int(np.count_nonzero(full))
         return (~bad if bad.any() else None), count
 
-    def _noise(self, noise: Noise | None, inside: Region, info: FrameInfo) -> Noise | None:
-        """Return the variance of corrected samples: scaled as they are, by the mean gain where it varies."""
+    def _noise(self, noise: Noise | None, inside: Region, info: FrameInfo, level: float) -> Noise | None:
+        """Return the variance of corrected samples; ``level`` is the background that was taken off."""
         if noise is None:
             return None
-        # variance scales with the square of the factor
-        return noise.scaled(self.chain.factor(info.exposure_s) * self.chain.gain(moved(inside, info.origin)))
+        return corrected_noise(noise, self.chain, moved(inside, info.origin), info.exposure_s, level)
 
 
 def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -105,6 +106,11 @@ def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shi
 
     Integer samples are moved down by ``shift`` bits first.
     """
+    return _read_mean(path, colour, shift)[0]
+
+
+def _read_mean(path: str | os.PathLike[str], colour: str | None, shift: int) -> tuple[NDArray[np.float32], int]:
+    """Return the mean of frames and how many there are, 0 where they may be means themselves."""
     place = Path(path)
     if place.is_dir():
         # sorted, so that the float sums and with them the checksums do not depend on the folder's order
@@ -115,8 +121,16 @@ def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shi
         files = [place]
     else:
         raise StorageError(f"{place}: no such file or folder; check the path")
-    pages = (page for file in files for page in _pages(file, colour))
-    return average_frames(shifted(page, shift, place.name) if shift else page for page in pages)
+    counts: list[int] = []
+
+    def pages() -> Iterator[NDArray[Any]]:
+        for page in (page for file in files for page in _pages(file, colour)):
+            counts.append(int(page.dtype.kind in "iu"))
+            yield shifted(page, shift, place.name) if shift else page
+
+    mean = average_frames(pages())
+    # whole numbers are single exposures; floats are what somebody averaged, of how many nobody says
+    return mean, len(counts) if all(counts) else 0
 
 
 def _pages(path: Path, colour: str | None) -> list[NDArray[Any]]:
@@ -160,7 +174,8 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
 def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | None:
     """Return what is subtracted first: the recipe's dark, that of the recording, or the black level."""
     if recipe.dark and recipe.dark != "none":
-        return Dark(_of_channel(source, read_average(recipe.dark, shift=recipe.shift)))
+        frame, count = _read_mean(recipe.dark, None, recipe.shift)
+        return Dark(_of_channel(source, frame), count=count)
     if recipe.black_level is None and recipe.dark == "none":
         return None
     darks = source.metadata.get("darks")

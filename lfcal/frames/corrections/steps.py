@@ -60,6 +60,8 @@ class Dark:
         Constant level subtracted as well (sample values), e.g. the black level of a camera RAW.
     origin
         Sensor (row, column) of its first pixel; a dark frame of a part of the sensor fits that part only.
+    count
+        Frames that it is the mean of, whose noise it brings in; 0: not known.
 
     Raises
     ------
@@ -70,6 +72,7 @@ class Dark:
     frame: NDArray[Any] | None = field(default=None, repr=False)
     level: float = 0.0
     origin: tuple[int, int] = (0, 0)
+    count: int = 0
 
     def __post_init__(self) -> None:
         """Check and freeze the frame."""

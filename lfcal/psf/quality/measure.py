@@ -139,6 +139,17 @@ class PlaneMeasures:
         return self.table.dark
 
     @property
+    def sensor_noise(self) -> float | None:
+        """Noise of a pixel without light by the sensor's own figures, the median over positions; None: not known."""
+        noise = self.about.matrix.facts.noise
+        if noise is None:
+            return None
+        # without a photon part it was taken from repeats, and is no figure of the sensor
+        constant, slope = np.moveaxis(noise[self.about.z].astype(np.float64), -1, 0)
+        known = np.isfinite(constant) & (slope > 0) & (constant > 0)
+        return float(np.sqrt(np.median(constant[known]))) if known.any() else None
+
+    @property
     def use(self) -> NDArray[np.bool_]:
         """Positions whose frames can be used, ``(ny, nx)``."""
         return ~self.faulty.any

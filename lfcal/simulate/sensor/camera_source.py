@@ -27,7 +27,7 @@ from lfcal.simulate.effects.base import Effect, FrameEffect, MotionEffect
 from lfcal.simulate.effects.light import FiniteSource
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers, sample_type
+from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers, sample_type, temporal_noise
 from lfcal.simulate.sensor.white import white_light, white_tile
 from lfcal.simulate.simulate import EffectsLike, describe, effects_of
 from lfcal.simulate.staging import origin_of
@@ -112,8 +112,9 @@ class SimulatedCamera(Frames):
         return {
             "cfa": sensor.cfa,
             "bit_depth": sensor.bit_depth,
-            "saturation": float(sensor.max_value),
+            "saturation": sensor.saturated_from,
             "black_level": sensor.black_level,
+            "noise": temporal_noise(self.effects, self.camera),
             "plan": self.plan,
             "plan_shape": self.plan.shape[:3],
             "simulated": {"effects": describe(self.effects), "level": self.level, "seed": self.seed},

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera
 from lfcal.errors import InputError
+from lfcal.frames.source import Noise
 from lfcal.simulate.effects.base import Effect, FrameEffect, SensorStrip
+from lfcal.simulate.effects.sensor import ReadNoise, ShotNoise
 
-__all__ = ["FrameKind", "expose", "random_numbers", "sample_type"]
+__all__ = ["FrameKind", "expose", "random_numbers", "sample_type", "temporal_noise"]
 
 STRIP = 128
 """Rows that are worked off together."""
@@ -53,6 +55,16 @@ def sample_type(effects: Sequence[Effect]) -> np.dtype[np.uint16] | np.dtype[np.
     """Return uint16 where ``effects`` round sample values, else float32."""
     rounded = any(isinstance(effect, FrameEffect) and effect.whole_numbers for effect in effects)
     return np.dtype(np.uint16) if rounded else np.dtype(np.float32)
+
+
+def temporal_noise(effects: Sequence[Effect], camera: Camera) -> Noise:
+    """Return the variance that ``effects`` give raw samples of ``camera``; a fixed pattern has none."""
+    gain = camera.sensor.electrons_per_count
+    read = [effect.rms(camera) for effect in effects if isinstance(effect, ReadNoise)]
+    rounded = any(isinstance(effect, FrameEffect) and effect.whole_numbers for effect in effects)
+    photons = any(isinstance(effect, ShotNoise) for effect in effects)
+    constant = sum((rms / gain) ** 2 for rms in read) + (1 / 12 if rounded else 0.0)
+    return Noise(constant, 1 / gain if photons else 0.0, camera.sensor.black_level)
 
 
 def expose(

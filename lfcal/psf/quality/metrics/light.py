@@ -12,6 +12,8 @@ __all__ = ["METRICS"]
 
 def _snr(plane: PlaneMeasures) -> Reading:
     noise = plane.dark.noise
+    if plane.edges.cut_off or not noise > 0:  # the corners are not dark, or rounded away: the sensor's figure stands in
+        noise = plane.sensor_noise or noise
     return Reading(plane.table.peak / noise if noise > 0 else math.inf)
 
 

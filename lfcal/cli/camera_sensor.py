@@ -1,0 +1,148 @@
+"""``lfcal camera sensor``: gain, noise and fixed pattern of a sensor from flats and darks, written into the camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lfcal.cli.console import print_json, print_table, report, run_work
+from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli.outputs import check_outputs
+from lfcal.cli.plan import load_camera
+from lfcal.errors import InputError
+from lfcal.files import replace_whole
+
+if TYPE_CHECKING:
+    from lfcal.camera import Camera
+    from lfcal.frames.photon_transfer.result import SensorMeasurement
+    from lfcal.frames.photon_transfer.values import Measured
+
+__all__ = ["register"]
+
+SHOWN = (
+    "gain",
+    "electrons_per_count",
+    "black_level",
+    "read_noise_counts",
+    "read_noise_e",
+    "saturation",
+    "full_well_e",
+    "linearity",
+    "prnu",
+    "dsnu_counts",
+    "dsnu_e",
+    "dark_current_e_s",
+)
+
+PICTURES = (".png", ".pdf", ".svg")
+
+SMALLEST, LARGEST = 0.5, 2.0
+"""Ratio of electrons per count, measured over stated, outside which one of them is doubted."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``sensor`` to the commands of ``camera``."""
+    app.command("sensor")(command)
+
+
+def command(
+    flats: Path = typer.Argument(..., help="Flats: a file of pages, a folder, or a folder of folders (one a level)."),
+    darks: Path = typer.Argument(..., help="Darks, taken as the flats are; several exposures give the dark current."),
+    *,
+    camera: str = typer.Option("", "--camera", help="Camera (preset or file) whose sensor is measured."),
+    cfa: str = typer.Option("", "--cfa", help="Colour filter pattern by rows, e.g. RGGB; by default files or camera."),
+    figure: Path | None = typer.Option(None, "--figure", help="Photon-transfer curve as a picture (PNG, PDF, SVG)."),
+    out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured sensor as JSON."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Measure gain, read noise, full well, linearity and fixed pattern of a sensor by photon transfer.
+
+    Flats come in pairs or more per level of light. A white image through the lenslets does: pixels are compared with
+    those of like brightness. What cannot be told is left unknown, with the reason.
+
+    Example: `lfcal camera sensor flats/ darks/ --camera camera.json -o measured.json --figure ptc.png`
+    """
+    from lfcal.frames.photon_transfer.frame_list import find_frames
+    from lfcal.frames.photon_transfer.measurement import iter_measure_sensor
+
+    if out is not None and not camera:
+        raise InputError.expected("measured camera", "a camera to write the sensor into", "none", "add --camera")
+    if figure is not None and figure.suffix.lower() not in PICTURES:
+        raise InputError.expected("figure", f"a name that ends in {', '.join(PICTURES)}", figure.name, "rename it")
+    check_outputs([path for path in (out, figure) if path is not None], flats, darks, camera, force=force)
+    known = load_camera(camera) if camera else None
+    (lit, facts), (dark, _) = find_frames(flats), find_frames(darks)
+    pattern = cfa or str(facts.get("cfa") or (known.sensor.cfa if known is not None else ""))
+    found = run_work(iter_measure_sensor(lit, dark, cfa=pattern), quiet=json)
+    written = [] if figure is None else [_save_figure(found, figure)]
+    # doubtful figures are shown before they are refused
+    refusal = _refusal(found, known) if out is not None and known is not None else None
+    if out is not None and known is not None and refusal is None:
+        written.append(_save_camera(found.camera(known), out))
+    if json:
+        print_json(_as_json(found) | {"written": written})
+    else:
+        _show(found, known, written)
+    if refusal is not None:
+        raise refusal
+
+
+def _save_figure(found: SensorMeasurement, path: Path) -> Path:
+    from lfcal.frames.photon_transfer.figure import save_curve
+
+    save_curve(found, path)
+    return path
+
+
+def _save_camera(camera: Camera, path: Path) -> Path:
+    with replace_whole(path) as part:
+        part.write_text(camera.to_json(), encoding="utf-8")
+    return path
+
+
+def _refusal(found: SensorMeasurement, known: Camera) -> InputError | None:
+    try:
+        found.camera(known)
+    except InputError as error:
+        return error
+    return None
+
+
+def _as_json(found: SensorMeasurement) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for name in SHOWN:
+        one: Measured | None = getattr(found, name)
+        values[name] = None if one is None else one._asdict()
+    points = found.curve.points
+    return {
+        **values,
+        **{name: getattr(found, name) for name in ("bits", "shift", "hot", "dead", "doubts", "notes")},
+        "channels": {name: gain._asdict() for name, gain in found.channels.items()},
+        "frames": {"flats": found.frames[0], "darks": found.frames[1]},
+        "curve": {"signal": points.x, "variance": points.y, "pixels": points.n, "fitted": found.curve.used},
+    }
+
+
+def _show(found: SensorMeasurement, known: Camera | None, written: list[Path]) -> None:
+    from lfcal.frames.photon_transfer.summary import figures_of
+
+    rows = [list(figure) for figure in figures_of(found)]
+    print_table([f"{found.frames[0]} flats, {found.frames[1]} darks", ""], rows)
+    for doubt in found.doubts:
+        report(f"warning: {doubt}")
+    for note in found.notes:
+        report(f"note: {note}")
+    if known is not None and found.electrons_per_count is not None:
+        stated = known.sensor.electrons_per_count * (1 << found.shift)
+        ratio = found.electrons_per_count.value / stated
+        if not SMALLEST <= ratio <= LARGEST:
+            report(
+                f"warning: {ratio:.3g} times as many electrons per count as the camera description has "
+                f"({stated:.4g}): another gain setting, or frames that the camera averaged or denoised"
+            )
+    for path in written:
+        typer.echo(f"written: {path}")

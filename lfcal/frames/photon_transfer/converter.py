@@ -1,0 +1,128 @@
+"""What the sample values alone tell of the converter: bits in use, alignment, clipping, averaging."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+
+__all__ = ["Converter", "ConverterScan"]
+
+LONGEST = 1 << 16
+ROWS = 64
+"""Rows of a frame that are looked at for fractions."""
+
+
+@dataclass(frozen=True)
+class Converter:
+    """What a series of frames shows of their converter.
+
+    Attributes
+    ----------
+    top
+        Highest sample value seen, moved down by ``shift``.
+    clip
+        Sample value at which many samples pile up; None: none is seen.
+    shift
+        Empty low bits: samples are left-aligned by so many.
+    step
+        Distance of neighbouring sample values after the shift, 0 for floats that are not on a grid.
+    used
+        Share of the sample values that occur, where there are so many samples that all should.
+    """
+
+    top: float
+    clip: float | None
+    shift: int
+    step: float
+    used: float
+
+
+@dataclass
+class ConverterScan:
+    """Histograms over all frames as they are read.
+
+    Attributes
+    ----------
+    counts
+        Pixels with each sample value; empty until whole numbers are seen.
+    """
+
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    step: float = 0.0
+    top: float = -np.inf
+    first: NDArray[np.float64] | None = None
+
+    def add(self, values: NDArray[Any], label: str) -> None:
+        """Count the samples of one frame."""
+        self.top = max(self.top, float(values.max()))
+        if values.dtype.kind == "f" and not (values == np.rint(values)).all():
+            self._add_fractions(values)
+            return
+        low, high = float(values.min()), float(values.max())
+        if low < 0 or high >= LONGEST:
+            # signed or 32-bit samples are no converter's; their variance still tells of gain and noise
+            return
+        found = np.bincount(np.ascontiguousarray(values, np.uint16).ravel(), minlength=LONGEST)
+        self.counts = found if not self.counts.size else self.counts + found
+        if self.step in (0.0, 1.0):
+            self.step = 1.0
+
+    def _add_fractions(self, values: NDArray[Any]) -> None:
+        some = values[:ROWS].astype(np.float64)
+        if self.first is None:
+            self.first, self.step = some, _grid(some)
+        # a mean dark that was subtracted leaves the same fraction in every frame, whose noise is still that of one
+        elif some.shape == self.first.shape:
+            away = some - self.first
+            if np.abs(away).max() > 0.5 and np.abs(away - np.rint(away)).max() < 1e-2:
+                self.step = 1.0
+
+    def result(self) -> Converter:
+        """Return what the histogram tells; raises `InputError` where all samples are alike."""
+        if not self.counts.size or 0 < self.step < 1:
+            return Converter(self.top, None, 0, self.step, 1.0)
+        values = np.flatnonzero(self.counts)
+        if values.size < 2:
+            raise InputError.expected("flats and darks", "samples that differ", f"{values[0]} everywhere", "check them")
+        # empty low bits: a power of two divides every sample
+        whole = int(np.bitwise_or.reduce(values))
+        shift = (whole & -whole).bit_length() - 1
+        step = float(np.gcd.reduce(values >> shift)) if shift < 8 else 1.0
+        counts = self.counts[:: 1 << shift]
+        return Converter(float(values[-1] >> shift), _pile(counts), shift, step, _used(counts[:: int(step)]))
+
+
+def _pile(counts: NDArray[np.int64]) -> float | None:
+    """Return the highest sample value where it holds far more samples than those just below it."""
+    top = int(np.flatnonzero(counts)[-1])
+    width = max(4, top // 100)
+    below = counts[max(0, top - width) : top]
+    # the brightest samples of an unclipped frame thin out towards the top
+    if counts[top] >= 20 and below.size and counts[top] > 5 * max(below.mean(), 0.2 * float(below.max())):
+        return float(top)
+    return None
+
+
+def _used(counts: NDArray[np.int64]) -> float:
+    """Return the share of sample values that occur, where samples on both sides are so many that none should lack."""
+    reach = 6
+    sums = np.concatenate([np.zeros(reach + 1, np.int64), np.cumsum(counts), np.full(reach, counts.sum())])
+    at = np.arange(counts.size) + reach
+    below, above = sums[at] - sums[at - reach], sums[at + 1 + reach] - sums[at + 1]
+    # levels of light end between two values of their own: there one side has none
+    inside = (below > 20 * reach) & (above > 20 * reach)
+    return float((counts[inside] > 0).mean()) if inside.sum() >= 32 else 1.0
+
+
+def _grid(values: NDArray[Any]) -> float:
+    """Return the step 1/n of float samples that are means of n whole numbers, 0 for any other."""
+    some = values.ravel()[:20_000].astype(np.float64)
+    for count in range(2, 65):
+        if np.abs(some * count - np.rint(some * count)).max() < 1e-3:
+            return 1 / count
+    return 0.0

@@ -1,0 +1,142 @@
+"""Flats and darks as they lie on disk: single frames with what names and files say of their exposure."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError, StorageError
+from lfcal.frames.aligned import shifted
+from lfcal.frames.formats.opening import image_suffixes, open_image
+
+__all__ = ["CalibrationFrame", "array_frames", "find_frames"]
+
+_UNITS = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0}
+# 10ms, exp_0.5s, 2p5ms; no letter may follow, or 3sets would be three seconds
+_EXPOSURE = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)[ _]?(us|µs|ms|sec|s)(?![a-z])", re.IGNORECASE)
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationFrame:
+    """One frame of a series, read when it is asked for.
+
+    Attributes
+    ----------
+    source
+        The file, or the frame itself ``(rows, columns)``.
+    page
+        Page of the file.
+    exposure_s
+        Exposure (s), where file, file name or folder name state it.
+    group
+        Folder below the one that was given; frames of different folders are of different levels.
+    shift
+        Bits by which left-aligned samples are moved down.
+    """
+
+    source: Path | NDArray[Any]
+    page: int = 0
+    exposure_s: float | None = None
+    group: str = ""
+    shift: int = 0
+
+    @property
+    def label(self) -> str:
+        """What to call it."""
+        if not isinstance(self.source, Path):
+            return f"frame {self.page}"
+        return f"{self.source.name}[{self.page}]" if self.page else self.source.name
+
+    def read(self) -> NDArray[Any]:
+        """Return the samples ``(rows, columns)``; raises `InputError` where they are not finite."""
+        if isinstance(self.source, Path):
+            image = open_image(self.source)
+            try:
+                values = image.read(self.page)
+            finally:
+                image.close()
+        else:
+            values = self.source
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            raise InputError.expected(self.label, "finite samples", "NaN or infinity", "leave this frame out")
+        return shifted(values, self.shift, self.label) if self.shift else values
+
+    def moved(self, shift: int) -> CalibrationFrame:
+        """Return the frame with its samples moved down by ``shift`` bits."""
+        return replace(self, shift=shift)
+
+
+def array_frames(
+    frames: Iterable[NDArray[Any]], exposures_s: Sequence[float | None] | float | None = None
+) -> list[CalibrationFrame]:
+    """Return frames in memory as a series; ``exposures_s`` of each, or of all."""
+    held = [np.asarray(frame) for frame in frames]
+    stated = [exposures_s] * len(held) if exposures_s is None or isinstance(exposures_s, int | float) else exposures_s
+    if len(stated) != len(held):
+        raise InputError.expected("exposures", f"one for each of {len(held)} frames", len(stated), "complete them")
+    return [CalibrationFrame(frame, k, seconds) for k, (frame, seconds) in enumerate(zip(held, stated, strict=True))]
+
+
+def find_frames(path: Path) -> tuple[list[CalibrationFrame], dict[str, Any]]:
+    """Return the frames of an image file, of a folder, or of the folders in it, and what their files state.
+
+    Frames come in the natural order of their names. An exposure is taken from the file itself (``exposure_s``), else
+    from its name or its folder's: ``flat_10ms_3.tif``, ``0.5s/``.
+
+    Raises
+    ------
+    LfcalError
+        If there are none, or one cannot be opened.
+    """
+    if not path.exists():
+        raise StorageError(f"{path}: no such file or folder; check the path")
+    found: list[CalibrationFrame] = []
+    facts: dict[str, Any] = {}
+    for file in _files(path):
+        image = open_image(file)
+        try:
+            facts |= {k: v for k, v in image.metadata.items() if k in ("cfa", "bit_depth", "black_level")}
+            stated = _stated(image.metadata.get("exposure_s"), image.pages)
+            pages = image.pages
+        finally:
+            image.close()
+        inside = file.relative_to(path) if path.is_dir() else Path(file.name)
+        named = _exposure_in(inside.stem) or next(filter(None, map(_exposure_in, reversed(inside.parent.parts))), None)
+        group = str(inside.parent) if inside.parent.parts else ""
+        found += [CalibrationFrame(file, k, stated[k] or named, group) for k in range(pages)]
+    if not found:
+        raise InputError.expected(f"frames in {path}", "images", "none", "check the folder")
+    return found, facts
+
+
+def _files(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    suffixes = image_suffixes()
+    files = [p for p in path.rglob("*") if p.is_file() and p.suffix.lower() in suffixes and not p.name.startswith(".")]
+    return sorted(files, key=lambda p: _natural(str(p.relative_to(path))))
+
+
+def _natural(text: str) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text) if part]
+
+
+def _stated(value: Any, pages: int) -> list[float | None]:
+    """Return the exposures that a file states, one a page."""
+    if value is None:
+        return [None] * pages
+    known = np.broadcast_to(np.asarray(value, float).ravel(), (pages,)).tolist() if np.size(value) in (1, pages) else []
+    return [v if np.isfinite(v) and v > 0 else None for v in known] or [None] * pages
+
+
+def _exposure_in(name: str) -> float | None:
+    match = _EXPOSURE.search(name)
+    if match is None:
+        return None
+    return (float(match[1].lower().replace("p", ".")) * _UNITS[match[2].lower()]) or None

@@ -1,0 +1,250 @@
+"""From flats and darks to the sensor's figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.frames.cfa import channel_names
+from lfcal.frames.photon_transfer.checks import doubts_of, notes_of
+from lfcal.frames.photon_transfer.converter import Converter, ConverterScan
+from lfcal.frames.photon_transfer.curve import Curve, fit_curve
+from lfcal.frames.photon_transfer.darks import (
+    DarkLevel,
+    dark_current,
+    measure_darks,
+    offset_scatter,
+    read_noise,
+)
+from lfcal.frames.photon_transfer.frame_list import CalibrationFrame
+from lfcal.frames.photon_transfer.levels import FlatLevel, measure_level, sorted_levels
+from lfcal.frames.photon_transfer.linearity import measure_linearity
+from lfcal.frames.photon_transfer.pairs import Points
+from lfcal.frames.photon_transfer.pattern import find_dead, measure_prnu
+from lfcal.frames.photon_transfer.result import SensorMeasurement
+from lfcal.frames.photon_transfer.values import Measured
+from lfcal.progress import Clock, Work, drain
+
+__all__ = ["iter_measure_sensor", "measure_sensor"]
+
+FEWEST_PIXELS = 1000
+
+
+def measure_sensor(
+    flats: Sequence[CalibrationFrame], darks: Sequence[CalibrationFrame], *, cfa: str = ""
+) -> SensorMeasurement:
+    """Measure a sensor at once; see `iter_measure_sensor`."""
+    return drain(iter_measure_sensor(flats, darks, cfa=cfa))
+
+
+def iter_measure_sensor(
+    flats: Sequence[CalibrationFrame], darks: Sequence[CalibrationFrame], *, cfa: str = ""
+) -> Work[SensorMeasurement]:
+    """Measure a sensor by photon transfer.
+
+    Parameters
+    ----------
+    flats
+        Two or more of each level of light, of any structure that stays (a white image of a lenslet array is well).
+    darks
+        Two or more of each exposure, recorded as the flats are.
+    cfa
+        Colour filter pattern by rows, empty for none.
+
+    Raises
+    ------
+    InputError
+        If frames are of unlike shape, alike to the last bit, single, without light, or saturated everywhere.
+    """
+    files = [{frame.source for frame in held if isinstance(frame.source, Path)} for held in (flats, darks)]
+    if files[0] & files[1]:
+        raise InputError.expected(
+            "flats and darks", "different files", "the same ones", "give each a folder of its own"
+        )
+    clock = Clock("measure the sensor", 2 * (len(flats) + len(darks)))
+    yield clock.at(0)
+    scan, means = ConverterScan(), []
+    shape: tuple[int, ...] = ()
+    for k, frame in enumerate([*darks, *flats]):
+        values = frame.read()
+        shape = shape or values.shape
+        if values.shape != shape:
+            raise InputError.expected(frame.label, f"{shape} px as the others", values.shape, "take one sensor setting")
+        if values.size < FEWEST_PIXELS:
+            raise InputError.expected(
+                frame.label, f"{FEWEST_PIXELS} pixels or more", f"{values.shape}", "take larger frames"
+            )
+        scan.add(values, frame.label)
+        means.append(float(values.mean(dtype=np.float64)))
+        yield clock.at(k + 1)
+    converter = scan.result()
+    dimmest, brightest = min(means[: len(darks)]), max(means[len(darks) :])
+    if brightest <= dimmest:
+        raise InputError.expected(
+            "flats", f"brighter frames than the darks (mean {dimmest:.4g})", f"{brightest:.4g} at most", "exchange them"
+        )
+    if converter.shift:
+        flats, darks = ([f.moved(converter.shift) for f in held] for held in (flats, darks))
+    light = [mean / (1 << converter.shift) for mean in means[len(darks) :]]
+    done = len(flats) + len(darks)
+    dark_levels = []
+    for held in _by_exposure(darks):
+        dark_levels.append(measure_darks(held, held[0].exposure_s))
+        done += len(held)
+        yield clock.at(done)
+    reference = dark_levels[0]
+    levels = []
+    for held in sorted_levels(flats, light, reference.black.value):
+        level = measure_level(held, reference.mean, reference.good, cfa)
+        if any(pair.equal for pair in level.pairs):
+            raise InputError.expected("flats", "frames that differ", f"copies among {held[0].label} …", "remove copies")
+        levels.append(level)
+        done += len(held)
+        yield clock.at(done)
+    return _measurement(converter, dark_levels, levels, cfa, (len(flats), len(darks)))
+
+
+def _by_exposure(darks: Sequence[CalibrationFrame]) -> list[list[CalibrationFrame]]:
+    """Return the darks of each exposure, the shortest first; those of unknown exposure are one."""
+    held: dict[float | None, list[CalibrationFrame]] = {}
+    for frame in darks:
+        held.setdefault(frame.exposure_s, []).append(frame)
+    return [held[key] for key in sorted(held, key=lambda seconds: seconds or 0.0)]
+
+
+def _points(dark: DarkLevel, levels: Sequence[FlatLevel]) -> Points:
+    parts = [] if dark.cut_off else [dark.point]
+    for k, level in enumerate(levels):
+        parts += [replace(pair.points, level=np.full(pair.points.x.size, k)) for pair in level.pairs]
+    if not any(level.pairs for level in levels):
+        raise InputError.expected("flats", "two or more of a level", "one of each", "record them in pairs")
+    return Points.joined(parts)
+
+
+def _measurement(
+    converter: Converter, darks: list[DarkLevel], levels: list[FlatLevel], cfa: str, frames: tuple[int, int]
+) -> SensorMeasurement:
+    dark, whole = darks[0], converter.step == 1 or converter.step > 1
+    black = dark.black
+    clip = None if converter.clip is None else converter.clip - black.value
+    points = _points(dark, levels)
+    curve = fit_curve(points, clip, whole)
+    notes = list(notes_of(converter, darks, levels, curve))
+    inverse = None if curve.slope is None else curve.slope.inverse()
+    read = _read_noise(dark, curve, whole, notes)
+    saturation = _saturation(converter, curve, black, notes)
+    end = (1 << int(converter.top).bit_length()) - 1
+    top = (end if saturation is None else saturation.value) - dark.black.value
+    rate, current = Measured(0.0, 0.0), None
+    if curve.slope is not None:
+        current, said = dark_current(darks, curve.slope)
+        notes += [said] if said else []
+        if current is not None and not said:
+            rate = current.times(curve.slope)
+            # darks of the shortest exposure still hold its dark current
+            held = rate.times(dark.exposure_s or 0.0)
+            black = Measured(black.value - held.value, float(np.hypot(black.sigma, held.sigma)))
+    linearity, said = measure_linearity(levels, dark.good, top, rate.value, dark.exposure_s or 0.0)
+    notes += [said] if said else []
+    prnu, dead = _pattern(levels, dark, curve, top, cfa, notes)
+    offsets = offset_scatter(dark, whole)
+    channels = _channels(points, curve, clip, whole, cfa)
+    return SensorMeasurement(
+        gain=curve.slope,
+        black_level=None if dark.cut_off else black,
+        dark_level=dark.black,
+        read_noise_counts=read,
+        read_noise_e=None if inverse is None or read is None else read.times(inverse),
+        saturation=saturation,
+        full_well_e=_electrons(saturation, black, inverse),
+        linearity=linearity,
+        prnu=prnu,
+        dsnu_counts=offsets,
+        dsnu_e=None if inverse is None or offsets is None else offsets.times(inverse),
+        dark_current_e_s=current,
+        bits=int(converter.top).bit_length(),
+        shift=converter.shift,
+        hot=int(np.count_nonzero(~dark.good)),
+        dead=dead,
+        channels=channels,
+        frames=frames,
+        doubts=doubts_of(converter, darks, levels, curve) + _multiplied(channels, curve),
+        notes=tuple(notes),
+        curve=curve,
+    )
+
+
+def _electrons(saturation: Measured | None, black: Measured, inverse: Measured | None) -> Measured | None:
+    if saturation is None or inverse is None:
+        return None
+    above = Measured(saturation.value - black.value, float(np.hypot(saturation.sigma, black.sigma)))
+    return above.times(inverse)
+
+
+def _read_noise(dark: DarkLevel, curve: Curve, whole: bool, notes: list[str]) -> Measured | None:
+    if dark.cut_off:
+        rounding = 1 / 12 if whole else 0.0
+        constant = Measured(curve.constant.value - rounding, curve.constant.sigma)
+        if curve.slope is not None and constant.value > 2 * constant.sigma:
+            return constant.root()
+        notes.append("read noise: unknown, for the flats are too bright to show it and the darks are cut off")
+        return None
+    found = read_noise(dark, whole)
+    if found is None:
+        notes.append("read noise: below half a count and lost in rounding; raise the camera's gain")
+    return found
+
+
+def _saturation(converter: Converter, curve: Curve, black: Measured, notes: list[str]) -> Measured | None:
+    broken = curve.saturation
+    if broken is not None and (converter.clip is None or broken.value < 0.95 * (converter.clip - black.value)):
+        return Measured(broken.value + black.value, broken.sigma)
+    if converter.clip is not None:
+        return Measured(converter.clip, 0.0)
+    notes.append(f"saturation and full well: unknown, for the brightest sample is {converter.top:.0f}; expose longer")
+    return None
+
+
+def _pattern(
+    levels: Sequence[FlatLevel], dark: DarkLevel, curve: Curve, top: float, cfa: str, notes: list[str]
+) -> tuple[Measured | None, int]:
+    """Return pixel response and blind pixels, from the flats nearest to half of saturation."""
+    means = np.array([float(level.bright[dark.good].mean(dtype=np.float64)) for level in levels])
+    nearest = int(np.argmin(np.abs(means - 0.5 * top)))
+    level = levels[nearest]
+    if curve.slope is None:
+        return None, 0
+    noise = float(np.sqrt(curve.variance(means[nearest]) / level.count))
+    dead = find_dead(level.bright, dark.good, noise, cfa)
+    prnu, said = measure_prnu(level, curve, dark.variance.value / dark.count, dark.good & ~dead, cfa)
+    notes += [said] if said else []
+    return prnu, int(np.count_nonzero(dead))
+
+
+def _channels(points: Points, curve: Curve, clip: float | None, whole: bool, cfa: str) -> dict[str, Measured]:
+    """Return the gain of every channel."""
+    found: dict[str, Measured] = {}
+    if curve.slope is None:
+        return found
+    for site, name in enumerate(channel_names(cfa)):
+        chosen: NDArray[np.bool_] = (points.site == site) | (points.level < 0)
+        own = points.where(chosen)
+        if (own.level >= 0).any():
+            fit = fit_curve(own, clip, whole)
+            found |= {} if fit.slope is None else {name: fit.slope}
+    return found
+
+
+def _multiplied(channels: dict[str, Measured], curve: Curve) -> tuple[str, ...]:
+    """Return the doubt that gains differ between channels, which a converter does not make."""
+    if curve.slope is None or not channels:
+        return ()
+    middle = float(np.median([one.value for one in channels.values()]))
+    if max(abs(one.value - middle) - 5 * one.sigma for one in channels.values()) <= 0.03 * middle:
+        return ()
+    return ("gain differs between colours: the camera multiplies them (white balance); switch that off",)

@@ -1,0 +1,39 @@
+"""A measured number with its standard error."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+__all__ = ["Measured"]
+
+
+class Measured(NamedTuple):
+    """A measured value and its standard error, in the same unit."""
+
+    value: float
+    sigma: float
+
+    def times(self, factor: Measured | float) -> Measured:
+        """Return the product with ``factor``, the errors of both being independent."""
+        if not isinstance(factor, Measured):
+            return Measured(self.value * factor, self.sigma * abs(factor))
+        sigma = math.hypot(self.sigma * factor.value, self.value * factor.sigma)
+        return Measured(self.value * factor.value, sigma)
+
+    def inverse(self) -> Measured:
+        """Return one over the value."""
+        return Measured(1 / self.value, self.sigma / self.value**2)
+
+    def root(self, floor: float = 0.0) -> Measured:
+        """Return the square root of a variance, which noise may have pushed below ``floor``."""
+        root = math.sqrt(max(self.value, floor))
+        # near zero the root of the error is what the value may be at most
+        return Measured(root, min(self.sigma / (2 * root) if root > 0 else math.inf, math.sqrt(self.sigma)))
+
+    def __str__(self) -> str:
+        """Return the value with as many digits as its error warrants."""
+        if not self.sigma > 0 or not math.isfinite(self.sigma):
+            return f"{self.value:.5g}"
+        digits = max(0, min(9, 1 - math.floor(math.log10(self.sigma))))
+        return f"{self.value:.{digits}f} ± {self.sigma:.{digits}f}"

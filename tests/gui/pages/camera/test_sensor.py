@@ -1,0 +1,82 @@
+"""The sensor measured in the window: folders chosen, figures shown, the camera changed by one undoable step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from pytestqt.qtbot import QtBot
+
+from gui.pages.camera.panel_sensor import SensorDialog
+from gui.window import MainWindow
+from lfcal.camera import Camera
+from tests.frames.photon_transfer.sensor_model import Truth, micro_images
+from tests.gui.waiting import idle
+
+TRUTH = Truth(shape=(100, 120))
+
+
+def write(place: Path, processed: bool = False) -> tuple[str, str]:
+    frames = {
+        "flats": TRUTH.flats([0.3, 1.2], 2, micro_images(TRUTH.shape)),
+        "darks": TRUTH.darks(3),
+    }
+    for name, held in frames.items():
+        (place / name).mkdir(parents=True)
+        for k, frame in enumerate(held):
+            shown = np.rint(255 * (frame / 4095) ** 0.45).astype(np.uint8) if processed else frame
+            tifffile.imwrite(place / name / f"{k}.tif", shown)
+    return str(place / "flats"), str(place / "darks")
+
+
+@pytest.fixture
+def dialog(window: MainWindow, qtbot: QtBot) -> SensorDialog:
+    page: Any = window.page("camera")
+
+    def take(camera: Camera, label: str) -> None:
+        window.project.update(label, camera=camera)
+
+    made = SensorDialog(page, page.context, take)
+    made.show()
+    return made
+
+
+def test_folders_are_measured_and_the_camera_takes_it(
+    window: MainWindow, dialog: SensorDialog, qtbot: QtBot, tmp_path: Path
+) -> None:
+    flats, darks = write(tmp_path)
+    dialog.set_folder("flats", flats)
+    assert not window.jobs.busy and not dialog.take_button.isEnabled()
+    dialog.set_folder("darks", darks)
+    idle(window.jobs, qtbot)
+    assert dialog.found is not None and dialog.take_button.isEnabled()
+    shown = [dialog.table.item(row, 1).text() for row in range(dialog.table.rowCount())]
+    assert any("e⁻ per count" in text for text in shown) and "structure" in dialog.words.text()
+    assert len(dialog.fitted.getOriginalDataset()[0]) > 10
+    before = window.project.state.camera
+    dialog.take_button.click()
+    after = window.project.state.camera
+    assert after.sensor.electrons_per_count == pytest.approx(5, rel=0.05) and after.lattice == before.lattice
+    assert after.marks["sensor.full_well_e"] == "measured"
+    window.project.undo()
+    assert window.project.state.camera == before
+    dialog.close()
+
+
+def test_doubtful_and_unreadable_folders_change_nothing(
+    window: MainWindow, dialog: SensorDialog, qtbot: QtBot, tmp_path: Path
+) -> None:
+    flats, darks = write(tmp_path / "processed", processed=True)
+    for which, path in (("flats", flats), ("darks", darks)):
+        dialog.set_folder(which, path)
+    idle(window.jobs, qtbot)
+    assert not dialog.take_button.isEnabled() and "Not the sensor's own" in dialog.words.text()
+    assert "record raw" in dialog.take_button.toolTip()
+    (tmp_path / "empty").mkdir()
+    dialog.set_folder("darks", str(tmp_path / "empty"))
+    idle(window.jobs, qtbot)
+    assert "expected images" in dialog.words.text() and not dialog.take_button.isEnabled()
+    dialog.close()
