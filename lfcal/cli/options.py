@@ -57,7 +57,9 @@ CompressionOption: TypeAlias = Annotated[str, typer.Option("--compression", help
 MatrixArgument: TypeAlias = Annotated[Path, typer.Argument(help="H file (.h5), MATLAB v7.3 file (.mat) or .npy array.")]
 """H in any form that `lfcal.psf.open_psf` reads."""
 
-CameraArgument: TypeAlias = Annotated[str, typer.Argument(help="Preset, camera JSON or Raytrix XML.")]
+CameraArgument: TypeAlias = Annotated[
+    str, typer.Argument(help="Preset, or camera file: camera.json, Raytrix XML, oLaF yaml, napari-LF metadata …")
+]
 """A described camera."""
 
 DepthsOption: TypeAlias = Annotated[
