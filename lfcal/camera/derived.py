@@ -71,9 +71,9 @@ def _on_the_sensor(camera: Camera) -> list[_Row]:
     count = (max(1, round(py)), max(1, round(px)))
     return [
         ("micro-image pitch", f"{camera.pitch_px:.4f} px", camera.pitch_px, "px", IN_PIXELS),
-        ("period of the array (x × y)", f"{px:.3f} × {py:.3f} px", (py, px), "px", IN_PIXELS),
-        ("positions in a period (x × y)", f"{count[1]} × {count[0]}", count, "", IN_PIXELS),
-        ("type-0 micro-image from the centre (x, y)", f"{x:+.3f}, {y:+.3f} px", (x, y), "px", ("lattice.offset_um",)),
+        ("period (x × y)", f"{px:.3f} × {py:.3f} px", (py, px), "px", IN_PIXELS),
+        ("positions in it (x × y)", f"{count[1]} × {count[0]}", count, "", IN_PIXELS),
+        ("type-0 micro-image (x, y)", f"{x:+.3f}, {y:+.3f} px", (x, y), "px", ("lattice.offset_um",)),
     ]
 
 
@@ -110,7 +110,7 @@ def _in_object_space(camera: Camera) -> list[_Row]:
         depths = tuple(_depth(camera, v) for v in (ends[0], focus, ends[1]))
         if all(math.isfinite(z) for z in depths) and kind.depth_range:
             text = f"{format_length(depths[1])}, used {format_length(depths[0])} … {format_length(depths[2])}"
-            found.append(("  depth z, away from the camera", text, depths, "µm", rests))
+            found.append(("  object depth z", text, depths, "µm", rests))
     if camera.optics.telecentric:
         found.append(_depth_of_field(camera))
     return found

@@ -16,7 +16,7 @@ def table(name: str, **marks: str) -> dict[str, Derived]:
 
 def test_figures_of_a_lens() -> None:
     found = table("r29")
-    assert found["period of the array (x × y)"].value == pytest.approx((54.906, 95.1), abs=1e-3)
+    assert found["period (x × y)"].value == pytest.approx((54.906, 95.1), abs=1e-3)
     assert found["magnification |M|"].value == pytest.approx(0.25 * (1 + 871.75 / 250e3))
     assert found["step for one pixel"].value == pytest.approx(5.5e6 / (250e3 + 871.75))
     assert found["lens to lenslets"].text == "250 mm"
