@@ -75,7 +75,7 @@ class Form(QWidget):
             editor.toggled.connect(lambda _=False, key=field.key: self._changed(key))
         else:
             editor = QLineEdit()
-            editor.setMinimumWidth(80)
+            editor.setMinimumWidth(68 if self._marked else 80)
             editor.textEdited.connect(lambda _="", key=field.key: self._changed(key))
         for widget in (label, editor):
             widget.setToolTip(field.tip)
@@ -91,7 +91,7 @@ class Form(QWidget):
         """Return the editor with room for a word beside it."""
         mark = QLabel()
         mark.ensurePolished()  # the style's font, not the default one
-        mark.setFixedWidth(mark.fontMetrics().horizontalAdvance(LONGEST_MARK) + 8)
+        mark.setFixedWidth(mark.fontMetrics().horizontalAdvance(LONGEST_MARK) + 3)
         self._mark_labels[key] = mark
         row = QHBoxLayout()
         row.setContentsMargins(0, 0, 0, 0)

@@ -25,7 +25,7 @@ PATHS = {quantity.path for quantity in QUANTITIES} | {FOCUS, RANGES}
 # A microscope's camera is rarely the sensor of a plenoptic one; both are assumptions and said to be.
 MICROSCOPE_SENSOR: dict[str, Any] = {"shape": (2048, 2048), "pixel_um": 6.5, "bit_depth": 16, "read_noise_e": 1.5}
 MICROSCOPE_PITCH_UM = 125.0
-SEEN_IN_PIXELS = ("lattice.pitch_um", "lattice.row_pitch_um", "lattice.offset_um", "lattice.clear_um")
+SEEN_IN_PIXELS = tuple(f"lattice.{n}" for n in ("pitch_um", "row_pitch_um", "offset_um", "clear_um", "distortion"))
 
 
 class Draft:
@@ -71,10 +71,12 @@ class Draft:
             for field in fields(held):
                 path = f"{part}.{field.name}"
                 value, mark = getattr(held, field.name), marks[path]
-                if path in SEEN_IN_PIXELS and mark in ("derived", "measured") and value is not None:
-                    value = tuple(v * scale for v in value) if isinstance(value, tuple) else value * scale
-                if path in PATHS and path != "lattice.types" and not (path == "lattice.gap_um" and mark == "assumed"):
-                    draft._values.setdefault(path, (value, mark))
+                if path == "lattice.types" or (path == "lattice.gap_um" and mark == "assumed"):
+                    continue
+                if path in SEEN_IN_PIXELS and mark in ("derived", "measured"):
+                    value = _scaled(value, scale)
+                # also what people do not state, such as a measured distortion
+                draft._values.setdefault(path, (value, mark))
         for path in ("wavelength_um", "bandwidth_um"):
             draft.put(path, getattr(camera, path), marks[path])
         draft._put_types(camera, given)
@@ -173,10 +175,18 @@ class Draft:
         return types, "assumed" if self.mark("lattice.gap_um") == "assumed" else mark
 
     def _marks(self, camera: Camera, types: str) -> Marks:
-        marks = {"lattice.types": types}
-        if RANGES in self._values:
-            marks[RANGES] = self.mark(RANGES)
+        marks = {path: self.mark(path) for path in (RANGES, "lattice.distortion") if self._values.get(path, (None,))[0]}
+        marks["lattice.types"] = types
         for quantity in quantities_of(camera):
             if quantity.path != "lattice.types":
                 marks[quantity.path] = self.mark(quantity.path)
         return Marks.of(marks)
+
+
+def _scaled(value: Any, scale: float) -> Any:
+    """Return a length, or what has lengths, ``scale`` times as large."""
+    if value is None:
+        return None
+    if isinstance(value, tuple):
+        return tuple(v * scale for v in value)
+    return value * scale if isinstance(value, int | float) else value.scaled(scale)

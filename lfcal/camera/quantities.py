@@ -71,6 +71,7 @@ QUANTITIES = (
     Quantity("lattice.gap_um", "gap from lenslets to sensor", "µm", usual=(10.0, 5e4), option="--gap UM"),
     Quantity("lattice.types", "focal lengths of the lenslets", "µm", usual=(10.0, 5e4), option="--focus V,V,V"),
     Quantity("lattice.rotation_rad", "rotation of the array", "°", math.pi / 180),
+    Quantity("lattice.shear_rad", "shear of the array", "°", math.pi / 180),
     Quantity("lattice.offset_um", "centre of a type-0 micro-image (x, y)", "µm"),
     Quantity("lattice.clear_um", "clear diameter of a lenslet", "µm", usual=(4.0, 5e3)),
     Quantity("lattice.type_step", "type that follows type 0 in a row"),
@@ -84,6 +85,9 @@ QUANTITIES = (
     Quantity("sensor.prnu", "pixel response non-uniformity", usual=(0.0, 0.2), light=True),
     Quantity("sensor.quantum_efficiency", "quantum efficiency", light=True),
     Quantity("sensor.fill_factor", "fill factor of a pixel", light=True),
+    Quantity("sensor.saturation", "saturation", "counts", light=True),
+    Quantity("sensor.dsnu_e", "dark signal non-uniformity", "e-", light=True),
+    Quantity("sensor.linearity", "departure from linearity", light=True),
     Quantity("sensor.cfa", "colour filter", light=True),
     Quantity("wavelength_um", "wavelength", "nm", 1e-3, (0.2, 3.0), option="--wavelength NM", light=True),
     Quantity("bandwidth_um", "bandwidth", "nm", 1e-3, light=True),
@@ -91,16 +95,27 @@ QUANTITIES = (
 """Every value a person can state, in the order in which it is shown."""
 
 
+UNLESS: dict[str, object] = {
+    "lattice.row_pitch_um": None,
+    "lattice.shear_rad": 0.0,
+    "sensor.saturation": None,
+    "sensor.dsnu_e": None,
+    "sensor.linearity": None,
+}
+"""Values that are there only where they differ from these."""
+
+
 def quantities_of(camera: Camera) -> tuple[Quantity, ...]:
     """Return the values that describe ``camera``: those of a lens or of a microscope, not both."""
-    lattice = camera.lattice
-    # rows at their ideal distance, and the order of one type, are no values that anybody gave
-    absent = {"lattice.row_pitch_um": lattice.row_pitch_um is None, "lattice.type_step": len(lattice.types) == 1}
 
     def there(path: str) -> bool:
         part, _, name = path.rpartition(".")
         held = getattr(camera, part) if part else camera
-        return any(field.name == name for field in fields(held)) and not absent.get(path, False)
+        if not any(field.name == name for field in fields(held)):
+            return False
+        # rows at their ideal distance, and what nobody measured, are no values that anybody gave
+        given = path not in UNLESS or getattr(held, name) != UNLESS[path]
+        return given and not (path == "lattice.type_step" and len(camera.lattice.types) == 1)
 
     return tuple(quantity for quantity in QUANTITIES if there(quantity.path))
 

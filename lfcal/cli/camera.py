@@ -54,7 +54,8 @@ def _lattice_distortion(camera: Camera) -> list[list[str]]:
     found = getattr(camera.lattice, "distortion", None)
     if found is None:
         return []
-    return [["distortion of the lattice", str(found), camera.marks["lattice.distortion"]]]
+    shown = f"{found.model} of degree {found.degree}, up to {found.largest / camera.sensor.pixel_um:.2f} px"
+    return [["distortion of the lattice", shown, camera.marks["lattice.distortion"]]]
 
 
 def _rests(item: Derived) -> str:

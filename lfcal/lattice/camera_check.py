@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ FITS, DIFFERS, WRONG, UNKNOWN = "fits", "differs", "does not fit", "was assumed"
 FIT_PX = 0.3
 """Displacement at the frame's edge up to which a value fits: positions off by more are reported as bad."""
 
-MEASURED = ("lattice.pitch_um", "lattice.row_pitch_um", "lattice.rotation_rad", "lattice.offset_um")
+MEASURED = ("pitch_um", "row_pitch_um", "rotation_rad", "shear_rad", "offset_um", "distortion")
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ def check_camera(camera: Camera, white: ArrayLike, *, dark: ArrayLike | float = 
     types = _types(frame, dark, fit, camera)
     if len(camera.lattice.types) == 3:
         lines.append(_type_order(camera, fit, types))
-    lines.append(_residual(fit))
+    lines += [*_distortion(camera, fit), _residual(fit)]
     return CameraCheck(tuple(lines), fit, _measured(camera, fit, types))
 
 
@@ -194,6 +194,21 @@ def _type_order(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> Che
     return CheckLine("lens types", expected, shown, None, FITS if same else UNKNOWN if unknown else DIFFERS)
 
 
+def _distortion(camera: Camera, fit: LatticeFit) -> list[CheckLine]:
+    """Compare the largest displacement from straight rows, where there is any."""
+    described, found = getattr(camera.lattice, "distortion", None), getattr(fit, "distortion", None)
+    if described is None and found is None:
+        return []
+    sizes = [0.0 if d is None else float(d.largest) for d in (described, found)]
+    sizes[0] /= camera.sensor.pixel_um
+    shown = [
+        "none" if d is None else f"{d.model}, up to {size:.2f} px"
+        for d, size in zip((described, found), sizes, strict=True)
+    ]
+    edge = abs(sizes[1] - sizes[0])
+    return [CheckLine("distortion", shown[0], shown[1], edge, FITS if edge <= FIT_PX else DIFFERS)]
+
+
 def _residual(fit: LatticeFit) -> CheckLine:
     rms = fit.residual_rms_px
     verdict = FITS if rms <= FIT_PX else DIFFERS
@@ -202,7 +217,8 @@ def _residual(fit: LatticeFit) -> CheckLine:
 
 def _measured(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> Camera:
     lattice = fit.to_lattice(camera) if types is None else types.to_lattice(fit, camera)
-    marks = camera.marks.marked((*MEASURED, *(("lattice.type_step",) if types is not None else ())), "measured")
+    names = {field.name for field in fields(lattice)} & {*MEASURED, *(("type_step",) if types is not None else ())}
+    marks = camera.marks.marked([f"lattice.{name}" for name in names if getattr(lattice, name) is not None], "measured")
     if marks["sensor.shape"] == "assumed":
         marks = marks.marked(["sensor.shape"], "measured")
     if marks["lattice.kind"] == "assumed":

@@ -144,7 +144,7 @@ class CameraPanel(QWidget):
         forms = QWidget()
         row = QHBoxLayout(forms)
         row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(10)
+        row.setSpacing(8)
         for title, content in (
             ("Main optics", optics),
             ("Lenslet array", self.forms["lattice"]),
