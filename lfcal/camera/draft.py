@@ -133,9 +133,13 @@ class Draft:
         InputError
             If a value is refused.
         """
-        done = copy.copy(self)
-        done._values = dict(self._values)  # what is assumed now may be stated later
-        return done._complete(name)
+        return self.copy()._complete(name)  # what is assumed now may be stated later
+
+    def copy(self) -> Draft:
+        """Return a draft of the same values."""
+        other = copy.copy(self)
+        other._values = dict(self._values)
+        return other
 
     def _complete(self, name: str) -> Camera:
         optics, sensor = self._build("optics"), self._build("sensor")

@@ -20,6 +20,7 @@ from lfcal.cli.camera_values import (
     SensorOption,
     SetOption,
     WavelengthOption,
+    parse_pitch,
     parse_value,
     stated,
 )
@@ -88,7 +89,7 @@ def command(
     draft = _begin(kind, start, values, ask=not yes)
     title = name or out.stem
     if not yes:
-        _ask(draft, title, set(values))
+        draft = _ask(draft, title, set(values))
     save_camera(draft.camera(title), out, force=force, json=json)
 
 
@@ -113,21 +114,32 @@ def _begin(kind: str, start: str, values: dict[str, Any], *, ask: bool) -> Draft
     return draft
 
 
-def _ask(draft: Draft, title: str, given: set[str]) -> None:
+def _ask(draft: Draft, title: str, given: set[str]) -> Draft:
     """Ask for every value of geometry that no option gave; an answer is stated, Enter leaves it assumed."""
     typer.echo("Enter keeps the value in brackets, which is then marked as assumed. Lengths: bare, or with nm, um, mm.")
-    for quantity in quantities_of(draft.camera(title)):
+    # the sensor first: its pixel says how long a pitch in pixels is
+    order = sorted(quantities_of(draft.camera(title)), key=lambda quantity: not quantity.path.startswith("sensor."))
+    for quantity in order:
         path = "lattice.focus" if quantity.path == "lattice.types" else quantity.path
         if quantity.light or path in UNASKED or path in given:
             continue
         while (answer := _answer(draft, title, quantity.path)) is not None:
             try:
-                draft.state(path, parse_value(path, answer))
-                draft.camera(title)
+                draft = _with(draft, title, path, answer)
                 break
             except InputError as error:
-                draft.withdraw(path)
                 report(str(error))
+    return draft
+
+
+def _with(draft: Draft, title: str, path: str, answer: str) -> Draft:
+    """Return the draft with an answer; raise where it is refused, by itself or beside the other values."""
+    pixel = draft.get("sensor.pixel_um")
+    value = parse_pitch(answer, pixel) if path == "lattice.pitch_um" else parse_value(path, answer)
+    changed = draft.copy()
+    changed.state(path, value)
+    changed.camera(title)
+    return changed
 
 
 def _answer(draft: Draft, title: str, path: str) -> str | None:

@@ -22,6 +22,7 @@ __all__ = [
     "SensorOption",
     "SetOption",
     "WavelengthOption",
+    "parse_pitch",
     "parse_value",
     "stated",
 ]
@@ -96,7 +97,7 @@ def stated(
         path, _, text = entry.partition("=")
         found[path.strip()] = parse_value(path.strip(), text)
     if pitch:
-        found["lattice.pitch_um"] = _pitch(pitch, found.get("sensor.pixel_um"))
+        found["lattice.pitch_um"] = parse_pitch(pitch, found.get("sensor.pixel_um"))
     return found
 
 
@@ -176,7 +177,8 @@ def _list(text: str, paths: tuple[str, ...], units: tuple[str, ...], shape: str,
     return {path: _length(part, unit, path) if unit else _one(part, path) for part, path, unit in given}
 
 
-def _pitch(text: str, pixel_um: float | None) -> float:
+def parse_pitch(text: str, pixel_um: float | None) -> float:
+    """Return a pitch in µm, given with a unit of length, bare in µm, or in pixels as ``31.7px``."""
     if not text.strip().endswith("px"):
         return _length(text, "µm", "--pitch")
     if pixel_um is None:

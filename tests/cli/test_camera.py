@@ -126,27 +126,31 @@ def test_a_preset_is_somebody_else_s_camera(lfcal: Command, tmp_path: Path) -> N
 def test_new_asks(lfcal: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
     answers = {
-        "numerical": "0.8",
-        "magnification": "40",
-        "pixel": "abc",
-        "gap": "2.4mm",
-        "focal length of the tube": "180",
+        "numerical aperture": ["0.8"],
+        "magnification": ["40"],
+        "pixel pitch": ["abc", "6.5"],
+        "pitch of micro-images": ["20px"],
+        "gap": ["2.4mm"],
+        "virtual depths": ["1x2", ""],
+        "focal length of the tube": ["180"],
     }
 
     def prompt(text: str, default: object = None, show_default: bool = True) -> str:
         asked.append(text)
-        if text.startswith("pixel") and asked.count(text) > 1:
-            return "6.5"
-        return next((answer for word, answer in answers.items() if text.startswith(word)), str(default or ""))
+        found = next((left for word, left in answers.items() if text.startswith(word)), [])
+        return found.pop(0) if found else str(default or "")
 
     monkeypatch.setattr(typer, "prompt", prompt)
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-    done = lfcal("camera", "new", "--type", "microscope", "--pitch", "125", "-o", tmp_path / "c.json")
+    done = lfcal("camera", "new", "--type", "microscope", "--array", "square", "-o", tmp_path / "c.json")
     camera = read(tmp_path / "c.json")
     assert done.code == 0 and camera.magnification == 40 and camera.lattice.gap_um == 2400
-    assert camera.sensor.pixel_um == 6.5 and "'abc'" in done.err
+    assert camera.sensor.pixel_um == 6.5 and "'abc'" in done.err and "'1x2'" in done.err
+    assert camera.lattice.pitch_um == 130
+    # an answer that is refused leaves what was there
+    assert camera.lattice.types[0].focal_length_um == 2400
     assert camera.optics.tube_length_um == 180e3  # type: ignore[union-attr]
-    assert not any("pitch of micro-images" in text for text in asked)
+    assert not any("lenslet array" in text for text in asked)
     assert camera.marks["optics.numerical_aperture"] == "stated" and camera.marks["sensor.shape"] == "assumed"
 
 
@@ -201,7 +205,7 @@ def test_a_camera_typed_in_mm_is_questioned(lfcal: Command, tmp_path: Path) -> N
 
 
 # -- check ------------------------------------------------------------------------------------------------
-SHAPE = (330, 400)
+SHAPE = (230, 270)
 
 
 @pytest.fixture(scope="module")
