@@ -30,6 +30,7 @@ def command(
     white: Path = typer.Argument(..., help="White image: TIFF, PNG, NPY or camera RAW."),
     *,
     dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
+    channel: str = typer.Option("", help="R, G or B: the component taken of colour TIFF images."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured lattice as JSON."),
     force: ForceOption = False,
     json: JsonOption = False,
@@ -45,7 +46,9 @@ def command(
 
     if out is not None:
         check_output(out, camera, white, dark, force=force)
-    found = check_camera(load_camera(camera), read_image(white), dark=read_image(dark) if dark is not None else 0.0)
+    described, colour = load_camera(camera), channel or None
+    level = read_image(dark, colour=colour) if dark is not None else 0.0
+    found = check_camera(described, read_image(white, colour=colour), dark=level)
     written = _write(found, out)
     _show(found, written, json)
     if found.verdict == WRONG or (found.verdict != FITS and written is None):

@@ -58,9 +58,17 @@ def _assumed(camera: Camera) -> list[Quantity]:
 
 
 def _remedy(camera: Camera, path: Path) -> str:
-    """Return the command that states what is assumed."""
-    options = dict.fromkeys(q.option for q in _assumed(camera) if q.option and not q.light)
-    return " ".join(["state it with lfcal camera import", path.name, *options, "-o camera.json"])
+    """Return the commands that state or measure what is assumed."""
+    found = _assumed(camera)
+    options = dict.fromkeys(q.option for q in found if q.option and not q.light)
+    seen = {"lattice.rotation_rad", "lattice.offset_um"} & {q.path for q in found}
+    remedies = []
+    if options or not seen:
+        stating = " ".join(options) or "--set PATH=VALUE"
+        remedies.append(f"state it with lfcal camera import {path.name} {stating} -o camera.json")
+    if seen:
+        remedies.append(f"measure the array with lfcal camera check {path.name} WHITE -o camera.json")
+    return ", ".join(remedies)
 
 
 def assumed_in_words(camera: Camera) -> str:

@@ -81,7 +81,7 @@ def test_files_of_other_programs(
     assert done.code == 0 and camera.pitch_px == pytest.approx(pitch) and camera.name == "mine"
     assert done.json["assumed"] == list(camera.marks.paths("assumed"))  # type: ignore[index]
     planned = lfcal("plan", tmp_path / "c.json", "--depths", "-10,10", "--resample")
-    assert planned.code == 0 and "assumed" in planned.err
+    assert planned.code == 0 and "measure the array with lfcal camera check c.json WHITE" in planned.err
 
 
 def test_the_size_of_the_sensor_comes_from_a_frame(lfcal: Command, tmp_path: Path) -> None:
@@ -248,6 +248,15 @@ def test_a_camera_that_differs_is_measured(lfcal: Command, white: Path, tmp_path
     assert again.code == 0
     assert check(lfcal, white, tmp_path, camera, "-o", tmp_path / "m.json").code == 2
     assert check(lfcal, white, tmp_path, camera, "-o", tmp_path / "m.json", "--force").code == 0
+
+
+def test_a_component_of_a_colour_image(lfcal: Command, white: Path, tmp_path: Path) -> None:
+    frame = tifffile.imread(white / "white.tif")
+    tifffile.imwrite(tmp_path / "rgb.tif", np.stack([frame // 3, frame, frame // 2], -1), photometric="rgb")
+    (tmp_path / "c.json").write_text(described().to_json())
+    refused = lfcal("camera", "check", tmp_path / "c.json", tmp_path / "rgb.tif")
+    assert refused.code == 2 and "grey" in refused.err
+    assert lfcal("camera", "check", tmp_path / "c.json", tmp_path / "rgb.tif", "--channel", "G").code == 0
 
 
 def test_what_was_assumed_cannot_be_wrong(lfcal: Command, white: Path, tmp_path: Path) -> None:

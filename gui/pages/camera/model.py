@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import html
 import math
 from dataclasses import replace
 from typing import Any
 
 from gui.models.form import Field
 from gui.pages.camera.model_marks import stated
-from lfcal.camera import Camera, Derived, LensletLattice, LensType, MainLens, Microscope, Sensor, derived_of
+from lfcal.camera import Camera, Derived, LensletLattice, LensType, MainLens, Microscope, Sensor, derived_of, doubts
 from lfcal.errors import LfcalError
 
 __all__ = [
@@ -191,13 +192,14 @@ def _lattice(lattice: LensletLattice, name: str, value: Any) -> LensletLattice:
 
 
 def facts(camera: Camera) -> str:
-    """Return what follows from the description, as rich text; what rests on assumed values in italics."""
+    """Return what follows from the description, as rich text; what rests on assumed values in italics, doubts first."""
     cells = "".join(
         f"<tr><td style='padding-right:12px'>{item.label[:1].upper()}{item.label[1:]}</td><td>{_fact(item)}</td></tr>"
         for item in derived_of(camera)
     )
     note = "<p><i>≈ rests on assumed values</i></p>" if any(item.assumed for item in derived_of(camera)) else ""
-    return f"<table cellspacing='2'>{cells}</table>{note}"
+    questions = "".join(f"<p>⚠ {html.escape(doubt)}</p>" for doubt in doubts(camera))
+    return f"{questions}<table cellspacing='2'>{cells}</table>{note}"
 
 
 def _fact(item: Derived) -> str:

@@ -117,6 +117,7 @@ class CameraPanel(QWidget):
 
     def _overview(self) -> QWidget:
         """Return the drawing, and beside it what follows from the description."""
+        self.facts.setWordWrap(True)
         self.facts.setAlignment(Qt.AlignmentFlag.AlignTop)
         scroll = QScrollArea()
         scroll.setWidgetResizable(True)

@@ -93,3 +93,10 @@ def test_assumed_values_name_geometry_first() -> None:
     found = model_marks.assumed_values(camera)
     assert [value.path for value in found] == ["lattice.gap_um", "sensor.prnu"]
     assert found[0].text == "871.75 µm"
+
+
+def test_values_in_the_wrong_unit_are_questioned() -> None:
+    camera, error = camera_form.apply_change(preset("bench"), "sensor.pixel_um", 0.0055)
+    assert camera is not None and not error
+    assert "did you mean 5.5 µm" in camera_form.facts(camera)
+    assert "⚠" not in camera_form.facts(preset("bench"))
