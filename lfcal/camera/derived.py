@@ -57,8 +57,19 @@ def assumed_of(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def derived_of(camera: Camera) -> tuple[Derived, ...]:
-    """Return what follows from ``camera``: on the sensor, in the optics, in object space."""
-    found = [*_on_the_sensor(camera), *_in_the_optics(camera), *_in_object_space(camera)]
+    """Return what follows from ``camera``: on the sensor, in the optics, in object space.
+
+    Raises
+    ------
+    InputError
+        If its values are so far apart that nothing can be calculated.
+    """
+    try:
+        found = [*_on_the_sensor(camera), *_in_the_optics(camera), *_in_object_space(camera)]
+    except ArithmeticError:  # a division by what is nearly nothing, a number beyond all
+        raise InputError.expected(
+            "camera", "values of a real camera", "numbers too far apart to calculate with", "check units and exponents"
+        ) from None
     return tuple(Derived(*row[:4], assumed_of(camera, row[4])) for row in found)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal.camera.derived import derived_of
 from lfcal.camera.description import Camera
 from lfcal.camera.main_lens import Microscope
 from lfcal.camera.quantities import Quantity, quantities_of, value_at
@@ -14,7 +15,14 @@ FEWEST_PIXELS = 4.0
 
 
 def doubts(camera: Camera) -> tuple[str, ...]:
-    """Return, one line each, what of ``camera`` is hardly meant: it is possible, so it is no error."""
+    """Return, one line each, what of ``camera`` is hardly meant: it is possible, so it is no error.
+
+    Raises
+    ------
+    InputError
+        If its values are so far apart that nothing can be calculated.
+    """
+    derived_of(camera)  # raises where nothing can be calculated
     found = [line for quantity in quantities_of(camera) for line in _unusual(camera, quantity)]
     return (*found, *_sensor(camera), *_apertures(camera))
 

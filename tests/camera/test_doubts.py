@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from lfcal.camera import PRESETS, Camera, doubts, preset
+from lfcal.camera import PRESETS, Camera, Microscope, derived_of, doubts, preset
 from lfcal.camera.distortion import BrownDistortion
+from lfcal.errors import InputError
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -40,3 +41,18 @@ def test_mistakes_are_questioned(camera: Camera, said: str) -> None:
     found = doubts(camera)
     assert any(said in line for line in found), found
     assert all("\n" not in line for line in found)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        changed("optics", focal_length_um=1e-320),
+        changed("lattice", pitch_um=1.7e308),
+        changed("sensor", pixel_um=1e-320),
+        replace(preset("lfm_20x05"), optics=Microscope(numerical_aperture=1e-320)),
+    ],
+)
+def test_numbers_beyond_all_are_one_line(camera: Camera) -> None:
+    for question in (doubts, derived_of):
+        with pytest.raises(InputError, match="values of a real camera"):
+            question(camera)

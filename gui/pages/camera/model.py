@@ -144,7 +144,9 @@ def optics_of_kind(camera: Camera, kind: str) -> Camera:
 def apply_change(camera: Camera, key: str, value: Any) -> tuple[Camera | None, str]:
     """Return the camera with one field changed and an empty string, or None and the reason it cannot be."""
     try:
-        return stated(camera, _changed(camera, key, value), key), ""
+        changed = stated(camera, _changed(camera, key, value), key)
+        derived_of(changed)  # raises where nothing follows
+        return changed, ""
     except (LfcalError, ZeroDivisionError, OverflowError) as error:
         return None, str(error)
 

@@ -90,7 +90,7 @@ class Page(BasePage):
             self.context.message.emit(f"camera taken from {path}")
             self._tell(found)
 
-        self.load(Path(path).name, lambda: import_camera(path), read)
+        self.load(Path(path).name, lambda: _checked(import_camera(path)), read)
 
     def _tell(self, found: Imported) -> None:
         """Say what the file leaves open, and lead to where it is stated."""
@@ -168,3 +168,9 @@ class Page(BasePage):
         if self._checked is not None and self._checked.check.camera is not None:
             self._set(self._checked.check.camera, f"lattice measured in {self._checked.name}")
             self.panel.check.show_taken()
+
+
+def _checked(found: Imported) -> Imported:
+    """Return ``found``; raise where its values are no camera's."""
+    doubts(found.camera)
+    return found
