@@ -59,6 +59,12 @@ class Notice(QFrame):
         self.leave.show()
         self.show()
 
+    def tell(self, text: str) -> None:
+        """Say what is to be known of something that was taken."""
+        self._say(text, "Dismiss", "hint")
+        self._cancel = None
+        self.show()
+
     def clear(self) -> None:
         """Say nothing."""
         self._timer.stop()

@@ -110,6 +110,9 @@ QLabel[role="title"] {{ font-size: 15pt; font-weight: 600; }}
 QLabel[role="heading"] {{ font-weight: 600; color: {text}; }}
 QLabel[role="hint"] {{ color: {muted}; }}
 QLabel[role="error"] {{ color: {bad}; }}
+QLabel[mark="assumed"] {{ color: {fair}; }}
+QLabel[mark="measured"] {{ color: {good}; }}
+QLabel[mark="derived"] {{ color: {muted}; }}
 QLabel[role="value"] {{ font-weight: 600; }}
 QFrame[role="card"] {{ background: {panel}; border: 1px solid {line}; border-radius: 6px; }}
 QListWidget#rail {{ background: {panel}; border: none; border-right: 1px solid {line}; outline: 0; padding: 6px; }}

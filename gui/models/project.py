@@ -55,6 +55,13 @@ class ProjectState:
     volume: str = ""
     redo: tuple[tuple[int, int, int], ...] = ()
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether all is the same, also where the camera's values come from: a file holds that, too."""
+        if not isinstance(other, ProjectState):
+            return NotImplemented
+        same = all(getattr(self, f.name) == getattr(other, f.name) for f in fields(self))
+        return same and self.camera.marks == other.camera.marks
+
     def to_json(self) -> str:
         """Return the state as JSON text."""
         data: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}

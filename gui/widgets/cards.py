@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QScrollArea, QVBoxLayout, QWidget
 
-__all__ = ["card", "choice_box", "column_area", "heading", "line"]
+__all__ = ["card", "choice_box", "clear", "column_area", "heading", "line"]
 
 
 def heading(text: str) -> QLabel:
@@ -68,3 +68,11 @@ def line(*parts: QWidget | str, stretch: int = -1) -> QHBoxLayout:
     if stretch < 0:
         row.addStretch()
     return row
+
+
+def clear(area: QScrollArea) -> None:
+    """Let what lies behind a scroll area show through it, such as a card."""
+    area.viewport().setAutoFillBackground(False)
+    inner = area.widget()
+    if inner is not None:
+        inner.setAutoFillBackground(False)

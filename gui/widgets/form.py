@@ -10,6 +10,7 @@ from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
     QFormLayout,
+    QHBoxLayout,
     QLabel,
     QLineEdit,
     QWidget,
@@ -20,9 +21,13 @@ from lfcal.errors import InputError
 
 __all__ = ["Form"]
 
+LONGEST_MARK = "measured"
+
 
 class Form(QWidget):
     """A column of fields.
+
+    With ``marked`` there is room for a word beside each field (`set_marks`).
 
     A value that does not parse, or that ``check`` refuses, is marked red with the reason under the form; only
     values that pass are reported.
@@ -35,8 +40,11 @@ class Form(QWidget):
 
     edited = Signal(str, object)
 
-    def __init__(self, fields: tuple[Field, ...], parent: QWidget | None = None) -> None:
+    def __init__(self, fields: tuple[Field, ...], parent: QWidget | None = None, *, marked: bool = False) -> None:
         super().__init__(parent)
+        self._marked = marked
+        self._labels: dict[str, QLabel] = {}
+        self._mark_labels: dict[str, QLabel] = {}
         self.fields = {f.key: f for f in fields}
         self.check: Callable[[str, Any], str] = lambda key, value: ""
         self._editors: dict[str, QWidget] = {}
@@ -67,19 +75,54 @@ class Form(QWidget):
             editor.toggled.connect(lambda _=False, key=field.key: self._changed(key))
         else:
             editor = QLineEdit()
-            editor.setMinimumWidth(80)
+            editor.setMinimumWidth(68 if self._marked else 80)
             editor.textEdited.connect(lambda _="", key=field.key: self._changed(key))
         for widget in (label, editor):
             widget.setToolTip(field.tip)
         label.setBuddy(editor)
         editor.setAccessibleName(field.label)
-        self._editors[field.key] = editor
-        self._layout.addRow(label, editor)
+        self._editors[field.key], self._labels[field.key] = editor, label
+        if self._marked:
+            self._layout.addRow(label, self._with_mark(field.key, editor))
+        else:
+            self._layout.addRow(label, editor)
+
+    def _with_mark(self, key: str, editor: QWidget) -> QHBoxLayout:
+        """Return the editor with room for a word beside it."""
+        mark = QLabel()
+        mark.ensurePolished()  # the style's font, not the default one
+        mark.setFixedWidth(mark.fontMetrics().horizontalAdvance(LONGEST_MARK) + 3)
+        self._mark_labels[key] = mark
+        row = QHBoxLayout()
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(5)
+        row.addWidget(editor, 1)
+        row.addWidget(mark)
+        return row
+
+    def set_marks(self, marks: dict[str, tuple[str, str]]) -> None:
+        """Show a word beside each field of a form with marks: pairs of word, which is also its style, and tip."""
+        some = any(word for word, _ in marks.values())
+        for key, (word, tip) in marks.items():
+            label = self._mark_labels[key]
+            label.setVisible(some)
+            label.setText(word)
+            label.setToolTip(tip)
+            # screen readers read the description after the name
+            self._editors[key].setAccessibleDescription(tip)
+            if label.property("mark") != word:
+                label.setProperty("mark", word)
+                label.style().unpolish(label)
+                label.style().polish(label)
 
     # -- values ----------------------------------------------------------------------------------------
     def editor(self, key: str) -> QWidget:
         """Return the widget of a field."""
         return self._editors[key]
+
+    def mark(self, key: str) -> str:
+        """Return the word shown beside a field."""
+        return self._mark_labels[key].text()
 
     def set_values(self, values: dict[str, Any]) -> None:
         """Show values without reporting them; a field being typed in keeps its text if it means the same."""
@@ -93,6 +136,7 @@ class Form(QWidget):
             elif isinstance(editor, QLineEdit):
                 if not editor.text() or not _means(field, editor.text(), value):
                     editor.setText(text_of(field, value))
+                    editor.setCursorPosition(0)  # of a long number the beginning counts
                 self._mark(editor, "")
             blocker.unblock()
         self._show_error()
@@ -101,9 +145,7 @@ class Form(QWidget):
         """Enable or disable one field with its label."""
         editor = self._editors[key]
         editor.setEnabled(enabled)
-        label = self._layout.labelForField(editor)
-        if label is not None:
-            label.setEnabled(enabled)
+        self._labels[key].setEnabled(enabled)
 
     def _changed(self, key: str) -> None:
         editor, field = self._editors[key], self.fields[key]

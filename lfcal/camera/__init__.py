@@ -7,7 +7,11 @@
 - ``marks``: which values are stated, measured, derived or assumed
 - ``description``: the whole camera; depths, steps, JSON
 - ``presets``: cameras that come with lfcal
-- ``raytrix``: Raytrix calibration XML
+- ``quantities``: what the values are called, their units and usual limits
+- ``draft``: a camera in the making, each value with where it comes from
+- ``doubts``: mistaken units, parts that do not fit each other
+- ``derived``: what follows from a camera, and whether from assumed values
+- ``importers/``: descriptions of cameras that others wrote, one format a file
 - ``shadow``: how far the image of a point spreads
 - ``stage``: how a stage's axes move the image
 - ``lens_centre``: the micro-image centre next to a pixel
@@ -15,32 +19,50 @@
 - ``forecast``: what that costs in time, disk and memory
 """
 
+from lfcal.camera.derived import Derived, derived_of
 from lfcal.camera.description import Camera
 from lfcal.camera.distortion import BrownDistortion
+from lfcal.camera.doubts import doubts
+from lfcal.camera.draft import Draft
 from lfcal.camera.forecast import Forecast
+from lfcal.camera.importers.camera_format import Imported, Wanted
+from lfcal.camera.importers.opening import CAMERA_FORMATS, import_camera
+from lfcal.camera.importers.raytrix_xml import read_raytrix_xml
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
 from lfcal.camera.marks import MARKS, Marks
 from lfcal.camera.plan import ScanPlan
 from lfcal.camera.presets import PRESETS, preset
-from lfcal.camera.raytrix import read_raytrix_xml
+from lfcal.camera.quantities import QUANTITIES, Quantity, quantities_of, value_at
 from lfcal.camera.sensor import Sensor
 from lfcal.camera.stage import StageAxes
 
 __all__ = [
+    "CAMERA_FORMATS",
     "MARKS",
     "PRESETS",
+    "QUANTITIES",
     "BrownDistortion",
     "Camera",
+    "Derived",
+    "Draft",
     "Forecast",
+    "Imported",
     "LensType",
     "LensletLattice",
     "MainLens",
     "Marks",
     "Microscope",
+    "Quantity",
     "ScanPlan",
     "Sensor",
     "StageAxes",
+    "Wanted",
+    "derived_of",
+    "doubts",
+    "import_camera",
     "preset",
+    "quantities_of",
     "read_raytrix_xml",
+    "value_at",
 ]

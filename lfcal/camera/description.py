@@ -244,7 +244,8 @@ def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
         raise FileFormatError.expected(what, f"only {', '.join(sorted(names))}", unknown[0], "remove it")
     missing = sorted(names - set(data))
     if missing and not partial:
-        raise FileFormatError.expected(what, f"the entry {missing[0]!r}", "none", "add it")
+        named = f"the entr{'ies' if len(missing) > 1 else 'y'} {', '.join(map(repr, missing))}"
+        raise FileFormatError.expected(what, named, "none", "add what is missing")
     return kind(**{name: _value(hints[name], value, f"{what}.{name}") for name, value in data.items()})
 
 

@@ -14,6 +14,7 @@ __all__ = ["build_app", "command_modules"]
 
 ORDER = (
     "demo",
+    "camera",
     "plan",
     "white",
     "views",
@@ -36,6 +37,8 @@ def command_modules(package: str, order: tuple[str, ...] = ()) -> list[ModuleTyp
     """Import the public modules of ``package`` that register commands, in ``order`` and then by name."""
     path = importlib.import_module(package).__path__
     names = sorted(m.name for m in pkgutil.iter_modules(path) if not m.name.startswith("_"))
+    # camera_new is a part of camera, which registers it
+    names = [name for name in names if name.partition("_")[0] == name or name.partition("_")[0] not in names]
     # A stable sort: what is not named in the order stays sorted by name behind it.
     names.sort(key=lambda name: order.index(name) if name in order else len(order))
     loaded = [importlib.import_module(f"{package}.{name}") for name in names]

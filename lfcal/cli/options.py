@@ -59,7 +59,9 @@ MatrixArgument: TypeAlias = Annotated[
 ]
 """H in any form that `lfcal.psf.open_psf` reads."""
 
-CameraArgument: TypeAlias = Annotated[str, typer.Argument(help="Preset, camera JSON or Raytrix XML.")]
+CameraArgument: TypeAlias = Annotated[
+    str, typer.Argument(help="Preset, or camera file: camera.json, Raytrix XML, oLaF yaml, napari-LF metadata …")
+]
 """A described camera."""
 
 DepthsOption: TypeAlias = Annotated[

@@ -8,46 +8,20 @@ from pathlib import Path
 
 import typer
 
-from lfcal.camera import PRESETS, Camera, Forecast, MainLens, ScanPlan, StageAxes, preset, read_raytrix_xml
-from lfcal.cli.console import print_json, print_table, report
+from lfcal.camera import Forecast, ScanPlan, StageAxes
+from lfcal.camera.derived import DEPTH, STEP, WHOLE_FRAMES, assumed_of
+from lfcal.cli.cameras import load_camera
+from lfcal.cli.console import print_json, print_table
 from lfcal.cli.options import CameraArgument, CutoutOption, DepthsOption, ForceOption, JsonOption, VirtualDepthsOption
 from lfcal.cli.outputs import check_output
-from lfcal.errors import InputError, StorageError
-from lfcal.files import read_text, replace_whole
+from lfcal.errors import InputError
+from lfcal.files import replace_whole
 from lfcal.units import format_bytes, format_length, format_seconds
 
 __all__ = ["load_camera", "parse_cutout", "parse_depths", "parse_pair", "parse_planes", "register"]
 
 UNITS = {"": 1.0, "um": 1.0, "µm": 1.0, "mm": 1e3}
 MAX_PLANES = 10_000
-MAX_JSON = 1 << 24
-
-
-def load_camera(name: str) -> Camera:
-    """Return the camera named by a preset, a camera JSON file or a Raytrix calibration XML file."""
-    if name in PRESETS:
-        return preset(name)
-    path = Path(name)
-    if not path.exists():
-        known = ", ".join(PRESETS)
-        raise StorageError.expected("camera", f"{known}, a JSON file or a Raytrix XML file", name, "check the name")
-    if path.suffix.lower() == ".xml":
-        camera = read_raytrix_xml(path)
-        report(f"note: {path.name} states neither sensor nor main lens nor gap; {_assumed(camera)} are assumed")
-        return camera
-    return Camera.from_json(read_text(path, limit=MAX_JSON))
-
-
-def _assumed(camera: Camera) -> str:
-    """Return in words what is taken for granted of a camera that only its lattice is known of."""
-    sensor, lens = camera.sensor, camera.optics
-    assert isinstance(lens, MainLens)
-    rows, columns = sensor.shape
-    return (
-        f"{rows} x {columns} pixels of {sensor.pixel_um:g} µm, a lens of {format_length(lens.focal_length_um)} "
-        f"f/{lens.f_number:g} at {format_length(lens.working_distance_um)}, and "
-        f"{format_length(camera.lattice.gap_um)} from lenslets to sensor"
-    )
 
 
 def parse_depths(text: str, *, lengths: bool) -> tuple[float, ...]:
@@ -118,12 +92,18 @@ def _stage_axes(text: str) -> StageAxes:
     return StageAxes(axes[0], axes[1], axes[2])
 
 
-def _rows(plan: ScanPlan, forecast: Forecast, speed: float) -> list[list[str]]:
+def _rests(plan: ScanPlan, paths: tuple[str, ...]) -> str:
+    """Return what is to be said of a figure that rests on values at ``paths``: nothing, if none of them is assumed."""
+    return " (from assumed values)" if assumed_of(plan.camera, paths) else ""
+
+
+def _rows(plan: ScanPlan, forecast: Forecast, speed: float, computed: str) -> list[list[str]]:
     nz, ny, nx, nt, ns = plan.shape
     camera, (py, px), (ry, rx) = plan.camera, plan.camera.period_px, plan.period_residual_px
     steps = [plan.step_um(z)[1] for z in range(nz)]
     depths, virtual = plan.depths_um, plan.virtual_depths
     where = plan.lattice_anchor
+    rests = {name: _rests(plan, DEPTH) if name == computed else "" for name in ("depths", "virtual depths")}
     rows = [
         ["camera", f"{camera.name}: {camera.lattice.kind}, {len(camera.lattice.types)} lens type(s)"],
         ["cell of the lenslet array (x × y)", f"{px:.3f} × {py:.3f} px"],
@@ -131,9 +111,9 @@ def _rows(plan: ScanPlan, forecast: Forecast, speed: float) -> list[list[str]]:
         ["residual over one period (x, y)", f"{rx:+.3f}, {ry:+.3f} px{_cure(plan)}"],
         ["tilt over one period", f"{plan.tilt_residual_px:+.3f} px"],
         ["planes", f"{nz}"],
-        ["  object-space depth", _span([format_length(z) for z in depths])],
-        ["  virtual depth", _span([f"{v:.4g}" for v in virtual])],
-        ["  lateral step (x)", _span([format_length(step) for step in steps])],
+        ["  object-space depth", _span([format_length(z) for z in depths]) + rests["depths"]],
+        ["  virtual depth", _span([f"{v:.4g}" for v in virtual]) + rests["virtual depths"]],
+        ["  lateral step (x)", _span([format_length(step) for step in steps]) + _rests(plan, STEP)],
         ["cutout (rows × columns)", f"{nt} × {ns} px"],
         ["image of position y = x = 0", f"row {plan.anchor[0]:g}, column {plan.anchor[1]:g}"],
         ["  from the nearest type-0 lenslet", f"{where[0]:+.2f}, {where[1]:+.2f} px (rows, columns)"],
@@ -144,7 +124,7 @@ def _rows(plan: ScanPlan, forecast: Forecast, speed: float) -> list[list[str]]:
         ["  exposing", format_seconds(forecast.exposure_hours * 3600)],
         ["  settling", f"{format_seconds(forecast.settle_hours * 3600)} ({format_seconds(plan.settle_s)} per move)"],
         ["  moving", f"{format_seconds(forecast.move_hours * 3600)} at {format_length(speed)}/s"],
-        ["whole frames on disk", format_bytes(forecast.frame_bytes)],
+        ["whole frames on disk", format_bytes(forecast.frame_bytes) + _rests(plan, WHOLE_FRAMES)],
         ["cutouts on disk (uint16)", format_bytes(forecast.cutout_bytes)],
         ["H, float32", f"{format_bytes(forecast.h_float32_bytes)} before compression"],
         ["H, uint16", f"{format_bytes(forecast.h_uint16_bytes)} before compression"],
@@ -180,6 +160,7 @@ def _as_json(plan: ScanPlan, forecast: Forecast) -> dict[str, object]:
         "depths_um": plan.depths_um,
         "virtual_depths": plan.virtual_depths,
         "steps_um": [plan.step_um(z) for z in range(len(plan.depths_um))],
+        "assumed": plan.camera.marks.paths("assumed"),
         "forecast": {**costs, "hours": forecast.hours, "ht_float32_bytes": forecast.ht_float32_bytes},
         "plan": plan.to_dict(),
     }
@@ -228,11 +209,11 @@ def command(
         frames_averaged=average,
         resample=resample,
     )
-    _show(plan, speed, out, json)
+    _show(plan, speed, out, json, computed="virtual depths" if virtual is None else "depths")
 
 
-def _show(plan: ScanPlan, speed: float, out: Path | None, json: bool) -> None:
-    """Write the plan where asked, and print it with its cost."""
+def _show(plan: ScanPlan, speed: float, out: Path | None, json: bool, *, computed: str) -> None:
+    """Write the plan where asked, and print it with its cost; ``computed`` are the planes that follow from others."""
     # Forecast before writing: a speed that makes no sense must leave no file behind.
     forecast = Forecast.of(plan, stage_um_per_s=speed)
     if out is not None:
@@ -241,6 +222,6 @@ def _show(plan: ScanPlan, speed: float, out: Path | None, json: bool) -> None:
     if json:
         print_json(_as_json(plan, forecast))
         return
-    print_table(["scan plan", "value"], _rows(plan, forecast, speed))
+    print_table(["scan plan", "value"], _rows(plan, forecast, speed, computed))
     if out is not None:
         typer.echo(f"written: {out}")

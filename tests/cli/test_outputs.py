@@ -38,6 +38,7 @@ COMMANDS = (
     ("reconstruct",),
     ("demo",),
     ("bench", "accuracy"),
+    *(("camera", name) for name in ("new", "import", "check", "sensor")),
     *(("multiplex", name) for name in ("compare", "show", "demosaic", "views", "search", "filters", "figures")),
 )
 """Those that write files which may be there already."""
@@ -66,7 +67,9 @@ def test_every_command_that_takes_an_output_takes_force() -> None:
         if any(p.name in ("out", "report", "assemble") for p in command.params)
     }
     assert written - set(COMMANDS) == set()
-    assert {tuple(w.words()[: 1 + (w.words()[0] in ("bench", "multiplex"))]) for w in WRITERS.values()} == set(COMMANDS)
+    assert {
+        tuple(w.words()[: 1 + (w.words()[0] in ("bench", "camera", "multiplex"))]) for w in WRITERS.values()
+    } == set(COMMANDS)
 
 
 @pytest.mark.parametrize("name", WRITERS)

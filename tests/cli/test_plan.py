@@ -12,7 +12,6 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.cli import main
 from lfcal.cli.plan import load_camera, parse_depths, parse_pair
 from lfcal.errors import InputError
-from tests.camera.test_raytrix import xml
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -123,11 +122,3 @@ def test_planes_are_parsed() -> None:
     assert parse_pair("181", "cutout") == (181.0, 181.0) and parse_pair("5x7", "cutout") == (5.0, 7.0)
     with pytest.raises(InputError):
         parse_pair("", "cutout")
-
-
-def test_what_a_makers_file_does_not_state_is_said(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "c.xml").write_text(xml())
-    code, _, err = run("plan", str(tmp_path / "c.xml"), "--virtual-depths", "3")
-    assert code == 0 and len(err.splitlines()) == 1
-    assert "c.xml states neither sensor nor main lens nor gap; 4384 x 6576 pixels of 5.5 µm" in err
-    assert "a lens of 200 mm f/4 at 1 m" in err and "are assumed" in err

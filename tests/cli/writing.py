@@ -35,6 +35,10 @@ class Writer(NamedTuple):
 
 WRITERS = {
     "plan": Writer("plan bench --virtual-depths 3,4 -o out.json", "out.json", 500),
+    "camera new": Writer("camera new --preset r29 --yes -o out.json", "out.json", 500),
+    "camera import": Writer("camera import camera.json -o out.json", "out.json", 500),
+    "camera check": Writer("camera check camera.json white.tif -o out.json", "out.json", 500),
+    "camera sensor": Writer("camera sensor flats.tif darks.tif --camera camera.json -o out.json", "out.json", 500),
     "white": Writer("white white.tif --camera camera.json -o out", "out/camera.json", 200),
     "views": Writer("views white.tif --white white.tif --slopes 2,3 -o out", "out/focal_stack.tif", 2000),
     "simulate": Writer("simulate scan.json --level geometric -o out.h5", "out.h5", 8000),
@@ -82,6 +86,10 @@ def make_inputs(folder: Path) -> None:
     types = tuple(LensType.focused_at(v, 400.0) for v in (2.0, 3.0, 5.0))
     camera = Camera("c", MainLens(), LensletLattice("hexagonal", 82.0, 400.0, types), Sensor(white.shape, 5.0))
     (folder / "camera.json").write_text(camera.to_json())
+    levels = np.repeat([0, 0, 2e3, 4e3, 8e3, 12e3, 16e3], 2)  # electrons, two frames a level
+    counts = rng.poisson(np.tile(levels[:, None, None], (1, 60, 60))) / 5 + rng.normal(100, 2, (len(levels), 60, 60))
+    tifffile.imwrite(folder / "flats.tif", np.rint(counts[4:]).astype(np.uint16))
+    tifffile.imwrite(folder / "darks.tif", np.rint(counts[:4]).astype(np.uint16))
 
 
 CHILD = """

@@ -20,7 +20,7 @@ from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, export, save
 from lfcal.psf.store import save_regions
 from tests.acquire.rigs import small_plan
-from tests.camera.test_raytrix import xml
+from tests.camera.importers.test_raytrix_xml import xml
 from tests.cli.conftest import ANCHOR, SENSOR, SHAPE, true_frame
 from tests.cli.conftest import small_plan as frames_plan
 from tests.frames.scenes import write_dng

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import html
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from gui.models.form import Field
-from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Microscope, Sensor, read_raytrix_xml
+from gui.pages.camera.model_marks import stated
+from lfcal.camera import Camera, Derived, LensletLattice, LensType, MainLens, Microscope, Sensor, derived_of, doubts
 from lfcal.errors import LfcalError
-from lfcal.files import read_text
-from lfcal.units import format_length
 
 __all__ = [
     "LATTICE",
@@ -21,7 +20,6 @@ __all__ = [
     "apply_change",
     "facts",
     "optics_of_kind",
-    "read_camera",
     "values_of",
 ]
 
@@ -146,7 +144,9 @@ def optics_of_kind(camera: Camera, kind: str) -> Camera:
 def apply_change(camera: Camera, key: str, value: Any) -> tuple[Camera | None, str]:
     """Return the camera with one field changed and an empty string, or None and the reason it cannot be."""
     try:
-        return _changed(camera, key, value), ""
+        changed = stated(camera, _changed(camera, key, value), key)
+        derived_of(changed)  # raises where nothing follows
+        return changed, ""
     except (LfcalError, ZeroDivisionError, OverflowError) as error:
         return None, str(error)
 
@@ -193,28 +193,16 @@ def _lattice(lattice: LensletLattice, name: str, value: Any) -> LensletLattice:
     return replace(lattice, **{name: value})
 
 
-def read_camera(path: Path) -> Camera:
-    """Return the camera of a JSON or Raytrix XML file."""
-    if path.suffix.lower() == ".xml":
-        return read_raytrix_xml(path)
-    return Camera.from_json(read_text(path))
-
-
 def facts(camera: Camera) -> str:
-    """Return what follows from the description, as rich text."""
-    y, x = camera.period_px
-    rows = [
-        ("Working f-number", f"{camera.optics.working_f_number:.3g}"),
-        ("Lenslet f-number", f"{camera.lattice.gap_um / camera.lattice.pitch_um:.3g}"),
-        ("Magnification |M|", f"{camera.magnification:.4g}"),
-        ("Micro-image pitch", f"{camera.pitch_px:.3f} px"),
-        ("Period of the array", f"{x:.2f} × {y:.2f} px"),
-        ("Positions in a period", f"{max(1, round(x))} × {max(1, round(y))}"),
-        ("Object step for 1 px", format_length(camera.step_um())),
-    ]
-    if isinstance(camera.optics, MainLens):
-        rows.insert(2, ("Image distance", format_length(camera.optics.image_distance_um)))
+    """Return what follows from the description, as rich text; what rests on assumed values in italics, doubts first."""
     cells = "".join(
-        f"<tr><td style='padding-right:14px'>{name}</td><td><b>{value}</b></td></tr>" for name, value in rows
+        f"<tr><td style='padding-right:12px'>{item.label[:1].upper()}{item.label[1:]}</td><td>{_fact(item)}</td></tr>"
+        for item in derived_of(camera)
     )
-    return f"<table cellspacing='2'>{cells}</table>"
+    note = "<p><i>≈ rests on assumed values</i></p>" if any(item.assumed for item in derived_of(camera)) else ""
+    questions = "".join(f"<p>⚠ {html.escape(doubt)}</p>" for doubt in doubts(camera))
+    return f"{questions}<table cellspacing='2'>{cells}</table>{note}"
+
+
+def _fact(item: Derived) -> str:
+    return f"<i>≈ {item.text}</i>" if item.assumed else f"<b>{item.text}</b>"

@@ -14,6 +14,9 @@ from lfcal.units import format_length
 
 __all__ = ["OpticsView"]
 
+PITCH_LABEL = 84.0
+"""Room for the pitch beside the sensor (pixels of the screen)."""
+
 
 class OpticsView(QWidget):
     """Two drawings, each with equal scales inside: the whole camera, and a few lenslets over the sensor."""
@@ -102,9 +105,9 @@ class OpticsView(QWidget):
         theme = current_theme()
         lattice = self._camera.lattice
         shown = 5
-        scale = min((box.height() - 30) / (shown * lattice.pitch_um), (box.width() - 70) / lattice.gap_um)
+        scale = min((box.height() - 30) / (shown * lattice.pitch_um), (box.width() - PITCH_LABEL) / lattice.gap_um)
         gap, pitch = lattice.gap_um * scale, lattice.pitch_um * scale
-        x0 = box.center().x() - gap / 2
+        x0 = box.left() + (box.width() - PITCH_LABEL - gap) / 2
         middle = box.center().y() - 4
         clear = lattice.clear_diameter_um * scale / 2
         half_cone = min(math.atan(0.5 / self._camera.optics.working_f_number), 1.4)

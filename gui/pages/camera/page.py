@@ -1,4 +1,4 @@
-"""Camera: the description of optics, lenslets and sensor, with a drawing to scale."""
+"""Camera: the description of optics, lenslets and sensor, where its values come from, and whether it is right."""
 
 from __future__ import annotations
 
@@ -9,14 +9,24 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
+from gui.jobs import Job
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
-from gui.pages.camera.model import apply_change, read_camera
+from gui.pages.camera.model import apply_change
+from gui.pages.camera.model_check import Checked, iter_check
+from gui.pages.camera.model_marks import confirmed, state_with
 from gui.pages.camera.panel import CameraPanel, PresetBox
 from gui.saving import ask_target, write_file
-from lfcal.camera import Camera, preset
+from lfcal.camera import CAMERA_FORMATS, Camera, Imported, doubts, import_camera, preset
+from lfcal.frames.formats.opening import image_suffixes
 
 __all__ = ["Page"]
+
+SUFFIXES = sorted({suffix for form in CAMERA_FORMATS for suffix in form.suffixes})
+FILES = f"Cameras ({' '.join('*' + suffix for suffix in SUFFIXES)});;All files (*)"
+IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
+OURS = {".xml", ".yaml", ".yml", ".cfg"}
+"""Endings that no other page takes."""
 
 
 class Page(BasePage):
@@ -27,18 +37,29 @@ class Page(BasePage):
         self.presets = PresetBox()
         self.presets.chosen.connect(lambda name: self._set(preset(name), f"preset {name}"))
         self.tools.addWidget(self.presets)
-        self.tool_button("Import …", "Raytrix calibration (.xml) or a saved camera (.json)", self.import_file)
+        formats = ", ".join(form.name for form in CAMERA_FORMATS)
+        self.tool_button("Import …", f"A file that describes a camera: {formats}", self.import_file)
+        self.tool_button("Check …", "Hold this camera against a white image", self.choose_white)
         self.tool_button("Save …", "Write this camera as JSON", self.save_file)
         self.panel = CameraPanel(lambda key, value: apply_change(self.context.state.camera, key, value)[1])
         self.panel.edited.connect(self._edited)
+        self.panel.assumed.confirmed.connect(self._confirmed)
+        self.panel.check.asked.connect(self.choose_white)
+        self.panel.check.dark_asked.connect(self.choose_dark)
+        self.panel.check.taken.connect(self._take_measured)
         self.set_panel(self.panel)
         context.theme_changed.connect(self.panel.apply_theme)
         self.panel.show_camera(context.state.camera)
+        self._white, self._dark, self._job = "", "", 0
+        self._checked: Checked | None = None
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Show the camera if it changed."""
-        if old.camera != new.camera:
+        """Show the camera if it changed; a comparison with another camera is of no use."""
+        if old.camera != new.camera or old.camera.marks != new.camera.marks:
             self.panel.show_camera(new.camera)
+        if old.camera != new.camera and self._checked is not None and new.camera != self._checked.check.camera:
+            self._checked = None
+            self.panel.check.show_nothing("The camera changed since it was held against a white image.")
 
     def _edited(self, key: str, value: Any) -> None:
         camera, _ = apply_change(self.context.state.camera, key, value)
@@ -46,20 +67,41 @@ class Page(BasePage):
             self._set(camera, f"change of {key.split('.')[1].replace('_', ' ')}")
 
     def _set(self, camera: Camera, label: str) -> None:
+        if camera == self.context.state.camera:
+            # a typed value that was assumed before: the plan made of it stays
+            self.context.project.update(label, **state_with(self.context.state, camera))
+            return
         # a plan holds the camera it was made for: planes, cutout and anchor follow from its geometry
         self.context.project.update(label, camera=camera, plan=None)
 
+    def _confirmed(self, paths: tuple[str, ...]) -> None:
+        label = f"confirm {paths[0]}" if len(paths) == 1 else f"confirm {len(paths)} values"
+        self._set(confirmed(self.context.state.camera, paths), label)
+
+    # -- files -----------------------------------------------------------------------------------------
     def import_file(self, path: str = "") -> None:
-        """Take a camera from a Raytrix XML or JSON file."""
-        path = path or QFileDialog.getOpenFileName(self, "Import camera", "", "Cameras (*.xml *.json)")[0]
+        """Take a camera from a file of any known format."""
+        path = path or QFileDialog.getOpenFileName(self, "Import camera", "", FILES)[0]
         if not path:
             return
 
-        def read(camera: Camera) -> None:
-            self._set(camera, f"import of {Path(path).name}")
+        def read(found: Imported) -> None:
+            self._set(found.camera, f"import of {Path(path).name}")
             self.context.message.emit(f"camera taken from {path}")
+            self._tell(found)
 
-        self.load(Path(path).name, lambda: read_camera(Path(path)), read)
+        self.load(Path(path).name, lambda: _checked(import_camera(path)), read)
+
+    def _tell(self, found: Imported) -> None:
+        """Say what the file leaves open, and lead to where it is stated."""
+        count = len(found.camera.marks.paths("assumed"))
+        if count:
+            self.panel.tabs.setCurrentWidget(self.panel.assumed)
+        words = [*found.notes, *doubts(found.camera)]
+        for line in words:
+            self.context.message.emit(line)
+        if words:
+            self.notice.tell("; ".join(words))
 
     def save_file(self, path: str = "") -> None:
         """Write the camera as JSON."""
@@ -70,8 +112,65 @@ class Page(BasePage):
             self.context.message.emit(f"camera saved as {path}")
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Take a dropped calibration."""
-        if len(paths) == 1 and paths[0].lower().endswith(".xml"):
+        """Take a dropped description; JSON and text files only where this page is looked at."""
+        suffix = Path(paths[0]).suffix.lower() if len(paths) == 1 else ""
+        if suffix in OURS or (suffix in SUFFIXES and self.isVisible()):
             self.import_file(paths[0])
             return True
         return False
+
+    # -- white image -----------------------------------------------------------------------------------
+    def choose_white(self) -> None:
+        """Ask for a white image and hold the camera against it."""
+        path = QFileDialog.getOpenFileName(self, "White image", self._white, IMAGES)[0]
+        if path:
+            self.check_white(path)
+
+    def choose_dark(self) -> None:
+        """Ask for a dark frame, which is subtracted from then on."""
+        path = QFileDialog.getOpenFileName(self, "Dark frame", self._dark, IMAGES)[0]
+        if path:
+            self._dark = path
+            self.context.message.emit(f"dark frame for white images: {path}")
+            if self._white:
+                self.check_white(self._white)
+
+    def check_white(self, path: str) -> None:
+        """Hold the camera against the white image at ``path``, as a job."""
+        self._white = path
+        self.panel.show_check()
+        self.panel.check.show_waiting(Path(path).name)
+        self.context.jobs.cancel(self._job)
+        camera, dark = self.context.state.camera, Path(self._dark) if self._dark else None
+        self._job = self.context.jobs.start(
+            f"Check against {Path(path).name}",
+            "camera",
+            lambda: iter_check(camera, Path(path), dark),
+            self._show_check,
+            self._check_failed,
+            abandon=True,
+        )
+
+    def _show_check(self, found: Checked) -> None:
+        if found.camera == self.context.state.camera:
+            self._checked = found
+            self.panel.check.show_check(found)
+        else:
+            self.panel.check.show_nothing("The camera changed meanwhile; check it again.")
+
+    def _check_failed(self, job: Job) -> None:
+        self._checked = None
+        self.panel.check.show_nothing()
+        if job.error:
+            self.refuse(job.error)
+
+    def _take_measured(self) -> None:
+        if self._checked is not None and self._checked.check.camera is not None:
+            self._set(self._checked.check.camera, f"lattice measured in {self._checked.name}")
+            self.panel.check.show_taken()
+
+
+def _checked(found: Imported) -> Imported:
+    """Return ``found``; raise where its values are no camera's."""
+    doubts(found.camera)
+    return found

@@ -6,12 +6,25 @@ from collections.abc import Callable
 from typing import Any
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QComboBox, QFrame, QGridLayout, QHBoxLayout, QLabel, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QComboBox,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QScrollArea,
+    QSplitter,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
 from gui.models.form import Field
 from gui.pages.camera.model import LATTICE, MAIN_LENS, MICROSCOPE, SENSOR, facts, values_of
+from gui.pages.camera.model_marks import TIPS, assumed_values, mark_of
 from gui.pages.camera.optics_view import OpticsView
-from gui.widgets.cards import card
+from gui.pages.camera.panel_assumed import AssumedList
+from gui.pages.camera.panel_check import CheckPanel
+from gui.widgets.cards import card, clear
 from gui.widgets.form import Form
 from lfcal.camera import PRESETS, Camera
 
@@ -73,19 +86,52 @@ class CameraPanel(QWidget):
         self.facts = QLabel()
         self.facts.setTextFormat(Qt.TextFormat.RichText)
         self.facts.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setSpacing(10)
-        grid.addWidget(self._form_area(), 0, 0, 1, 2)
-        grid.addWidget(_titled("Optics, to scale", self.view), 1, 0)
-        grid.addWidget(_titled("Derived quantities", self.facts), 1, 1)
-        grid.setRowStretch(0, 3)
-        grid.setRowStretch(1, 2)
-        grid.setColumnStretch(0, 3)
-        grid.setColumnStretch(1, 1)
+        self.assumed, self.check = AssumedList(), CheckPanel()
+        self.tabs = QTabWidget()
+        self.tabs.setDocumentMode(True)
+        self.tabs.tabBar().setDrawBase(False)
+        titles = ((self._overview(), "What follows"), (self.assumed, "Assumed"), (self.check, "White image"))
+        for content, title in titles:
+            self.tabs.addTab(content, title)
+        below, column = card()
+        column.addWidget(self.tabs)
+        self.split = both = QSplitter(Qt.Orientation.Vertical)
+        both.setChildrenCollapsible(False)
+        both.setHandleWidth(10)
+        both.setStyleSheet("QSplitter::handle { background: transparent; }")
+        both.addWidget(self._form_area())
+        both.addWidget(below)
+        both.setSizes([430, 290])
+        both.setStretchFactor(0, 3)
+        both.setStretchFactor(1, 2)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(both)
+
+    def show_check(self) -> None:
+        """Look at the white image, with room for it."""
+        self.tabs.setCurrentWidget(self.check)
+        height = sum(self.split.sizes())
+        if self.split.sizes()[1] < height / 2:
+            self.split.setSizes([height * 2 // 5, height * 3 // 5])
+
+    def _overview(self) -> QWidget:
+        """Return the drawing, and beside it what follows from the description."""
+        self.facts.setWordWrap(True)
+        self.facts.setAlignment(Qt.AlignmentFlag.AlignTop)
+        scroll = QScrollArea()
+        scroll.setWidgetResizable(True)
+        scroll.setWidget(self.facts)
+        clear(scroll)
+        inner = QWidget()
+        row = QHBoxLayout(inner)
+        row.setContentsMargins(0, 4, 0, 0)
+        row.addWidget(self.view, 3)
+        row.addWidget(scroll, 2)
+        return inner
 
     def _form(self, fields: tuple[Field, ...]) -> Form:
-        form = Form(fields)
+        form = Form(fields, marked=True)
         form.check = self._check
         form.edited.connect(self.edited.emit)
         return form
@@ -99,7 +145,7 @@ class CameraPanel(QWidget):
         forms = QWidget()
         row = QHBoxLayout(forms)
         row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(10)
+        row.setSpacing(8)
         for title, content in (
             ("Main optics", optics),
             ("Lenslet array", self.forms["lattice"]),
@@ -120,12 +166,18 @@ class CameraPanel(QWidget):
             self.forms[name].setVisible(name == kind)
         for form in (self.forms[kind], self.forms["lattice"], self.forms["sensor"]):
             form.set_values({key: values[key] for key in form.fields})
+            marks = {key: mark_of(camera, key) for key in form.fields}
+            form.set_marks({key: (mark, TIPS[mark or "stated"]) for key, mark in marks.items()})
+        assumed = assumed_values(camera)
+        self.assumed.show_values(assumed)
+        self.tabs.setTabText(self.tabs.indexOf(self.assumed), f"Assumed ({len(assumed)})" if assumed else "Assumed")
         self.view.set_camera(camera)
         self.facts.setText(facts(camera))
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         self.view.apply_theme()
+        self.check.apply_theme()
 
 
 def _titled(title: str, content: QWidget) -> QFrame:

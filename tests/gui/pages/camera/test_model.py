@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from gui.pages.camera import model as camera_form
-from lfcal.camera import PRESETS, Camera, Microscope, preset
+from gui.pages.camera import model_marks
+from lfcal.camera import PRESETS, Camera, Marks, Microscope, preset
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -73,3 +75,28 @@ def test_types_keep_what_they_have_in_focus_when_the_gap_changes() -> None:
 def test_refusals_are_one_line(key: str, value: Any) -> None:
     camera, error = camera_form.apply_change(preset("bench"), key, value)
     assert camera is None and error and "\n" not in error
+
+
+def test_another_kind_of_optics_is_assumed() -> None:
+    camera, _ = camera_form.apply_change(preset("bench"), "optics.kind", "Microscope")
+    assert camera is not None and "optics.magnification" in camera.marks.paths("assumed")
+    again, _ = camera_form.apply_change(camera, "optics.magnification", 40.0)
+    assert again is not None and again.marks["optics.magnification"] == "stated"
+    assert model_marks.mark_of(again, "optics.tube_length_um") == "assumed"
+    assert model_marks.mark_of(again, "optics.kind") == ""
+    back, _ = camera_form.apply_change(again, "optics.kind", "MainLens")
+    assert back is not None and not any(path == "optics.magnification" for path, _ in back.marks)
+
+
+def test_assumed_values_name_geometry_first() -> None:
+    camera = replace(preset("r29"), marks=Marks.of({"sensor.prnu": "assumed", "lattice.gap_um": "assumed"}))
+    found = model_marks.assumed_values(camera)
+    assert [value.path for value in found] == ["lattice.gap_um", "sensor.prnu"]
+    assert found[0].text == "871.75 µm"
+
+
+def test_values_in_the_wrong_unit_are_questioned() -> None:
+    camera, error = camera_form.apply_change(preset("bench"), "sensor.pixel_um", 0.0055)
+    assert camera is not None and not error
+    assert "did you mean 5.5 µm" in camera_form.facts(camera)
+    assert "⚠" not in camera_form.facts(preset("bench"))

@@ -1,14 +1,34 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import tifffile
+from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
+from gui.context import Context
 from gui.window import MainWindow
-from lfcal.camera import PRESETS, Camera, MainLens, preset
+from lfcal.camera import (
+    PRESETS,
+    Camera,
+    LensletLattice,
+    LensType,
+    MainLens,
+    Marks,
+    ScanPlan,
+    Sensor,
+    import_camera,
+    preset,
+)
+from tests.camera.importers.files import OLAF
+from tests.camera.importers.test_raytrix_xml import xml
+from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
+from tests.lattice.white_frames import draw_white
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -34,3 +54,91 @@ def test_camera_files(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
     idle(window.jobs, qtbot)
     assert "camera description" in page.notice.label.text() and page.notice.isVisibleTo(page)
     assert window.project.state == before and "camera description" in window.log_view.toPlainText()
+
+
+def test_a_maker_s_file_shows_what_is_assumed_and_confirming_states_it(
+    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    page = open_page("camera")
+    (tmp_path / "c.xml").write_text(xml())
+    page.import_file(str(tmp_path / "c.xml"))
+    idle(context.jobs, qtbot)
+    camera = context.project.state.camera
+    assert camera == import_camera(tmp_path / "c.xml").camera
+    form = page.panel.forms["sensor"]
+    assert (
+        form.mark("sensor.pixel_um") == "assumed" and page.panel.forms["lattice"].mark("lattice.pitch_um") == "derived"
+    )
+    assert form.editor("sensor.pixel_um").accessibleDescription()
+    assert page.panel.tabs.currentWidget() is page.panel.assumed and "not applied" in page.notice.label.text()
+    assert "≈" in page.panel.facts.text()
+    page.panel.assumed.buttons["sensor.pixel_um"].click()
+    assert context.project.state.camera.marks["sensor.pixel_um"] == "stated"
+    assert form.mark("sensor.pixel_um") == "" and "sensor.pixel_um" not in page.panel.assumed.buttons
+    context.project.undo()
+    assert form.mark("sensor.pixel_um") == "assumed"
+    page.panel.assumed.all.click()
+    assert context.project.state.camera.marks.paths("assumed") == ()
+    assert page.panel.assumed.words.text().startswith("Nothing is assumed") and "≈" not in page.panel.facts.text()
+    assert context.project.unsaved
+
+
+def test_confirming_keeps_the_plan(open_page: OpenPage, context: Context, qtbot: QtBot) -> None:
+    page = open_page("camera")
+    camera = replace(preset("bench"), marks=Marks.of({"optics.f_number": "assumed"}))
+    context.project.update("made", camera=camera, plan=ScanPlan.for_camera(camera, virtual_depths=(3.0,)))
+    page.panel.assumed.buttons["optics.f_number"].click()
+    plan = context.project.state.plan
+    assert plan is not None and plan.camera.marks["optics.f_number"] == "stated"
+
+
+def test_typing_states_a_value(open_page: OpenPage, context: Context) -> None:
+    page = open_page("camera")
+    camera = replace(preset("bench"), marks=Marks.of({"lattice.types": "assumed", "sensor.shape": "assumed"}))
+    context.project.update("made", camera=camera)
+    form = page.panel.forms["sensor"]
+    QTest.keyClicks(form.editor("sensor.rows"), "0")
+    assert context.project.state.camera.marks.paths("assumed") == ("lattice.types",)
+    assert form.mark("sensor.columns") == ""
+
+
+def test_check_against_a_white_image(open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    page = open_page("camera")
+    white = draw_white((220, 260), pitch=16.0, kind="square", rotation=0.004)
+    tifffile.imwrite(tmp_path / "white.tif", white.frame)
+    lattice = LensletLattice("square", 16.1 * 5, 400.0, (LensType(400.0),))
+    camera = Camera("c", MainLens(), lattice, Sensor((220, 260), 5.0))
+    context.project.update("made", camera=camera)
+    page.check_white(str(tmp_path / "white.tif"))
+    idle(context.jobs, qtbot)
+    panel = page.panel.check
+    verdicts = {
+        panel.table.item(row, 0).text(): panel.table.item(row, 1).text() for row in range(panel.table.rowCount())
+    }
+    assert verdicts["Pitch"] == "differs" and verdicts["Sensor"] == "fits"
+    assert len(panel.fitted.getData()[0]) > 100 and len(panel.described.getData()[0]) > 100
+    panel.take.click()
+    measured = context.project.state.camera
+    assert measured.pitch_px == pytest.approx(16.0, abs=0.01) and measured.marks["lattice.pitch_um"] == "measured"
+    assert not panel.take.isEnabled()
+    context.project.update("made", camera=camera)
+    assert panel.stack.currentIndex() == 0
+    tifffile.imwrite(tmp_path / "flat.tif", np.full((220, 260), 7, np.uint16))
+    page.check_white(str(tmp_path / "flat.tif"))
+    idle(context.jobs, qtbot)
+    assert page.notice.isVisibleTo(page) and panel.stack.currentIndex() == 0
+
+
+def test_dropped_files(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    page: Any = window.page("camera")
+    (tmp_path / "c.json").write_text(preset("r29").to_json())
+    (tmp_path / "o.yaml").write_text(OLAF)
+    window.go("camera")
+    window.take_files([str(tmp_path / "c.json")])
+    idle(window.jobs, qtbot)
+    assert window.project.state.camera == preset("r29")
+    window.go("plan")
+    assert not page.accept_drop([str(tmp_path / "c.json")])
+    window.take_files([str(tmp_path / "o.yaml")])
+    idle(window.jobs, qtbot)
+    assert window.project.state.camera.name == "o"

@@ -1,0 +1,80 @@
+"""Where the values of the camera's fields come from, and what confirming or editing one does. No Qt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from gui.models.project import ProjectState
+from lfcal.camera import Camera, Marks, quantities_of, value_at
+
+__all__ = ["TIPS", "Assumed", "assumed_values", "confirmed", "mark_of", "path_of", "state_with", "stated"]
+
+PATHS = {
+    "optics.kind": "",
+    "sensor.rows": "sensor.shape",
+    "sensor.columns": "sensor.shape",
+    "lattice.focus": "lattice.types",
+    "lattice.offset_x": "lattice.offset_um",
+    "lattice.offset_y": "lattice.offset_um",
+    "camera.wavelength_um": "wavelength_um",
+    "camera.bandwidth_um": "bandwidth_um",
+}
+"""Fields whose value stands elsewhere in the description."""
+
+TIPS = {
+    "assumed": "Nobody stated this value: lfcal took a usual one. Type the true value, or confirm it under Assumed.",
+    "derived": "This value follows from stated or measured ones.",
+    "measured": "This value was measured in frames of the camera.",
+    "stated": "",
+}
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """A value that nobody stated: path, name, and value with its unit."""
+
+    path: str
+    label: str
+    text: str
+
+
+def path_of(key: str) -> str:
+    """Return where the value of a field stands in the description; empty for none."""
+    return PATHS.get(key, key)
+
+
+def mark_of(camera: Camera, key: str) -> str:
+    """Return where the value of a field comes from; empty where that is the rule: stated."""
+    path = path_of(key)
+    mark = camera.marks[path] if path else "stated"
+    return "" if mark == "stated" else mark
+
+
+def assumed_values(camera: Camera) -> tuple[Assumed, ...]:
+    """Return what is assumed of ``camera``, values of geometry first."""
+    there = set(camera.marks.paths("assumed"))
+    found = sorted((q for q in quantities_of(camera) if q.path in there), key=lambda q: q.light)
+    return tuple(Assumed(q.path, q.label[:1].upper() + q.label[1:], q.text(value_at(camera, q.path))) for q in found)
+
+
+def confirmed(camera: Camera, paths: Iterable[str]) -> Camera:
+    """Return ``camera`` with the values at ``paths`` stated, as somebody says that they are right."""
+    return replace(camera, marks=camera.marks.marked(paths, "stated"))
+
+
+def stated(before: Camera, after: Camera, key: str) -> Camera:
+    """Return ``after``, made of ``before`` by a change of one field, with that value stated."""
+    if key == "optics.kind" and type(before.optics) is not type(after.optics):
+        kept = {path: mark for path, mark in after.marks if not path.startswith("optics.")}
+        taken = {q.path: "assumed" for q in quantities_of(after) if q.path.startswith("optics.")}
+        return replace(after, marks=Marks.of(kept | taken))
+    path = path_of(key)
+    # a value without a mark is stated already
+    return confirmed(after, [path]) if path and after.marks[path] != "stated" else after
+
+
+def state_with(state: ProjectState, camera: Camera) -> dict[str, object]:
+    """Return the changes of a project that take a camera which differs in its marks only: the plan stays."""
+    plan = state.plan if state.plan is None else replace(state.plan, camera=camera)
+    return {"camera": camera, "plan": plan}

@@ -1,0 +1,147 @@
+"""What follows from a camera's values, and from which of them: a figure is no better than what it rests on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from lfcal.camera.description import Camera
+from lfcal.camera.main_lens import MainLens
+from lfcal.errors import InputError
+from lfcal.units import format_length
+
+__all__ = ["DEPTH", "STEP", "WHOLE_FRAMES", "Derived", "assumed_of", "derived_of"]
+
+STEP = (
+    "sensor.pixel_um",
+    "optics.focal_length_um",
+    "optics.working_distance_um",
+    "optics.magnification",
+    "lattice.gap_um",
+)
+"""What the step of the source rests on; the gap counts for a main lens only."""
+DEPTH = ("optics.focal_length_um", "optics.working_distance_um", "optics.magnification", "lattice.gap_um")
+APERTURE = ("optics.focal_length_um", "optics.f_number", "optics.working_distance_um", "optics.numerical_aperture")
+WHOLE_FRAMES = ("sensor.shape",)
+IN_PIXELS = ("lattice.pitch_um", "lattice.kind")
+
+
+@dataclass(frozen=True, slots=True)
+class Derived:
+    """A quantity that follows from a camera.
+
+    Attributes
+    ----------
+    label, text
+        Name, and value with its unit.
+    value
+        The value in the unit of ``unit``; a tuple is (y, x) or (near, far).
+    unit
+        Unit of ``value``, as in the description.
+    assumed
+        Paths of the assumed values it rests on.
+    """
+
+    label: str
+    text: str
+    value: float | tuple[float, ...]
+    unit: str
+    assumed: tuple[str, ...]
+
+
+def assumed_of(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
+    """Return those of ``paths`` that ``camera`` has and that are only assumed."""
+    there = set(camera.marks.paths("assumed"))
+    telecentric = camera.optics.telecentric
+    return tuple(path for path in paths if path in there and not (telecentric and path == "lattice.gap_um"))
+
+
+def derived_of(camera: Camera) -> tuple[Derived, ...]:
+    """Return what follows from ``camera``: on the sensor, in the optics, in object space.
+
+    Raises
+    ------
+    InputError
+        If its values are so far apart that nothing can be calculated.
+    """
+    try:
+        found = [*_on_the_sensor(camera), *_in_the_optics(camera), *_in_object_space(camera)]
+    except ArithmeticError:  # a division by what is nearly nothing, a number beyond all
+        raise InputError.expected(
+            "camera", "values of a real camera", "numbers too far apart to calculate with", "check units and exponents"
+        ) from None
+    return tuple(Derived(*row[:4], assumed_of(camera, row[4])) for row in found)
+
+
+_Row = tuple[str, str, float | tuple[float, ...], str, tuple[str, ...]]
+
+
+def _on_the_sensor(camera: Camera) -> list[_Row]:
+    (py, px), (x, y) = camera.period_px, camera.lattice.offset_um
+    x, y = x / camera.sensor.pixel_um, y / camera.sensor.pixel_um
+    count = (max(1, round(py)), max(1, round(px)))
+    return [
+        ("micro-image pitch", f"{camera.pitch_px:.4f} px", camera.pitch_px, "px", IN_PIXELS),
+        ("period (x × y)", f"{px:.3f} × {py:.3f} px", (py, px), "px", IN_PIXELS),
+        ("positions in it (x × y)", f"{count[1]} × {count[0]}", count, "", IN_PIXELS),
+        ("type-0 micro-image (x, y)", f"{x:+.3f}, {y:+.3f} px", (x, y), "px", ("lattice.offset_um",)),
+    ]
+
+
+def _in_the_optics(camera: Camera) -> list[_Row]:
+    optics, lattice = camera.optics, camera.lattice
+    gap, number = lattice.gap_um, optics.working_f_number
+    lenslet = gap / lattice.pitch_um
+    rows: list[_Row] = [
+        ("working f-number", f"{number:.4g}", number, "", APERTURE),
+        ("f-number of the lenslets", f"{lenslet:.4g}", lenslet, "", ("lattice.gap_um", "lattice.pitch_um")),
+        ("micro-image over lenslet", f"{lenslet / number:.3g}", lenslet / number, "", (*APERTURE, "lattice.gap_um")),
+        ("magnification |M|", f"{camera.magnification:.4g}", camera.magnification, "", DEPTH),
+    ]
+    if isinstance(optics, MainLens):
+        distance = optics.image_distance_um
+        rows.insert(0, ("lens to lenslets", format_length(distance), distance, "µm", DEPTH[:2]))
+    return rows
+
+
+def _in_object_space(camera: Camera) -> list[_Row]:
+    step = camera.step_um()
+    rows, columns = camera.sensor.shape
+    field = (rows * step, columns * step)
+    shown = f"{format_length(field[1])} × {format_length(field[0])}"
+    found: list[_Row] = [
+        ("step for one pixel", format_length(step), step, "µm", STEP),
+        ("field of view (x × y)", shown, field, "µm", (*STEP, *WHOLE_FRAMES)),
+    ]
+    for k, kind in enumerate(camera.lattice.types):
+        focus = kind.focus_depth(camera.lattice.gap_um)
+        ends = kind.depth_range or (focus, focus)
+        rests = (*DEPTH, "lattice.types")
+        found.append((f"type {k}: in focus at v", f"{focus:.4g}{_ends(kind.depth_range)}", focus, "", rests))
+        depths = tuple(_depth(camera, v) for v in (ends[0], focus, ends[1]))
+        if all(math.isfinite(z) for z in depths) and kind.depth_range:
+            text = f"{format_length(depths[1])}, used {format_length(depths[0])} … {format_length(depths[2])}"
+            found.append(("  object depth z", text, depths, "µm", rests))
+    if camera.optics.telecentric:
+        found.append(_depth_of_field(camera))
+    return found
+
+
+def _ends(ends: tuple[float, float] | None) -> str:
+    return "" if ends is None else f", used {ends[0]:g} … {ends[1]:g}"
+
+
+def _depth(camera: Camera, virtual: float) -> float:
+    try:
+        return camera.depth_of(virtual) if math.isfinite(virtual) else math.nan
+    except InputError:  # beyond infinity: no object is imaged there
+        return math.nan
+
+
+def _depth_of_field(camera: Camera) -> _Row:
+    """Depth of field of the objective alone, λn/NA²."""
+    optics = camera.optics
+    assert not isinstance(optics, MainLens)
+    depth = camera.wavelength_um * optics.medium_index / optics.numerical_aperture**2
+    rests = ("wavelength_um", "optics.numerical_aperture", "optics.medium_index")
+    return "depth of field of the objective", format_length(depth), depth, "µm", rests

@@ -1,0 +1,73 @@
+"""What a camera's values cannot well be: mistaken units, parts that do not fit each other."""
+
+from __future__ import annotations
+
+from lfcal.camera.derived import derived_of
+from lfcal.camera.description import Camera
+from lfcal.camera.main_lens import Microscope
+from lfcal.camera.quantities import Quantity, quantities_of, value_at
+
+__all__ = ["doubts"]
+
+FACTORS = ((1e3, "mm for µm"), (1e-3, "nm for µm"), (1e6, "m for µm"))
+FEWEST_PIXELS = 4.0
+"""Pixels of a micro-image below which its lattice cannot be measured."""
+
+
+def doubts(camera: Camera) -> tuple[str, ...]:
+    """Return, one line each, what of ``camera`` is hardly meant: it is possible, so it is no error.
+
+    Raises
+    ------
+    InputError
+        If its values are so far apart that nothing can be calculated.
+    """
+    derived_of(camera)  # raises where nothing can be calculated
+    found = [line for quantity in quantities_of(camera) for line in _unusual(camera, quantity)]
+    return (*found, *_sensor(camera), *_apertures(camera))
+
+
+def _unusual(camera: Camera, quantity: Quantity) -> list[str]:
+    value = value_at(camera, quantity.path)
+    if quantity.usual is None or value is None:
+        return []
+    low, high = quantity.usual
+    worst = next((v for v in (value if isinstance(value, tuple) else (value,)) if not low <= v <= high), None)
+    if worst is None:
+        return []
+    shown = f"{quantity.label} ({quantity.path}) is {worst:g}"
+    if not quantity.path.endswith("_um") and quantity.path != "lattice.types":
+        return [f"{shown}, which is unusual"]
+    for factor, mistake in FACTORS:
+        if low <= worst * factor <= high:
+            return [f"{shown} µm; did you mean {worst * factor:g} µm ({mistake})?"]
+    return [f"{shown} µm, which is unusual; lengths are in µm"]
+
+
+def _sensor(camera: Camera) -> list[str]:
+    rows, columns = camera.sensor.shape
+    x, y = (v / camera.sensor.pixel_um for v in camera.lattice.offset_um)
+    found = []
+    if camera.pitch_px < FEWEST_PIXELS:
+        found.append(f"micro-images of {camera.pitch_px:.3g} px are too small to be measured; check pitch and pixel")
+    if abs(x) > columns / 2 or abs(y) > rows / 2:
+        found.append(
+            f"the lattice's offset, {x:.0f}, {y:.0f} px from the centre, lies off the {rows} x {columns} px sensor"
+        )
+    centre = camera.distortion.centre_px if camera.distortion is not None else (0.0, 0.0)
+    if not (0 <= centre[0] <= columns and 0 <= centre[1] <= rows):
+        found.append(
+            f"the maker's centre of distortion ({centre[0]:.0f}, {centre[1]:.0f} px) lies off the {rows} x {columns} "
+            "px sensor: is the sensor's size right, and the file that of this camera?"
+        )
+    return found
+
+
+def _apertures(camera: Camera) -> list[str]:
+    """Micro-images overlap where the main optics are faster than the lenslets."""
+    optics, lattice = camera.optics, camera.lattice
+    ratio = lattice.gap_um / (optics.working_f_number * lattice.clear_diameter_um)
+    if ratio <= 1.5:
+        return []
+    remedy = "magnification and NA" if isinstance(optics, Microscope) else "f-number and distance"
+    return [f"micro-images would be {ratio:.2g} lenslets wide and overlap; check the gap, and {remedy}"]

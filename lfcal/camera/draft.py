@@ -1,0 +1,196 @@
+"""A camera in the making: values as they come to be known, each with where it comes from."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+from lfcal.camera.description import Camera
+from lfcal.camera.distortion import BrownDistortion
+from lfcal.camera.lattice import LensletLattice, LensType
+from lfcal.camera.main_lens import MainLens, Microscope, Optics
+from lfcal.camera.marks import Marks
+from lfcal.camera.quantities import QUANTITIES, quantities_of
+from lfcal.camera.sensor import Sensor
+from lfcal.errors import InputError
+
+__all__ = ["Draft"]
+
+FOCUS, RANGES = "lattice.focus", "lattice.depth_ranges"
+PATHS = {quantity.path for quantity in QUANTITIES} | {FOCUS, RANGES}
+
+# A microscope's camera is rarely the sensor of a plenoptic one; both are assumptions and said to be.
+MICROSCOPE_SENSOR: dict[str, Any] = {"shape": (2048, 2048), "pixel_um": 6.5, "bit_depth": 16, "read_noise_e": 1.5}
+MICROSCOPE_PITCH_UM = 125.0
+SEEN_IN_PIXELS = tuple(f"lattice.{n}" for n in ("pitch_um", "row_pitch_um", "offset_um", "clear_um", "distortion"))
+
+
+class Draft:
+    """Values of a camera by path, the first to be put winning; what is missing in the end is assumed and marked so.
+
+    Besides the paths of `QUANTITIES` there are ``lattice.focus`` (virtual depths that the types have in focus),
+    ``lattice.depth_ranges`` (pairs of virtual depths, one per type), and ``lattice.types`` holds focal lengths (µm).
+
+    Parameters
+    ----------
+    kind
+        ``"MainLens"`` or ``"Microscope"``.
+    given
+        What the user states, by path; nothing that is put later replaces it.
+
+    Raises
+    ------
+    InputError
+        If a path is none of such a camera.
+    """
+
+    def __init__(self, kind: str, given: Mapping[str, Any] | None = None) -> None:
+        self._kind: type[Optics] = MainLens if kind == "MainLens" else Microscope
+        self._values: dict[str, tuple[Any, str]] = {}
+        self.distortion: BrownDistortion | None = None
+        for path, value in (given or {}).items():
+            self.put(path, value)
+
+    @classmethod
+    def of(cls, camera: Camera, given: Mapping[str, Any]) -> Draft:
+        """Return the draft of an existing camera with ``given`` in place of its values.
+
+        Lattices are seen in pixels: with another pixel pitch their lengths are scaled where they were derived or
+        measured. Gap and focal lengths that were assumed are assumed anew.
+        """
+        draft = cls(type(camera.optics).__name__, given)
+        draft.distortion = camera.distortion
+        marks, scale = camera.marks, 1.0
+        if "sensor.pixel_um" in given:
+            scale = given["sensor.pixel_um"] / camera.sensor.pixel_um
+        for part in ("optics", "lattice", "sensor"):
+            held = getattr(camera, part)
+            for field in fields(held):
+                path = f"{part}.{field.name}"
+                value, mark = getattr(held, field.name), marks[path]
+                if path == "lattice.types" or (path == "lattice.gap_um" and mark == "assumed"):
+                    continue
+                if path in SEEN_IN_PIXELS and mark in ("derived", "measured"):
+                    value = _scaled(value, scale)
+                # also what people do not state, such as a measured distortion
+                draft._values.setdefault(path, (value, mark))
+        for path in ("wavelength_um", "bandwidth_um"):
+            draft.put(path, getattr(camera, path), marks[path])
+        draft._put_types(camera, given)
+        return draft
+
+    def _put_types(self, camera: Camera, given: Mapping[str, Any]) -> None:
+        lattice, mark = camera.lattice, camera.marks["lattice.types"]
+        if any(kind.depth_range for kind in lattice.types):
+            self.put(RANGES, tuple(kind.depth_range for kind in lattice.types), camera.marks[RANGES])
+        if mark == "assumed" or "lattice.gap_um" in given:  # types keep what they have in focus
+            self.put(FOCUS, tuple(kind.focus_depth(lattice.gap_um) for kind in lattice.types), mark)
+        else:
+            self.put("lattice.types", tuple(kind.focal_length_um for kind in lattice.types), mark)
+
+    def put(self, path: str, value: Any, mark: str = "stated") -> None:
+        """Take ``value`` unless there is one already; None is no value."""
+        part, _, name = path.rpartition(".")
+        if path not in PATHS or (part == "optics" and name not in {f.name for f in fields(self._kind)}):
+            kind = "a main lens" if self._kind is MainLens else "a microscope"
+            raise InputError.expected("value of a camera", f"one of {kind}", path, "see lfcal camera show")
+        if value is not None:
+            self._values.setdefault(path, (value, mark))
+
+    def state(self, path: str, value: Any) -> None:
+        """Take ``value`` as stated, in place of what there is."""
+        self.withdraw(path)
+        self.put(path, value)
+        if path == FOCUS:
+            self.withdraw("lattice.types")
+
+    def withdraw(self, path: str) -> None:
+        """Forget the value at ``path``."""
+        self._values.pop(path, None)
+
+    def get(self, path: str) -> Any:
+        """Return the value at ``path``, or the one assumed for it so far."""
+        if path in self._values:
+            return self._values[path][0]
+        part, _, name = path.rpartition(".")
+        return getattr(self._build(part), name)
+
+    def mark(self, path: str) -> str:
+        """Return the mark of the value at ``path``: ``"assumed"`` where none was put."""
+        return self._values.get(path, (None, "assumed"))[1]
+
+    def camera(self, name: str) -> Camera:
+        """Return the camera, with a mark for every value.
+
+        A gap that is not known is assumed to be the pitch times the working f-number, at which micro-images just
+        touch; lens types are assumed to be in focus where their depth ranges say, or at infinity.
+
+        Raises
+        ------
+        InputError
+            If a value is refused.
+        """
+        return self.copy()._complete(name)  # what is assumed now may be stated later
+
+    def copy(self) -> Draft:
+        """Return a draft of the same values."""
+        other = copy.copy(self)
+        other._values = dict(self._values)
+        return other
+
+    def _complete(self, name: str) -> Camera:
+        optics, sensor = self._build("optics"), self._build("sensor")
+        pitch = MICROSCOPE_PITCH_UM if self._kind is Microscope else LensletLattice().pitch_um
+        self.put("lattice.pitch_um", pitch, "assumed")
+        self.put("lattice.gap_um", self.get("lattice.pitch_um") * optics.working_f_number, "assumed")
+        types, mark = self._types()
+        own = {f.name for f in fields(LensletLattice)} - {"types"}
+        lattice = LensletLattice(types=types, **self._put_under("lattice", own))
+        light = self._put_under("", {"wavelength_um", "bandwidth_um"})
+        camera = Camera(name, optics, lattice, sensor, distortion=self.distortion, **light)
+        return replace(camera, marks=self._marks(camera, mark))
+
+    def _build(self, part: str) -> Any:
+        kind = self._kind if part == "optics" else Sensor if part == "sensor" else LensletLattice
+        assumed = MICROSCOPE_SENSOR if kind is Sensor and self._kind is Microscope else {}
+        return kind(**{**assumed, **self._put_under(part, {f.name for f in fields(kind)})})
+
+    def _put_under(self, part: str, names: set[str]) -> dict[str, Any]:
+        start = f"{part}." if part else ""
+        return {n: self._values[start + n][0] for n in names if start + n in self._values}
+
+    def _types(self) -> tuple[tuple[LensType, ...], str]:
+        """Return the lens types and where they come from."""
+        gap, ranges = self.get("lattice.gap_um"), self._values.get(RANGES, ((), ""))[0]
+        if "lattice.types" in self._values:
+            lengths, mark = self._values["lattice.types"]
+            ranges = ranges if len(ranges) == len(lengths) else (None,) * len(lengths)
+            return tuple(LensType(f, own) for f, own in zip(lengths, ranges, strict=True)), mark
+        # equal blur at both ends of the range: blur is proportional to |1/v - 1/v_focus|
+        middle = tuple(2.0 / (1.0 / near + 1.0 / far) for near, far in ranges) if all(ranges) else ()
+        self.put(FOCUS, middle or (math.inf,), "derived" if middle else "assumed")
+        focus, mark = self._values[FOCUS]
+        ranges = ranges if len(ranges) == len(focus) else (None,) * len(focus)
+        types = tuple(LensType.focused_at(v, gap, own) for v, own in zip(focus, ranges, strict=True))
+        # focal lengths follow from the gap, and are no better known than it is
+        return types, "assumed" if self.mark("lattice.gap_um") == "assumed" else mark
+
+    def _marks(self, camera: Camera, types: str) -> Marks:
+        marks = {path: self.mark(path) for path in (RANGES, "lattice.distortion") if self._values.get(path, (None,))[0]}
+        marks["lattice.types"] = types
+        for quantity in quantities_of(camera):
+            if quantity.path != "lattice.types":
+                marks[quantity.path] = self.mark(quantity.path)
+        return Marks.of(marks)
+
+
+def _scaled(value: Any, scale: float) -> Any:
+    """Return a length, or what has lengths, ``scale`` times as large."""
+    if value is None:
+        return None
+    if isinstance(value, tuple):
+        return tuple(v * scale for v in value)
+    return value * scale if isinstance(value, int | float) else value.scaled(scale)

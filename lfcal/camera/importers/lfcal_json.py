@@ -1,0 +1,25 @@
+"""lfcal's own camera.json, and the refusal of any other JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lfcal.camera.description import Camera
+from lfcal.camera.draft import Draft
+from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted
+from lfcal.errors import FileFormatError, InputError
+
+__all__ = ["FORMAT"]
+
+
+def _read(text: str, source: Path, wanted: Wanted) -> Imported:
+    try:
+        camera = Camera.from_json(text)
+    except InputError as error:
+        raise FileFormatError(f"{source}: {error}") from None
+    if wanted.values:
+        camera = Draft.of(camera, wanted.values).camera(camera.name)
+    return Imported(camera)
+
+
+FORMAT = CameraFormat("camera.json", (".json",), lambda head: head[:1] in ("{", "["), _read, rank=90)

@@ -1,0 +1,138 @@
+"""System configuration (.cfg) and metadata (metadata.txt) of Micro-Manager: pixel size, magnification, sensor.
+
+What it calls pixel size is that of the specimen. With the magnification, which stands in the objective's label at best,
+it is that of the sensor. Lenslets are unknown to it.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lfcal.camera.draft import Draft
+from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted
+from lfcal.errors import FileFormatError, InputError
+from lfcal.plain import parse_json
+
+__all__ = ["FORMAT"]
+
+OBJECTIVE = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)\s*[xX×]|[xX×]\s?(\d+(?:\.\d+)?)(?![\d.])")
+"""A magnification in a label, such as ``Nikon 20X Plan Fluor`` or ``Plan-Apo x63``."""
+APERTURE = re.compile(r"(?:NA\s*|/\s?)([01]\.\d+)")
+
+UNKNOWN = "Micro-Manager knows nothing of lenslets: pitch, gap and focal length are assumed; see lfcal camera check"
+
+
+@dataclass
+class _Preset:
+    """A resolution preset: pixel size of the specimen (µm), and the labels that select it."""
+
+    pixel_um: float | None = None
+    label: str = ""
+
+
+def _read(text: str, source: Path, wanted: Wanted) -> Imported:
+    draft = Draft("Microscope", wanted.values)
+    if text.lstrip()[:1] == "{":
+        _summary(text, source, draft)
+    else:
+        _take(draft, *_chosen(_presets(text, source), wanted.resolution, source))
+    draft.put("lattice.kind", "square", "assumed")
+    draft.put("lattice.focus", (math.inf,), "assumed")
+    try:
+        return Imported(draft.camera(source.stem), (UNKNOWN,))
+    except InputError as error:
+        raise FileFormatError(f"{source}: {error}") from None
+
+
+def _presets(text: str, source: Path) -> dict[str, _Preset]:
+    found: dict[str, _Preset] = {}
+    for line in text.splitlines():
+        # lines are commands with commas; what follows a # in a line of its own is a comment
+        parts = [part.strip() for part in line.split(",")]
+        if parts[0] == "ConfigPixelSize" and len(parts) >= 5:
+            preset = found.setdefault(parts[1], _Preset())
+            preset.label = f"{preset.label} {','.join(parts[4:])}".strip()
+        elif parts[0] == "PixelSize_um" and len(parts) >= 3:
+            size = _positive(parts[2], f"{source}: PixelSize_um of {parts[1]}")
+            found.setdefault(parts[1], _Preset()).pixel_um = size
+    return {name: preset for name, preset in found.items() if preset.pixel_um is not None}
+
+
+def _positive(text: str, what: str) -> float | None:
+    try:
+        value = float(text.split("#")[0])
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0):
+        raise FileFormatError.expected(what, "a length in µm", repr(text)[:40], "correct it")
+    return value or None  # 0 is its word for unknown
+
+
+def _chosen(presets: dict[str, _Preset], name: str, source: Path) -> tuple[float, str]:
+    names = ", ".join(presets) or "none"
+    if not presets:
+        raise FileFormatError.expected(
+            str(source), "a pixel size (PixelSize_um)", "none", "calibrate it in Micro-Manager, or use lfcal camera new"
+        )
+    if name not in presets and (name or len(presets) > 1):
+        got = repr(name) if name else f"{len(presets)} of them"
+        raise InputError.expected(f"{source}: resolution preset", f"one of {names}", got, "add --resolution NAME")
+    preset = presets[name or next(iter(presets))]
+    assert preset.pixel_um is not None
+    return preset.pixel_um, preset.label
+
+
+def _take(draft: Draft, specimen_um: float, label: str) -> None:
+    """Take pixel and magnification from the pixel size of the specimen and an objective's label."""
+    if aperture := APERTURE.search(label):
+        draft.put("optics.numerical_aperture", float(aperture[1]), "derived")
+    match = OBJECTIVE.search(label)
+    if draft.mark("sensor.pixel_um") == "assumed" and match:
+        # the label's magnification and the specimen's pixel size give the pixel; a relay is included in it
+        draft.put("optics.magnification", float(match[1] or match[2]), "derived")
+    if draft.mark("optics.magnification") != "assumed":
+        draft.put("sensor.pixel_um", _tidy(specimen_um * draft.get("optics.magnification")), "derived")
+    mark = "assumed" if draft.mark("sensor.pixel_um") == "assumed" else "derived"
+    draft.put("optics.magnification", _tidy(draft.get("sensor.pixel_um") / specimen_um), mark)
+
+
+def _tidy(value: float) -> float:
+    return float(f"{value:.9g}")
+
+
+def _summary(text: str, source: Path, draft: Draft) -> None:
+    """Take what the summary of a recording says: width, height, bits, pixel size."""
+    data = parse_json(text, str(source), finite=False)
+    summary = data.get("Summary") if isinstance(data, Mapping) else None
+    if not isinstance(summary, Mapping):
+        raise FileFormatError.expected(str(source), 'the entry "Summary"', "none", "choose metadata of Micro-Manager")
+    size = [_whole(summary, name, source) for name in ("Height", "Width")]
+    if None not in size:
+        draft.put("sensor.shape", tuple(size))
+    draft.put("sensor.bit_depth", _whole(summary, "BitDepth", source))
+    specimen = summary.get("PixelSize_um", summary.get("PixelSizeUm"))
+    if isinstance(specimen, int | float) and specimen > 0:
+        _take(draft, float(specimen), "")
+
+
+def _whole(summary: Mapping[str, Any], name: str, source: Path) -> int | None:
+    value = summary.get(name)
+    if value is None:
+        return None
+    if type(value) is not int or not 0 < value <= 200_000:
+        raise FileFormatError.expected(f"{source}: {name}", "a whole number", repr(value)[:40], "check the file")
+    return value
+
+
+def _recognises(head: str) -> bool:
+    if head[:1] == "{":
+        return '"Summary"' in head
+    return re.search(r"^(Device,|Property,Core,|ConfigPixelSize,|PixelSize_um,)", head, re.MULTILINE) is not None
+
+
+FORMAT = CameraFormat("Micro-Manager configuration", (".cfg", ".txt"), _recognises, _read)

@@ -1,0 +1,68 @@
+"""Metadata of napari-LF: the settings of its calibration as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from lfcal.camera.draft import Draft
+from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, number, required
+from lfcal.errors import FileFormatError, InputError
+from lfcal.plain import parse_json
+
+__all__ = ["FORMAT"]
+
+ENTRIES = (
+    ("objective_magnification", "optics.magnification", 1.0),
+    ("objective_na", "optics.numerical_aperture", 1.0),
+    ("medium_index", "optics.medium_index", 1.0),
+    ("tubelens_focal_length", "optics.tube_length_um", 1e3),  # mm
+    ("ulens_pitch", "lattice.pitch_um", 1.0),
+    ("ulens_focal_distance", "lattice.gap_um", 1.0),
+    ("pixel_size", "sensor.pixel_um", 1.0),
+    ("pixel_fill_factor", "sensor.fill_factor", 1.0),
+    ("center_wavelength", "wavelength_um", 1e-3),  # nm
+)
+"""Its entry, ours, and the factor to our unit; lengths are in µm unless said otherwise."""
+
+NEEDED = ("objective_magnification", "objective_na", "ulens_pitch", "pixel_size")
+
+
+def _read(text: str, source: Path, wanted: Wanted) -> Imported:
+    data = parse_json(text, str(source))
+    entries = data.get("calibrate") if isinstance(data, Mapping) else None
+    if not isinstance(entries, Mapping):
+        raise FileFormatError.expected(str(source), 'the entry "calibrate"', "none", "choose metadata of napari-LF")
+    what = f"{source}: calibrate"
+    for name in NEEDED:
+        required(entries, name, what)
+    draft = Draft("Microscope", wanted.values)
+    for name, path, scale in ENTRIES:
+        draft.put(path, number(entries, name, what, scale))
+    focal = number(entries, "ulens_focal_length", what)
+    draft.put("lattice.types", None if focal is None else (focal,))
+    # napari-LF knows square arrays only, and says so nowhere in the file
+    draft.put("lattice.kind", "square", "derived")
+    try:
+        return Imported(draft.camera(source.stem), _notes(entries, what))
+    except InputError as error:
+        raise FileFormatError(f"{source}: {error}") from None
+
+
+def _notes(entries: Mapping[str, Any], what: str) -> tuple[str, ...]:
+    fill = number(entries, "ulens_fill_factor", what)
+    if fill is None or fill == 1:
+        return ()
+    return (
+        f"lenslets fill {fill:g} of their area or width, the file does not say which: the full pitch is assumed; state "
+        "it with --set lattice.clear_um=…",
+    )
+
+
+FORMAT = CameraFormat(
+    "napari-LF metadata",
+    (".json", ".txt"),
+    lambda head: head[:1] == "{" and '"calibrate"' in head and '"ulens_pitch"' in head,
+    _read,
+)

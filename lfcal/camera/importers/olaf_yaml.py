@@ -1,0 +1,121 @@
+"""Configuration of oLaF and its Python port pyolaf: a flat yaml file (Stefanoiu et al. 2019, LFM_setCameraParams)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from lfcal.camera.draft import Draft
+from lfcal.camera.importers.camera_format import CameraFormat, Imported, Wanted, number, required
+from lfcal.errors import FileFormatError, InputError
+
+__all__ = ["FORMAT"]
+
+MAX_CHARACTERS = 1 << 16
+"""Real files have 1 kB."""
+
+ENTRIES = (
+    ("M", "optics.magnification"),
+    ("NA", "optics.numerical_aperture"),
+    ("n", "optics.medium_index"),
+    ("ftl", "optics.tube_length_um"),
+    ("lensPitch", "lattice.pitch_um"),
+    ("pixelPitch", "sensor.pixel_um"),
+    ("WaveLength", "wavelength_um"),
+)
+"""Its entry and ours; all lengths are in µm."""
+
+
+def _read(text: str, source: Path, wanted: Wanted) -> Imported:
+    entries = _entries(text, source)
+    what = str(source)
+    for name in ("M", "NA", "ftl", "fm", "lensPitch", "pixelPitch"):
+        required(entries, name, what)
+    draft = Draft("Microscope", wanted.values)
+    draft.put("lattice.kind", _kind(entries, what))
+    for name, path in ENTRIES:
+        draft.put(path, number(entries, name, what))
+    focal = _focal_lengths(entries, what)
+    draft.put("lattice.types", focal)
+    draft.put("lattice.gap_um", number(entries, "mla2sensor", what) or None)
+    notes = _place(entries, focal, draft, what)
+    try:
+        return Imported(draft.camera(source.stem), notes)
+    except InputError as error:
+        raise FileFormatError(f"{source}: {error}") from None
+
+
+def _entries(text: str, source: Path) -> Mapping[str, Any]:
+    if len(text) > MAX_CHARACTERS:
+        raise FileFormatError.expected(str(source), "a configuration of at most 64 kB", "more", "check the path")
+    try:
+        data = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise FileFormatError.expected(str(source), "yaml", str(error), "correct the file") from None
+    if not isinstance(data, Mapping):
+        raise FileFormatError.expected(str(source), "named entries", type(data).__name__, "correct the file")
+    # the Fourier microscope has its lenslets in a pupil plane: another instrument, with other entries
+    if "noLensHoriz" in data or "f1" in data:
+        raise FileFormatError.expected(
+            str(source), "a light-field microscope", "a Fourier light-field microscope", "lfcal has no such camera yet"
+        )
+    return data
+
+
+def _kind(entries: Mapping[str, Any], what: str) -> str | None:
+    grid = entries.get("gridType")
+    if grid not in (None, "reg", "hex"):
+        raise FileFormatError.expected(f"{what}: gridType", "reg or hex", repr(grid)[:40], "correct it")
+    return {"reg": "square", "hex": "hexagonal", None: None}[grid]
+
+
+def _focal_lengths(entries: Mapping[str, Any], what: str) -> tuple[float, ...]:
+    """Return the focal lengths of the lens types: one, or three where ``focus`` is multi."""
+    given = entries["fm"]
+    parts = given if isinstance(given, list) else [given]
+    found = tuple(number({"fm": part}, "fm", what) for part in parts)
+    lengths = tuple(f for f in found if f is not None)
+    several = entries.get("focus") == "multi"
+    if len(lengths) != len(parts) or len(lengths) != (3 if several else 1):
+        wanted = "three focal lengths" if several else "one focal length (focus: single)"
+        raise FileFormatError.expected(f"{what}: fm", wanted, f"{len(lengths)}", "correct it")
+    return lengths
+
+
+def _place(entries: Mapping[str, Any], focal: tuple[float, ...], draft: Draft, what: str) -> tuple[str, ...]:
+    """Take the gap as oLaF would where the file leaves it open; return what is to be said of the array's place."""
+    tube, array = number(entries, "ftl", what), number(entries, "tube2mla", what) or 0.0
+    design = entries.get("plenoptic", 1)
+    if design not in (1, 2):
+        raise FileFormatError.expected(f"{what}: plenoptic", "1 or 2", repr(design)[:40], "correct it")
+    if design == 1:
+        draft.put("lattice.gap_um", focal[0], "derived")
+        return ()
+    if array and tube and array != tube:
+        # f-numbers match: gap over pitch is the distance of the array over the tube lens's lit diameter
+        objective = tube / draft.get("optics.magnification")
+        lit = _lit_radius(tube, array, objective, draft.get("optics.numerical_aperture"))
+        draft.put("lattice.gap_um", array * draft.get("lattice.pitch_um") / (2 * lit), "derived")
+    return (
+        "a defocused design (plenoptic: 2): in lfcal depth 0 is the plane that is imaged onto the lenslets, not the "
+        "objective's focal plane",
+    )
+
+
+def _lit_radius(tube: float, array: float, objective: float, na: float) -> float:
+    """Return the radius of the tube lens that is lit by a point imaged onto the array (µm), as oLaF has it."""
+    apart = objective + tube
+    image = apart - tube * array / (array - tube)
+    return abs((image - apart) * objective * na / image)
+
+
+FORMAT = CameraFormat(
+    "oLaF yaml",
+    (".yaml", ".yml"),
+    lambda head: re.search(r"^\s*(lensPitch|gridType)\s*:", head, re.MULTILINE) is not None and head[:1] != "{",
+    _read,
+)

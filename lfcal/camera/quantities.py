@@ -1,0 +1,130 @@
+"""The values that describe a camera: what each is called, its unit, and between which limits it usually lies."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+from lfcal.camera.description import Camera
+
+__all__ = ["QUANTITIES", "Quantity", "quantities_of", "value_at"]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One value of a camera.
+
+    Attributes
+    ----------
+    path
+        Where it stands in the description, such as ``"sensor.pixel_um"``.
+    label, unit
+        What it is shown as.
+    scale
+        Shown value = described value / scale: 1000 shows µm as mm.
+    usual
+        Limits, in the description's unit, beyond which a unit was probably mistaken; None: any value.
+    option
+        How it is stated on the command line, where there is a way shorter than ``--set``.
+    light
+        Whether it concerns light and noise only, not where images lie.
+    """
+
+    path: str
+    label: str
+    unit: str = ""
+    scale: float = 1.0
+    usual: tuple[float, float] | None = None
+    option: str = ""
+    light: bool = False
+
+    def text(self, value: Any) -> str:
+        """Return ``value`` with its unit."""
+        if value is None or value == "":
+            return "the full pitch" if self.path == "lattice.clear_um" else "none"
+        if self.path == "sensor.shape":
+            return f"{value[0]} x {value[1]} {self.unit}"
+        parts = value if isinstance(value, tuple) else (value,)
+        shown = ", ".join(part if isinstance(part, str) else f"{part / self.scale:.6g}" for part in parts)
+        return f"{shown} {self.unit}".rstrip()
+
+
+LENS = "--lens FOCAL,F_NUMBER,DISTANCE"
+OBJECTIVE = "--objective MAGNIFICATION,NA,INDEX"
+SENSOR = "--sensor ROWSxCOLUMNS,PIXEL"
+
+QUANTITIES = (
+    Quantity("optics.focal_length_um", "focal length of the main lens", "mm", 1e3, (1e3, 3e6), option=LENS),
+    Quantity("optics.f_number", "f-number of the main lens", usual=(0.5, 64), option=LENS),
+    Quantity("optics.working_distance_um", "distance to the working plane", "mm", 1e3, (2e3, 1e9), option=LENS),
+    Quantity("optics.blades", "iris blades", light=True),
+    Quantity("optics.blade_rotation_rad", "iris rotation", "°", math.pi / 180, light=True),
+    Quantity("optics.blade_curvature", "iris blade curvature", light=True),
+    Quantity("optics.magnification", "magnification", "x", usual=(0.1, 300), option=OBJECTIVE),
+    Quantity("optics.numerical_aperture", "numerical aperture", usual=(0.01, 1.7), option=OBJECTIVE),
+    Quantity("optics.medium_index", "index of the medium", usual=(1.0, 1.8), option=OBJECTIVE),
+    Quantity("optics.tube_length_um", "focal length of the tube lens", "mm", 1e3, (2e4, 1e6)),
+    Quantity("lattice.kind", "lenslet array", option="--array hexagonal|square"),
+    Quantity("lattice.pitch_um", "pitch of micro-images", "µm", usual=(4.0, 5e3), option="--pitch UM"),
+    Quantity("lattice.row_pitch_um", "distance of rows", "µm", usual=(4.0, 5e3)),
+    Quantity("lattice.gap_um", "gap from lenslets to sensor", "µm", usual=(10.0, 5e4), option="--gap UM"),
+    Quantity("lattice.types", "focal lengths of the lenslets", "µm", usual=(10.0, 5e4), option="--focus V,V,V"),
+    Quantity("lattice.rotation_rad", "rotation of the array", "°", math.pi / 180),
+    Quantity("lattice.shear_rad", "shear of the array", "°", math.pi / 180),
+    Quantity("lattice.offset_um", "centre of a type-0 micro-image (x, y)", "µm"),
+    Quantity("lattice.clear_um", "clear diameter of a lenslet", "µm", usual=(4.0, 5e3)),
+    Quantity("lattice.type_step", "type that follows type 0 in a row"),
+    Quantity("sensor.shape", "sensor (rows x columns)", "px", option=SENSOR),
+    Quantity("sensor.pixel_um", "pixel pitch", "µm", usual=(0.4, 60.0), option=SENSOR),
+    Quantity("sensor.bit_depth", "bit depth", "bit", light=True),
+    Quantity("sensor.full_well_e", "full well", "e-", usual=(200.0, 1e7), light=True),
+    Quantity("sensor.read_noise_e", "read noise", "e- rms", light=True),
+    Quantity("sensor.dark_current_e_s", "dark current", "e-/s", light=True),
+    Quantity("sensor.black_level", "black level", "counts", light=True),
+    Quantity("sensor.prnu", "pixel response non-uniformity", usual=(0.0, 0.2), light=True),
+    Quantity("sensor.quantum_efficiency", "quantum efficiency", light=True),
+    Quantity("sensor.fill_factor", "fill factor of a pixel", light=True),
+    Quantity("sensor.saturation", "saturation", "counts", light=True),
+    Quantity("sensor.dsnu_e", "dark signal non-uniformity", "e-", light=True),
+    Quantity("sensor.linearity", "departure from linearity", light=True),
+    Quantity("sensor.cfa", "colour filter", light=True),
+    Quantity("wavelength_um", "wavelength", "nm", 1e-3, (0.2, 3.0), option="--wavelength NM", light=True),
+    Quantity("bandwidth_um", "bandwidth", "nm", 1e-3, light=True),
+)
+"""Every value a person can state, in the order in which it is shown."""
+
+
+UNLESS: dict[str, object] = {
+    "lattice.row_pitch_um": None,
+    "lattice.shear_rad": 0.0,
+    "sensor.saturation": None,
+    "sensor.dsnu_e": None,
+    "sensor.linearity": None,
+}
+"""Values that are there only where they differ from these."""
+
+
+def quantities_of(camera: Camera) -> tuple[Quantity, ...]:
+    """Return the values that describe ``camera``: those of a lens or of a microscope, not both."""
+
+    def there(path: str) -> bool:
+        part, _, name = path.rpartition(".")
+        held = getattr(camera, part) if part else camera
+        if not any(field.name == name for field in fields(held)):
+            return False
+        # rows at their ideal distance, and what nobody measured, are no values that anybody gave
+        given = path not in UNLESS or getattr(held, name) != UNLESS[path]
+        return given and not (path == "lattice.type_step" and len(camera.lattice.types) == 1)
+
+    return tuple(quantity for quantity in QUANTITIES if there(quantity.path))
+
+
+def value_at(camera: Camera, path: str) -> Any:
+    """Return the value of ``camera`` at ``path``; lens types as their focal lengths (µm)."""
+    if path == "lattice.types":
+        return tuple(kind.focal_length_um for kind in camera.lattice.types)
+    found: Any = camera
+    for name in path.split("."):
+        found = getattr(found, name)
+    return found

@@ -1,0 +1,91 @@
+"""``lfcal camera``: describe a camera, see what of it is known, and hold it against a white image."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from pathlib import Path
+from typing import Any
+
+import typer
+
+import lfcal.cli
+from lfcal.camera import Camera, Derived, derived_of, doubts, quantities_of, value_at
+from lfcal.cli.cameras import assumed_in_words
+from lfcal.cli.console import print_json, print_table, report
+from lfcal.cli.outputs import check_output
+from lfcal.files import replace_whole
+
+__all__ = ["as_json", "print_camera", "register", "save_camera"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``camera`` and its commands, those of the modules ``camera_*``, to the app."""
+    camera_app = typer.Typer(
+        no_args_is_help=True, help="Describe a camera, see what of it is known, and hold it against a white image."
+    )
+    names = sorted(m.name for m in pkgutil.iter_modules(lfcal.cli.__path__) if m.name.startswith("camera_"))
+    for name in names:
+        module = importlib.import_module(f"lfcal.cli.{name}")
+        if hasattr(module, "register"):
+            module.register(camera_app)
+    app.add_typer(camera_app, name="camera")
+
+
+def print_camera(camera: Camera) -> None:
+    """Print the values of ``camera`` with where they come from, what follows from them, and what is doubted."""
+    rows = [
+        [quantity.label, quantity.text(value_at(camera, quantity.path)), camera.marks[quantity.path]]
+        for quantity in quantities_of(camera)
+    ]
+    if camera.distortion is not None:
+        shown = ", ".join(f"{k:g}" for k in camera.distortion.coefficients)
+        rows.append(["maker's distortion (Brown)", f"{shown}: kept, not applied", "stated"])
+    rows += _lattice_distortion(camera)
+    print_table(["value", "", "from"], rows, title=f"camera {camera.name}")
+    follows = [[item.label, item.text, _rests(item)] for item in derived_of(camera)]
+    print_table(["what follows", "", ""], follows)
+    for doubt in doubts(camera):
+        report(f"warning: {doubt}")
+
+
+def _lattice_distortion(camera: Camera) -> list[list[str]]:
+    """Return the row of the lattice's own distortion, where it has one."""
+    found = getattr(camera.lattice, "distortion", None)
+    if found is None:
+        return []
+    shown = f"{found.model} of degree {found.degree}, up to {found.largest / camera.sensor.pixel_um:.2f} px"
+    return [["distortion of the lattice", shown, camera.marks["lattice.distortion"]]]
+
+
+def _rests(item: Derived) -> str:
+    return "from assumed values" if item.assumed else ""
+
+
+def as_json(camera: Camera) -> dict[str, Any]:
+    """Return ``camera`` with what follows from it, what is assumed and what is doubted."""
+    return {
+        "camera": camera.to_dict(),
+        "assumed": camera.marks.paths("assumed"),
+        "doubts": doubts(camera),
+        "derived": {
+            item.label.strip(): {"value": item.value, "unit": item.unit, "assumed": item.assumed}
+            for item in derived_of(camera)
+        },
+    }
+
+
+def save_camera(camera: Camera, out: Path | None, *inputs: Path | str | None, force: bool, json: bool) -> None:
+    """Write ``camera`` where asked, and say what was taken and what is assumed."""
+    if out is not None:
+        check_output(out, *inputs, force=force)
+        with replace_whole(out) as part:
+            part.write_text(camera.to_json(), encoding="utf-8")
+    if json:
+        print_json({**as_json(camera), "written": out})
+        return
+    print_camera(camera)
+    assumed = assumed_in_words(camera)
+    if assumed:
+        report(f"note: assumed: {assumed}")
+    typer.echo("nothing written; add -o camera.json" if out is None else f"written: {out}")

@@ -1,0 +1,85 @@
+"""``lfcal camera check``: a camera held against a white image, and the camera as measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from lfcal.cli.cameras import load_camera
+from lfcal.cli.console import print_json, print_table, report
+from lfcal.cli.options import CameraArgument, ForceOption, JsonOption
+from lfcal.cli.outputs import check_output
+from lfcal.errors import InputError
+from lfcal.files import replace_whole
+
+if TYPE_CHECKING:
+    from lfcal.lattice.camera_check import CameraCheck
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``check`` to the commands of ``camera``."""
+    app.command("check")(command)
+
+
+def command(
+    camera: CameraArgument,
+    white: Path = typer.Argument(..., help="White image: TIFF, PNG, NPY or camera RAW."),
+    *,
+    dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
+    channel: str = typer.Option("", help="R, G or B: the component taken of colour TIFF images."),
+    out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured lattice as JSON."),
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Hold a camera against a white image: what it says, what is measured, and whether the two fit.
+
+    Ends with exit code 1 where they do not fit, or differ and the measured camera is not written.
+
+    Example: `lfcal camera check camera.json white.tif --dark dark.tif -o measured.json`
+    """
+    from lfcal.frames import read_image
+    from lfcal.lattice.camera_check import FITS, WRONG, check_camera
+
+    if out is not None:
+        check_output(out, camera, white, dark, force=force)
+    described, colour = load_camera(camera), channel or None
+    level = read_image(dark, colour=colour) if dark is not None else 0.0
+    found = check_camera(described, read_image(white, colour=colour), dark=level)
+    written = _write(found, out)
+    _show(found, written, json)
+    if found.verdict == WRONG or (found.verdict != FITS and written is None):
+        raise typer.Exit(1)
+
+
+def _write(found: CameraCheck, out: Path | None) -> Path | None:
+    if out is None:
+        return None
+    if found.camera is None:
+        line = found.lines[-1]
+        raise InputError.expected(
+            f"{line.label} of the white image", line.expected, line.measured, "correct the camera"
+        )
+    text = found.camera.to_json()
+    with replace_whole(out) as part:
+        part.write_text(text, encoding="utf-8")
+    return out
+
+
+def _show(found: CameraCheck, written: Path | None, json: bool) -> None:
+    if json:
+        camera = None if found.camera is None else found.camera.to_dict()
+        print_json({"verdict": found.verdict, "lines": found.lines, "camera": camera, "written": written})
+        return
+    rows = [
+        [line.label, line.expected, line.measured, "" if line.edge_px is None else f"{line.edge_px:.2f}", line.verdict]
+        for line in found.lines
+    ]
+    print_table(["", "camera", "white image", "off by (px)", ""], rows)
+    if found.verdict != "fits" and found.camera is not None and written is None:
+        report("note: the camera and the white image part; -o camera.json writes the camera as measured")
+    if written is not None:
+        typer.echo(f"written: {written}")

@@ -1,0 +1,93 @@
+"""``lfcal camera import``: a camera file from what a maker or another program wrote."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import typer
+
+from lfcal.camera import Wanted
+from lfcal.cli.camera_values import (
+    ArrayOption,
+    FocusOption,
+    GapOption,
+    LensOption,
+    ObjectiveOption,
+    PitchOption,
+    SensorOption,
+    SetOption,
+    WavelengthOption,
+    stated,
+)
+from lfcal.cli.cameras import load_file
+from lfcal.cli.console import report
+from lfcal.cli.options import ForceOption, JsonOption
+from lfcal.cli.outputs import check_output
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``import`` to the commands of ``camera``."""
+    app.command("import")(command)
+
+
+def command(
+    file: Path = typer.Argument(
+        ..., help="Raytrix XML, oLaF yaml, napari-LF or Micro-Manager metadata, Micro-Manager .cfg, camera.json."
+    ),
+    *,
+    name: str = typer.Option("", help="Name of the camera; by default the file's."),
+    sensor: SensorOption = "",
+    frame: Path | None = typer.Option(None, help="A frame of the camera: its size is the sensor's."),
+    lens: LensOption = "",
+    objective: ObjectiveOption = "",
+    array: ArrayOption = "",
+    pitch: PitchOption = "",
+    gap: GapOption = "",
+    focus: FocusOption = "",
+    wavelength: WavelengthOption = "",
+    others: SetOption = None,
+    resolution: str = typer.Option("", help="Resolution preset of a Micro-Manager configuration that has several."),
+    out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera as JSON."),
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Make a camera file from a file of a maker or another program; options state what the file does not.
+
+    Example: `lfcal camera import calib.xml --sensor 4384x6576,5.5 --lens 200,4,1000 -o camera.json`
+    """
+    from lfcal.cli.camera import save_camera
+
+    if out is not None:
+        check_output(out, file, frame, force=force)
+    values = stated(
+        sensor=sensor,
+        lens=lens,
+        objective=objective,
+        array=array,
+        pitch=pitch,
+        gap=gap,
+        focus=focus,
+        wavelength=wavelength,
+        others=others,
+    )
+    if frame is not None:
+        values["sensor.shape"] = frame_shape(frame)
+    camera, notes = load_file(str(file), Wanted(values, resolution))
+    camera = replace(camera, name=name) if name else camera
+    for note in notes:
+        report(f"note: {file.name}: {note}")
+    save_camera(camera, out, file, frame, force=force, json=json)
+
+
+def frame_shape(path: Path) -> tuple[int, int]:
+    """Return rows and columns of an image file."""
+    from lfcal.frames.formats.opening import open_image
+
+    image = open_image(path)
+    try:
+        return image.shape
+    finally:
+        image.close()

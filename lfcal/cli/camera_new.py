@@ -1,0 +1,158 @@
+"""``lfcal camera new``: a camera file by questions and answers, or by options."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from lfcal.camera import PRESETS, Draft, Marks, preset, quantities_of, value_at
+from lfcal.cli.camera_values import (
+    ArrayOption,
+    FocusOption,
+    GapOption,
+    LensOption,
+    ObjectiveOption,
+    PitchOption,
+    SensorOption,
+    SetOption,
+    WavelengthOption,
+    parse_pitch,
+    parse_value,
+    stated,
+)
+from lfcal.cli.console import report
+from lfcal.cli.options import ForceOption, JsonOption
+from lfcal.cli.outputs import check_output
+from lfcal.errors import InputError
+
+__all__ = ["register"]
+
+KINDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "multifocus": ("MainLens", {"lattice.kind": "hexagonal", "lattice.focus": (2.0, 3.0, 5.0)}),
+    "focused": ("MainLens", {"lattice.kind": "hexagonal", "lattice.focus": (3.0,)}),
+    "microscope": ("Microscope", {"lattice.kind": "square", "lattice.focus": (float("inf"),)}),
+}
+"""What a camera may be, its optics, and what is assumed of its lenslets."""
+
+UNASKED = ("lattice.row_pitch_um", "lattice.rotation_rad", "lattice.offset_um", "lattice.type_step", "lattice.clear_um")
+"""What a white image tells better than anybody can."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``new`` to the commands of ``camera``."""
+    app.command("new")(command)
+
+
+def command(
+    out: Path = typer.Option(..., "-o", "--out", help="The camera file to write."),
+    *,
+    kind: str = typer.Option("", "--type", help="multifocus (three lens types), focused (one), or microscope."),
+    start: str = typer.Option("", "--preset", help="Start from a camera that comes with lfcal."),
+    name: str = typer.Option("", help="Name of the camera; by default that of the file."),
+    sensor: SensorOption = "",
+    lens: LensOption = "",
+    objective: ObjectiveOption = "",
+    array: ArrayOption = "",
+    pitch: PitchOption = "",
+    gap: GapOption = "",
+    focus: FocusOption = "",
+    wavelength: WavelengthOption = "",
+    others: SetOption = None,
+    yes: bool = typer.Option(False, "--yes", "-y", help="Ask nothing: what no option states is assumed."),
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Describe a camera by answering questions (Enter keeps what is shown, and marks it as assumed), or by options.
+
+    Example: `lfcal camera new --type multifocus --sensor 4384x6576,5.5 --lens 200,4,1000 --pitch 31.7px -o camera.json`
+    """
+    from lfcal.cli.camera import save_camera
+
+    check_output(out, force=force)
+    values = stated(
+        sensor=sensor,
+        lens=lens,
+        objective=objective,
+        array=array,
+        pitch=pitch,
+        gap=gap,
+        focus=focus,
+        wavelength=wavelength,
+        others=others,
+    )
+    if not yes and not sys.stdin.isatty():
+        raise InputError("camera new: there is no terminal to ask on; add --yes to assume what no option states")
+    draft = _begin(kind, start, values, ask=not yes)
+    title = name or out.stem
+    if not yes:
+        draft = _ask(draft, title, set(values))
+    save_camera(draft.camera(title), out, force=force, json=json)
+
+
+def _begin(kind: str, start: str, values: dict[str, Any], *, ask: bool) -> Draft:
+    """Return a draft with what the options state, and what a preset or a kind of camera suggests."""
+    if start:
+        if kind:
+            raise InputError("camera new: give --type or --preset, not both")
+        camera = preset(start)
+        # somebody else's camera: nothing of it is known of this one
+        paths = {quantity.path: "assumed" for quantity in quantities_of(camera)}
+        return Draft.of(replace(camera, marks=Marks.of(paths)), values)
+    if not kind and ask:
+        kind = typer.prompt(f"Kind of camera ({', '.join(KINDS)})", default="multifocus")
+    if kind not in KINDS:
+        names = f"--type {' or '.join(KINDS)}, or --preset {' or '.join(PRESETS)}"
+        raise InputError.expected("camera new", names, repr(kind), "say which kind of camera it is")
+    optics, assumed = KINDS[kind]
+    draft = Draft(optics, values)
+    for path, value in assumed.items():
+        draft.put(path, value, "assumed")
+    return draft
+
+
+def _ask(draft: Draft, title: str, given: set[str]) -> Draft:
+    """Ask for every value of geometry that no option gave; an answer is stated, Enter leaves it assumed."""
+    typer.echo("Enter keeps the value in brackets, which is then marked as assumed. Lengths: bare, or with nm, um, mm.")
+    # the sensor first: its pixel says how long a pitch in pixels is
+    order = sorted(quantities_of(draft.camera(title)), key=lambda quantity: not quantity.path.startswith("sensor."))
+    for quantity in order:
+        path = "lattice.focus" if quantity.path == "lattice.types" else quantity.path
+        if quantity.light or path in UNASKED or path in given:
+            continue
+        while (answer := _answer(draft, title, quantity.path)) is not None:
+            try:
+                draft = _with(draft, title, path, answer)
+                break
+            except InputError as error:
+                report(str(error))
+    return draft
+
+
+def _with(draft: Draft, title: str, path: str, answer: str) -> Draft:
+    """Return the draft with an answer; raise where it is refused, by itself or beside the other values."""
+    pixel = draft.get("sensor.pixel_um")
+    value = parse_pitch(answer, pixel) if path == "lattice.pitch_um" else parse_value(path, answer)
+    changed = draft.copy()
+    changed.state(path, value)
+    changed.camera(title)
+    return changed
+
+
+def _answer(draft: Draft, title: str, path: str) -> str | None:
+    """Return what is typed for ``path``, or None for Enter."""
+    camera = draft.camera(title)
+    quantity = next(q for q in quantities_of(camera) if q.path == path)
+    label, shown = quantity.label, quantity.text(value_at(camera, path))
+    if path == "lattice.types":
+        label = "virtual depths in focus, one per lens type"
+        shown = ", ".join(f"{kind.focus_depth(camera.lattice.gap_um):.4g}" for kind in camera.lattice.types)
+    unit = {1e3: "mm", 1e-3: "nm"}.get(quantity.scale, quantity.unit)
+    answer: str = typer.prompt(f"{label} [{shown}]", default="", show_default=False).strip()
+    if not answer:
+        return None
+    bare = answer[-1].isdigit() or answer[-1] == "."
+    return f"{answer}{unit}" if bare and unit in ("mm", "nm") else answer

@@ -1,0 +1,30 @@
+"""``lfcal camera show``: the values of a camera, where they come from, and what follows from them."""
+
+from __future__ import annotations
+
+import typer
+
+from lfcal.cli.cameras import load_camera
+from lfcal.cli.console import print_json
+from lfcal.cli.options import CameraArgument, JsonOption
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``show`` to the commands of ``camera``."""
+    app.command("show")(command)
+
+
+def command(camera: CameraArgument, *, json: JsonOption = False) -> None:
+    """Show a camera: each value and whether it is stated, measured, derived or assumed, and what follows.
+
+    Example: `lfcal camera show r29_calibration.xml`
+    """
+    from lfcal.cli.camera import as_json, print_camera
+
+    found = load_camera(camera)
+    if json:
+        print_json(as_json(found))
+        return
+    print_camera(found)

@@ -1,0 +1,226 @@
+"""A camera's description held against a white image: what fits, what differs, and the camera as measured."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera import Camera
+from lfcal.errors import InputError
+from lfcal.lattice.fit import LatticeFit, fit_lattice
+from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
+
+__all__ = ["DIFFERS", "FITS", "UNKNOWN", "WRONG", "CameraCheck", "CheckLine", "check_camera"]
+
+FITS, DIFFERS, WRONG, UNKNOWN = "fits", "differs", "does not fit", "was assumed"
+
+FIT_PX = 0.3
+"""Displacement at the frame's edge up to which a value fits: positions off by more are reported as bad."""
+
+MEASURED = ("pitch_um", "row_pitch_um", "rotation_rad", "shear_rad", "offset_um", "distortion")
+
+
+@dataclass(frozen=True, slots=True)
+class CheckLine:
+    """One value of the camera beside what the white image shows.
+
+    Attributes
+    ----------
+    label
+        What is compared.
+    expected, measured
+        Both with units; measured with its standard error where there is one.
+    edge_px
+        By how much a micro-image at the frame's edge is displaced by the difference (pixels); None where it is none.
+    verdict
+        `FITS`, `DIFFERS`, `WRONG`, or `UNKNOWN` where the expected value was only assumed.
+    """
+
+    label: str
+    expected: str
+    measured: str
+    edge_px: float | None
+    verdict: str
+
+
+@dataclass(frozen=True, slots=True)
+class CameraCheck:
+    """The comparison, its fit, and the camera with what was measured (None where kind or shape are others)."""
+
+    lines: tuple[CheckLine, ...]
+    fit: LatticeFit | None
+    camera: Camera | None
+
+    @property
+    def verdict(self) -> str:
+        """The worst verdict of all lines; what was assumed cannot be wrong."""
+        found = {line.verdict for line in self.lines}
+        return next((verdict for verdict in (WRONG, DIFFERS) if verdict in found), FITS)
+
+
+def check_camera(camera: Camera, white: ArrayLike, *, dark: ArrayLike | float = 0.0) -> CameraCheck:
+    """Hold ``camera`` against a white image.
+
+    The lattice is fitted without any knowledge of the camera, so that a wrong description cannot pull it.
+
+    Parameters
+    ----------
+    camera
+        The description.
+    white, dark
+        White frame ``(rows, columns)`` and dark frame or level.
+
+    Raises
+    ------
+    InputError
+        If the frame is no white image.
+    """
+    frame = np.asarray(white)
+    lines = [_shape(camera, frame.shape)]
+    if lines[0].verdict == WRONG:
+        return CameraCheck(tuple(lines), None, None)
+    rows, columns = frame.shape
+    camera = replace(camera, sensor=replace(camera.sensor, shape=(rows, columns)))
+    fit = fit_lattice(frame, dark=dark)
+    lines.append(_kind(camera, fit))
+    if lines[-1].verdict == WRONG:
+        return CameraCheck(tuple(lines), fit, None)
+    camera = _of_kind(camera, fit.kind)
+    lines += [*_lengths(camera, fit), _rotation(camera, fit), _offset(camera, fit)]
+    types = _types(frame, dark, fit, camera)
+    if len(camera.lattice.types) == 3:
+        lines.append(_type_order(camera, fit, types))
+    lines += [*_distortion(camera, fit), _residual(fit)]
+    return CameraCheck(tuple(lines), fit, _measured(camera, fit, types))
+
+
+def _judged(camera: Camera, path: str, edge_px: float, limit: float) -> str:
+    if camera.marks[path] == "assumed":
+        return UNKNOWN
+    return FITS if edge_px <= FIT_PX else DIFFERS if edge_px <= limit else WRONG
+
+
+def _reach(fit: LatticeFit) -> float:
+    """Distance from the frame's centre to its corner (pixels)."""
+    return math.hypot(*fit.shape) / 2
+
+
+def _shape(camera: Camera, shape: tuple[int, ...]) -> CheckLine:
+    if len(shape) != 2:
+        raise InputError.expected("white image", "one frame (rows, columns)", f"the shape {shape}", "choose one frame")
+    wanted = camera.sensor.shape
+    same = FITS if tuple(shape) == wanted else UNKNOWN if camera.marks["sensor.shape"] == "assumed" else WRONG
+    return CheckLine("sensor", f"{wanted[0]} x {wanted[1]} px", f"{shape[0]} x {shape[1]} px", None, same)
+
+
+def _kind(camera: Camera, fit: LatticeFit) -> CheckLine:
+    wanted = camera.lattice.kind
+    verdict = FITS if wanted == fit.kind else UNKNOWN if camera.marks["lattice.kind"] == "assumed" else WRONG
+    return CheckLine("array", wanted, fit.kind, None, verdict)
+
+
+def _of_kind(camera: Camera, kind: str) -> Camera:
+    """Return ``camera`` with the kind of array that was measured; a square one has one type."""
+    lattice = camera.lattice
+    if lattice.kind == kind:
+        return camera
+    return replace(camera, lattice=replace(lattice, kind=kind, types=lattice.types[:1], row_pitch_um=None))
+
+
+def _lengths(camera: Camera, fit: LatticeFit) -> list[CheckLine]:
+    """Compare pitch and distance of rows: an error of one adds up from the centre to the edge."""
+    lattice, pixel = camera.lattice, camera.sensor.pixel_um
+    pairs = (
+        ("pitch", lattice.pitch_um / pixel, fit.pitch_px, "lattice.pitch_um"),
+        ("distance of rows", lattice.row_step_um / pixel, fit.row_pitch_px, "lattice.pitch_um"),
+    )
+    found = []
+    for label, expected, measured, path in pairs:
+        edge = abs(measured - expected) / measured * _reach(fit)
+        # beyond half a pitch at the edge, micro-images there are taken for their neighbours
+        verdict = _judged(camera, path, edge, measured / 2)
+        error = f" ± {fit.pitch_error_px:.4f}"
+        found.append(CheckLine(label, f"{expected:.4f} px", f"{measured:.4f}{error} px", edge, verdict))
+    return found
+
+
+def _rotation(camera: Camera, fit: LatticeFit) -> CheckLine:
+    """Compare the rotation; a lattice looks the same again after 60 or 90 degrees."""
+    turn = math.pi / 3 if fit.kind == "hexagonal" else math.pi / 2
+    expected = camera.lattice.rotation_rad
+    apart = (fit.rotation_rad - expected + turn / 2) % turn - turn / 2
+    edge = abs(apart) * _reach(fit)
+    # a pitch wrong by its error at one end only turns the lattice by this much
+    error = math.degrees(fit.pitch_error_px / fit.pitch_px)
+    verdict = _judged(camera, "lattice.rotation_rad", edge, fit.pitch_px / 2)
+    shown = f"{math.degrees(expected + apart):+.4f} ± {error:.4f}°"
+    return CheckLine("rotation", f"{math.degrees(expected):+.4f}°", shown, edge, verdict)
+
+
+def _offset(camera: Camera, fit: LatticeFit) -> CheckLine:
+    """Compare the stated place of a micro-image with the nearest one measured."""
+    row, column = camera.pixels(camera.lattice.offset_um)
+    near = np.rint(fit.lenslet_at(row, column))
+    place: NDArray[np.float64] = np.asarray(fit.centres_px(near[0], near[1]))
+    apart = float(math.hypot(place[0] - row, place[1] - column))
+    verdict = _judged(camera, "lattice.offset_um", apart, math.inf)
+    error = fit.residual_rms_px / math.sqrt(max(1, len(fit.index)))
+    shown = f"row {place[0]:.3f}, column {place[1]:.3f} ± {error:.3f}"
+    return CheckLine("centre of a micro-image", f"row {row:.3f}, column {column:.3f}", shown, apart, verdict)
+
+
+def _types(frame: NDArray[np.generic], dark: ArrayLike | float, fit: LatticeFit, camera: Camera) -> LensTypes | None:
+    if len(camera.lattice.types) != 3:
+        return None
+    return classify_lens_types(frame, fit, expected_blur(camera), dark=dark)
+
+
+def _type_order(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> CheckLine:
+    step = camera.lattice.type_step
+    expected = f"type 0 at the offset, {step} to its right"
+    if types is None:
+        return CheckLine("lens types", expected, "not told apart", None, UNKNOWN)
+    row, column = camera.pixels(camera.lattice.offset_um)
+    q, r = np.rint(fit.lenslet_at(row, column)).astype(int)
+    kind = int(types.type_of(q, r))
+    shown = f"type {kind} at the offset, {types.type_step} to type 0's right, {types.sigmas:.0f} standard errors"
+    same = kind == 0 and types.type_step == step
+    certain = types.sigmas >= 5
+    # the types of an assumed place are unknown; a faint difference proves nothing
+    unknown = camera.marks["lattice.offset_um"] == "assumed" or not certain
+    return CheckLine("lens types", expected, shown, None, FITS if same else UNKNOWN if unknown else DIFFERS)
+
+
+def _distortion(camera: Camera, fit: LatticeFit) -> list[CheckLine]:
+    """Compare the largest displacement from straight rows, where there is any."""
+    described, found = getattr(camera.lattice, "distortion", None), getattr(fit, "distortion", None)
+    if described is None and found is None:
+        return []
+    sizes = [0.0 if d is None else float(d.largest) for d in (described, found)]
+    sizes[0] /= camera.sensor.pixel_um
+    shown = [
+        "none" if d is None else f"{d.model}, up to {size:.2f} px"
+        for d, size in zip((described, found), sizes, strict=True)
+    ]
+    edge = abs(sizes[1] - sizes[0])
+    return [CheckLine("distortion", shown[0], shown[1], edge, FITS if edge <= FIT_PX else DIFFERS)]
+
+
+def _residual(fit: LatticeFit) -> CheckLine:
+    rms = fit.residual_rms_px
+    verdict = FITS if rms <= FIT_PX else DIFFERS
+    return CheckLine("distance from the lattice", f"below {FIT_PX:g} px rms", f"{rms:.3f} px rms", rms, verdict)
+
+
+def _measured(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> Camera:
+    lattice = fit.to_lattice(camera) if types is None else types.to_lattice(fit, camera)
+    names = {field.name for field in fields(lattice)} & {*MEASURED, *(("type_step",) if types is not None else ())}
+    marks = camera.marks.marked([f"lattice.{name}" for name in names if getattr(lattice, name) is not None], "measured")
+    if marks["sensor.shape"] == "assumed":
+        marks = marks.marked(["sensor.shape"], "measured")
+    if marks["lattice.kind"] == "assumed":
+        marks = marks.marked(["lattice.kind"], "measured")
+    return replace(camera, lattice=lattice, marks=marks)

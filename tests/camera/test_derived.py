@@ -1,0 +1,40 @@
+"""What follows from a camera is right, and says when it rests on values that were only assumed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from lfcal.camera import Derived, Marks, derived_of, preset
+
+
+def table(name: str, **marks: str) -> dict[str, Derived]:
+    camera = replace(preset(name), marks=Marks.of({k.replace("__", "."): v for k, v in marks.items()}))
+    return {item.label.strip(): item for item in derived_of(camera)}
+
+
+def test_figures_of_a_lens() -> None:
+    found = table("r29")
+    assert found["period (x × y)"].value == pytest.approx((54.906, 95.1), abs=1e-3)
+    assert found["magnification |M|"].value == pytest.approx(0.25 * (1 + 871.75 / 250e3))
+    assert found["step for one pixel"].value == pytest.approx(5.5e6 / (250e3 + 871.75))
+    assert found["lens to lenslets"].text == "250 mm"
+    assert found["type 1: in focus at v"].value == pytest.approx(3)
+    assert not any(item.assumed for item in found.values())
+
+
+def test_figures_of_a_microscope() -> None:
+    found = table("lfm_20x05", lattice__gap_um="assumed")
+    assert found["step for one pixel"].value == pytest.approx(125 / 15 / 20)
+    assert found["depth of field of the objective"].value == pytest.approx(0.525 / 0.25)
+    # a telecentric image does not move with the gap
+    assert found["step for one pixel"].assumed == ()
+
+
+def test_what_rests_on_assumed_values_says_so() -> None:
+    found = table("r29", sensor__pixel_um="assumed", sensor__shape="assumed", lattice__pitch_um="derived")
+    assert found["step for one pixel"].assumed == ("sensor.pixel_um",)
+    assert found["field of view (x × y)"].assumed == ("sensor.pixel_um", "sensor.shape")
+    # pitch over pixel is what the maker's file states
+    assert found["micro-image pitch"].assumed == ()
