@@ -16,6 +16,7 @@ from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lfcal.psf import PSFMatrix
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.resample import Resampling
     from lfcal.reconstruct.series import FrameResult
@@ -108,7 +109,7 @@ def command(
         if forecast or out is None:
             _show_forecast(P, choice, len(task.frames), json)
             return
-        with _saving(P, targets, {"psf": psf.name, **task.details(P)}) as save:
+        with _saving(P, _voxel(H), targets, {"psf": psf.name, **task.details(P)}) as save:
             results = _solve(task, P, _cleaner(dark, white, view), view, save)
     _show_results(P, results, targets, json)
 
@@ -178,15 +179,17 @@ def _targets(task: _Task, out: Path, suffix: str | None) -> dict[str, Path]:
     return {name: check_suffix(out if suffix is None else out / f"{name}{suffix}") for name, _ in task.frames}
 
 
+def _voxel(H: PSFMatrix) -> float | None:
+    """Return the side of a voxel (µm): H has one position per voxel, a step of the source at depth 0; None: unknown."""
+    return None if H.camera is None else H.camera.step_um(0.0) / H.pixel_scale[1]
+
+
 @contextmanager
-def _saving(P: Projector, targets: dict[str, Path], details: dict[str, Any]) -> Iterator[Save]:
+def _saving(P: Projector, voxel: float | None, targets: dict[str, Path], details: dict[str, Any]) -> Iterator[Save]:
     """Give what saves the volume of a frame: into its own file, or into one file that holds them all."""
     from lfcal.reconstruct.volumes import VolumeFacts, save_volume, write_volumes
 
-    known = P.camera is not None
-    depths = P.depths if known else None
-    # H has one position per voxel: its side is the lateral step of the source at depth 0.
-    voxel = P.camera.step_um(0.0) if known else None
+    depths = P.depths if P.camera is not None else None
     files = list(dict.fromkeys(targets.values()))
     if len(files) == 1 and len(targets) > 1:
         facts = VolumeFacts(depths, voxel, {**details, "frames": list(targets)})

@@ -20,6 +20,10 @@ def engine_for(scene: Scene, level: str = "wave", sampling: Sampling | None = No
     """
     check_choice("level", level, LEVELS)
     chosen = sampling or Sampling()
+    if scene.pixel_aspect != 1:
+        from lfcal.simulate.engines.oblong import OblongPlane
+
+        return OblongPlane(scene, level, chosen)
     if level == "debye":
         if scene.objective is None:
             raise InputError.expected("Debye path", "a microscope", "a main lens", "use level 'wave'")
