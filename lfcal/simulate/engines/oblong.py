@@ -8,6 +8,7 @@ Columns of the grids coincide; rows drift apart by less than a pixel, and the wi
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
@@ -85,17 +86,17 @@ class OblongPlane:
     ----------
     scene
         What is computed, ``pixel_aspect`` not 1.
-    level, sampling
-        Those of the engine that computes the fine pixels; ``sampling`` is per oblong pixel.
+    sampling
+        How finely, per oblong pixel.
+    make
+        Makes the engine of the fine pixels from their scene and sampling.
     """
 
-    def __init__(self, scene: Scene, level: str, sampling: Sampling) -> None:
-        from lfcal.simulate.engines.choose import engine_for
-
+    def __init__(self, scene: Scene, sampling: Sampling, make: Callable[..., PlaneEngine]) -> None:
         self.scene = scene
-        self._fine: PlaneEngine = engine_for(_fine_scene(scene), level, _fine_sampling(sampling))
+        self._fine = make(_fine_scene(scene), sampling=_fine_sampling(sampling))
         self.level = self._fine.level
-        self._degree = 1 if level == "geometric" else 5
+        self._degree = 1 if self.level == "geometric" else 5
         self._pilot = Pilot(self)
 
     @property
