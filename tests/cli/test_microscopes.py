@@ -48,7 +48,6 @@ def test_a_deep_range_of_the_preset_is_simulated(lfcal: Lfcal, tmp_path: Path) -
     [
         ("lfm_60x12", 100, ("--depths", "-1.5"), "61", 0.08),
         pytest.param("lfm_20x05", 110, ("--depths", "-10,12"), "75", 0.05, marks=pytest.mark.long),
-        pytest.param("bench", 120, ("--virtual-depths", "4"), "49", 0.09, marks=pytest.mark.long),
     ],
 )
 def test_frames_of_a_resampled_plan_become_the_simulated_h(
