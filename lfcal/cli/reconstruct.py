@@ -56,7 +56,11 @@ def command(
     threshold: float = typer.Option(0.0, "--threshold", help="Take entries of H below this share of the peak as 0."),
     dark: Path | None = typer.Option(None, "--dark", help="Dark frame, or a folder of them to average."),
     white: Path | None = typer.Option(None, "--white", help="White frame, or a folder of them to average."),
-    resample: bool = typer.Option(False, "--resample", help="Resample to H's period by the lattice in --white."),
+    resample: bool = typer.Option(
+        False,
+        "--resample",
+        help="Resample to H's period by the lattice in --white, else by the one that H's camera states.",
+    ),
     anchor: str = typer.Option("", "--anchor", help="Pixel ROW,COLUMN of H's position (0, 0); H's own by default."),
     background: float = typer.Option(0.0, "--background", help="Counts of a pixel without any source."),
     read_noise: float = typer.Option(0.0, "--read-noise", help="Rms read noise (counts)."),
@@ -81,6 +85,7 @@ def command(
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
     from lfcal.cli.outputs import check_outputs
+    from lfcal.cli.reconstruct_grid import anchor_of, check_grid, view_of, voxel_of
     from lfcal.psf import open_psf
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.solvers.choice import SolverChoice
@@ -94,11 +99,12 @@ def command(
     targets = {} if forecast or out is None else _targets(task, out, suffix if batch else None)
     check_outputs(dict.fromkeys(targets.values()), psf, source, dark, white, force=force)
     with open_psf(psf) as H:
-        view = _view(H, white) if resample else None
+        view = view_of(H, white) if resample else None
+        check_grid(H, task.shape, resample=resample)
         P = Projector(
             H,
             task.shape if view is None else view.shape,
-            _anchor(anchor, view, H),
+            anchor_of(anchor, view, H),
             method,
             dtype="float64" if double else "float32",
             threshold=threshold,
@@ -108,7 +114,7 @@ def command(
         if forecast or out is None:
             _show_forecast(P, choice, len(task.frames), json)
             return
-        with _saving(P, targets, {"psf": psf.name, **task.details(P)}) as save:
+        with _saving(P, voxel_of(H), targets, {"psf": psf.name, **task.details(P)}) as save:
             results = _solve(task, P, _cleaner(dark, white, view), view, save)
     _show_results(P, results, targets, json)
 
@@ -179,14 +185,11 @@ def _targets(task: _Task, out: Path, suffix: str | None) -> dict[str, Path]:
 
 
 @contextmanager
-def _saving(P: Projector, targets: dict[str, Path], details: dict[str, Any]) -> Iterator[Save]:
+def _saving(P: Projector, voxel: float | None, targets: dict[str, Path], details: dict[str, Any]) -> Iterator[Save]:
     """Give what saves the volume of a frame: into its own file, or into one file that holds them all."""
     from lfcal.reconstruct.volumes import VolumeFacts, save_volume, write_volumes
 
-    known = P.camera is not None
-    depths = P.depths if known else None
-    # H has one position per voxel: its side is the lateral step of the source at depth 0.
-    voxel = P.camera.step_um(0.0) if known else None
+    depths = P.depths if P.camera is not None else None
     files = list(dict.fromkeys(targets.values()))
     if len(files) == 1 and len(targets) > 1:
         facts = VolumeFacts(depths, voxel, {**details, "frames": list(targets)})
@@ -253,38 +256,6 @@ def _frames(path: Path) -> Iterator[tuple[str, Reader]]:
         for page in range(image.pages):
             name = file.stem if image.pages == 1 else f"{file.stem}_{page:04d}"
             yield name, partial(read_image, file, page)
-
-
-def _anchor(text: str, view: Resampling | None, H: Any) -> tuple[float, float] | None:
-    """Return the pixel of H's position (0, 0): as given, where resampling puts it, or None for H's own."""
-    from lfcal.errors import InputError
-    from lfcal.reconstruct.resample import lattice_anchor_of
-
-    if not text:
-        return None if view is None else view.anchor(lattice_anchor_of(H))
-    try:
-        row, column = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError.expected("--anchor", "ROW,COLUMN", text, "for example 12,7") from None
-    return row, column
-
-
-def _view(H: Any, white: Path | None) -> Resampling:
-    """Return the map of frames onto H's period, by the lattice of the white frame or the one H's camera states."""
-    from lfcal.errors import InputError
-    from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
-
-    if white is None and H.camera is not None:
-        return Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H))
-    if white is None:
-        raise InputError.expected("--resample", "a white frame, or a camera with H", "neither", "give --white")
-    from lfcal.frames.corrections.recipe import read_average
-    from lfcal.lattice.fit import fit_lattice
-
-    # With several lens types the period of H spans that many lenslets.
-    types = len(H.camera.lattice.types) if H.camera is not None else 1
-    fit = fit_lattice(read_average(white), kind=None if H.camera is None else H.camera.lattice.kind)
-    return Resampling.of_fit(fit, H.period, lattice_anchor_of(H), types)
 
 
 def _cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> Cleaner:

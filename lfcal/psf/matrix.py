@@ -152,6 +152,15 @@ class PSFMatrix:
         return self._camera
 
     @property
+    def pixel_scale(self) -> tuple[float, float]:
+        """Pixels of H per sensor pixel (rows, columns): not 1 where frames were resampled to a whole period."""
+        cutout = self._provenance.get("cutout")
+        scale = cutout.get("scale", (1.0, 1.0)) if isinstance(cutout, Mapping) else (1.0, 1.0)
+        # provenance comes from a file that anyone may have written
+        known = isinstance(scale, list | tuple) and len(scale) == 2 and all(isinstance(v, int | float) for v in scale)
+        return (float(scale[0]), float(scale[1])) if known and min(scale) > 0 else (1.0, 1.0)
+
+    @property
     def anchor(self) -> tuple[float, float]:
         """Sensor position (row, column) of the image of source position (0, 0) of H (pixels)."""
         return self._anchor

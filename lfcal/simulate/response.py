@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import ScanPlan
-from lfcal.simulate.accuracy.sampling import checked_engine, sampling_for
+from lfcal.simulate.accuracy.sampling import RETRIES, checked_engine, finer, sampling_for
 from lfcal.simulate.effects.base import Effect, LightSample
-from lfcal.simulate.engines.base import Certificate, PlaneEngine, Sampling
+from lfcal.simulate.engines.base import Certificate, EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, light_samples, outlook_of, resolve_level, scene_for
@@ -35,11 +35,14 @@ class PlaneResponse:
         Those on scene, light and response; others are ignored here.
     level, tolerance, sampling
         As in `simulate_psf`; a sampling that is given is taken as it is, else it is refined until the energy
-        balances.
+        balances, at any position and at any time: what was computed by then keeps its own, coarser sampling.
     cutout
         Pixels ``(nt, ns)`` where they are not the plan's.
     depth_error_um
         How much farther away the plane is than planned (µm).
+    on_sensor
+        Compute on the sensor's pixels where the plan resamples its frames: what `point` needs. Positions of `rows`
+        are then a sensor pixel apart, not a resampled one.
     """
 
     def __init__(
@@ -53,16 +56,18 @@ class PlaneResponse:
         sampling: Sampling | None = None,
         cutout: tuple[int, int] | None = None,
         depth_error_um: float = 0.0,
+        on_sensor: bool = False,
     ) -> None:
         self.kernel = filter_kernel(effects, plan.camera)
         halo = 0 if self.kernel is None else max(self.kernel.shape) // 2
-        scene = scene_for(plan, z, effects, depth_error_um=depth_error_um)
+        scene = scene_for(plan, z, effects, depth_error_um=depth_error_um, on_sensor=on_sensor)
+        self.sensor_um = plan.camera.sensor.pixel_um
         window = cutout or plan.cutout
         scene = replace(scene, cutout=(window[0] + 2 * halo, window[1] + 2 * halo))
         self.scene, self.level = resolve_level(scene, level)
         self.cutout, self.halo, self.sampling = window, halo, sampling
         outlook = outlook_of(plan, z)
-        self.wanted = sampling_for(outlook, self.level, tolerance)
+        self.wanted, self.tolerance = sampling_for(outlook, self.level, tolerance), tolerance
         samples = light_samples(effects, outlook)
         self.samples = merged(samples, scene.wavelength_um) if self.level == "geometric" else samples
         self._engines: dict[float, PlaneEngine] = {}
@@ -120,7 +125,7 @@ class PlaneResponse:
             order = _pairs_together(engine.scene, ys)
             for start in range(0, len(ys), block):
                 part = order[start : start + block]
-                self._add(out, part, engine, sample.weight, (ys[part], xs), workers)
+                engine = self._add(out, part, engine, sample.weight, (ys[part], xs), workers)
                 done += part.size
                 yield done
             # Engines of displaced points are freed here, one at a time in memory; their certificates are kept.
@@ -135,19 +140,49 @@ class PlaneResponse:
         weight: float,
         places: tuple[NDArray[np.intp], NDArray[np.intp]],
         workers: int | None,
-    ) -> None:
+    ) -> PlaneEngine:
+        """Add rows ``part``; return the engine that computed them, finer than ``engine`` where that was too coarse."""
         # One engine run that fills consecutive rows alone may write into the result without a copy.
         in_order = bool((np.diff(part) == 1).all())
         if self.runs == 1 and self.kernel is None and in_order and out.flags.c_contiguous:
-            engine.rows(*places, out=out[part[0] : part[-1] + 1], workers=workers)
-        else:
-            out[part] += np.float32(weight) * self._filter(engine.rows(*places, workers=workers))
+            whole = out[part[0] : part[-1] + 1]
+            return self._balanced(engine, lambda e: e.rows(*places, out=whole, workers=workers))[0]
+        engine, values = self._balanced(engine, lambda e: e.rows(*places, workers=workers))
+        out[part] += np.float32(weight) * self._filter(values)
+        return engine
+
+    def _balanced(
+        self, engine: PlaneEngine, compute: Callable[[PlaneEngine], NDArray[np.float32]]
+    ) -> tuple[PlaneEngine, NDArray[np.float32]]:
+        """Return what ``compute`` makes and the engine: a finer one where more light came out than went in."""
+        for attempt in range(RETRIES + 1):
+            try:
+                return engine, compute(engine)
+            except EnergyError:
+                if self.sampling is not None:
+                    raise
+                # The reference's sampling follows from the tolerance alone.
+                if self.level == "reference" or attempt == RETRIES:
+                    balance = f"no more of it out than in at level {self.level!r}"
+                    remedy = "choose another level, or a smaller tolerance"
+                    raise EnergyError.expected("simulated light", balance, "more", remedy) from None
+                engine = self._finer(engine)
+        raise AssertionError  # the last attempt returns or raises
+
+    def _finer(self, engine: PlaneEngine) -> PlaneEngine:
+        """Return a finer engine of the same scene, in the place of ``engine``."""
+        with self._lock:
+            self._spent.append(engine.certificate)
+            self.wanted = finer(self.wanted)
+            made = self._made(engine.scene)
+            self._engines = {wave: made if held is engine else held for wave, held in self._engines.items()}
+        return made
 
     def _engine_of(self, sample: LightSample) -> PlaneEngine:
         if not (sample.rows or sample.columns):
             return self.engine(sample.wavelength_um)
         # Offsets displace the source on the sensor's scale: the pixels stay where they are.
-        shift = np.array([sample.rows, sample.columns]) * self.scene.pixel_um
+        shift = np.array([sample.rows, sample.columns]) * self.sensor_um
         planned = np.zeros((*self.scene.period, 2)) if self.scene.offsets_um is None else self.scene.offsets_um
         scene = replace(at_wavelength(self.scene, sample.wavelength_um), offsets_um=planned + shift)
         return self._made(scene)
@@ -155,19 +190,19 @@ class PlaneResponse:
     def _made(self, scene: Scene) -> PlaneEngine:
         if self.sampling is not None or self.level == "reference":
             return engine_for(scene, self.level, self.sampling or self.wanted)
-        engine, self.wanted = checked_engine(scene, self.level, self.wanted)
+        engine, self.wanted = checked_engine(scene, self.level, self.wanted, self.tolerance)
         return engine
 
     def point(self, y_px: float, x_px: float) -> list[tuple[int, int, NDArray[np.float32]]]:
         """Return windows ``(row, column, values)`` of the light of a source whose chief ray is at (y, x).
 
-        Pixels count from position (0, 0); ``row, column`` is the window's middle pixel. Source points of a
-        finite source have a window each.
+        Pixels of the sensor, counted from position (0, 0); ``row, column`` is the window's middle pixel. Source points
+        of a finite source have a window each.
         """
         out = []
         for sample in self.samples:
-            at = ((y_px + sample.rows) * self.scene.pixel_um, (x_px + sample.columns) * self.scene.pixel_um)
-            values = self.engine(sample.wavelength_um).point(*at)
+            at = ((y_px + sample.rows) * self.sensor_um, (x_px + sample.columns) * self.sensor_um)
+            _, values = self._balanced(self.engine(sample.wavelength_um), lambda e, at=at: e.point(*at))  # type: ignore[misc]
             row, column = self.scene.nearest_pixel(*at)
             out.append((row, column, np.float32(sample.weight) * self._filter(values)))
         return out

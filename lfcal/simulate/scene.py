@@ -81,6 +81,8 @@ class Scene:
         Light-sensitive share of a pixel's side, in (0, 1].
     objective, z_um
         The microscope and its defocus in object space, for the Debye path; None for a main lens.
+    pixel_aspect
+        Height of a pixel over its width ``pixel_um``: not 1 where frames are resampled by unequal factors.
     offsets_um
         Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None. The
         pixels stay where they are.
@@ -104,12 +106,14 @@ class Scene:
     pixel_fill: float = 1.0
     objective: Microscope | None = None
     z_um: float = 0.0
+    pixel_aspect: float = 1.0
     offsets_um: NDArray[np.float64] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         """Check every value."""
         check_number("wavelength (µm)", self.wavelength_um, above=0.05, below=20, remedy="give it in µm")
         check_number("pixel pitch (µm)", self.pixel_um, above=0)
+        check_number("height of a pixel over its width", self.pixel_aspect, at_least=0.25, at_most=4)
         check_number("image distance behind the array (µm)", self.image_um)
         check_number("working f-number", self.f_number, at_least=0.5, remedy="a cone in air is f/0.5 or slower")
         check_number("light-sensitive share of a pixel's side", self.pixel_fill, above=0, at_most=1)
@@ -148,6 +152,11 @@ class Scene:
         # a scene is immutable, arrays included
         offsets.flags.writeable = False
         object.__setattr__(self, "offsets_um", offsets)
+
+    @property
+    def row_um(self) -> float:
+        """Height of a pixel; ``pixel_um`` is its width."""
+        return self.pixel_um * self.pixel_aspect
 
     # -- derived lengths of the reduced, telecentric frame ------------------------------------------------
     @property
@@ -200,7 +209,7 @@ class Scene:
         """Source position (0, 0) as (y, x) pixels on the sensor from the centre of a type-0 micro-image."""
         x, y = self.lattice.offset_um
         # the anchor counts from a lenslet, the lattice's offset from the anchor: hence the sign
-        return -y * self.scale / self.pixel_um, -x * self.scale / self.pixel_um
+        return -y * self.scale / self.row_um, -x * self.scale / self.pixel_um
 
     @property
     def fill_factor(self) -> float:
@@ -222,12 +231,12 @@ class Scene:
     def nearest_pixel(self, y_um: float, x_um: float) -> tuple[int, int]:
         """Return the pixel (row, column), from source position (0, 0), in which a chief ray ends."""
         # floor(v + 0.5) and not round(): halves must all go to the same side
-        return math.floor(y_um / self.pixel_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)
+        return math.floor(y_um / self.row_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)
 
     def source_um(self, y: int, x: int) -> tuple[float, float]:
         """Return where the chief ray of position (y, x) meets the sensor, its offset included."""
         dy, dx = (0.0, 0.0) if self.offsets_um is None else self.offsets_um[y % self.period[0], x % self.period[1]]
-        return y * self.pixel_um + float(dy), x * self.pixel_um + float(dx)
+        return y * self.row_um + float(dy), x * self.pixel_um + float(dx)
 
 
 def scene_of(

@@ -72,7 +72,12 @@ def iter_simulate_psf(
     _check_plan(camera, plan)
     chosen = effects_of(effects, plan, tolerance)
     # Kept in the file, so that H can be simulated again.
-    details = {"simulated": {"effects": describe(chosen), "level": level, "tolerance": tolerance}, **(provenance or {})}
+    details: dict[str, Any] = {
+        "simulated": {"effects": describe(chosen), "level": level, "tolerance": tolerance},
+        **(provenance or {}),
+    }
+    if plan.resample:
+        details["cutout"] = {"scale": list(plan.resample_factors)}
     planes, count = range(plan.shape[0]), worker_count(workers)
     names = [f"simulate plane {z + 1} of {len(planes)}" for z in planes]
 
@@ -126,7 +131,8 @@ def simulate_psf(
     camera
         The camera; the plan's own.
     plan
-        Period, cutout, depths and anchor: H has shape ``plan.shape``, axes (z, y, x, t, s).
+        Period, cutout, depths and anchor: H has shape ``plan.shape``, axes (z, y, x, t, s). Where the plan resamples
+        its frames, pixels of H are those of the resampled frames: light is integrated over their area.
     effects
         A tuple of effects, ``()`` for the ideal camera; an `EffectSelection`; or ``"auto"``: what `plan_effects`
         finds necessary for ``tolerance``.
@@ -182,13 +188,6 @@ def _check_plan(camera: Camera, plan: ScanPlan) -> None:
     if camera != plan.camera:
         raise InputError.expected(
             "camera", f"the plan's ({plan.camera.name})", camera.name, "make the plan for this camera"
-        )
-    if plan.resample_factors != (1.0, 1.0):
-        raise InputError.expected(
-            "scan plan",
-            "one that keeps the sensor's pixels",
-            "resample=True",
-            "plan with resample=False, or simulate frames and assemble them",
         )
 
 

@@ -18,6 +18,7 @@ from lfcal.simulate.scene import Iris, Scene, scene_of
 
 __all__ = [
     "filter_kernel",
+    "grid_pixel",
     "ideal_scene",
     "light_samples",
     "origin_of",
@@ -51,13 +52,28 @@ def origin_of(plan: ScanPlan) -> tuple[int, int, float, float]:
     return row, column, plan.anchor[0] - row, plan.anchor[1] - column
 
 
-def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0) -> Scene:
+def grid_pixel(plan: ScanPlan, *, on_sensor: bool = False) -> tuple[float, float]:
+    """Return width (µm) and aspect of the pixels of H: those of the resampled frames, or ``on_sensor`` the sensor's."""
+    width = plan.camera.sensor.pixel_um
+    if on_sensor or not plan.resample:
+        return width, 1.0
+    fy, fx = plan.resample_factors
+    aspect = fx / fy
+    # equal periods give factors that differ by rounding only
+    return width / fx, 1.0 if abs(aspect - 1) < 1e-9 else aspect
+
+
+def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0, on_sensor: bool = False) -> Scene:
     """Return the ideal camera's scene: rays, a round iris, telecentric, every lenslet of the sharpest type.
 
-    The cutout is ``halo`` pixels larger than the plan's on every side.
+    The cutout is ``halo`` pixels larger than the plan's on every side. Pixels are those of H, resampled where the
+    plan does so, or ``on_sensor`` the sensor's.
     """
     camera = outlook.camera
     _, _, residual_y, residual_x = origin_of(plan)
+    width, aspect = grid_pixel(plan, on_sensor=on_sensor)
+    if plan.resample and not on_sensor:
+        residual_y = residual_x = 0.0  # resampled pixels are laid about the chief ray itself
     about = plan.lattice_anchor
     offsets = None
     # Engines have the chief ray of position (0, 0) on a pixel's centre; what is left over displaces every source.
@@ -71,6 +87,8 @@ def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0) -> Scene:
         z_um=outlook.z_um,
         anchor_px=(about[0] - residual_y, about[1] - residual_x),
         iris=Iris(),
+        pixel_um=width,
+        pixel_aspect=aspect,
         pupil_um=math.inf,
         pixel_fill=1.0,
         main_diffraction=False,
@@ -83,13 +101,19 @@ def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0) -> Scene:
 
 
 def scene_for(
-    plan: ScanPlan, z: int, effects: Iterable[Effect], *, halo: int = 0, depth_error_um: float = 0.0
+    plan: ScanPlan,
+    z: int,
+    effects: Iterable[Effect],
+    *,
+    halo: int = 0,
+    depth_error_um: float = 0.0,
+    on_sensor: bool = False,
 ) -> Scene:
-    """Return the scene of plane ``z`` with every scene effect of ``effects`` in it, on the sensor's pixels."""
+    """Return the scene of plane ``z`` with every scene effect of ``effects`` in it; pixels as in `ideal_scene`."""
     outlook = outlook_of(plan, z)
     if depth_error_um:
         outlook = replace(outlook, z_um=outlook.z_um + depth_error_um)
-    scene = ideal_scene(plan, outlook, halo=halo)
+    scene = ideal_scene(plan, outlook, halo=halo, on_sensor=on_sensor)
     for effect in effects:
         if isinstance(effect, SceneEffect):
             scene = effect.on_scene(scene, outlook)

@@ -212,8 +212,6 @@ def test_resampled_plan_is_recorded_on_the_sensors_pixels() -> None:
     light = camera.light(400)
     mean = (light.sum(1) @ np.arange(160)) / light.sum(), (light.sum(0) @ np.arange(160)) / light.sum()
     assert mean == pytest.approx((row, column), abs=1.5)
-    with pytest.raises(InputError, match="resample"):
-        simulate_psf(plan.camera, plan, BASE, sampling=FAST)
 
 
 def test_other_peaks_and_seeds_are_refused() -> None:

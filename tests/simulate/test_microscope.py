@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from lfcal.camera import LensletLattice, LensType, Microscope
+from lfcal.camera import LensletLattice, LensType, Microscope, ScanPlan, preset
 from lfcal.errors import InputError
-from lfcal.simulate.engines.base import PlaneEngine, Sampling
+from lfcal.simulate import plan_effects
+from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.debye import debye_field, debye_nodes, radial_field
 from lfcal.simulate.engines.microscope import DebyePlane, is_separable
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.engines.wave import WavePlane
+from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import seidel
 from tests.simulate.scenes import microscope_scene, moments, relative_error
 
@@ -165,3 +167,75 @@ def test_energy_certificate():
     assert 0.97 < light <= engine.certificate.energy_in * 1.001 <= 1.001
     with pytest.raises(InputError, match="microscope"):
         debye_field(replace(microscope_scene(), objective=None), np.zeros(1))
+
+
+def test_every_position_of_a_deep_range_balances() -> None:
+    """Two nodes a pixel pass the probes at z = -30 um and fail elsewhere in the cell: the nodes follow the light."""
+    camera = preset("lfm_20x05")
+    plan = ScanPlan.for_camera(camera, depths_um=[-30.0], cutout=125)
+    effects = plan_effects(camera, plan, 0.03).effects
+    scene = PlaneResponse(plan, 0, effects).scene
+    places = [(y, x) for y in range(0, 8, 2) for x in range(y, 8)]
+    coarse = DebyePlane(scene, Sampling(nodes_per_px=2))
+    with pytest.raises(EnergyError):
+        for y, x in places:
+            coarse.rows([y], [x])
+    fine = DebyePlane(scene, Sampling(nodes_per_px=8))
+    for tolerance in (0.2, 0.03, 0.004):
+        response = PlaneResponse(plan, 0, effects, tolerance=tolerance)
+        error = max(
+            relative_error(response.rows([y], [x], workers=1), fine.rows([y], [x], workers=1)) for y, x in places
+        )
+        assert error < 0.55 * tolerance
+        assert response.certificate.worst <= 1.005
+
+
+def test_light_out_of_nothing_is_computed_again_more_finely() -> None:
+    """Probes miss what a later position shows: the response refines itself, and tells the one who fixed the nodes."""
+    camera = preset("lfm_20x05")
+    plan = ScanPlan.for_camera(camera, depths_um=[-10.0], cutout=39)
+    effects = plan_effects(camera, plan, 0.03).effects
+    response = PlaneResponse(plan, 0, effects)
+    response._engines[0.525] = DebyePlane(response.scene, Sampling(nodes_per_px=1))
+    response.wanted = Sampling(nodes_per_px=1)
+    wanted = DebyePlane(response.scene, Sampling(nodes_per_px=8)).rows(range(8), range(8), workers=1)
+    assert relative_error(response.rows(range(8), range(8), workers=1), wanted) < 0.015
+    assert response.engine().sampling.nodes_per_px > 1
+    row, column, values = response.point(3.0, 5.0)[0]
+    assert (row, column) == (3, 5)
+    assert relative_error(values, wanted[3, 5]) < 0.015
+    fixed = PlaneResponse(plan, 0, effects, sampling=Sampling(nodes_per_px=1))
+    with pytest.raises(EnergyError, match="nodes_per_px"):
+        fixed.rows(range(8), range(8))
+
+
+def test_a_tolerance_that_no_sampling_keeps_is_refused() -> None:
+    camera = preset("lfm_20x05")
+    plan = ScanPlan.for_camera(camera, depths_um=[-10.0], cutout=39)
+    with pytest.raises(InputError, match="raise it"):
+        PlaneResponse(plan, 0, plan_effects(camera, plan, 0.03).effects, tolerance=1e-9).rows([0], [0])
+
+
+@pytest.mark.parametrize(
+    ("objective", "lenslet", "z"),
+    [
+        (Microscope(10.0, 0.3, 1.0), (125.0, 2500.0), -60.0),
+        (Microscope(40.0, 0.95, 1.0), (125.0, 3000.0), -6.0),
+        (Microscope(63.0, 1.4, 1.518), (100.0, 2500.0), -3.0),
+        (Microscope(4.0, 0.1, 1.0), (125.0, 2500.0), 300.0),
+        (Microscope(20.0, 0.5, 1.0), (125.0, 1250.0), -10.0),
+        (Microscope(20.0, 0.5, 1.0), (125.0, 6250.0), -10.0),
+        (Microscope(20.0, 0.5, 1.0), (125.0, 2500.0), 0.0),
+    ],
+)
+def test_other_objectives_and_lenslets_keep_the_tolerance(objective, lenslet, z):
+    lattice = LensletLattice("square", *lenslet, (LensType.focused_at(math.inf, lenslet[1]),))
+    camera = replace(preset("lfm_20x05"), optics=objective, lattice=lattice)
+    plan = ScanPlan.for_camera(camera, depths_um=[z], cutout=61)
+    effects = plan_effects(camera, plan, 0.03).effects
+    response = PlaneResponse(plan, 0, effects, tolerance=0.03)
+    fine = DebyePlane(response.scene, Sampling(nodes_per_px=12))
+    for y, x in ((0, 0), (2, 5), (7, 7), (3, 11)):
+        found = response.rows([y], [x], workers=1)
+        assert relative_error(found, fine.rows([y], [x], workers=1)) < 0.0165
+        assert 0 < found.sum() <= 1.005

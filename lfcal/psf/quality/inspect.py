@@ -58,7 +58,7 @@ def iter_inspect(
     """
     start = time.perf_counter()
     H = _straight(matrix)
-    waves = wave_vectors(H.camera, H.period)
+    waves = wave_vectors(H.camera, H.period, H.pixel_scale)
     clock = Clock("inspecting planes", PASSES * len(H))
     planes: list[PlaneMeasures] = []
     readings: dict[str, list[Reading]] = {spec.key: [] for spec in METRICS}
@@ -136,6 +136,7 @@ def _virtual_depths(measures: MatrixMeasures) -> NDArray[np.float64]:
     if camera is None:
         return found
     unit = camera.lattice.gap_um / camera.optics.working_f_number / camera.sensor.pixel_um
+    unit *= math.sqrt(math.prod(measures.matrix.pixel_scale))
     beyond = np.array([1.0 if s is None or s.scale > 1 else -1.0 for s in spots])
     sized = 1 + beyond * measures.shadows_px / unit
     return np.where(np.isfinite(found) & np.isfinite(sized), sized, found)
@@ -149,6 +150,6 @@ def _f_number(measures: MatrixMeasures) -> FNumber | None:
     chosen = np.flatnonzero(np.isfinite(sizes))
     try:
         shifts = [H.camera.image_shift_um(float(H.depths[z])) - H.camera.lattice.gap_um for z in chosen]
-        return working_f_number(sizes[chosen], shifts, H.camera.sensor.pixel_um)
+        return working_f_number(sizes[chosen], shifts, H.camera.sensor.pixel_um / math.sqrt(math.prod(H.pixel_scale)))
     except InputError:
         return None

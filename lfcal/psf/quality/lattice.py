@@ -82,15 +82,18 @@ class SpotLattice:
         return scale / (scale - 1) if abs(scale - 1) > 1e-3 else math.inf
 
 
-def wave_vectors(camera: Camera | None, period: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the wave vectors of the lenslet lattice, ``(2 or 3, 2)`` as (x, y) (rad per sensor pixel).
+def wave_vectors(
+    camera: Camera | None, period: tuple[int, int], scale: tuple[float, float] = (1.0, 1.0)
+) -> NDArray[np.float64]:
+    """Return the wave vectors of the lenslet lattice, ``(2 or 3, 2)`` as (x, y) (rad per pixel of H).
 
-    With a camera they are its lattice's, unrounded. Without, a lattice is read off the period: hexagonal where
+    With a camera they are its lattice's, unrounded, at ``scale`` (rows, columns) pixels of H to one of the sensor's.
+    Without, a lattice is read off the period: hexagonal where
     one side is sqrt(3) times the other (three types if x is the longer), else rectangular.
     """
     ny, nx = period
     if camera is not None:
-        basis = camera.lattice.basis_um() / camera.sensor.pixel_um
+        basis = camera.lattice.basis_um() / camera.sensor.pixel_um * np.array(scale[::-1])
         hexagonal = camera.lattice.kind == "hexagonal"
     else:
         hexagonal = any(abs(r / math.sqrt(3) - 1) < 0.08 for r in (nx / ny, ny / nx))

@@ -57,7 +57,7 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
     # The reference has no sampling of its own here: it is taken as a multiple of the wave engine.
     sampling = sampling_for(outlook, "wave" if level == "reference" else level, tolerance)
     if level == "debye":
-        return _slower() * (0.02 + positions / 6 * outlook.pixels * sampling.nodes_per_px**2 * 1e-8)
+        return _slower() * (0.05 + positions / 6 * outlook.pixels * sampling.nodes_per_px**2 * 2.8e-8)
     wave = positions * _wave_seconds(outlook, sampling)
     return _slower() * wave * REFERENCE_OVER_WAVE if level == "reference" else _slower() * (0.15 + wave)
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.scene import Scene
 
-__all__ = ["STEPS", "checked_engine", "incoherent_floor", "sampling_for"]
+__all__ = ["MOST_NODES", "STEPS", "checked_engine", "finer", "incoherent_floor", "sampling_for"]
 
 STEPS: tuple[tuple[Sampling, float], ...] = (
     (Sampling(nodes_per_px=2, margin_px=3), 0.10),
@@ -22,7 +26,13 @@ STEPS: tuple[tuple[Sampling, float], ...] = (
 """Samplings of the wave engine, cheapest first, with the relative L1 error that its sampling makes (measured)."""
 
 DEBYE_NODES = ((1, 0.12), (2, 0.015), (3, 0.005), (4, 0.0))
-"""Nodes per pixel of the Debye path, and the error from which each will do."""
+"""Nodes per pixel of the Debye path, and the tolerance from which each is tried first; `checked_engine` measures."""
+
+MOST_NODES = 12
+"""Nodes per pixel up to which the Debye path is refined."""
+
+SHARE = 0.5
+"""Share of the tolerance that the sampling may take; the rest is for the effects that are left out."""
 
 RETRIES = 4
 
@@ -50,24 +60,46 @@ def finer(sampling: Sampling) -> Sampling:
     return replace(sampling, nodes_per_px=min(32, sampling.nodes_per_px + 1), margin_px=sampling.margin_px + 3)
 
 
-def checked_engine(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine, Sampling]:
-    """Return an engine, refined until its energy balances at four positions spread over the period, and how finely.
+def checked_engine(
+    scene: Scene, level: str, sampling: Sampling, tolerance: float = 0.03
+) -> tuple[PlaneEngine, Sampling]:
+    """Return an engine, refined until four positions spread over the period are right, and how finely.
+
+    Their energy must balance. The Debye path, whose nodes are cheap, must also agree with itself at a node more per
+    pixel to half of ``tolerance``: a node more divides its error by about five, so what changes is the error.
 
     Raises
     ------
     EnergyError
-        If it does not balance after four refinements.
+        If the energy does not balance after four refinements.
+    InputError
+        If the Debye path does not reach ``tolerance`` with `MOST_NODES`.
     """
+    engine, found, sampling = _balanced(scene, level, sampling)
+    while engine.level == "debye":
+        following, better, next_sampling = _balanced(scene, level, finer(sampling))
+        error = float((np.abs(found - better).sum(axis=(2, 3)) / better.sum(axis=(2, 3))).max())
+        if error <= SHARE * tolerance:
+            break
+        if next_sampling.nodes_per_px > MOST_NODES:
+            z, least = scene.z_um, f"at least {error / SHARE:.1g} at a depth of {scene.z_um:g} µm"
+            raise InputError.expected("tolerance", least, tolerance, f"raise it, or leave out the plane at {z:g} µm")
+        engine, found, sampling = following, better, next_sampling
+    return engine, sampling
+
+
+def _balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine, NDArray[np.float64], Sampling]:
+    """Return an engine whose energy balances, its responses at four positions, and how finely it samples."""
     ny, nx = scene.period
     for attempt in range(RETRIES + 1):
         engine = engine_for(scene, level, sampling)
         try:
             # Four positions spread over the period stand for all; every response is certified again later.
-            engine.rows(sorted({0, ny // 2}), sorted({nx // 4, (3 * nx) // 4}), workers=1)
+            found = engine.rows(sorted({0, ny // 2}), sorted({nx // 4, (3 * nx) // 4}), workers=1)
         except EnergyError:
             if attempt == RETRIES:
                 raise
             sampling = finer(sampling)
         else:
             break
-    return engine, sampling
+    return engine, found.astype(np.float64), sampling

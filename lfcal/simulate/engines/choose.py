@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from lfcal.checks import check_choice
 from lfcal.errors import InputError
 from lfcal.simulate.engines.base import LEVELS, PlaneEngine, Sampling
@@ -20,6 +22,10 @@ def engine_for(scene: Scene, level: str = "wave", sampling: Sampling | None = No
     """
     check_choice("level", level, LEVELS)
     chosen = sampling or Sampling()
+    if scene.pixel_aspect != 1:
+        from lfcal.simulate.engines.oblong import OblongPlane
+
+        return OblongPlane(scene, chosen, partial(engine_for, level=level))
     if level == "debye":
         if scene.objective is None:
             raise InputError.expected("Debye path", "a microscope", "a main lens", "use level 'wave'")

@@ -121,7 +121,7 @@ def _side(length: float, dx: float) -> int:
             "field table",
             f"at most {MOST_SAMPLES} samples a side",
             n,
-            "use fewer samples per pixel, a smaller cutout, or level 'geometric'",
+            "use a smaller cutout, or level 'geometric'",
         )
     size = int(sf.next_fast_len(n))
     # even, so that alternating signs alone move the origin to sample n // 2

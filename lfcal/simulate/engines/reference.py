@@ -107,7 +107,7 @@ class ReferencePlane:
                 "reference grid",
                 f"at most {MOST_SAMPLES} samples a side",
                 n,
-                "lower samples_per_px or look at a smaller plane",
+                "choose another level, or a depth that lights fewer lenslets",
             )
         return n
 

@@ -248,6 +248,7 @@ class SimulatedCamera(Frames):
                     sampling=self.sampling,
                     cutout=(cutout[0], cutout[1]),
                     depth_error_um=depth_error_um,
+                    on_sensor=True,
                 )
             return self._responses[key]
 

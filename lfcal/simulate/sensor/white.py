@@ -31,7 +31,7 @@ def white_tile(plan: ScanPlan, z: int, effects: Sequence[Effect]) -> NDArray[np.
     Pixel (0, 0) is that of source position (0, 0). The radiance of an even scene is the same in every plane, so
     the depth does not matter. Rays are followed: diffraction hardly changes what is smooth already.
     """
-    ny, nx = plan.period
+    ny, nx = plan.period  # in resampled pixels where the plan resamples: then it is the array's own, whole
     simple = [e for e in effects if not isinstance(e, Bandwidth | FiniteSource)]
     response = PlaneResponse(plan, z, simple, level="geometric")
     ct, cs = ((n - 1) // 2 for n in response.cutout)

@@ -14,7 +14,8 @@ def _period(h: MatrixMeasures) -> tuple[Reading]:
     if h.matrix.camera is None:
         return (UNKNOWN,)
     errors = []
-    for recorded, lattice in zip(h.matrix.period, h.matrix.camera.period_px, strict=True):
+    for recorded, known, scale in zip(h.matrix.period, h.matrix.camera.period_px, h.matrix.pixel_scale, strict=True):
+        lattice = known * scale
         errors.append(abs(recorded - max(1, round(recorded / lattice)) * lattice))
     return (Reading(max(errors)),)
 

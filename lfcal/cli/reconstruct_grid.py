@@ -1,0 +1,59 @@
+"""The pixels that H and the frames have in common: its anchor, its voxels, and frames resampled onto its period."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lfcal.psf import PSFMatrix
+    from lfcal.reconstruct.resample import Resampling
+
+__all__ = ["anchor_of", "check_grid", "view_of", "voxel_of"]
+
+
+def voxel_of(H: PSFMatrix) -> float | None:
+    """Return the side of a voxel (µm): H has one position per voxel, a step of the source at depth 0; None: unknown."""
+    return None if H.camera is None else H.camera.step_um(0.0) / H.pixel_scale[1]
+
+
+def check_grid(H: PSFMatrix, shape: tuple[int, int], *, resample: bool) -> None:
+    """Tell where H is of scaled frames and these, of ``shape``, are as the sensor gives them."""
+    from lfcal.cli.console import report
+
+    if resample or H.pixel_scale == (1.0, 1.0) or H.camera is None or shape != H.camera.sensor.shape:
+        return
+    rows, columns = H.pixel_scale
+    report(f"note: H is of frames resampled × {columns:.6f}, {rows:.6f}; --resample does the same to these")
+
+
+def anchor_of(text: str, view: Resampling | None, H: Any) -> tuple[float, float] | None:
+    """Return the pixel of H's position (0, 0): as given, where resampling puts it, or None for H's own."""
+    from lfcal.errors import InputError
+    from lfcal.reconstruct.resample import lattice_anchor_of
+
+    if not text:
+        return None if view is None else view.anchor(lattice_anchor_of(H))
+    try:
+        row, column = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError.expected("--anchor", "ROW,COLUMN", text, "for example 12,7") from None
+    return row, column
+
+
+def view_of(H: Any, white: Path | None) -> Resampling:
+    """Return the map of frames onto H's period, by the lattice of the white frame or the one H's camera states."""
+    from lfcal.errors import InputError
+    from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
+
+    if white is None and H.camera is not None:
+        return Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H))
+    if white is None:
+        raise InputError.expected("--resample", "a white frame, or a camera with H", "neither", "give --white")
+    from lfcal.frames.corrections.recipe import read_average
+    from lfcal.lattice.fit import fit_lattice
+
+    # With several lens types the period of H spans that many lenslets.
+    types = len(H.camera.lattice.types) if H.camera is not None else 1
+    fit = fit_lattice(read_average(white), kind=None if H.camera is None else H.camera.lattice.kind)
+    return Resampling.of_fit(fit, H.period, lattice_anchor_of(H), types)

@@ -1,0 +1,140 @@
+"""Pixels that are not square: frames resampled by unequal factors, computed on fine square pixels and summed.
+
+The engines know square pixels. A fine grid, `FINER` square pixels to the width of an oblong one, holds the light of
+each response; its running sum along an axis is smooth, and its differences at the oblong pixels' edges are their light.
+Columns of the grids coincide; rows drift apart by less than a pixel, and the windows' rows are laid for each source.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import make_interp_spline
+
+from lfcal.axes import centre
+from lfcal.simulate.engines.base import Certificate, Pilot, PlaneEngine, Sampling
+from lfcal.simulate.scene import Scene
+
+__all__ = ["FINER", "OblongPlane"]
+
+FINER = 3
+"""Fine pixels to the width of an oblong one: the spline through their running sum errs by 1e-4 of a response.
+
+An odd number: where the aspect is nearly 1, edges of oblong pixels lie near edges of fine ones.
+"""
+
+SPARE = 6
+"""Fine pixels around the window, where the spline's ends are."""
+
+
+@lru_cache(maxsize=4096)
+def _sums(fine: int, oblong: int, step: float, fill: float, shift: float, degree: int) -> NDArray[np.float64]:
+    """Return ``(oblong, fine)``: the light of each oblong pixel, of sensitive share ``fill``, from that of fine ones.
+
+    ``step`` fine pixels lie between oblong ones, whose middle one is ``shift`` fine pixels from the fine middle. The
+    running sum is a spline of ``degree``: 5 for waves, 1 for the sharp edges of rays.
+    """
+    edges = np.arange(fine + 1) - 0.5 - centre(fine)
+    # the spline through the running sum of one fine pixel's light alone, for each of them
+    running = make_interp_spline(edges, np.tri(fine + 1, fine, -1), k=degree)
+    middle = shift + step * (np.arange(oblong) - centre(oblong))
+    sums: NDArray[np.float64] = running(middle + fill * step / 2) - running(middle - fill * step / 2)
+    return sums
+
+
+def _fine_scene(scene: Scene) -> Scene:
+    """Return the scene on fine square pixels; position (y, x) is `FINER` times (y, x) there, its rows' drift added."""
+    aspect, (ny, nx) = scene.pixel_aspect, scene.period
+    drift = FINER * (aspect - 1) * np.arange(ny)
+    around = SPARE + math.ceil(abs(drift[-1]))
+    cutout = (_odd(scene.cutout[0] * FINER * aspect, around), _odd(scene.cutout[1] * FINER, around))
+    width = scene.pixel_um / FINER
+    offsets = np.zeros((ny * FINER, nx * FINER, 2))
+    offsets[::FINER, ::FINER, 0] = width * drift[:, None]
+    if scene.offsets_um is not None:
+        offsets[::FINER, ::FINER] += scene.offsets_um
+    period = (ny * FINER, nx * FINER)
+    return replace(
+        scene, pixel_um=width, pixel_aspect=1.0, pixel_fill=1.0, cutout=cutout, period=period, offsets_um=offsets
+    )
+
+
+def _odd(width: float, around: int) -> int:
+    return 2 * math.ceil(width / 2 + around) + 1
+
+
+def _fine_sampling(sampling: Sampling) -> Sampling:
+    """Return how finely fine pixels are sampled, from how finely oblong ones are to be."""
+    samples = sampling.samples_per_px
+    return replace(
+        sampling,
+        samples_per_px=None if samples is None else max(1, math.ceil(samples / FINER)),
+        nodes_per_px=math.ceil(sampling.nodes_per_px / FINER),
+        margin_px=sampling.margin_px * FINER,
+    )
+
+
+class OblongPlane:
+    """Engine of any level for a scene whose pixels are not square; see the module.
+
+    Parameters
+    ----------
+    scene
+        What is computed, ``pixel_aspect`` not 1.
+    sampling
+        How finely, per oblong pixel.
+    make
+        Makes the engine of the fine pixels from their scene and sampling.
+    """
+
+    def __init__(self, scene: Scene, sampling: Sampling, make: Callable[..., PlaneEngine]) -> None:
+        self.scene = scene
+        self._fine = make(_fine_scene(scene), sampling=_fine_sampling(sampling))
+        self.level = self._fine.level
+        self._degree = 1 if self.level == "geometric" else 5
+        self._pilot = Pilot(self)
+
+    @property
+    def certificate(self) -> Certificate:
+        """Energy in and out of all responses so far."""
+        return self._fine.certificate
+
+    def rows(
+        self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
+    ) -> NDArray[np.float32]:
+        """Return the cutouts of positions ys x xs; see `PlaneEngine.rows`."""
+        rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
+        result = np.empty((rows.size, columns.size, *self.scene.cutout), np.float32) if out is None else out
+        # as many rows at a time as there are threads: fine windows are larger
+        block = max(1, workers or 2)
+        for start in range(0, rows.size, block):
+            part = rows[start : start + block]
+            fine = self._fine.rows(part * FINER, columns * FINER, workers=workers)
+            for r, y in enumerate(part):
+                result[start + r] = self._binned(fine[r], float(y) * FINER * (self.scene.pixel_aspect - 1))
+        return result
+
+    def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
+        """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
+        row, column = self.scene.nearest_pixel(y_um, x_um)
+        fine_row, fine_column = self._fine.scene.nearest_pixel(y_um, x_um)
+        shift = row * FINER * self.scene.pixel_aspect - fine_row
+        return self._binned(self._fine.point(y_um, x_um), shift, column * FINER - fine_column)
+
+    def predicted_seconds(self, n_positions: int) -> float:
+        """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
+        return self._pilot.seconds(n_positions)
+
+    def _binned(self, fine: NDArray[np.float32], shift_y: float, shift_x: float = 0.0) -> NDArray[np.float32]:
+        """Return fine windows ``(..., rows, columns)`` summed to oblong pixels moved by (shift_y, shift_x)."""
+        scene, fill = self.scene, self.scene.pixel_fill
+        nt, ns = fine.shape[-2:]
+        down = _sums(nt, scene.cutout[0], FINER * scene.pixel_aspect, fill, round(shift_y, 9), self._degree)
+        across = _sums(ns, scene.cutout[1], float(FINER), fill, float(shift_x), self._degree)
+        binned: NDArray[np.float32] = (down @ fine @ across.T).astype(np.float32)
+        return binned
