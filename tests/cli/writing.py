@@ -88,8 +88,8 @@ def make_inputs(folder: Path) -> None:
     (folder / "camera.json").write_text(camera.to_json())
     levels = np.repeat([0, 0, 2e3, 4e3, 8e3, 12e3, 16e3], 2)  # electrons, two frames a level
     counts = rng.poisson(np.tile(levels[:, None, None], (1, 60, 60))) / 5 + rng.normal(100, 2, (len(levels), 60, 60))
-    tifffile.imwrite(folder / "flats.tif", np.rint(counts[4:]).astype(np.uint16))
-    tifffile.imwrite(folder / "darks.tif", np.rint(counts[:4]).astype(np.uint16))
+    tifffile.imwrite(folder / "flats.tif", np.rint(counts[4:]).astype(np.uint16), photometric="minisblack")
+    tifffile.imwrite(folder / "darks.tif", np.rint(counts[:4]).astype(np.uint16), photometric="minisblack")
 
 
 CHILD = """
