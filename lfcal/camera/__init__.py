@@ -15,7 +15,7 @@
 """
 
 from lfcal.camera.description import Camera
-from lfcal.camera.distortion import BrownDistortion
+from lfcal.camera.distortion import BrownDistortion, LatticeDistortion
 from lfcal.camera.forecast import Forecast
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
@@ -32,6 +32,7 @@ __all__ = [
     "BrownDistortion",
     "Camera",
     "Forecast",
+    "LatticeDistortion",
     "LensType",
     "LensletLattice",
     "MainLens",
