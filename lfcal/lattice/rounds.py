@@ -86,20 +86,28 @@ def _dim(index: NDArray[np.intp], values: Array) -> NDArray[np.bool_]:
     return result
 
 
-def _lenslets_of(image: NDArray[np.float32], model: LatticeModel) -> NDArray[np.intp]:
+def _lenslets_of(image: NDArray[np.float32], model: LatticeModel, reach: float | None = None) -> NDArray[np.intp]:
+    """Return the whole lenslets of the frame, or those up to ``reach`` pixels from its middle."""
     index = model.within((image.shape[0], image.shape[1]), 0.5 * model.pitch)
     if len(index) < MIN_LENSLETS**2:
         raise InputError.expected(
             "white image", f"at least {MIN_LENSLETS**2} whole lenslets", len(index), "use a larger part of the frame"
         )
-    return index
+    if reach is None:
+        return index
+    away = model.places(index) - (np.array(image.shape[::-1]) - 1) / 2
+    near: NDArray[np.intp] = index[np.hypot(*away.T) <= reach]
+    return near if len(near) >= MIN_LENSLETS**2 else index
 
 
-def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> LatticeModel:
-    """Move the lattice to where the mean micro-image is symmetric, so that linear placing starts close by."""
+def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None, reach: float) -> LatticeModel:
+    """Move the lattice to where the mean micro-image is symmetric, so that linear placing starts close by.
+
+    Only lenslets up to ``reach`` pixels from the middle are looked at.
+    """
     radius = PLACING_RADIUS * model.pitch
     for _ in range(CENTRING_ROUNDS):
-        index = _lenslets_of(image, model)
+        index = _lenslets_of(image, model, reach)
         light = mean_light(image, model, index, workers)
         # dead lenslets would blur the mean towards a flat patch
         micro = mean_micro_image(
@@ -124,10 +132,12 @@ def evened(image: NDArray[np.float32], model: LatticeModel, workers: int | None)
     return (image / np.maximum(surface, DARK_FIELD * float(surface.max()))).astype(np.float32)
 
 
-def place_all(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> PlacedLenslets:
-    """Place every lenslet by the mean micro-image of those alive."""
+def place_all(
+    image: NDArray[np.float32], model: LatticeModel, workers: int | None, reach: float | None = None
+) -> PlacedLenslets:
+    """Place every lenslet by the mean micro-image of those alive, or those up to ``reach`` pixels from the middle."""
     radius = PLACING_RADIUS * model.pitch
-    index = _lenslets_of(image, model)
+    index = _lenslets_of(image, model, reach)
     light = mean_light(image, model, index, workers)
     dead = _dim(index, light)
     centres = model.places(index)
