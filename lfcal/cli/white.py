@@ -14,6 +14,7 @@ from lfcal.cli.console import print_json, print_table
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera, parse_depths
+from lfcal.cli.white_files import LATTICE, RESIDUAL_MAP, RESIDUALS, lattice_dict, save_lattice
 from lfcal.errors import InputError
 from lfcal.files import replace_whole
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfcal.lattice.fit import LatticeFit
+    from lfcal.lattice.lattice_fit import LatticeErrors
     from lfcal.lattice.lens_types import LensTypes
     from lfcal.lattice.views import Views
     from lfcal.lattice.vignetting import Vignetting
@@ -54,13 +56,20 @@ class _Found:
 
 def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[list[str]]:
     row, column = fit.origin_px
+    errors = fit.errors
+    assert errors is not None  # a fit of a white image states them
     rows = [
         ["lattice", fit.kind],
+        ["model", fit.reason],
         ["pitch along a row", f"{fit.pitch_px:.4f} ± {fit.pitch_error_px:.4f} px"],
-        ["distance of rows", f"{fit.row_pitch_px:.4f} px"],
-        ["rotation", f"{math.degrees(fit.rotation_rad):+.4f}°"],
-        ["departure from the ideal angle", f"{math.degrees(fit.shear_rad):+.4f}°"],
+        ["distance of rows", f"{fit.row_pitch_px:.4f} ± {errors.row_pitch_px:.4f} px"],
+        ["rotation", f"{math.degrees(fit.rotation_rad):+.4f} ± {math.degrees(errors.rotation_rad):.4f}°"],
+        [
+            "departure from the ideal angle",
+            f"{math.degrees(fit.shear_rad):+.4f} ± {math.degrees(errors.shear_rad):.4f}°",
+        ],
         ["centre of the middle lenslet", f"row {row:.3f}, column {column:.3f}"],
+        *_distortion_rows(fit, errors),
         ["distance of micro-images from it", f"{fit.residual_rms_px:.3f} px rms per axis"],
         ["lenslets", f"{len(fit.index)}, {int(fit.dead.sum())} of them dead"],
         ["light at the dimmest place", f"{100 * fall.falloff:.1f} % of the brightest"],
@@ -71,25 +80,34 @@ def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[li
             ["lens types", f"type 0 where (q - r) mod 3 = {types.phase}, type {types.type_step} to the right of it"],
             ["  confidence", f"{types.sigmas:.0f} standard errors, {100 * types.agreement:.0f} % of places agree"],
         ]
+    return rows + [["doubtful", note] for note in fit.notes]
+
+
+def _distortion_rows(fit: LatticeFit, errors: LatticeErrors) -> list[list[str]]:
+    """Return the distortion's numbers with their errors: displacements at the length scale from its centre."""
+    from lfcal.camera.distortion import polynomial_powers
+
+    bend = fit.distortion
+    if bend is None:
+        return []
+    x, y = bend.centre
+    dx, dy = errors.centre
+    names = [f"k{n + 1}" for n in range(len(bend.terms[0]))]
+    if bend.model == "polynomial":
+        names = [f"u^{i} v^{j}" for i, j in polynomial_powers(bend.degree)]
+    rows = [["distortion", f"up to {bend.largest:.2f} px within {bend.scale:.0f} px of its centre"]]
+    if bend.model == "radial":
+        rows.append(["  centre", f"row {y:.1f} ± {dy:.1f}, column {x:.1f} ± {dx:.1f}"])
+    for axis, line, sigmas in zip(("to the right", "down"), bend.terms, errors.terms, strict=False):
+        name = "outwards" if bend.model == "radial" else axis
+        shown = "; ".join(f"{n} {t:+.3f} ± {e:.3f}" for n, t, e in zip(names, line, sigmas, strict=True))
+        rows.append([f"  {name} (px)", shown])
     return rows
 
 
 def _as_json(fit: LatticeFit, fall: Vignetting, types: LensTypes | None, camera: Camera | None) -> dict[str, Any]:
-    names = (
-        "kind",
-        "shape",
-        "pitch_px",
-        "row_pitch_px",
-        "rotation_rad",
-        "origin_px",
-        "pitch_error_px",
-        "shear_rad",
-        "residual_rms_px",
-    )
     return {
-        **{name: getattr(fit, name) for name in names},
-        "lenslets": len(fit.index),
-        "dead": fit.dead_lenslets,
+        **lattice_dict(fit),
         "falloff": fall.falloff,
         "scatter": fall.scatter,
         "lens_types": types,
@@ -120,7 +138,7 @@ def _focused(slope: float) -> str:
 
 def _targets(out: Path, camera: Camera | None, views: Path | None, slopes: tuple[float, ...]) -> list[Path]:
     """Return the files that will be written."""
-    names = [] if camera is None else [CAMERA]
+    names = [LATTICE, RESIDUALS, RESIDUAL_MAP, *([] if camera is None else [CAMERA])]
     names += [] if views is None else [*PICTURES, *map(_focused, slopes)]
     return [out / name for name in names]
 
@@ -183,7 +201,9 @@ def command(
     slopes: str = typer.Option("-6:6:2", help="Planes of the focal stack as slopes (about virtual depths)."),
     depths: str = typer.Option("", help="The same as depths in µm or mm; needs --camera."),
     samples: int = typer.Option(4, help="Samples per lenslet of the focal stack."),
-    out: Path | None = typer.Option(None, "-o", "--out", help="Folder for camera.json and pictures."),
+    out: Path | None = typer.Option(
+        None, "-o", "--out", help="Folder for lattice.json, residuals, camera.json and pictures."
+    ),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -225,7 +245,7 @@ def _measure(white: _White, kind: str, pitch: float, types: bool) -> _Found:
 
 
 def _write(found: _Found, frame: Path | None, slopes: tuple[float, ...], samples: int, out: Path | None) -> list[Path]:
-    """Write the measured camera and the views of ``frame`` into ``out``; return the files."""
+    """Write the lattice, the measured camera and the views of ``frame`` into ``out``; return the files."""
     from lfcal.frames import read_image
     from lfcal.lattice.views import extract_views
 
@@ -235,5 +255,7 @@ def _write(found: _Found, frame: Path | None, slopes: tuple[float, ...], samples
     views = None
     if frame is not None:
         views = extract_views(read_image(frame), found.fit, white=found.white.image, dark=found.white.dark)
-    written = [] if found.camera is None else [_save_camera(found.camera, out)]
-    return written if views is None else written + _save_views(views, slopes, samples, out)
+    # the views first: what they refuse leaves nothing behind
+    pictures = [] if views is None else _save_views(views, slopes, samples, out)
+    camera = [] if found.camera is None else [_save_camera(found.camera, out)]
+    return save_lattice(found.fit, out) + camera + pictures

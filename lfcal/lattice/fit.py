@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
+from lfcal.lattice.doubts import check_white, evenness
 from lfcal.lattice.forms import Frame, fit_form
 from lfcal.lattice.growth import followed, start_reach
 from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit
@@ -61,7 +62,7 @@ def fit_lattice(
     Raises
     ------
     InputError
-        If the frame is blank, textured, or shows no such lattice; with the reason.
+        If the frame is blank, textured, shows no such lattice, or shows a specimen; with the reason.
     """
     image = prepare(white, dark)
     if kind is not None:
@@ -109,6 +110,8 @@ def _described(shape: tuple[int, int], lenslets: PlacedLenslets, chosen: Selecti
     errors = LatticeErrors.of(fitted, chosen.covariance, frame)
     x, y = model.places(np.zeros((1, 2), np.intp))[0]
     measured = np.where(lenslets.dead[:, None], np.nan, lenslets.places)
+    rms = _believable(fitted.residual, model.pitch)
+    even = evenness(lenslets.index, light, ~lenslets.dead, model.places(lenslets.index)[:, ::-1])
     return LatticeFit(
         kind=model.kind,
         shape=shape,
@@ -118,7 +121,7 @@ def _described(shape: tuple[int, int], lenslets: PlacedLenslets, chosen: Selecti
         origin_px=(float(y), float(x)),
         pitch_error_px=errors.pitch_px,
         shear_rad=math.atan(model.shear),
-        residual_rms_px=_believable(fitted.residual, model.pitch),
+        residual_rms_px=rms,
         index=lenslets.index,
         measured_px=measured[:, ::-1].copy(),
         light=light,
@@ -128,6 +131,7 @@ def _described(shape: tuple[int, int], lenslets: PlacedLenslets, chosen: Selecti
         form=fitted.form.name,
         reason=chosen.reason,
         places_px=best_places(lenslets.index, model.places(lenslets.index), measured)[:, ::-1].copy(),
+        notes=check_white(even, rms, lenslets.noise, model.pitch),
     )
 
 

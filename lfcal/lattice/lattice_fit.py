@@ -108,6 +108,8 @@ class LatticeFit:
     places_px
         ``(n, 2)``: best estimate of every centre (row, column), dead ones too: the lattice, and what the neighbours
         depart from it together.
+    notes
+        What makes the frame doubtful as a white image, one line each.
     """
 
     kind: str
@@ -128,6 +130,7 @@ class LatticeFit:
     form: str = "affine"
     reason: str = ""
     places_px: Array | None = field(default=None, repr=False)
+    notes: tuple[str, ...] = ()
 
     def basis_px(self) -> Array:
         """Return the straight lattice's vectors as rows (x, y): along a row, and to the next row (pixels)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,13 +29,21 @@ DEAD_LIGHT = 0.5
 DARK_FIELD = 0.05
 """Lenslets with less than this share of the brightest tenth lie outside the lit field."""
 
+EVENED_FROM = 0.1
+"""Share of the brightest tenth's light from which the fall of light is evened out."""
+
 MAX_SHIFT = 0.35
 """Farthest place accepted, in pitches from the lattice point."""
 
 MIN_EXPLAINED = 0.08
 """Share of a typical lenslet's variance that the mean micro-image must explain."""
 
+MIN_SHARE_EXPLAINED = 0.2
+"""The same of a single lenslet, relative to the typical one: with less it cannot be placed."""
+
 MAX_DEAD = 0.4
+MIN_LIT = 0.4
+"""Share of the frame that must be lit: less is the image of a point or of a stop, not of the array."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -47,11 +56,14 @@ class PlacedLenslets:
         ``(n, 2)``: lattice indices (q, r), and measured places (x, y) (pixels).
     dead
         ``(n,)``: too little light or contrast, or not to be placed.
+    noise
+        Rms of what the mean micro-image does not explain of a lenslet, over its contrast; of the median one.
     """
 
     index: NDArray[np.intp]
     places: Array
     dead: NDArray[np.bool_]
+    noise: float
 
 
 def prepare(white: ArrayLike, dark: ArrayLike | float) -> NDArray[np.float32]:
@@ -129,7 +141,9 @@ def evened(image: NDArray[np.float32], model: LatticeModel, workers: int | None)
     # a quartic through few lenslets would follow each of them
     degree = 4 if alive.sum() > 150 else 1
     surface = fit_field(points, light[alive], (image.shape[0], image.shape[1]), degree).frame()
-    return (image / np.maximum(surface, DARK_FIELD * float(surface.max()))).astype(np.float32)
+    top = float(np.percentile(light[alive], 90))
+    # beyond the lit field the surface is anything: there the image stays as dark as it is
+    return (image / np.where(surface < EVENED_FROM * top, top, surface)).astype(np.float32)
 
 
 def place_all(
@@ -148,13 +162,20 @@ def place_all(
     # dirt may leave light but no contrast
     dead |= _dim(index, np.where(np.isfinite(placed.gains), placed.gains, 0.0))
     explained = float(np.median(placed.explained[~dead])) if not dead.all() else 0.0
-    if dead.mean() > MAX_DEAD or explained < MIN_EXPLAINED:
-        got = f"{100 * (1 - dead.mean()):.0f} % of the places filled, {100 * explained:.0f} % alike"
-        raise InputError.expected(
-            "white image",
-            f"micro-images on at least {100 * (1 - MAX_DEAD):.0f} % of the "
-            f"lattice's places, {100 * MIN_EXPLAINED:.0f} % alike",
-            got,
-            "take an evenly lit image of the lenslets",
+    # in the dark beyond the lit field there is noise, and places in it
+    dead |= placed.explained < MIN_SHARE_EXPLAINED * explained
+    lit = neighbour_median(index, light) >= DARK_FIELD * np.percentile(light, 90)
+    gone = float(dead[lit].mean()) if lit.any() else 1.0
+    if lit.mean() < MIN_LIT or gone > MAX_DEAD or explained < MIN_EXPLAINED:
+        got = (
+            f"{100 * lit.mean():.0f} % of the places lit, {100 * (1 - gone):.0f} % of these filled, "
+            f"{100 * explained:.0f} % alike"
         )
-    return PlacedLenslets(index, centres + placed.shifts, dead)
+        wanted = (
+            f"{100 * MIN_LIT:.0f} % of the lattice's places lit, micro-images on {100 * (1 - MAX_DEAD):.0f} % "
+            "of these, "
+            f"{100 * MIN_EXPLAINED:.0f} % alike"
+        )
+        raise InputError.expected("white image", wanted, got, "take an evenly lit image of the lenslets")
+    noise = math.sqrt(max(1 - explained, 0.0) / explained)
+    return PlacedLenslets(index, centres + placed.shifts, dead, noise)

@@ -58,7 +58,8 @@ def iter_inspect(
     """
     start = time.perf_counter()
     H = _straight(matrix)
-    waves = wave_vectors(H.camera, H.period)
+    # of a distorted lattice the scanned cell shows what it is there
+    waves = wave_vectors(None if H.camera is None else H.camera.local(H.anchor), H.period)
     clock = Clock("inspecting planes", PASSES * len(H))
     planes: list[PlaneMeasures] = []
     readings: dict[str, list[Reading]] = {spec.key: [] for spec in METRICS}
