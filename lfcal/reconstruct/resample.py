@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.camera import LatticeDistortion
 from lfcal.errors import InputError
 from lfcal.threads import for_each_chunk
 
@@ -36,7 +35,7 @@ class Resampling:
     centre
         Where ``origin`` lies in the result.
     distortion
-        Displacement of the lattice in the frame (pixels, points (column, row)), which the result is freed from;
+        `LatticeDistortion` of the lattice in the frame or None (pixels, points (column, row)), which the result is freed from;
         ``origin`` is then that of the straight lattice.
     """
 
@@ -46,7 +45,7 @@ class Resampling:
     period: tuple[int, int]
     shape: tuple[int, int]
     centre: Pair
-    distortion: LatticeDistortion | None = None
+    distortion: Any = None
 
     def __post_init__(self) -> None:
         """Check that the map exists."""
