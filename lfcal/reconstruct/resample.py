@@ -35,8 +35,8 @@ class Resampling:
     centre
         Where ``origin`` lies in the result.
     distortion
-        `LatticeDistortion` of the lattice in the frame or None (pixels, points (column, row)), which the result is freed from;
-        ``origin`` is then that of the straight lattice.
+        `LatticeDistortion` of the lattice in the frame (pixels, points (column, row)), which the result is freed from,
+        or None; ``origin`` is then that of the straight lattice.
     """
 
     origin: Pair
