@@ -21,7 +21,7 @@
 
 from lfcal.camera.derived import Derived, derived_of
 from lfcal.camera.description import Camera
-from lfcal.camera.distortion import BrownDistortion
+from lfcal.camera.distortion import BrownDistortion, LatticeDistortion
 from lfcal.camera.doubts import doubts
 from lfcal.camera.draft import Draft
 from lfcal.camera.forecast import Forecast
@@ -48,6 +48,7 @@ __all__ = [
     "Draft",
     "Forecast",
     "Imported",
+    "LatticeDistortion",
     "LensType",
     "LensletLattice",
     "MainLens",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from types import UnionType
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -27,7 +27,11 @@ FORMAT = "lfcal-camera"
 VERSION = 2
 
 ADDED: dict[int, dict[str, dict[str, Any]]] = {
-    2: {"": {"marks": {}}, "sensor": {"saturation": None, "dsnu_e": None, "linearity": None}}
+    2: {
+        "": {"marks": {}},
+        "lattice": {"shear_rad": 0.0, "distortion": None},
+        "sensor": {"saturation": None, "dsnu_e": None, "linearity": None},
+    }
 }
 """Version to what came with it: part of the camera ("" for the camera itself) to entries and their earlier values."""
 
@@ -112,6 +116,11 @@ class Camera:
         offset = np.asarray(pixels, float) - np.array(self.sensor.centre_px)
         flipped: NDArray[np.float64] = offset[..., ::-1]
         return flipped * self.sensor.pixel_um
+
+    def local(self, place: ArrayLike) -> Camera:
+        """Return the camera with the straight lattice that it has about pixel (row, column): no distortion left."""
+        x, y = self.sensor_um(place)
+        return replace(self, lattice=self.lattice.local((float(x), float(y))))
 
     # -- depth -----------------------------------------------------------------------------------------
     def step_um(self, z_um: float = 0.0) -> float:

@@ -1,12 +1,31 @@
-"""Lens distortion as a maker states it."""
+"""How the lattice of micro-images departs from straight rows, and lens distortion as a maker states it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import hypot, isqrt
 
-from lfcal.checks import check_tuple
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["BrownDistortion"]
+from lfcal.checks import check_choice, check_number, check_tuple, check_type
+from lfcal.errors import InputError
+
+__all__ = ["MODELS", "BrownDistortion", "LatticeDistortion", "polynomial_powers"]
+
+Array = NDArray[np.float64]
+MODELS = ("polynomial", "radial")
+
+REACH = 1.25
+"""Distance from the centre, in length scales, beyond which the displacement runs on straight."""
+
+MAX_DEGREE = 7
+STEP = 1e-3
+"""Step of the differences that give derivatives, in length scales: exact to 1e-6 of the derivative."""
+
+INVERSE_ROUNDS = 60
+INVERSE_TOLERANCE = 1e-12
+"""Largest last step of the inverse, in length scales."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,3 +51,156 @@ class BrownDistortion:
         values = check_tuple("distortion coefficients", self.coefficients)
         object.__setattr__(self, "coefficients", values)
         object.__setattr__(self, "centre_px", check_tuple("distortion centre (x, y) (px)", self.centre_px, 2))
+
+
+def polynomial_powers(degree: int) -> list[tuple[int, int]]:
+    """Return the powers (i, j) of u^i v^j from order 2 to ``degree``: u², uv, v², then u³, u²v and so on."""
+    return [(order - j, j) for order in range(2, degree + 1) for j in range(order + 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class LatticeDistortion:
+    """Smooth displacement of the micro-images from an ideal lattice.
+
+    With u = (x - centre) / scale of a point of the ideal lattice, it is seen displaced by
+
+    - ``"polynomial"``: sum over orders 2 … n of terms[0][k] u_x^i u_y^j along x, and of terms[1][k] along y, in the
+      order of `polynomial_powers`;
+    - ``"radial"``: (k1 |u|² + k2 |u|⁴ + …) u with terms[0] = (k1, k2, …), after Brown (1966).
+
+    Constant and linear displacements belong to the lattice. All lengths are in the unit of the lattice: µm from the
+    sensor's centre in a `LensletLattice`, pixels (column, row) in a `lfcal.lattice.LatticeFit`. Beyond `REACH`
+    scales from the centre the displacement runs on straight, so that no far lenslet is folded back.
+
+    Attributes
+    ----------
+    model
+        ``"polynomial"`` or ``"radial"``.
+    centre
+        Point (x, y) of the ideal lattice about which the terms count.
+    scale
+        Length at which a term displaces by its coefficient.
+    terms
+        Coefficients (displacements at one scale): two tuples, along x and along y, or one, radial.
+    """
+
+    model: str
+    centre: tuple[float, float]
+    scale: float
+    terms: tuple[tuple[float, ...], ...]
+
+    def __post_init__(self) -> None:
+        """Check every value, and that no two points are seen at one place."""
+        check_choice("model of the lattice's distortion", self.model, MODELS)
+        object.__setattr__(self, "centre", check_tuple("centre of the distortion (x, y)", self.centre, 2))
+        check_number("length scale of the distortion", self.scale, above=0)
+        check_type("terms of the distortion", self.terms, (tuple, list))
+        object.__setattr__(self, "terms", tuple(check_tuple("terms of the distortion", t) for t in self.terms))
+        self._check_counts()
+        grid = np.linspace(-REACH, REACH, 15) * self.scale
+        points = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+        inside = points[np.hypot(*points.T) <= REACH * self.scale] + np.array(self.centre)
+        least = float(np.linalg.det(self.jacobian(inside)).min())
+        if not least > 0.1:
+            raise InputError.expected(
+                "distortion of the lattice",
+                "one that keeps neighbouring lenslets apart",
+                f"an area shrunk to {least:.2g}",
+                "correct its terms or its scale",
+            )
+
+    def _check_counts(self) -> None:
+        counts = [len(t) for t in self.terms]
+        if self.model == "radial":
+            if len(counts) != 1 or not 1 <= counts[0] <= 4:
+                raise InputError.expected("terms of a radial distortion", "one list of 1 to 4", counts, "correct them")
+            return
+        right = [len(polynomial_powers(n)) for n in range(2, MAX_DEGREE + 1)]
+        if len(counts) != 2 or counts[0] != counts[1] or counts[0] not in right:
+            wanted = f"two lists of {', '.join(map(str, right))}"
+            raise InputError.expected("terms of a polynomial distortion", wanted, counts, "correct them")
+
+    @property
+    def degree(self) -> int:
+        """Highest order of the displacement."""
+        if self.model == "radial":
+            return 2 * len(self.terms[0]) + 1
+        # orders 2 … n hold (n + 1)(n + 2)/2 - 3 terms
+        return (isqrt(8 * (len(self.terms[0]) + 3) + 1) - 3) // 2
+
+    def _inner(self, u: Array) -> Array:
+        if self.model == "radial":
+            square = (u**2).sum(-1, keepdims=True)
+            gain = np.zeros_like(square)
+            for k in reversed(self.terms[0]):
+                gain = (gain + k) * square
+            result: Array = gain * u
+            return result
+        powers = [np.stack([u[..., axis] ** n for n in range(self.degree + 1)]) for axis in (0, 1)]
+        found = np.zeros_like(u)
+        for k, (i, j) in enumerate(polynomial_powers(self.degree)):
+            product = powers[0][i] * powers[1][j]
+            found[..., 0] += self.terms[0][k] * product
+            found[..., 1] += self.terms[1][k] * product
+        return found
+
+    def displacement(self, points: ArrayLike) -> Array:
+        """Return by how much points ``(..., 2)`` (x, y) of the ideal lattice are displaced."""
+        u = (np.asarray(points, float) - np.array(self.centre)) / self.scale
+        radius = np.hypot(u[..., 0], u[..., 1])
+        far = radius > REACH
+        if not far.any():
+            return self._inner(u)
+        outward = u[far] / radius[far][:, None]
+        result = self._inner(np.where(far[..., None], 0.0, u))
+        slope = (self._inner((REACH + STEP) * outward) - self._inner((REACH - STEP) * outward)) / (2 * STEP)
+        result[far] = self._inner(REACH * outward) + (radius[far] - REACH)[:, None] * slope
+        return result
+
+    def apply(self, points: ArrayLike) -> Array:
+        """Return where points ``(..., 2)`` (x, y) of the ideal lattice are seen."""
+        seen: Array = np.asarray(points, float) + self.displacement(points)
+        return seen
+
+    def invert(self, seen: ArrayLike) -> Array:
+        """Return the points ``(..., 2)`` of the ideal lattice that are seen at ``seen``: inverse of `apply` (Newton).
+
+        Raises
+        ------
+        InputError
+            If a point is not finite, or so far out that nothing is seen there.
+        """
+        target = np.asarray(seen, float)
+        points = target.copy()
+        if not points.size:
+            return points
+        # the derivative changes little from point to point: that of the first round serves all
+        inverse = np.linalg.inv(self.jacobian(points))
+        for _ in range(INVERSE_ROUNDS):
+            step = np.einsum("...ij,...j->...i", inverse, target - self.apply(points))
+            points += step
+            if np.abs(step).max() <= INVERSE_TOLERANCE * (self.scale + float(np.abs(points).max())):
+                return points
+        raise InputError("distortion of the lattice: cannot be inverted so far out; use points near the sensor")
+
+    def jacobian(self, points: ArrayLike) -> Array:
+        """Return the derivative of `apply` ``(..., 2, 2)``: rows what is displaced, columns along what (x, y)."""
+        at, step = np.asarray(points, float), STEP * self.scale
+        columns = [(self.displacement(at + e) - self.displacement(at - e)) / (2 * step) for e in step * np.eye(2)]
+        jacobian: Array = np.stack(columns, axis=-1) + np.eye(2)
+        return jacobian
+
+    @property
+    def largest(self) -> float:
+        """Largest displacement within one scale of the centre."""
+        angle = np.linspace(0, 2 * np.pi, 73)[:-1]
+        ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        points = (np.linspace(0, 1, 11)[:, None, None] * ring * self.scale).reshape(-1, 2) + np.array(self.centre)
+        return max(hypot(x, y) for x, y in self.displacement(points))
+
+    def scaled(self, factor: float, shift: tuple[float, float] = (0.0, 0.0)) -> LatticeDistortion:
+        """Return the same distortion of the points ``factor * (x, y) + shift``: another unit, another origin."""
+        check_number("factor of the distortion", factor, above=0)
+        x, y = (factor * c + s for c, s in zip(self.centre, shift, strict=True))
+        terms = tuple(tuple(factor * t for t in line) for line in self.terms)
+        return replace(self, centre=(x, y), scale=factor * self.scale, terms=terms)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.camera.distortion import LatticeDistortion
 from lfcal.checks import check_choice, check_number, check_tuple, check_type
 from lfcal.errors import InputError
 
@@ -88,6 +89,13 @@ class LensletLattice:
     type_step
         Type of the lenslet that follows a type-0 lenslet in its row (+q): 1, or 2 where the types run the
         other way. Makers number types as they please; with this the rotation stays small.
+    shear_rad
+        By how much the angle from a row to the next departs from the ideal one: rows are shifted along
+        themselves by ``tan(shear)`` of their distance, more than the kind of lattice says (rad).
+    distortion
+        How the lattice as seen departs from straight rows (µm from the sensor's centre); None: it does not.
+        `centres_um`, `lenslet_at` and `lenslets_within` include it; pitch, period and `basis_um` are those of the
+        straight lattice, `local` those at a place.
     """
 
     kind: str = "hexagonal"
@@ -99,6 +107,8 @@ class LensletLattice:
     clear_um: float | None = None
     row_pitch_um: float | None = None
     type_step: int = 1
+    shear_rad: float = 0.0
+    distortion: LatticeDistortion | None = None
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -119,6 +129,9 @@ class LensletLattice:
         if self.row_pitch_um is not None:
             check_number("row pitch (µm)", self.row_pitch_um, above=0)
         check_number("step of lens types along a row", self.type_step, at_least=1, at_most=2, integer=True)
+        check_number("shear of the lattice (rad)", self.shear_rad, above=-0.2, below=0.2)
+        if self.distortion is not None:
+            check_type("distortion of the lattice", self.distortion, LatticeDistortion)
 
     @property
     def row_step_um(self) -> float:
@@ -156,9 +169,10 @@ class LensletLattice:
         return self.rotation_rad - self.quarter_turns * math.pi / 2
 
     def basis_um(self) -> NDArray[np.float64]:
-        """Return the lattice vectors as rows ``[[ax, ay], [bx, by]]``: along a row, and to the next row (µm)."""
+        """Return the straight lattice's vectors as rows ``[[ax, ay], [bx, by]]``: along a row, to the next row (µm)."""
         a = np.array([self.pitch_um, 0.0])
-        b = np.array([self.pitch_um / 2 if self.kind == "hexagonal" else 0.0, self.row_step_um])
+        lean = self.pitch_um / 2 if self.kind == "hexagonal" else 0.0
+        b = np.array([lean + self.row_step_um * math.tan(self.shear_rad), self.row_step_um])
         c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
         # image y points down, so this turns from +x towards +y: clockwise on the screen
         turn = np.array([[c, s], [-s, c]])
@@ -168,7 +182,59 @@ class LensletLattice:
         """Return centres ``(..., 2)`` as (x, y) from the sensor's centre for lattice indices q (in row), r (row)."""
         index = np.stack(np.broadcast_arrays(np.asarray(q, float), np.asarray(r, float)), axis=-1)
         centres: NDArray[np.float64] = index @ self.basis_um() + np.array(self.offset_um)
-        return centres
+        return centres if self.distortion is None else self.distortion.apply(centres)
+
+    def lenslet_at(self, xy_um: ArrayLike) -> NDArray[np.float64]:
+        """Return fractional lattice indices ``(..., 2)`` as (q, r) of points (x, y) (µm): inverse of `centres_um`."""
+        points = np.asarray(xy_um, float)
+        straight = points if self.distortion is None else self.distortion.invert(points)
+        index: NDArray[np.float64] = (straight - np.array(self.offset_um)) @ np.linalg.inv(self.basis_um())
+        return index
+
+    def local(self, about_um: tuple[float, float]) -> LensletLattice:
+        """Return the straight lattice that this one is about a point (x, y) of the sensor (µm).
+
+        Its pitch, row pitch, rotation and shear are those at the lenslet of type 0 nearest to the point, which sits
+        at its offset: what a period, wave vectors or a rotation need where the lattice is distorted.
+        """
+        if self.distortion is None:
+            return self
+        near = np.rint(self.lenslet_at(about_um)).astype(np.intp)
+        # a lenslet of type 0 is never farther than one step away
+        steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]) + near
+        zero = steps[self.type_of(steps[:, 0], steps[:, 1]) == 0]
+        distance = np.hypot(*(self.centres_um(zero[:, 0], zero[:, 1]) - np.array(about_um)).T)
+        index = zero[int(np.argmin(distance))]
+        straight = index @ self.basis_um() + np.array(self.offset_um)
+        a, b = self.basis_um() @ self.distortion.jacobian(straight).T
+        pitch = float(np.hypot(*a))
+        x, y = self.distortion.apply(straight)
+        row = float(a[0] * b[1] - a[1] * b[0]) / pitch
+        lean = float(a @ b) / pitch - (pitch / 2 if self.kind == "hexagonal" else 0.0)
+        turn = math.atan2(a[1], a[0])
+        return replace(
+            self,
+            pitch_um=pitch,
+            row_pitch_um=row,
+            # not folded into half a turn: the stated rotation may lie beyond
+            rotation_rad=self.rotation_rad + math.remainder(turn - self.rotation_rad, 2 * math.pi),
+            shear_rad=math.atan(lean / row),
+            offset_um=(float(x), float(y)),
+            clear_um=None if self.clear_um is None else min(self.clear_um, 1.5 * pitch),
+            distortion=None,
+        )
+
+    def scaled(self, factor: float) -> LensletLattice:
+        """Return the lattice ``factor`` times as large about the sensor's centre; gap and types stay."""
+        x, y = self.offset_um
+        return replace(
+            self,
+            pitch_um=factor * self.pitch_um,
+            row_pitch_um=None if self.row_pitch_um is None else factor * self.row_pitch_um,
+            offset_um=(factor * x, factor * y),
+            clear_um=None if self.clear_um is None else factor * self.clear_um,
+            distortion=None if self.distortion is None else self.distortion.scaled(factor),
+        )
 
     def type_of(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.intp]:
         """Return the type of the lenslets q, r: ``type_step (q - r) mod 3`` for three types, so neighbours differ."""
@@ -179,11 +245,11 @@ class LensletLattice:
         self, half_width_um: float, half_height_um: float, about_um: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         """Return centres ``(n, 2)`` as (x, y) and types ``(n,)`` inside a box about ``about_um`` (µm)."""
-        basis = self.basis_um()
-        # the box's corners in lattice indices, with one cell to spare: a tilted lattice's index range is larger than
-        # the box
-        corners = np.array([(sx * half_width_um, sy * half_height_um) for sx in (-1, 1) for sy in (-1, 1)])
-        index = (corners + np.array(about_um) - np.array(self.offset_um)) @ np.linalg.inv(basis)
+        # the box's outline in lattice indices, with a cell to spare: a turned lattice's index range is larger than the
+        # box, and a distorted one's is not the largest at the corners
+        side = np.linspace(-1, 1, 9)
+        outline = [(a, b) for a in side for b in (-1, 1)] + [(a, b) for a in (-1, 1) for b in side]
+        index = self.lenslet_at(np.array(outline) * (half_width_um, half_height_um) + np.array(about_um))
         lo, hi = np.floor(index.min(0)).astype(int) - 1, np.ceil(index.max(0)).astype(int) + 1
         q, r = np.meshgrid(np.arange(lo[0], hi[0] + 1), np.arange(lo[1], hi[1] + 1))
         centres = self.centres_um(q.ravel(), r.ravel())

@@ -14,12 +14,14 @@ from lfcal.cli.console import print_json, print_table
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera
+from lfcal.cli.white_files import LATTICE, RESIDUAL_MAP, RESIDUALS, lattice_dict, save_lattice
 from lfcal.files import replace_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfcal.lattice.fit import LatticeFit
+    from lfcal.lattice.lattice_fit import LatticeErrors
     from lfcal.lattice.lens_types import LensTypes
     from lfcal.lattice.vignetting import Vignetting
 
@@ -50,13 +52,20 @@ class _Found:
 
 def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[list[str]]:
     row, column = fit.origin_px
+    errors = fit.errors
+    assert errors is not None  # a fit of a white image states them
     rows = [
         ["lattice", fit.kind],
+        ["model", fit.reason],
         ["pitch along a row", f"{fit.pitch_px:.4f} ± {fit.pitch_error_px:.4f} px"],
-        ["distance of rows", f"{fit.row_pitch_px:.4f} px"],
-        ["rotation", f"{math.degrees(fit.rotation_rad):+.4f}°"],
-        ["departure from the ideal angle", f"{math.degrees(fit.shear_rad):+.4f}°"],
+        ["distance of rows", f"{fit.row_pitch_px:.4f} ± {errors.row_pitch_px:.4f} px"],
+        ["rotation", f"{math.degrees(fit.rotation_rad):+.4f} ± {math.degrees(errors.rotation_rad):.4f}°"],
+        [
+            "departure from the ideal angle",
+            f"{math.degrees(fit.shear_rad):+.4f} ± {math.degrees(errors.shear_rad):.4f}°",
+        ],
         ["centre of the middle lenslet", f"row {row:.3f}, column {column:.3f}"],
+        *_distortion_rows(fit, errors),
         ["distance of micro-images from it", f"{fit.residual_rms_px:.3f} px rms per axis"],
         ["lenslets", f"{len(fit.index)}, {int(fit.dead.sum())} of them dead"],
         ["light at the dimmest place", f"{100 * fall.falloff:.1f} % of the brightest"],
@@ -67,25 +76,34 @@ def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[li
             ["lens types", f"type 0 where (q - r) mod 3 = {types.phase}, type {types.type_step} to the right of it"],
             ["  confidence", f"{types.sigmas:.0f} standard errors, {100 * types.agreement:.0f} % of places agree"],
         ]
+    return rows + [["doubtful", note] for note in fit.notes]
+
+
+def _distortion_rows(fit: LatticeFit, errors: LatticeErrors) -> list[list[str]]:
+    """Return the distortion's numbers with their errors: displacements at the length scale from its centre."""
+    from lfcal.camera.distortion import polynomial_powers
+
+    bend = fit.distortion
+    if bend is None:
+        return []
+    x, y = bend.centre
+    dx, dy = errors.centre
+    names = [f"k{n + 1}" for n in range(len(bend.terms[0]))]
+    if bend.model == "polynomial":
+        names = [f"u^{i} v^{j}" for i, j in polynomial_powers(bend.degree)]
+    rows = [["distortion", f"up to {bend.largest:.2f} px within {bend.scale:.0f} px of its centre"]]
+    if bend.model == "radial":
+        rows.append(["  centre", f"row {y:.1f} ± {dy:.1f}, column {x:.1f} ± {dx:.1f}"])
+    for axis, line, sigmas in zip(("to the right", "down"), bend.terms, errors.terms, strict=False):
+        name = "outwards" if bend.model == "radial" else axis
+        shown = "; ".join(f"{n} {t:+.3f} ± {e:.3f}" for n, t, e in zip(names, line, sigmas, strict=True))
+        rows.append([f"  {name} (px)", shown])
     return rows
 
 
 def _as_json(fit: LatticeFit, fall: Vignetting, types: LensTypes | None, camera: Camera | None) -> dict[str, Any]:
-    names = (
-        "kind",
-        "shape",
-        "pitch_px",
-        "row_pitch_px",
-        "rotation_rad",
-        "origin_px",
-        "pitch_error_px",
-        "shear_rad",
-        "residual_rms_px",
-    )
     return {
-        **{name: getattr(fit, name) for name in names},
-        "lenslets": len(fit.index),
-        "dead": fit.dead_lenslets,
+        **lattice_dict(fit),
         "falloff": fall.falloff,
         "scatter": fall.scatter,
         "lens_types": types,
@@ -126,7 +144,7 @@ def command(
     kind: str = typer.Option("", help="square or hexagonal; by default detected, or the camera's."),
     pitch: float = typer.Option(0.0, help="Nominal pitch (px), right within 10 %; by default detected."),
     types: bool = typer.Option(True, help="Find the three lens types, where the camera has them."),
-    out: Path | None = typer.Option(None, "-o", "--out", help="Folder for camera.json."),
+    out: Path | None = typer.Option(None, "-o", "--out", help="Folder for lattice.json, residuals and camera.json."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -138,11 +156,14 @@ def command(
     from lfcal.frames import read_image
 
     described = load_camera(camera) if camera else None
-    if out is not None and described is not None:
-        check_outputs([out / CAMERA], image, dark, camera, force=force)
+    if out is not None:
+        names = [LATTICE, RESIDUALS, RESIDUAL_MAP, *([] if described is None else [CAMERA])]
+        check_outputs([out / name for name in names], image, dark, camera, force=force)
     level = read_image(dark) if dark is not None else 0.0
     found = _measure(_White(read_image(image), level, described), kind, pitch, types)
-    written = [] if out is None or found.camera is None else [_save_camera(found.camera, out)]
+    written = [] if out is None else save_lattice(found.fit, out)
+    if out is not None and found.camera is not None:
+        written.append(_save_camera(found.camera, out))
     if json:
         print_json({**_as_json(found.fit, found.fall, found.types, found.camera), "written": written})
         return

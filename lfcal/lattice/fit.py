@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.camera import Camera, LensletLattice
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
-from lfcal.lattice.model import LatticeModel, fit_model, free_shear
-from lfcal.lattice.rounds import centred, evened, mean_light, place_all, prepare
+from lfcal.lattice.doubts import check_white, evenness
+from lfcal.lattice.forms import Frame, fit_form
+from lfcal.lattice.growth import followed, start_reach
+from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit
+from lfcal.lattice.local_means import best_places
+from lfcal.lattice.model import LatticeModel
+from lfcal.lattice.rounds import PlacedLenslets, centred, evened, mean_light, place_all, prepare
+from lfcal.lattice.selection import Selection, flexible_form, select_form, thinned
 from lfcal.lattice.spectrum import MIN_LENSLETS, MIN_PITCH, guess_lattice
 
 __all__ = ["LatticeFit", "fit_lattice"]
@@ -24,127 +28,7 @@ MAX_RESIDUAL = 0.08
 
 ROUNDS = 4
 SETTLED_PX = 2e-3
-"""The lattice is settled when no lenslet moves farther from one round to the next."""
-
-
-@dataclass(frozen=True, eq=False)
-class LatticeFit:
-    """A lattice of micro-images and how well it fits.
-
-    Image coordinates count rows downwards from the centre of the first pixel.
-
-    Attributes
-    ----------
-    kind
-        ``"square"`` or ``"hexagonal"``.
-    shape
-        Rows and columns of the frame.
-    pitch_px, row_pitch_px
-        Distance of neighbours along a row, and of neighbouring rows (pixels).
-    rotation_rad
-        Angle from the +x (column) axis to a row, positive towards +y (down) (rad).
-    origin_px
-        Centre ``(row, column)`` of the lenslet q = r = 0, the one nearest the frame's centre.
-    pitch_error_px
-        Standard error of the pitch (pixels).
-    shear_rad
-        By how much rows and columns depart from the ideal angle, fitted freely (rad).
-    residual_rms_px
-        Distance of the placed micro-images from the lattice, rms along one axis (pixels).
-    index
-        ``(n, 2)``: q along a row and r across, of every lenslet wholly in the frame.
-    measured_px
-        ``(n, 2)``: placed centres (row, column); NaN for dead ones.
-    light
-        ``(n,)``: mean sample value within half a pitch.
-    dead
-        ``(n,)``: lenslets that give too little light or cannot be placed.
-    """
-
-    kind: str
-    shape: tuple[int, int]
-    pitch_px: float
-    row_pitch_px: float
-    rotation_rad: float
-    origin_px: tuple[float, float]
-    pitch_error_px: float
-    shear_rad: float
-    residual_rms_px: float
-    index: NDArray[np.intp] = field(repr=False)
-    measured_px: Array = field(repr=False)
-    light: Array = field(repr=False)
-    dead: NDArray[np.bool_] = field(repr=False)
-
-    def basis_px(self) -> Array:
-        """Return the lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
-        return self._model().basis()
-
-    def _model(self) -> LatticeModel:
-        along = self.pitch_px * np.array([math.cos(self.rotation_rad), math.sin(self.rotation_rad)])
-        return LatticeModel(self.kind, np.array(self.origin_px[::-1]), along, self.row_pitch_px / self.pitch_px)
-
-    def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return the lattice's centres ``(..., 2)`` as (row, column) of lenslets q, r."""
-        index = np.stack(np.broadcast_arrays(np.asarray(q, float), np.asarray(r, float)), axis=-1)
-        centres: Array = (index @ self.basis_px())[..., ::-1] + np.array(self.origin_px)
-        return centres
-
-    def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return fractional lattice indices ``(..., 2)`` as (q, r) of image points."""
-        points = np.stack(np.broadcast_arrays(np.asarray(column, float), np.asarray(row, float)), axis=-1)
-        index: Array = (points - np.array(self.origin_px)[::-1]) @ np.linalg.inv(self.basis_px())
-        return index
-
-    @property
-    def dead_lenslets(self) -> list[tuple[int, int]]:
-        """Lattice indices (q, r) of the dead lenslets."""
-        return [(int(q), int(r)) for q, r in self.index[self.dead]]
-
-    def to_lattice(
-        self, camera: Camera, *, origin: tuple[int, int] | None = None, type_step: int | None = None
-    ) -> LensletLattice:
-        """Return ``camera``'s lattice with what was measured: pitch, row pitch, rotation and offset.
-
-        Parameters
-        ----------
-        camera
-            The camera that took the frame; lens types and gap are kept.
-        origin
-            Lenslet (q, r) at the lattice's offset, of type 0 where there are three types; by default the one
-            nearest to the offset stated so far.
-        type_step
-            Sense of the lens types along a row; by default as stated so far.
-
-        Raises
-        ------
-        InputError
-            If the kind of lattice or the frame's shape is not the camera's.
-        """
-        if camera.sensor.shape != self.shape:
-            raise InputError.expected(
-                "white image",
-                f"the camera's {camera.sensor.shape} pixels",
-                self.shape,
-                "choose the camera it was taken with",
-            )
-        stated = camera.lattice
-        if stated.kind != self.kind:
-            raise InputError.expected("lattice of the white image", stated.kind, self.kind, "correct the camera")
-        pixel = camera.sensor.pixel_um
-        if origin is None:
-            row, column = camera.pixels(stated.offset_um)
-            q, r = np.rint(self.lenslet_at(row, column)).astype(int)
-            origin = (int(q), int(r))
-        offset = camera.sensor_um(self.centres_px(*origin))
-        return replace(
-            stated,
-            pitch_um=self.pitch_px * pixel,
-            row_pitch_um=self.row_pitch_px * pixel,
-            rotation_rad=self.rotation_rad,
-            offset_um=(float(offset[0]), float(offset[1])),
-            clear_um=None if stated.clear_um is None else min(stated.clear_um, 1.5 * self.pitch_px * pixel),
-            type_step=stated.type_step if type_step is None else type_step,
-        )
+"""The lattice is settled when the lenslets move less than this from one round to the next (rms)."""
 
 
 def fit_lattice(
@@ -157,9 +41,10 @@ def fit_lattice(
 ) -> LatticeFit:
     """Fit the lattice of micro-images to a white image.
 
-    The spectrum gives a first lattice (`guess_lattice`); then, in turns, the mean micro-image is made, each
-    lenslet is placed by it to a fraction of a pixel (least squares, Lucas and Kanade 1981), and the lattice is
-    fitted to the places with outliers weighed down.
+    The spectrum gives a first lattice (`guess_lattice`), which is followed from the middle of the frame outwards
+    (`followed`). Then, in turns, the mean micro-image is made, each lenslet is placed by it to a fraction of a pixel
+    (least squares, Lucas and Kanade 1981), and a flexible lattice is fitted to the places with outliers weighed
+    down. At last the form is chosen that the places call for (`select_form`): straight, or with a distortion.
 
     Parameters
     ----------
@@ -177,7 +62,7 @@ def fit_lattice(
     Raises
     ------
     InputError
-        If the frame is blank, textured, or shows no such lattice; with the reason.
+        If the frame is blank, textured, shows no such lattice, or shows a specimen; with the reason.
     """
     image = prepare(white, dark)
     if kind is not None:
@@ -187,35 +72,66 @@ def fit_lattice(
     rough = guess_lattice(image, kind, pitch_px)
     model = LatticeModel.of(rough.kind, rough.basis, rough.centre)
     model = model.centred_on((np.array(image.shape[::-1]) - 1) / 2)
-    model = centred(image, model, workers)
-    flat = evened(image, model, workers)
+    frame = Frame.of(image.shape)
+    model = centred(image, model, workers, start_reach(model, frame))
+    model = followed(image, model, workers)
+    model, lenslets = _settled(evened(image, model, workers), model, frame, workers)
+    alive = ~lenslets.dead
+    chosen = select_form(model, lenslets.index[alive], lenslets.places[alive], frame)
+    # the light is that of the image as taken: evened out, it would show no vignetting
+    light = mean_light(image, chosen.fitted.model, lenslets.index, workers)
+    return _described((image.shape[0], image.shape[1]), lenslets, chosen, light)
+
+
+def _settled(
+    flat: NDArray[np.float32], model: LatticeModel, frame: Frame, workers: int | None
+) -> tuple[LatticeModel, PlacedLenslets]:
+    """Return the lenslets placed about a lattice that does not move any more."""
     # a better lattice makes a sharper mean micro-image, which places the lenslets better
     for _ in range(ROUNDS):
         lenslets = place_all(flat, model, workers)
-        alive = ~lenslets.dead
-        before = model.places(lenslets.index)
-        model, residual, error = fit_model(model, lenslets.index[alive], lenslets.places[alive])
-        if np.abs(model.places(lenslets.index) - before).max() < SETTLED_PX:
+        alive = np.flatnonzero(~lenslets.dead)
+        alive = alive[thinned(len(alive))]
+        before = model
+        form = flexible_form(len(alive))
+        fitted = fit_form(model, form, lenslets.index[alive], lenslets.places[alive], frame)
+        if fitted is None:
             break
-    shear = free_shear(model, lenslets.index[alive], lenslets.places[alive])
-    # the light is that of the image as taken: evened out, it would show no vignetting
-    light = mean_light(image, model, lenslets.index, workers)
-    rms = _believable(residual, model.pitch)
-    x, y = model.origin
+        model = fitted.model
+        moved = model.places(lenslets.index[alive]) - before.places(lenslets.index[alive])
+        if math.sqrt(float((moved**2).mean())) < SETTLED_PX:
+            break
+    return model, lenslets
+
+
+def _described(shape: tuple[int, int], lenslets: PlacedLenslets, chosen: Selection, light: Array) -> LatticeFit:
+    fitted = chosen.fitted
+    model, frame = fitted.model, Frame.of(shape)
+    errors = LatticeErrors.of(fitted, chosen.covariance, frame)
+    x, y = model.places(np.zeros((1, 2), np.intp))[0]
+    measured = np.where(lenslets.dead[:, None], np.nan, lenslets.places)
+    rms = _believable(fitted.residual, model.pitch)
+    even = evenness(lenslets.index, light, ~lenslets.dead, model.places(lenslets.index)[:, ::-1])
     return LatticeFit(
         kind=model.kind,
-        shape=(image.shape[0], image.shape[1]),
+        shape=shape,
         pitch_px=model.pitch,
         row_pitch_px=model.row_pitch,
         rotation_rad=model.rotation,
         origin_px=(float(y), float(x)),
-        pitch_error_px=error,
-        shear_rad=shear,
+        pitch_error_px=errors.pitch_px,
+        shear_rad=math.atan(model.shear),
         residual_rms_px=rms,
         index=lenslets.index,
-        measured_px=np.where(alive[:, None], lenslets.places, np.nan)[:, ::-1].copy(),
+        measured_px=measured[:, ::-1].copy(),
         light=light,
         dead=lenslets.dead,
+        distortion=model.distortion,
+        errors=errors,
+        form=fitted.form.name,
+        reason=chosen.reason,
+        places_px=best_places(lenslets.index, model.places(lenslets.index), measured)[:, ::-1].copy(),
+        notes=check_white(even, rms, lenslets.noise, model.pitch),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,13 +29,21 @@ DEAD_LIGHT = 0.5
 DARK_FIELD = 0.05
 """Lenslets with less than this share of the brightest tenth lie outside the lit field."""
 
+EVENED_FROM = 0.1
+"""Share of the brightest tenth's light from which the fall of light is evened out."""
+
 MAX_SHIFT = 0.35
 """Farthest place accepted, in pitches from the lattice point."""
 
 MIN_EXPLAINED = 0.08
 """Share of a typical lenslet's variance that the mean micro-image must explain."""
 
+MIN_SHARE_EXPLAINED = 0.2
+"""The same of a single lenslet, relative to the typical one: with less it cannot be placed."""
+
 MAX_DEAD = 0.4
+MIN_LIT = 0.4
+"""Share of the frame that must be lit: less is the image of a point or of a stop, not of the array."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -47,11 +56,14 @@ class PlacedLenslets:
         ``(n, 2)``: lattice indices (q, r), and measured places (x, y) (pixels).
     dead
         ``(n,)``: too little light or contrast, or not to be placed.
+    noise
+        Rms of what the mean micro-image does not explain of a lenslet, over its contrast; of the median one.
     """
 
     index: NDArray[np.intp]
     places: Array
     dead: NDArray[np.bool_]
+    noise: float
 
 
 def prepare(white: ArrayLike, dark: ArrayLike | float) -> NDArray[np.float32]:
@@ -86,20 +98,28 @@ def _dim(index: NDArray[np.intp], values: Array) -> NDArray[np.bool_]:
     return result
 
 
-def _lenslets_of(image: NDArray[np.float32], model: LatticeModel) -> NDArray[np.intp]:
+def _lenslets_of(image: NDArray[np.float32], model: LatticeModel, reach: float | None = None) -> NDArray[np.intp]:
+    """Return the whole lenslets of the frame, or those up to ``reach`` pixels from its middle."""
     index = model.within((image.shape[0], image.shape[1]), 0.5 * model.pitch)
     if len(index) < MIN_LENSLETS**2:
         raise InputError.expected(
             "white image", f"at least {MIN_LENSLETS**2} whole lenslets", len(index), "use a larger part of the frame"
         )
-    return index
+    if reach is None:
+        return index
+    away = model.places(index) - (np.array(image.shape[::-1]) - 1) / 2
+    near: NDArray[np.intp] = index[np.hypot(*away.T) <= reach]
+    return near if len(near) >= MIN_LENSLETS**2 else index
 
 
-def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> LatticeModel:
-    """Move the lattice to where the mean micro-image is symmetric, so that linear placing starts close by."""
+def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None, reach: float) -> LatticeModel:
+    """Move the lattice to where the mean micro-image is symmetric, so that linear placing starts close by.
+
+    Only lenslets up to ``reach`` pixels from the middle are looked at.
+    """
     radius = PLACING_RADIUS * model.pitch
     for _ in range(CENTRING_ROUNDS):
-        index = _lenslets_of(image, model)
+        index = _lenslets_of(image, model, reach)
         light = mean_light(image, model, index, workers)
         # dead lenslets would blur the mean towards a flat patch
         micro = mean_micro_image(
@@ -121,13 +141,17 @@ def evened(image: NDArray[np.float32], model: LatticeModel, workers: int | None)
     # a quartic through few lenslets would follow each of them
     degree = 4 if alive.sum() > 150 else 1
     surface = fit_field(points, light[alive], (image.shape[0], image.shape[1]), degree).frame()
-    return (image / np.maximum(surface, DARK_FIELD * float(surface.max()))).astype(np.float32)
+    top = float(np.percentile(light[alive], 90))
+    # beyond the lit field the surface is anything: there the image stays as dark as it is
+    return (image / np.where(surface < EVENED_FROM * top, top, surface)).astype(np.float32)
 
 
-def place_all(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> PlacedLenslets:
-    """Place every lenslet by the mean micro-image of those alive."""
+def place_all(
+    image: NDArray[np.float32], model: LatticeModel, workers: int | None, reach: float | None = None
+) -> PlacedLenslets:
+    """Place every lenslet by the mean micro-image of those alive, or those up to ``reach`` pixels from the middle."""
     radius = PLACING_RADIUS * model.pitch
-    index = _lenslets_of(image, model)
+    index = _lenslets_of(image, model, reach)
     light = mean_light(image, model, index, workers)
     dead = _dim(index, light)
     centres = model.places(index)
@@ -138,13 +162,20 @@ def place_all(image: NDArray[np.float32], model: LatticeModel, workers: int | No
     # dirt may leave light but no contrast
     dead |= _dim(index, np.where(np.isfinite(placed.gains), placed.gains, 0.0))
     explained = float(np.median(placed.explained[~dead])) if not dead.all() else 0.0
-    if dead.mean() > MAX_DEAD or explained < MIN_EXPLAINED:
-        got = f"{100 * (1 - dead.mean()):.0f} % of the places filled, {100 * explained:.0f} % alike"
-        raise InputError.expected(
-            "white image",
-            f"micro-images on at least {100 * (1 - MAX_DEAD):.0f} % of the "
-            f"lattice's places, {100 * MIN_EXPLAINED:.0f} % alike",
-            got,
-            "take an evenly lit image of the lenslets",
+    # in the dark beyond the lit field there is noise, and places in it
+    dead |= placed.explained < MIN_SHARE_EXPLAINED * explained
+    lit = neighbour_median(index, light) >= DARK_FIELD * np.percentile(light, 90)
+    gone = float(dead[lit].mean()) if lit.any() else 1.0
+    if lit.mean() < MIN_LIT or gone > MAX_DEAD or explained < MIN_EXPLAINED:
+        got = (
+            f"{100 * lit.mean():.0f} % of the places lit, {100 * (1 - gone):.0f} % of these filled, "
+            f"{100 * explained:.0f} % alike"
         )
-    return PlacedLenslets(index, centres + placed.shifts, dead)
+        wanted = (
+            f"{100 * MIN_LIT:.0f} % of the lattice's places lit, micro-images on {100 * (1 - MAX_DEAD):.0f} % "
+            "of these, "
+            f"{100 * MIN_EXPLAINED:.0f} % alike"
+        )
+        raise InputError.expected("white image", wanted, got, "take an evenly lit image of the lenslets")
+    noise = math.sqrt(max(1 - explained, 0.0) / explained)
+    return PlacedLenslets(index, centres + placed.shifts, dead, noise)

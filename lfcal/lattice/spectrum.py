@@ -34,6 +34,9 @@ ORDER_TOLERANCE = 0.08
 """How far from a whole order a peak may lie and still belong to a lattice."""
 
 NOMINAL_TOLERANCE = 0.10
+SURE = 0.2
+"""Share of the usual contrast from which a lenslet counts as brighter or darker than its gaps."""
+
 MIN_BRIGHT = 0.75
 """Share of lenslets that must be brighter than the gaps around them."""
 
@@ -270,7 +273,9 @@ def _judge(
     difference = _sample(smooth, places) - around
     if not len(difference):
         return RoughLattice(kind, basis, centre, 0.0), 0.0
-    return RoughLattice(kind, basis, centre, float(difference.mean())), float((difference > 0).mean())
+    # where no light falls there is noise, which says nothing
+    sure = np.abs(difference) > SURE * np.percentile(np.abs(difference), 90)
+    return RoughLattice(kind, basis, centre, float(difference.mean())), float((difference[sure] > 0).mean())
 
 
 def _brightest(smooth: NDArray[np.float32], basis: Array, about: Array, reach: float) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,9 @@ class Resampling:
         Rows and columns of the result.
     centre
         Where ``origin`` lies in the result.
+    distortion
+        `LatticeDistortion` of the lattice in the frame (pixels, points (column, row)), which the result is freed from,
+        or None; ``origin`` is then that of the straight lattice.
     """
 
     origin: Pair
@@ -42,6 +45,7 @@ class Resampling:
     period: tuple[int, int]
     shape: tuple[int, int]
     centre: Pair
+    distortion: Any = None
 
     def __post_init__(self) -> None:
         """Check that the map exists."""
@@ -102,7 +106,12 @@ class Resampling:
         types
             Lens types: three on a hexagonal array make the period three lenslets wide.
         """
-        return cls._of_lattice(fit.kind, fit.basis_px(), fit.origin_px, fit.shape, period, lattice_anchor, types)
+        bend, origin = getattr(fit, "distortion", None), fit.origin_px
+        if bend is not None:
+            x, y = bend.invert(np.array(origin[::-1], float))
+            origin = (float(y), float(x))
+        made = cls._of_lattice(fit.kind, fit.basis_px(), origin, fit.shape, period, lattice_anchor, types)
+        return replace(made, distortion=bend)
 
     @classmethod
     def of_camera(
@@ -113,7 +122,11 @@ class Resampling:
         x, y = lattice.offset_um
         origin = (sensor.centre_px[0] + y / sensor.pixel_um, sensor.centre_px[1] + x / sensor.pixel_um)
         basis = np.asarray(lattice.basis_um(), float) / sensor.pixel_um
-        return cls._of_lattice(lattice.kind, basis, origin, sensor.shape, period, lattice_anchor, len(lattice.types))
+        made = cls._of_lattice(lattice.kind, basis, origin, sensor.shape, period, lattice_anchor, len(lattice.types))
+        bend = lattice.distortion
+        if bend is not None:
+            bend = bend.scaled(1 / sensor.pixel_um, (sensor.centre_px[1], sensor.centre_px[0]))
+        return replace(made, distortion=bend)
 
     @classmethod
     def _of_lattice(
@@ -157,7 +170,10 @@ class Resampling:
         steps = np.stack([rows - self.centre[0], columns - self.centre[1]])
         matrix = self._matrix()
         place = np.tensordot(matrix, steps, axes=1) + np.array(self.origin).reshape(2, *([1] * (steps.ndim - 1)))
-        return place[0], place[1]
+        if self.distortion is None:
+            return place[0], place[1]
+        seen = self.distortion.apply(np.stack([place[1], place[0]], axis=-1))
+        return seen[..., 1], seen[..., 0]
 
     def apply(self, frame: ArrayLike, *, order: int = 3, workers: int | None = None) -> NDArray[np.float32]:
         """Return ``frame`` resampled by splines of ``order`` (0 to 5); light is conserved, outside is 0.
@@ -221,6 +237,7 @@ def lattice_anchor_of(H: Any) -> Pair:
     camera = getattr(H, "camera", None)
     if camera is None:
         return -(ny - 1) / 2, -(nx - 1) / 2
+    camera = camera.local(H.anchor)
     x, y = np.asarray(camera.sensor_um(H.anchor), float) - np.array(camera.lattice.offset_um)
     basis = np.asarray(camera.lattice.basis_um(), float)
     if len(camera.lattice.types) == 3:  # lenslets of type 0 alone

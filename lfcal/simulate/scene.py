@@ -320,10 +320,5 @@ def _on_array(camera: Camera, anchor_px: tuple[float, float]) -> LensletLattice:
     seen, s, px = camera.lattice, camera.lattice_scale, camera.sensor.pixel_um
     # shifted with the anchor: sensor distances are s times those on the array
     y, x = anchor_px
-    return replace(
-        seen,
-        pitch_um=seen.pitch_um / s,
-        row_pitch_um=None if seen.row_pitch_um is None else seen.row_pitch_um / s,
-        clear_um=None if seen.clear_um is None else seen.clear_um / s,
-        offset_um=(-x * px / s, -y * px / s),
-    )
+    # counted from the scan's own region: of a distorted lattice it sees what `LensletLattice.local` says
+    return replace(seen.scaled(1 / s), offset_um=(-x * px / s, -y * px / s), distortion=None)

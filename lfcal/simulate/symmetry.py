@@ -21,7 +21,8 @@ def is_mirror_symmetric(scene: Scene) -> bool:
     A square or hexagonal array along the pixel rows does, lens types included, about every row of lenslets.
     """
     # Offsets could mirror each other too; they are not looked at.
-    upright = scene.lattice.rotation_rad == 0 and scene.offsets_um is None and scene.pixel_aspect == 1
+    lattice = scene.lattice
+    upright = lattice.rotation_rad == lattice.shear_rad == 0 and scene.offsets_um is None and scene.pixel_aspect == 1
     return upright and _iris_is_symmetric(scene.iris) and all(m >= 0 for _, m, _ in scene.wavefront)
 
 

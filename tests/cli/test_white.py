@@ -59,12 +59,13 @@ def test_the_fit_is_shown_and_becomes_the_camera_s(run: Run, files: tuple[Path, 
         tmp_path / "out",
     )
     assert (code, err) == (0, "")
-    for shown in ("hexagonal", "16.00", "px", "lens types", "standard errors"):
+    for shown in ("hexagonal", "±", "px", "affine", "lens types", "standard errors"):
         assert shown in out
     measured = Camera.from_json((tmp_path / "out/camera.json").read_text())
     assert measured.pitch_px == pytest.approx(16.0, abs=0.005)
     assert measured.lattice.type_step == 2
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["camera.json"]
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"camera.json", "lattice.json", "residuals.csv", "residuals.png"}
 
 
 def test_json(run: Run, files: tuple[Path, WhiteFrame], tmp_path: Path) -> None:

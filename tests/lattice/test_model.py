@@ -1,50 +1,36 @@
 from __future__ import annotations
 
-import numpy as np
-import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from dataclasses import replace
 
-from lfcal.lattice.model import LatticeModel, fit_model, free_shear, neighbour_median
+import numpy as np
+
+from lfcal.camera import LatticeDistortion
+from lfcal.lattice.model import LatticeModel, neighbour_median
 
 
 def model(kind: str = "hexagonal", angle: float = 0.01, pitch: float = 15.0, ratio: float = 0.87) -> LatticeModel:
     return LatticeModel(kind, np.array([200.0, 150.0]), pitch * np.array([np.cos(angle), np.sin(angle)]), ratio)
 
 
-@given(st.sampled_from(["square", "hexagonal"]), st.floats(-3, 3), st.floats(0.8, 1.2), st.integers(0, 99))
-@settings(derandomize=True, deadline=None, max_examples=30)
-def test_exact_places_give_the_lattice_back(kind: str, angle: float, ratio: float, seed: int) -> None:
-    truth = model(kind, angle, ratio=ratio)
-    index = truth.within((300, 400), 7.0)
-    off = np.random.default_rng(seed).uniform(-1, 1, 5) * (0.5, 0.5, 0.05, 0.05, 0.003)
-    start = LatticeModel(kind, truth.origin + off[:2], truth.along + off[2:4], ratio + off[4])
-    found, residual, _ = fit_model(start, index, truth.places(index))
-    assert found.along == pytest.approx(truth.along, abs=1e-7) and found.ratio == pytest.approx(ratio, abs=1e-8)
-    assert found.origin == pytest.approx(truth.origin, abs=1e-6)
-    assert np.abs(residual).max() < 1e-6
-    again = LatticeModel.of(kind, found.basis(), found.origin)
-    assert again.ratio == pytest.approx(ratio) and again.pitch == pytest.approx(15.0)
+def test_shear_shifts_rows_along_themselves() -> None:
+    straight, leaning = model("square"), replace(model("square"), shear=0.01)
+    index = np.array([[3, 0], [0, 1], [2, 5]])
+    moved = leaning.places(index) - straight.places(index)
+    assert np.allclose(moved, 0.01 * straight.ratio * index[:, 1:] * straight.along)
 
 
-def test_outliers_hardly_move_it() -> None:
-    truth = model()
-    index = truth.within((300, 400), 7.0)
-    rng = np.random.default_rng(1)
-    places = truth.places(index) + rng.normal(0, 0.05, (len(index), 2))
-    places[rng.random(len(index)) < 0.05] += (4.0, 3.0)
-    found, _, error = fit_model(truth, index, places)
-    plain = np.linalg.lstsq(np.column_stack([np.ones(len(index)), index]), places, rcond=None)[0]
-    assert np.hypot(*(found.origin - truth.origin)) < 0.02 < np.hypot(*(plain[0] - truth.origin))
-    assert abs(found.pitch - 15.0) < 5 * error < 5e-3
-
-
-def test_shear_is_told_from_rotation() -> None:
-    square = model("square", ratio=1.0)
-    index = square.within((300, 300), 7.0)
-    assert free_shear(square, index, square.places(index)) == pytest.approx(0.0, abs=1e-12)
-    leaning = square.places(index) + 0.002 * 15.0 * index[:, 1:] * (square.along / 15.0)
-    assert free_shear(square, index, leaning) == pytest.approx(0.002, rel=1e-3)
+def test_places_and_indices_are_inverse_with_a_distortion() -> None:
+    bend = LatticeDistortion("radial", (180.0, 160.0), 250.0, ((3.0,),))
+    bent = replace(model(), distortion=bend, shear=0.002)
+    index = bent.within((300, 400), 7.0)
+    assert np.allclose(bent.indices(bent.places(index)), index, atol=1e-9)
+    assert np.allclose(bent.places(index), bend.apply(bent.straight(index)))
+    there = {tuple(pair) for pair in index.tolist()}
+    q, r = (v.ravel() for v in np.meshgrid(np.arange(-60, 61), np.arange(-60, 61)))
+    every = np.stack([q, r], axis=-1)
+    places = bent.places(every)
+    inside = ((places >= 7) & (places <= (399 - 7, 299 - 7))).all(1)
+    assert {tuple(pair) for pair in every[inside].tolist()} == there
 
 
 def test_within_lists_exactly_the_lenslets_in_the_frame() -> None:

@@ -3,12 +3,42 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Bend = Callable[[Array], Array]
+"""From points ``(..., 2)`` (x, y) of the straight lattice, counted from the frame's centre, to displacements (px)."""
+
+
+def barrel(by_px: float, reach_px: float, centre: tuple[float, float] = (0.0, 0.0)) -> Bend:
+    """Displacement along the radius that grows with its cube to ``by_px`` at ``reach_px``."""
+
+    def bend(points: Array) -> Array:
+        arm = (points - np.array(centre)) / reach_px
+        return by_px * (arm**2).sum(-1, keepdims=True) * arm
+
+    return bend
+
+
+def relay(by_px: float, reach_px: float, seed: int = 0) -> Bend:
+    """Quadratic and cubic displacements at random, ``by_px`` rms on the circle of ``reach_px``."""
+    rng = np.random.default_rng(seed)
+    two, three = rng.normal(size=(2, 3)), rng.normal(size=(2, 4))
+
+    def plain(points: Array) -> Array:
+        x, y = np.moveaxis(points / reach_px, -1, 0)
+        square = np.stack([x * x, x * y, y * y])
+        cube = np.stack([x**3, x * x * y, x * y * y, y**3])
+        return np.moveaxis(np.tensordot(two, square, 1) + np.tensordot(three, cube, 1), 0, -1)
+
+    angle = np.linspace(0, 2 * math.pi, 90)
+    ring = plain(reach_px * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    factor = by_px / math.sqrt(float((ring**2).sum(-1).mean()))
+    return lambda points: factor * plain(points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +52,23 @@ class WhiteFrame:
     row_pitch: float
     rotation: float
     origin: tuple[float, float]
+    bend: Bend | None = None
+
+    def seen(self, index: NDArray[np.intp]) -> Array:
+        """Return the true centres ``(n, 2)`` (row, column) of lenslets (q, r) as drawn."""
+        return _seen(index, self.basis, np.array(self.origin[::-1]), self.bend, self.frame.shape)[:, ::-1]
+
+    def indices(self, places: Array) -> NDArray[np.intp]:
+        """Return the drawn indices (q, r) of the lenslets nearest to ``places`` ``(n, 2)`` (row, column)."""
+        middle = (np.array(self.frame.shape[::-1]) - 1) / 2
+        straight = points = places[:, ::-1]
+        for _ in range(8):  # a displacement of a few pixels changes little over a few pixels
+            straight = points - (self.bend(straight - middle) if self.bend is not None else 0.0)
+        return np.rint((straight - np.array(self.origin[::-1])) @ np.linalg.inv(self.basis)).astype(np.intp)
+
+    def errors(self, places: Array) -> Array:
+        """Return ``places`` ``(n, 2)`` (row, column) less the nearest true centres (pixels)."""
+        return places - self.seen(self.indices(places))
 
     def distance_to_lattice(self, place: tuple[float, float]) -> float:
         """Distance of (row, column) from the nearest true centre (pixels)."""
@@ -47,11 +94,17 @@ def draw_white(
     level: float = 1000.0,
     dark: float = 100.0,
     seed: int = 1,
+    bend: Bend | None = None,
+    scatter: float = 0.0,
+    light: Callable[[Array, Array], Array] | None = None,
+    full: float = math.inf,
 ) -> WhiteFrame:
     """Draw discs of diameter ``fill`` pitches with soft edges of ``edges`` pixels, by type.
 
     ``offset`` is that of a lenslet from the frame's centre (row, column); with three edges its type is
-    ``step * (q - r - phase) mod 3``. ``snr`` is the level over the noise.
+    ``step * (q - r - phase) mod 3``. ``snr`` is the level over the noise. ``bend`` displaces the centres, ``scatter``
+    is that of the lenslets' brightness (rms), ``light`` multiplies the frame by a function of x and y from -1 to 1,
+    and ``full`` is the level at which the sensor saturates, in units of ``level``.
     """
     rng = np.random.default_rng(seed)
     hexagonal = kind == "hexagonal"
@@ -60,27 +113,39 @@ def draw_white(
     basis = np.array([[pitch, 0.0], [pitch / 2 if hexagonal else 0.0, across]]) @ turn
     origin = np.array([(shape[1] - 1) / 2 + offset[1], (shape[0] - 1) / 2 + offset[0]])
     y, x = np.mgrid[: shape[0], : shape[1]]
-    points = np.stack([x, y], axis=-1) - origin
-    base = np.floor(points @ np.linalg.inv(basis)).astype(int)
+    points = np.stack([x, y], axis=-1).astype(float)
+    middle = (np.array(shape[::-1]) - 1) / 2
+    straight = points - (bend(points - middle) if bend is not None else 0.0)
+    base = np.floor((straight - origin) @ np.linalg.inv(basis)).astype(int)
     reach = int(base.max() - base.min()) + 8
-    lit = rng.random((reach, reach)) >= dead
+    lit = (rng.random((reach, reach)) >= dead).astype(float)
+    if scatter:
+        lit *= np.maximum(rng.normal(1, scatter, lit.shape), 0)
     low = base.min() - 3
     image = np.zeros(shape)
     for i in (-1, 0, 1, 2):
         for j in (-1, 0, 1, 2):
             index = base + np.array([i, j])
-            distance = np.hypot(*np.moveaxis(points - index @ basis, -1, 0))
+            distance = np.hypot(*np.moveaxis(points - _seen(index, basis, origin, bend, shape), -1, 0))
             types = np.mod(step * (index[..., 0] - index[..., 1] - phase), 3) if len(edges) == 3 else 0
             width = np.array(edges)[types]
             disc = 1 / (1 + np.exp(np.clip((distance - fill * pitch / 2) / (0.5 * width), -50, 50)))
             image += disc * lit[index[..., 0] - low, index[..., 1] - low]
     centre = (np.array(shape) - 1) / 2
     radius = ((y - centre[0]) ** 2 + (x - centre[1]) ** 2) / (centre**2).sum()
-    image = level * image * (1 - falloff * radius) + dark + rng.normal(0, level / snr, shape)
-    q, r = np.nonzero(~lit)
+    image *= 1 - falloff * radius
+    if light is not None:
+        image *= light(x / middle[0] - 1, y / middle[1] - 1)
+    image = np.minimum(level * image + rng.normal(0, level / snr, shape), level * full) + dark
+    q, r = np.nonzero(lit == 0)
     gone = {(int(a), int(b)) for a, b in zip(q + low, r + low, strict=True)}
     frame = np.clip(np.rint(image), 0, 65535).astype(np.uint16)
-    return WhiteFrame(frame, basis, gone, pitch, across, rotation, (float(origin[1]), float(origin[0])))
+    return WhiteFrame(frame, basis, gone, pitch, across, rotation, (float(origin[1]), float(origin[0])), bend)
+
+
+def _seen(index: NDArray[np.intp], basis: Array, origin: Array, bend: Bend | None, shape: tuple[int, ...]) -> Array:
+    straight = index @ basis + origin
+    return straight if bend is None else straight + bend(straight - (np.array(shape[::-1]) - 1) / 2)
 
 
 def draw_pupils(

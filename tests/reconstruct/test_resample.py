@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lfcal.camera import ScanPlan, preset
+from lfcal.camera import LatticeDistortion, ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
 from lfcal.reconstruct.volumes import load_volume, save_volume
@@ -119,3 +119,18 @@ def test_volumes_survive_a_file(tmp_path, name):
         save_volume(tmp_path / "v.jpg", volume)
     with pytest.raises(InputError, match="three axes"):
         save_volume(tmp_path / name, volume[0])
+
+
+def test_a_distorted_lattice_becomes_straight() -> None:
+    """Each pixel of the result is looked up where its place of the straight lattice is seen."""
+    bend = LatticeDistortion("radial", (60.0, 40.0), 80.0, ((3.0,),))
+    basis = np.array([[11.3, 0.2], [-0.2, 11.4]])
+    fit = SimpleNamespace(kind="square", shape=(90, 120), basis_px=lambda: basis, distortion=bend)
+    straight = np.array([55.0, 47.0])
+    x, y = bend.apply(straight)
+    made = Resampling.of_fit(SimpleNamespace(**vars(fit), origin_px=(float(y), float(x))))
+    centre = np.array(made.centre)
+    for q, r in ((0, 0), (3, -2), (-4, 3)):
+        pixel = centre + np.array([r, q]) * made.period
+        row, column = made.places(*pixel)
+        assert (column, row) == pytest.approx(bend.apply(np.array([q, r]) @ basis + straight), abs=1e-6)

@@ -58,7 +58,9 @@ def iter_inspect(
     """
     start = time.perf_counter()
     H = _straight(matrix)
-    waves = wave_vectors(H.camera, H.period, H.pixel_scale)
+    # of a distorted lattice the scanned cell shows what it is there
+    camera = None if H.camera is None else H.camera.local(H.anchor)
+    waves = wave_vectors(camera, H.period, H.pixel_scale)
     clock = Clock("inspecting planes", PASSES * len(H))
     planes: list[PlaneMeasures] = []
     readings: dict[str, list[Reading]] = {spec.key: [] for spec in METRICS}

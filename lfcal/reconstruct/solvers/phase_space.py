@@ -33,12 +33,11 @@ def lenslet_phase(P: Projector) -> tuple[float, float]:
     if camera is None:
         return (ny - 1) / 2, (nx - 1) / 2
     row, column = P.grid.anchor
-    x, y = camera.sensor_um((float(row), float(column)))
-    a, b = camera.lattice.basis_um()
-    index = np.linalg.solve(np.stack([a, b], axis=1), np.array([x, y]) - np.array(camera.lattice.offset_um))
-    near = np.stack([a, b], axis=1) @ np.round(index) + np.array(camera.lattice.offset_um)
+    point = camera.sensor_um((float(row), float(column)))
+    q, r = np.round(camera.lattice.lenslet_at(point))
+    x, y = camera.lattice.centres_um(q, r) - point
     pixel = camera.sensor.pixel_um
-    return float((near[1] - y) / pixel % ny), float((near[0] - x) / pixel % nx)
+    return float(y / pixel % ny), float(x / pixel % nx)
 
 
 SOLVER = Solver(

@@ -1,0 +1,230 @@
+"""What a white image tells of its lattice."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera import Camera, LatticeDistortion, LensletLattice
+from lfcal.errors import InputError
+from lfcal.lattice.forms import FittedForm, Frame, design
+from lfcal.lattice.local_means import gridded
+from lfcal.lattice.model import LatticeModel
+
+__all__ = ["LatticeErrors", "LatticeFit"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeErrors:
+    """Standard errors of a fitted lattice's numbers, under the weights of the fit.
+
+    Attributes
+    ----------
+    pitch_px, row_pitch_px, rotation_rad, shear_rad, origin_px
+        Of the numbers of the same name; 0 where a number is not free.
+    terms, centre
+        Of the distortion's terms, in their order, and of its centre (column, row) (pixels).
+    covariance
+        Of all free numbers, in the order of `lfcal.lattice.forms.design`.
+    """
+
+    pitch_px: float
+    row_pitch_px: float
+    rotation_rad: float
+    shear_rad: float
+    origin_px: tuple[float, float]
+    terms: tuple[tuple[float, ...], ...]
+    centre: tuple[float, float]
+    covariance: Array = field(repr=False)
+
+    @classmethod
+    def of(cls, fitted: FittedForm, covariance: Array, frame: Frame) -> LatticeErrors:
+        """Return the errors of a fitted form from the covariance of its free numbers."""
+        model, form = fitted.model, fitted.form
+        unit = model.along / model.pitch
+        rows = np.zeros((4, form.size))
+        rows[0, 2:4] = unit
+        rows[1, 2:4], rows[1, 4] = model.ratio * unit, model.pitch
+        rows[2, 2:4] = np.array([-unit[1], unit[0]]) / model.pitch
+        if form.sheared:
+            rows[3, 5] = 1 / (1 + model.shear**2)
+        place = design(model, form, np.zeros((1, 2), np.intp), frame)[::-1, 0]
+        pitch, row, turn, shear, y, x = (math.sqrt(max(float(v @ covariance @ v), 0.0)) for v in (*rows, *place))
+        single = np.sqrt(np.maximum(np.diag(covariance), 0.0))[6:].tolist()
+        terms: tuple[tuple[float, ...], ...] = ()
+        centre = (0.0, 0.0)
+        if form.degree:
+            terms = (tuple(single[: len(single) // 2]), tuple(single[len(single) // 2 :]))
+        elif form.radial:
+            terms, centre = (tuple(single[: form.radial]),), (single[-2], single[-1])
+        return cls(pitch, row, turn, shear, (y, x), terms, centre, covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeFit:
+    """A lattice of micro-images and how well it fits.
+
+    Image coordinates count rows downwards from the centre of the first pixel.
+
+    Attributes
+    ----------
+    kind
+        ``"square"`` or ``"hexagonal"``.
+    shape
+        Rows and columns of the frame.
+    pitch_px, row_pitch_px
+        Distance of neighbours along a row, and of neighbouring rows (pixels).
+    rotation_rad
+        Angle from the +x (column) axis to a row, positive towards +y (down) (rad).
+    origin_px
+        Centre ``(row, column)`` of the lenslet q = r = 0, the one nearest the frame's centre.
+    pitch_error_px
+        Standard error of the pitch (pixels).
+    shear_rad
+        By how much the angle from a row to the next departs from the ideal one; 0 where the places call for none (rad).
+    residual_rms_px
+        Distance of the placed micro-images from the lattice, distortion included, rms along one axis (pixels).
+    index
+        ``(n, 2)``: q along a row and r across, of every lenslet wholly in the frame.
+    measured_px
+        ``(n, 2)``: placed centres (row, column); NaN for dead ones.
+    light
+        ``(n,)``: mean sample value within half a pitch.
+    dead
+        ``(n,)``: lenslets that give too little light or cannot be placed.
+    distortion
+        Displacement from the straight lattice (pixels, points (column, row)); None: straight. Pitch, row pitch,
+        rotation and shear are the straight lattice's.
+    errors
+        Standard errors of the numbers above.
+    form, reason
+        The form of lattice that was chosen, and why, in words.
+    places_px
+        ``(n, 2)``: best estimate of every centre (row, column), dead ones too: the lattice, and what the neighbours
+        depart from it together.
+    notes
+        What makes the frame doubtful as a white image, one line each.
+    """
+
+    kind: str
+    shape: tuple[int, int]
+    pitch_px: float
+    row_pitch_px: float
+    rotation_rad: float
+    origin_px: tuple[float, float]
+    pitch_error_px: float
+    shear_rad: float
+    residual_rms_px: float
+    index: NDArray[np.intp] = field(repr=False)
+    measured_px: Array = field(repr=False)
+    light: Array = field(repr=False)
+    dead: NDArray[np.bool_] = field(repr=False)
+    distortion: LatticeDistortion | None = None
+    errors: LatticeErrors | None = field(default=None, repr=False)
+    form: str = "affine"
+    reason: str = ""
+    places_px: Array | None = field(default=None, repr=False)
+    notes: tuple[str, ...] = ()
+
+    def basis_px(self) -> Array:
+        """Return the straight lattice's vectors as rows (x, y): along a row, and to the next row (pixels)."""
+        return self._model.basis()
+
+    def local_basis_px(self, row: float, column: float) -> Array:
+        """Return the lattice vectors as rows (x, y) as they are seen about a point of the frame (pixels)."""
+        basis = self.basis_px()
+        if self.distortion is None:
+            return basis
+        bend = self.distortion.jacobian(self.distortion.invert(np.array([column, row], float)))
+        local: Array = basis @ bend.T
+        return local
+
+    @cached_property
+    def _model(self) -> LatticeModel:
+        along = self.pitch_px * np.array([math.cos(self.rotation_rad), math.sin(self.rotation_rad)])
+        ratio, origin = self.row_pitch_px / self.pitch_px, np.array(self.origin_px[::-1], float)
+        if self.distortion is not None:
+            origin = self.distortion.invert(origin)
+        return LatticeModel(self.kind, origin, along, ratio, math.tan(self.shear_rad), self.distortion)
+
+    def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
+        """Return the lattice's centres ``(..., 2)`` as (row, column) of lenslets q, r, as they are seen."""
+        index = np.stack(np.broadcast_arrays(np.asarray(q, float), np.asarray(r, float)), axis=-1)
+        return self._model.places(index)[..., ::-1]
+
+    def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
+        """Return fractional lattice indices ``(..., 2)`` as (q, r) of image points: inverse of `centres_px`."""
+        points = np.stack(np.broadcast_arrays(np.asarray(column, float), np.asarray(row, float)), axis=-1)
+        return self._model.indices(points)
+
+    def residual_map(self, size: int = 48) -> Array:
+        """Return the mean residual ``(2, rows, columns)`` as (row, column) on a grid over the frame (pixels).
+
+        ``size`` cells along the longer side; NaN where no lenslet was placed.
+        """
+        residual = self.measured_px - self.centres_px(self.index[:, 0], self.index[:, 1])
+        return gridded(self.measured_px, residual, self.shape, size)
+
+    @property
+    def dead_lenslets(self) -> list[tuple[int, int]]:
+        """Lattice indices (q, r) of the dead lenslets."""
+        return [(int(q), int(r)) for q, r in self.index[self.dead]]
+
+    def to_lattice(
+        self, camera: Camera, *, origin: tuple[int, int] | None = None, type_step: int | None = None
+    ) -> LensletLattice:
+        """Return ``camera``'s lattice with what was measured: pitch, rows, rotation, offset and distortion.
+
+        Parameters
+        ----------
+        camera
+            The camera that took the frame; lens types and gap are kept.
+        origin
+            Lenslet (q, r) at the lattice's offset, of type 0 where there are three types; by default the one
+            nearest to the offset stated so far.
+        type_step
+            Sense of the lens types along a row; by default as stated so far.
+
+        Raises
+        ------
+        InputError
+            If the kind of lattice or the frame's shape is not the camera's.
+        """
+        if camera.sensor.shape != self.shape:
+            raise InputError.expected(
+                "white image",
+                f"the camera's {camera.sensor.shape} pixels",
+                self.shape,
+                "choose the camera it was taken with",
+            )
+        stated = camera.lattice
+        if stated.kind != self.kind:
+            raise InputError.expected("lattice of the white image", stated.kind, self.kind, "correct the camera")
+        pixel = camera.sensor.pixel_um
+        if origin is None:
+            row, column = camera.pixels(stated.offset_um)
+            q, r = np.rint(self.lenslet_at(row, column)).astype(int)
+            origin = (int(q), int(r))
+        straight = self._model.straight(np.array(origin))
+        offset = camera.sensor_um(straight[::-1])
+        centre = camera.sensor.centre_px
+        distortion = self.distortion
+        if distortion is not None:
+            distortion = distortion.scaled(pixel, (-pixel * centre[1], -pixel * centre[0]))
+        return replace(
+            stated,
+            pitch_um=self.pitch_px * pixel,
+            row_pitch_um=self.row_pitch_px * pixel,
+            rotation_rad=self.rotation_rad,
+            offset_um=(float(offset[0]), float(offset[1])),
+            clear_um=None if stated.clear_um is None else min(stated.clear_um, 1.5 * self.pitch_px * pixel),
+            type_step=stated.type_step if type_step is None else type_step,
+            shear_rad=self.shear_rad,
+            distortion=distortion,
+        )

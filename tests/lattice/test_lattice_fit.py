@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.camera import Camera, LensletLattice, MainLens, Sensor
+from lfcal.lattice.fit import fit_lattice
+from lfcal.lattice.lattice_fit import LatticeFit
+from tests.lattice.white_frames import WhiteFrame, barrel, draw_white
+
+SHAPE = (400, 480)
+REACH = math.hypot(*SHAPE) / 2
+
+
+@pytest.fixture(scope="module")
+def bent() -> tuple[WhiteFrame, LatticeFit]:
+    truth = draw_white(SHAPE, 12.3, rotation=0.02, bend=barrel(2.0, REACH, (30.0, -20.0)), seed=4)
+    return truth, fit_lattice(truth.frame, dark=100.0)
+
+
+def test_every_place_is_the_true_one(bent: tuple[WhiteFrame, LatticeFit]) -> None:
+    truth, fit = bent
+    for places in (fit.centres_px(fit.index[:, 0], fit.index[:, 1]), fit.places_px):
+        assert places is not None
+        assert math.sqrt((truth.errors(places) ** 2).sum(1).mean()) < 0.02
+    assert fit.residual_rms_px < 0.06 and 0.03 < fit.dead.mean() < 0.07
+    assert truth.errors(np.array([fit.origin_px]))[0] == pytest.approx((0.0, 0.0), abs=0.02)
+    assert fit.centres_px(0, 0) == pytest.approx(fit.origin_px, abs=1e-9)
+
+
+def test_the_numbers_are_those_of_the_distortion(bent: tuple[WhiteFrame, LatticeFit]) -> None:
+    _, fit = bent
+    assert fit.form == "radial" and fit.distortion is not None and fit.errors is not None
+    assert abs(fit.distortion.terms[0][0] - 2.0) < 4 * fit.errors.terms[0][0] < 0.2
+    middle = (np.array(SHAPE[::-1]) - 1) / 2
+    away = np.array(fit.distortion.centre) - middle - (30.0, -20.0)
+    assert (np.abs(away) < 4 * np.array(fit.errors.centre)).all() and max(fit.errors.centre) < 5
+    assert abs(fit.pitch_px - 12.3) < 4 * fit.errors.pitch_px < 0.01
+    assert abs(fit.row_pitch_px - 12.3 * math.sqrt(3) / 2) < 4 * fit.errors.row_pitch_px
+    assert abs(fit.rotation_rad - 0.02) < 4 * fit.errors.rotation_rad
+
+
+def test_indices_and_places_are_inverse(bent: tuple[WhiteFrame, LatticeFit]) -> None:
+    _, fit = bent
+    places = fit.centres_px(fit.index[:, 0], fit.index[:, 1])
+    assert np.allclose(fit.lenslet_at(places[:, 0], places[:, 1]), fit.index, atol=1e-7)
+
+
+def test_local_vectors_lead_to_the_neighbours(bent: tuple[WhiteFrame, LatticeFit]) -> None:
+    _, fit = bent
+    q, r = fit.index[0]
+    row, column = fit.centres_px(q, r)
+    steps = np.array([fit.centres_px(q + 1, r), fit.centres_px(q, r + 1)]) - (row, column)
+    assert np.abs(fit.local_basis_px(row, column) - steps[:, ::-1]).max() < 0.01
+    assert np.abs(fit.basis_px() - steps[:, ::-1]).max() > 0.02
+    straight = replace(fit, distortion=None)
+    assert np.array_equal(straight.local_basis_px(row, column), straight.basis_px())
+
+
+def test_the_residual_map_shows_what_is_left(bent: tuple[WhiteFrame, LatticeFit]) -> None:
+    _, fit = bent
+    left = fit.residual_map(12)
+    assert left.shape == (2, 10, 12) and np.nanmax(np.abs(left)) < 0.06
+    without = replace(fit, distortion=None, origin_px=tuple(fit._model.origin[::-1]))
+    assert np.nanmax(np.abs(without.residual_map(12))) > 1.0
+
+
+def test_the_camera_takes_the_distortion_over(bent: tuple[WhiteFrame, LatticeFit]) -> None:
+    truth, fit = bent
+    stated = LensletLattice("hexagonal", 60.0, 300.0, offset_um=(20.0, -35.0))
+    camera = Camera("c", MainLens(), stated, Sensor(SHAPE, 5.0))
+    measured = replace(camera, lattice=fit.to_lattice(camera))
+    assert measured.lattice.distortion is not None
+    centres, _ = measured.lattice.lenslets_within(SHAPE[1] * 2.4, SHAPE[0] * 2.4)
+    errors = truth.errors(measured.pixels(centres))
+    assert len(centres) > 1000 and np.hypot(*errors.T).max() < 0.06
+    assert Camera.from_json(measured.to_json()) == measured
+    # the types keep their place: the offset's lenslet is the one nearest to that stated
+    assert math.dist(measured.lattice.centres_um(0, 0), (20.0, -35.0)) < 12.3 * 5 * 0.6
