@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.cli.listed import ColumnsOption, report_notes
 from lfcal.cli.options import CompressionOption, ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
@@ -37,7 +38,11 @@ def command(
         None, "--plan", "-p", help="Scan plan (.json); the session's own, or plan.json beside the frames, by default."
     ),
     manifest: Path | None = typer.Option(
-        None, "--manifest", help="Manifest of the frames, if it does not lie with them."
+        None, "--manifest", help="Manifest or list of the frames (.csv, .tsv, .txt, .json), if not with them."
+    ),
+    columns: ColumnsOption = "",
+    first: int | None = typer.Option(
+        None, "--first", min=0, max=1, help="Number of the first position in names or lists; found by default."
     ),
     pattern: str = typer.Option("", "--pattern", help="Positions from file names, e.g. 'z{z}_y{y}_x{x}.png'."),
     order: str = typer.Option("", "--order", help="Positions from the order of names: serpentine or raster."),
@@ -112,7 +117,17 @@ def command(
         compression=compression,
         workers=workers,
     )
-    source, scan = open_scan(frames, plan, manifest=manifest, pattern=pattern, order=order, skip_damaged=skip_damaged)
+    source, scan = open_scan(
+        frames,
+        plan,
+        manifest=manifest,
+        pattern=pattern,
+        order=order,
+        columns=columns,
+        first=first,
+        skip_damaged=skip_damaged,
+    )
+    report_notes(source.metadata.get("notes", ()))
     _assemble(source, scan, recipe, settings, out=out, json=json, skip_damaged=skip_damaged)
 
 
@@ -137,7 +152,8 @@ def _assemble(
         if skip_damaged:
             frames = run_work(iter_undamaged(source, workers=settings.workers), quiet=json)
         view = corrected_view(frames, recipe, plan)
-        report = run_work(iter_assemble_plan(view, plan, out, settings), quiet=json)
+        guessed = {"intake": list(source.metadata["notes"])} if "notes" in source.metadata else {}
+        report = run_work(iter_assemble_plan(view, plan, out, settings, provenance=guessed), quiet=json)
     with report.matrix:
         show_report(report, out, time.perf_counter() - start, json)
 
@@ -149,6 +165,8 @@ def open_scan(
     manifest: Path | None = None,
     pattern: str = "",
     order: str = "",
+    columns: str = "",
+    first: int | None = None,
     skip_damaged: bool = False,
 ) -> tuple[Frames, ScanPlan]:
     """Return the frames and the plan they were recorded by: the one named, their own, or the one that lies there.
@@ -162,13 +180,14 @@ def open_scan(
     from lfcal.frames import open_frames
 
     found = find_plan(frames, plan)
-    shape = None if found is None else found.shape[:3]
     source = open_frames(
         frames,
         manifest=manifest,
         pattern=pattern or None,
         order=order or None,
-        plan_shape=shape,
+        plan=found,
+        columns=columns,
+        first=first,
         skip_damaged=skip_damaged,
     )
     own: ScanPlan | None = source.metadata.get("plan")

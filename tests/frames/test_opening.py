@@ -251,7 +251,6 @@ def test_blank_frames_can_be_accepted(tmp_path: Path) -> None:
 # -- what cannot be opened ------------------------------------------------------------------------------------
 
 CANNOT: dict[str, tuple[dict[str, Any], str]] = {
-    "nothing said": ({}, "expected a manifest, a name pattern, or a scan order"),
     "order without shape": ({"order": "raster"}, "expected a manifest, a name pattern, or a scan order"),
     "two ways": (
         {"order": "raster", "pattern": NAMES, "plan_shape": PLAN},

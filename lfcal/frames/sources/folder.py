@@ -99,6 +99,8 @@ class FolderSource(Frames):
         As in `check_frame`.
     skip_damaged
         Take shape and dtype from the first frame that can be read.
+    notes
+        What was guessed of the frames; in the metadata.
 
     Raises
     ------
@@ -116,6 +118,7 @@ class FolderSource(Frames):
         nan: str = "reject",
         blank: str = "reject",
         skip_damaged: bool = False,
+        notes: tuple[str, ...] = (),
     ) -> None:
         check_choice("NaN in frames", nan, ("reject", "mask"))
         check_choice("blank frames", blank, ("reject", "accept"))
@@ -132,6 +135,8 @@ class FolderSource(Frames):
         # closes the files also where a source is dropped without close()
         self._finalizer = weakref.finalize(self, _close_all, self._open)
         self._shape, self._dtype, self._metadata = self._first_look() if skip_damaged else self._look()
+        if notes:
+            self._metadata["notes"] = notes
         mask = self._metadata.pop("mask", None)
         self._mask = None if mask is None else check_mask(mask, self._shape, str(root))
 
