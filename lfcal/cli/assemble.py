@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -63,7 +64,7 @@ def command(
         "auto", "--exposure", help="auto: scale frames of unequal known exposure to one; none; or seconds to scale to."
     ),
     saturation: float | None = typer.Option(None, "--saturation", help="Sample value of saturation."),
-    shift: int = typer.Option(0, "--shift", help="Bits by which left-aligned samples are moved down."),
+    shift: str = typer.Option("0", "--shift", help="Bits by which left-aligned samples are moved down, or auto."),
     channel: str = typer.Option("", "--channel", help="Colour channel of a mosaic: R, G1, G2, B …"),
     cutout: str = typer.Option("", "--cutout", help="Odd number of pixels, ROWS,COLUMNS, or 'auto' by energy."),
     lost: float = typer.Option(0.005, "--lost", help="With --cutout auto: largest share of energy left outside."),
@@ -88,6 +89,7 @@ def command(
     """
     from lfcal.cli.outputs import TABLES, check_output
     from lfcal.frames import CorrectionRecipe
+    from lfcal.frames.aligned import chosen_shift
     from lfcal.psf.assemble_plan import AssemblySettings
 
     # A manifest's frames lie beside it.
@@ -104,7 +106,6 @@ def command(
         exposure=exposure,
         saturation=saturation,
         channel=channel,
-        shift=shift,
     )
     settings = AssemblySettings(
         cutout=parse_cutout(cutout),
@@ -128,6 +129,9 @@ def command(
         skip_damaged=skip_damaged,
     )
     report_notes(source.metadata.get("notes", ()))
+    bits, note = chosen_shift(shift, source)
+    report_notes([note] if note else [])
+    recipe = replace(recipe, shift=bits)
     _assemble(source, scan, recipe, settings, out=out, json=json, skip_damaged=skip_damaged)
 
 

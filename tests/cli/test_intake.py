@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -117,3 +118,16 @@ def test_notes_do_not_disturb_json(lfcal: Callable[..., Run], session: Path, tmp
     (session / "frames" / "manifest.csv").unlink()
     done = lfcal("assemble", session / "frames", "-o", tmp_path / "a.h5", "--json")
     assert json.loads(done.out)["frames"] == 24
+
+
+def test_left_aligned_samples(lfcal: Callable[..., Run], session: Path, tmp_path: Path) -> None:
+    for path in (*(session / "frames").glob("*.png"), *(session / "dark").glob("*.png")):
+        frame = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(path), (frame // 16).astype(np.uint16) << 4)
+    arguments = ("assemble", session / "frames", "--dark", session / "dark")
+    proposed = lfcal(*arguments, "-o", tmp_path / "a.h5")
+    assert proposed.code == 0 and "multiples of 16; --shift auto" in proposed.err
+    done = lfcal(*arguments, "-o", tmp_path / "b.h5", "--shift", "auto")
+    assert done.code == 0 and "left-aligned, moved down by 4 to 12 bits" in done.err
+    wrong = lfcal(*arguments, "-o", tmp_path / "c.h5", "--shift", "high")
+    assert wrong.code == 2 and "auto or a number of bits" in wrong.err
