@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import time
+from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.channels import Part, open_colour, parts_of
 from lfcal.cli.listed import ColumnsOption, report_notes
 from lfcal.cli.options import CompressionOption, ForceOption, JsonOption, WorkersOption
 
@@ -65,7 +68,11 @@ def command(
     ),
     saturation: float | None = typer.Option(None, "--saturation", help="Sample value of saturation."),
     shift: str = typer.Option("0", "--shift", help="Bits by which left-aligned samples are moved down, or auto."),
-    channel: str = typer.Option("", "--channel", help="Colour channel of a mosaic: R, G1, G2, B …"),
+    channel: str = typer.Option(
+        "",
+        "--channel",
+        help="Colour of a mosaic (R, G1, G2, B) or picture (R, G, B); each: an H file of every one.",
+    ),
     cutout: str = typer.Option("", "--cutout", help="Odd number of pixels, ROWS,COLUMNS, or 'auto' by energy."),
     lost: float = typer.Option(0.005, "--lost", help="With --cutout auto: largest share of energy left outside."),
     interpolation: str = typer.Option("", "--interpolation", help="nearest, linear, cubic or fourier."),
@@ -87,14 +94,16 @@ def command(
 
     Example: `lfcal assemble session/frames --dark session/dark --white session/white -o H.h5`
     """
-    from lfcal.cli.outputs import TABLES, check_output
+    from lfcal.cli.console import print_json
+    from lfcal.cli.outputs import TABLES, check_output, check_outputs
     from lfcal.frames import CorrectionRecipe
     from lfcal.frames.aligned import chosen_shift
     from lfcal.psf.assemble_plan import AssemblySettings
 
     # A manifest's frames lie beside it.
     beside = frames.parent if frames.suffix.lower() in TABLES else None
-    check_output(out, frames, beside, plan, manifest, dark, white, force=force)
+    if channel != "each":
+        check_output(out, frames, beside, plan, manifest, dark, white, force=force)
     recipe = CorrectionRecipe(
         dark=dark,
         black_level=black_level,
@@ -105,7 +114,6 @@ def command(
         background=background,
         exposure=exposure,
         saturation=saturation,
-        channel=channel,
     )
     settings = AssemblySettings(
         cutout=parse_cutout(cutout),
@@ -118,7 +126,8 @@ def command(
         compression=compression,
         workers=workers,
     )
-    source, scan = open_scan(
+    opened = partial(
+        open_scan,
         frames,
         plan,
         manifest=manifest,
@@ -128,38 +137,46 @@ def command(
         first=first,
         skip_damaged=skip_damaged,
     )
-    report_notes(source.metadata.get("notes", ()))
-    bits, note = chosen_shift(shift, source)
-    report_notes([note] if note else [])
-    recipe = replace(recipe, shift=bits)
-    _assemble(source, scan, recipe, settings, out=out, json=json, skip_damaged=skip_damaged)
+    with ExitStack() as stack:
+        source, scan = open_colour(opened, channel)
+        stack.enter_context(source)
+        report_notes(source.metadata.get("notes", ()))
+        bits, note = chosen_shift(shift, source)
+        report_notes([note] if note else [])
+        parts = parts_of(channel, source, scan, out, lambda name: stack.enter_context(opened(colour=name)[0]))
+        if channel == "each":
+            check_outputs([part.out for part in parts], frames, beside, plan, manifest, dark, white, force=force)
+        found = []
+        for part in parts:
+            own = replace(recipe, shift=bits, channel=part.channel)
+            found.append(_assemble(part, scan, own, settings, json=json, skip_damaged=skip_damaged))
+    if json:
+        print_json(found if channel == "each" else found[0])
 
 
 def _assemble(
-    source: Frames,
-    plan: ScanPlan,
+    part: Part,
+    scan: ScanPlan,
     recipe: CorrectionRecipe,
     settings: AssemblySettings,
     *,
-    out: Path,
     json: bool,
     skip_damaged: bool,
-) -> None:
-    """Correct, crop and write H; print what was made."""
+) -> dict[str, Any]:
+    """Correct, crop and write H; print what was made, or return it for ``json``."""
     from lfcal.cli.console import run_work
     from lfcal.frames import corrected_view, iter_undamaged
     from lfcal.psf.assemble_plan import iter_assemble_plan
 
     start = time.perf_counter()
-    with source:
-        frames: Frames = source
-        if skip_damaged:
-            frames = run_work(iter_undamaged(source, workers=settings.workers), quiet=json)
-        view = corrected_view(frames, recipe, plan)
-        guessed = {"intake": list(source.metadata["notes"])} if "notes" in source.metadata else {}
-        report = run_work(iter_assemble_plan(view, plan, out, settings, provenance=guessed), quiet=json)
+    frames = part.source
+    guessed = {"intake": list(frames.metadata["notes"])} if "notes" in frames.metadata else {}
+    if skip_damaged:
+        frames = run_work(iter_undamaged(frames, workers=settings.workers), quiet=json)
+    view = corrected_view(frames, recipe, scan)
+    report = run_work(iter_assemble_plan(view, part.plan, part.out, settings, provenance=guessed), quiet=json)
     with report.matrix:
-        show_report(report, out, time.perf_counter() - start, json)
+        return show_report(report, part.out, time.perf_counter() - start, json)
 
 
 def open_scan(
@@ -171,6 +188,7 @@ def open_scan(
     order: str = "",
     columns: str = "",
     first: int | None = None,
+    colour: str = "",
     skip_damaged: bool = False,
 ) -> tuple[Frames, ScanPlan]:
     """Return the frames and the plan they were recorded by: the one named, their own, or the one that lies there.
@@ -190,6 +208,7 @@ def open_scan(
         pattern=pattern or None,
         order=order or None,
         plan=found,
+        colour=colour or None,
         columns=columns,
         first=first,
         skip_damaged=skip_damaged,
@@ -241,32 +260,29 @@ def parse_cutout(text: str) -> tuple[int, int] | str | None:
     return (sizes[0], sizes[-1])
 
 
-def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -> None:
-    """Print what was assembled, as text or JSON; what nobody measured is null or "unknown"."""
-    from lfcal.cli.console import print_json
+def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -> dict[str, Any]:
+    """Return what was assembled, and print it but for ``json``; what nobody measured is null or "unknown"."""
     from lfcal.cli.console import report as line
     from lfcal.units import format_bytes, format_seconds
 
     matrix = report.matrix
+    facts = {
+        "out": out,
+        "shape": matrix.shape,
+        "frames": report.frames,
+        "missing": report.missing,
+        "repeated": report.repeated,
+        "left_out": [found._asdict() for found in report.left_out],
+        "saturated_positions": report.saturated,
+        "unknown_saturation": report.unknown_saturation,
+        "spread": report.spread,
+        "padded": report.padded,
+        "residual_px": report.residual_px,
+        "file_bytes": out.stat().st_size,
+        "seconds": seconds,
+    }
     if json:
-        print_json(
-            {
-                "out": out,
-                "shape": matrix.shape,
-                "frames": report.frames,
-                "missing": report.missing,
-                "repeated": report.repeated,
-                "left_out": [found._asdict() for found in report.left_out],
-                "saturated_positions": report.saturated,
-                "unknown_saturation": report.unknown_saturation,
-                "spread": report.spread,
-                "padded": report.padded,
-                "residual_px": report.residual_px,
-                "file_bytes": out.stat().st_size,
-                "seconds": seconds,
-            }
-        )
-        return
+        return facts
     for note in report.notes:
         line(f"note: {note}")
     for found in report.left_out[:LISTED]:
@@ -277,3 +293,4 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
     rows, columns = report.residual_px
     typer.echo(f"{out}: H {matrix.shape} from {report.frames} frames, {size} in {format_seconds(seconds)}")
     typer.echo(f"sub-pixel residual left by the cutout: {rows:.2f} rows, {columns:.2f} columns (px)")
+    return facts

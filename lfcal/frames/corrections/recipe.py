@@ -137,7 +137,7 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
     steps: list[Step] = [] if dark is None else [dark]
     if recipe.white:
         check_choice("white correction", recipe.white_mode, ("field", "pixels"))
-        white = _of_channel(source, read_average(recipe.white, shift=recipe.shift))
+        white = _of_channel(source, read_average(recipe.white, colour=facts.get("colour"), shift=recipe.shift))
         saturation = recipe.saturation if recipe.saturation is not None else facts.get("saturation")
         steps.append(_white(white, _white_dark(dark, white.shape), recipe, str(facts.get("cfa") or ""), saturation))
     if recipe.defects:
@@ -160,7 +160,8 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
 def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | None:
     """Return what is subtracted first: the recipe's dark, that of the recording, or the black level."""
     if recipe.dark and recipe.dark != "none":
-        return Dark(_of_channel(source, read_average(recipe.dark, shift=recipe.shift)))
+        colour = source.metadata.get("colour")
+        return Dark(_of_channel(source, read_average(recipe.dark, colour=colour, shift=recipe.shift)))
     if recipe.black_level is None and recipe.dark == "none":
         return None
     darks = source.metadata.get("darks")

@@ -139,6 +139,8 @@ class TiffImage(ImageFile):
         # TIFF stores 10, 12 or 14 bits packed; read, they fill 16
         known: dict[str, Any] = {} if bits in (8, 16, 32, 64) else {"bit_depth": bits}
         axes = self._scan_axes()
+        if self._component is not None:
+            known["colour"] = colour
         self.metadata = known | ({"scan_axes": axes} if axes else {})
 
     def _scan_axes(self) -> tuple[str, tuple[int, ...]] | None:
