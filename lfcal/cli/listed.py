@@ -35,10 +35,9 @@ def plan_from_list(
     from lfcal.errors import StorageError
     from lfcal.frames.lists.derived import plan_of_list
     from lfcal.frames.lists.entries import located
-    from lfcal.frames.lists.listing import read_listing
-    from lfcal.frames.lists.open_table import reader
+    from lfcal.frames.lists.open_table import any_listing, reader
 
-    listing = read_listing(listed, columns)
+    listing = any_listing(listed, columns)
     root = folder or listed.parent
     try:
         listing = located(listing, root)

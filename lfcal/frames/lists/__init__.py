@@ -4,6 +4,7 @@
 - ``columns``: which column holds file, place and exposure, by their names or as told
 - ``listing``: the frames of a table, with places in numbers of steps or in lengths
 - ``names``: files as other systems write them, found in the folder
+- ``micromanager``: what Micro-Manager writes beside its frames
 - ``grid``: planes, rows and columns in stage coordinates
 - ``motion``: where the light goes as the stage moves
 - ``placing``: stage coordinates to positions of a scan plan

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lfcal.errors import FileFormatError, InputError
+from lfcal.frames.formats.image_file import ImageFile
 from lfcal.frames.formats.opening import image_suffixes, open_image
+from lfcal.frames.lists.micromanager import micromanager_list
 from lfcal.frames.lists.names import files_below
-from lfcal.frames.lists.open_table import manifest_from
+from lfcal.frames.lists.open_table import from_micromanager, from_stage, manifest_from
 from lfcal.frames.lists.table import TABLE_SUFFIXES
 from lfcal.frames.manifest import FrameEntry, Manifest
 from lfcal.frames.name_guess import guess_pattern
@@ -31,7 +34,7 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
             "positions of the frames", "one source of them", " and ".join(given), "give only one of these"
         )
     root = path if path.is_dir() else path.parent
-    listed, notes = _listed(path, root, options)
+    listed, notes, facts = _listed(path, root, options)
     shape = options.plan_shape
     if shape is not None and listed.plan_shape != shape:
         listed = _bounded(listed, shape)
@@ -43,20 +46,38 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
         nan=options.nan,
         blank=options.blank,
         skip_damaged=options.skip_damaged,
-        notes=notes,
+        notes=(*notes, *_pixel_notes(options, facts)),
+        facts=facts,
     )
 
 
-def _listed(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
-    """Return which frame is where, and what was guessed for it."""
+def _listed(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
+    """Return which frame is where, what was guessed for it, and what is known of all frames."""
     if isinstance(options.manifest, Manifest):
-        return options.manifest, ()
+        return options.manifest, (), {}
     table = _table(path, options)
+    if table is not None and table.name.endswith("metadata.txt"):
+        return from_micromanager(table, root, options)
     if table is not None:
-        return manifest_from(table, root, options)
+        return *manifest_from(table, root, options), {}
     if options.columns:
         raise InputError.expected(f"columns of {path}", "a list of frames", "none", "name it with --manifest")
-    return _from_folder(path, options) if path.is_dir() else (_from_file(path, options, options.plan_shape), ())
+    if path.is_dir():
+        return *_from_folder(path, options), {}
+    return _from_file(path, options, options.plan_shape)
+
+
+def _pixel_notes(options: FrameOptions, facts: dict[str, Any]) -> list[str]:
+    """Return a note where the frames state another size of a pixel than the camera, on the sensor and in the object."""
+    stated = facts.get("pixel_um")
+    if stated is None or options.plan is None:
+        return []
+    camera = options.plan.camera
+    own = {"on the sensor": camera.sensor.pixel_um, "in the object": camera.step_um(0.0)}
+    if any(abs(stated / size - 1) < 0.01 for size in own.values()):
+        return []
+    words = ", ".join(f"{size:.4g} um {where}" for where, size in own.items())
+    return [f"pixels: the frames say {stated:.4g} um, the camera {words}; check binning, objective and camera"]
 
 
 SOURCE = SourceKind("files", lambda _: True, open_files, rank=100)
@@ -82,6 +103,8 @@ def _table(path: Path, options: FrameOptions) -> Path | None:
     found = [path / name for name in ("manifest.json", "manifest.csv") if (path / name).is_file()]
     if len(found) > 1:
         raise InputError.expected(f"manifest in {path}", "one", "manifest.json and manifest.csv", "name the right one")
+    if not found and path.is_dir() and options.plan is not None and (own := micromanager_list(path)) is not None:
+        return own
     if not found and path.is_dir():
         lists = sorted(p for p in path.iterdir() if p.suffix.lower() in (".csv", ".tsv") and p.is_file())
         if len(lists) > 1:
@@ -157,10 +180,31 @@ def _count(path: Path, options: FrameOptions) -> int:
     return image.pages
 
 
-def _from_file(path: Path, options: FrameOptions, shape: tuple[int, int, int] | None) -> Manifest:
+def _from_file(
+    path: Path, options: FrameOptions, shape: tuple[int, int, int] | None
+) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
     image = open_image(path, colour=options.colour, dataset=options.dataset)
     image.close()
     pages = [(path.name, k) for k in range(image.pages)]
+    facts = {"pixel_um": image.metadata["pixel_um"]} if "pixel_um" in image.metadata else {}
+    if image.metadata.get("stage_um") is not None and options.plan is not None and not options.order:
+        return *from_stage(path, image.metadata, options), facts
+    listed = _of_pages(path, image, pages, options, shape)
+    exposures = image.metadata.get("exposure_s")
+    if exposures is not None and all(entry.exposure_s is None for entry in listed.entries):
+        entries = tuple(replace(entry, exposure_s=float(exposures[entry.page])) for entry in listed.entries)
+        listed = replace(listed, entries=entries)
+    return listed, (), facts
+
+
+def _of_pages(
+    path: Path,
+    image: ImageFile,
+    pages: list[tuple[str, int]],
+    options: FrameOptions,
+    shape: tuple[int, int, int] | None,
+) -> Manifest:
+    """Return where each page of one file belongs: by its axes, the order that is given, or positions beside it."""
     axes = image.metadata.get("scan_axes")
     if axes is not None:
         scanned, found = _along_axes(path, pages, *axes)
