@@ -18,7 +18,7 @@ __all__ = ["ShiftedSource", "chosen_shift", "find_shift", "shifted"]
 
 LOOKED_AT = 6
 """Frames that tell how samples are aligned."""
-ENOUGH = 32
+ENOUGH = 16
 """Different values that a frame must have to tell anything."""
 
 

@@ -44,13 +44,23 @@ def test_a_newcomer_reaches_h_and_its_report(lfcal: Callable[..., Run], folder: 
     listed = ("--positions", folder / "stage.csv", "--frames", folder / "tiffs", "--columns", columns)
     done = lfcal("plan", folder / "camera.json", *listed, "--cutout", "9,11", "-o", plan)
     assert done.code == 0, done.err
-    assert "columns: file=Bild, z=Pos Z (mm) (mm)" in done.err and "decimal commas" in done.err
+    assert "columns: file=Bild, z=Pos Z (mm), y=" in done.err and "decimal commas" in done.err
     assert "axes: -y,+x,-z move the image right, down and the source away, as the light moves" in done.err
     assert "anchor: row 18, column 21" in done.err
     done = lfcal(
-        "assemble", folder / "tiffs", "-p", plan, "--manifest", folder / "stage.csv", "--columns", columns,
-        "--black-level", "100", "-o", out,
-    )  # fmt: skip
+        "assemble",
+        folder / "tiffs",
+        "-p",
+        plan,
+        "--manifest",
+        folder / "stage.csv",
+        "--columns",
+        columns,
+        "--black-level",
+        "100",
+        "-o",
+        out,
+    )
     assert done.code == 0, done.err
     assert "places: " in done.err and "px rms off the grid" in done.err and "the light agrees" in done.err
     with open_psf(out) as matrix:

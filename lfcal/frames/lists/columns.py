@@ -10,7 +10,7 @@ from lfcal.errors import InputError
 from lfcal.frames.formats.opening import image_suffixes
 from lfcal.frames.lists.table import Table
 
-__all__ = ["ROLES", "Column", "columns_in_words", "find_columns", "parse_columns"]
+__all__ = ["ROLES", "Column", "clear_columns", "columns_in_words", "find_columns", "parse_columns"]
 
 ROLES = ("file", "page", "z", "y", "x", "exposure", "dy", "dx")
 """What a column can hold; only file, y and x are needed."""
@@ -51,8 +51,9 @@ class Column:
     unit: str = ""
 
     def __str__(self) -> str:
-        """Return ``role=name (unit)``."""
-        return f"{self.role}={self.name}{f' ({self.unit})' if self.unit else ''}"
+        """Return ``role=name (unit)``, without the unit where the name has it."""
+        named = self.unit in (word.lower() for word in _WORD.findall(self.name))
+        return f"{self.role}={self.name}{f' ({self.unit})' if self.unit and not named else ''}"
 
 
 def parse_columns(text: str) -> dict[str, tuple[str, str]]:
@@ -89,24 +90,12 @@ def find_columns(table: Table, told: Mapping[str, tuple[str, str]] | None = None
     InputError
         If several columns could hold the same, a needed one is not found, or ``told`` names one that is not there.
     """
-    told = dict(told or {})
-    chosen = {role: _told(table, role, *value) for role, value in told.items()}
-    used = {column.name for column in chosen.values()}
-    guesses: dict[str, list[Column]] = {}
-    for name in table.columns if table.header else ():
-        guess = _guess(name)
-        if guess is not None and name not in used and guess.role not in chosen:
-            guesses.setdefault(guess.role, []).append(guess)
-    for role, found in guesses.items():
-        exact = [column for column in found if column.name.strip().lower() == role]
-        if len(found) > 1 and len(exact) != 1:
-            names = " or ".join(repr(column.name) for column in found)
-            raise InputError.expected(
-                f"{table.name}, column of {role}", "one", names, f"say which: --columns '{role}={found[-1].name}'"
-            )
-        chosen[role] = exact[0] if exact else found[0]
-    if "file" not in chosen:
-        chosen |= _by_endings(table, used)
+    chosen, doubtful = _sorted_out(table, told or {})
+    for role, found in doubtful.items():
+        names = " or ".join(repr(column.name) for column in found)
+        raise InputError.expected(
+            f"{table.name}, column of {role}", "one", names, f"say which: --columns '{role}={found[-1].name}'"
+        )
     missing = [role for role in ("file", "y", "x") if role not in chosen]
     if missing:
         raise InputError.expected(
@@ -116,6 +105,33 @@ def find_columns(table: Table, told: Mapping[str, tuple[str, str]] | None = None
             f"say which it is: --columns {','.join(f'{role}=COLUMN' for role in missing)}",
         )
     return tuple(chosen[role] for role in ROLES if role in chosen)
+
+
+def clear_columns(table: Table) -> tuple[Column, ...]:
+    """Return those columns whose names leave no doubt, also where others are missing."""
+    chosen, _ = _sorted_out(table, {})
+    return tuple(chosen[role] for role in ROLES if role in chosen)
+
+
+def _sorted_out(table: Table, told: Mapping[str, tuple[str, str]]) -> tuple[dict[str, Column], dict[str, list[Column]]]:
+    """Return the column of each role, and the columns that could have the same role."""
+    chosen = {role: _told(table, role, *value) for role, value in told.items()}
+    used = {column.name for column in chosen.values()}
+    guesses: dict[str, list[Column]] = {}
+    for name in table.columns if table.header else ():
+        guess = _guess(name)
+        if guess is not None and name not in used and guess.role not in chosen:
+            guesses.setdefault(guess.role, []).append(guess)
+    doubtful = {}
+    for role, found in guesses.items():
+        exact = [column for column in found if column.name.strip().lower() == role]
+        if len(found) > 1 and len(exact) != 1:
+            doubtful[role] = found
+        else:
+            chosen[role] = exact[0] if exact else found[0]
+    if "file" not in {*chosen, *doubtful}:
+        chosen |= _by_endings(table, used)
+    return chosen, doubtful
 
 
 def columns_in_words(columns: tuple[Column, ...]) -> str:

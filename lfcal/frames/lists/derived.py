@@ -72,10 +72,10 @@ def plan_of_list(
     axes, why = _lateral_axes(grid, camera, said, lateral, light)
     heights = np.array([plane.height for plane in grid.planes]) * factor
     sizes = np.array([_step(plane.steps) for plane in grid.planes]) * factor
-    axes, depths, how = _depths(camera, axes, heights, sizes, depths_um)
     counts = dict(zip(lateral, grid.counts, strict=True))
     period = counts[AXES.index(axes.down[1])], counts[AXES.index(axes.right[1])]
     _check_period(period, camera)
+    axes, depths, how = _depths(camera, axes, heights, sizes, depths_um)
     anchor, seen = _anchor(light, axes, lateral, period)
     given = {key: value for key, value in settings.items() if value is not None}
     plan = ScanPlan.for_camera(camera, depths_um=depths, stage=axes, **({"anchor": anchor} if anchor else {}) | given)

@@ -77,13 +77,17 @@ def test_planes_are_put_in_the_order_of_the_pages() -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "", "<OME", "<!DOCTYPE x [<!ENTITY a 'b'>]><OME/>", OME.format("", PLANE.format(0, "one", 1, "")),
+        "",
+        "<OME",
+        "<!DOCTYPE x [<!ENTITY a 'b'>]><OME/>",
+        OME.format("", PLANE.format(0, "one", 1, "")),
         OME.format("", PLANE.format(0, 0, "nan", "") + PLANE.format(0, 1, 2, "")),
         OME.format("", PLANE.format(0, 0, 1, 'PositionXUnit="parsec"') + PLANE.format(0, 1, 2, "")),
         OME.format("", PLANE.format(0, 0, 1, "") + PLANE.format(0, 1, 1, "")),
-        OME.format('PhysicalSizeX="-1"', ""), OME.format("", PLANE.format(0, 0, 1, "")),
+        OME.format('PhysicalSizeX="-1"', ""),
+        OME.format("", PLANE.format(0, 0, 1, "")),
     ],
-)  # fmt: skip
+)
 def test_what_says_nothing_is_left_out(text: str) -> None:
     assert ome_facts(text, 2) == {}
 
@@ -96,9 +100,14 @@ def metadata_of(found: Scan, names: list[str], version: int) -> dict[str, Any]:
     for k, (name, (x, y, z)) in enumerate(zip(names, found.stage, strict=True)):
         key = f"FrameKey-{k}-0-0" if version == 1 else f"Metadata-Default/{name}"
         body[key] = {
-            "FileName": name if version == 1 else f"Default/{name}", "XPositionUm": x, "YPositionUm": y,
-            "ZPositionUm": z, "Exposure-ms": 20.0, "PixelSizeUm": 0.5, "BitDepth": 12,
-        }  # fmt: skip
+            "FileName": name if version == 1 else f"Default/{name}",
+            "XPositionUm": x,
+            "YPositionUm": y,
+            "ZPositionUm": z,
+            "Exposure-ms": 20.0,
+            "PixelSizeUm": 0.5,
+            "BitDepth": 12,
+        }
     return body
 
 

@@ -86,9 +86,14 @@ def test_columns_as_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value", "seconds"),
-    [("exposure_ms", "20", 0.02), ("Exposure (s)", "0.5", 0.5), ("Exp", "20", 0.02), ("ExposureTime", "0.02", 0.02),
-     ("exposure_us", "700", 0.0007)],
-)  # fmt: skip
+    [
+        ("exposure_ms", "20", 0.02),
+        ("Exposure (s)", "0.5", 0.5),
+        ("Exp", "20", 0.02),
+        ("ExposureTime", "0.02", 0.02),
+        ("exposure_us", "700", 0.0007),
+    ],
+)
 def test_exposures(tmp_path: Path, name: str, value: str, seconds: float) -> None:
     (tmp_path / "a.csv").write_text(f"file,x_um,y_um,{name}\na.tif,1.5,2,{value}\n")
     found = read_listing(tmp_path / "a.csv")
@@ -116,7 +121,7 @@ BAD = {
     "no rows": ("file,x,y\n", "", "expected a row for each frame, got only a header"),
     "empty": ("# nothing\n", "", "a table with a row for each frame"),
     "no name": ("file,x_um,y_um\n,1,2\n", "", "line 2, file: expected the name of a file"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -145,9 +150,18 @@ def listing(*files: str, unit: str = "index") -> Listing:
 
 
 @pytest.mark.parametrize(
-    "name", ["a/img_1.tif", r"a\img_1.tif", r"D:\scans\today\a\img_1.tif", "/home/me/a/img_1.tif", "./a/img_1.tif",
-             "a/IMG_1.TIF", "a/img_1", r"C:a\img_1"],
-)  # fmt: skip
+    "name",
+    [
+        "a/img_1.tif",
+        r"a\img_1.tif",
+        r"D:\scans\today\a\img_1.tif",
+        "/home/me/a/img_1.tif",
+        "./a/img_1.tif",
+        "a/IMG_1.TIF",
+        "a/img_1",
+        r"C:a\img_1",
+    ],
+)
 def test_files_as_other_systems_write_them(tmp_path: Path, name: str) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "img_1.tif").write_bytes(b"x")
