@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.checks import check_number
-from lfcal.errors import InputError
+from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.regions import Region
 from lfcal.frames.source import Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView
@@ -36,7 +36,10 @@ def find_shift(source: FrameSource) -> int:
         return 0
     found: dict[int, str] = {}
     for index in sorted({round(k) for k in np.linspace(0, len(source) - 1, LOOKED_AT)}):
-        values = source.read(index)
+        try:
+            values = source.read(index)
+        except (FileFormatError, StorageError):
+            continue  # a damaged frame is refused, or left out, where all frames are read
         used = int(np.bitwise_or.reduce(values, axis=None))
         # few different values, as in a dark frame, may be even by chance
         if used and len(np.unique(values[:: max(1, values.shape[0] // 512)])) >= ENOUGH:

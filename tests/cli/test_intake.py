@@ -38,9 +38,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def test_a_newcomer_reaches_h_and_its_report(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
+def h_of_newcomer(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> Path:
+    """Run plan and assemble as a newcomer would, and return H."""
     columns = "file=Bild"
-    plan, out, page = tmp_path / "plan.json", tmp_path / "H.h5", tmp_path / "report"
+    plan, out = tmp_path / "plan.json", tmp_path / "H.h5"
     listed = ("--positions", folder / "stage.csv", "--frames", folder / "tiffs", "--columns", columns)
     done = lfcal("plan", folder / "camera.json", *listed, "--cutout", "9,11", "-o", plan)
     assert done.code == 0, done.err
@@ -63,13 +64,22 @@ def test_a_newcomer_reaches_h_and_its_report(lfcal: Callable[..., Run], folder: 
     )
     assert done.code == 0, done.err
     assert "places: " in done.err and "px rms off the grid" in done.err and "the light agrees" in done.err
+    return out
+
+
+def test_a_newcomer_reaches_h(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
+    out = h_of_newcomer(lfcal, folder, tmp_path)
     with open_psf(out) as matrix:
         H = np.asarray(matrix)
         assert matrix.provenance["intake"], "what was guessed is kept with H"
     assert H.shape == (2, ROWS, COLUMNS, 9, 11)
     # every cutout holds the same spot in its middle: no frame is at another's position
     assert all(np.unravel_index(cut.argmax(), cut.shape) == (4, 5) for cut in H.reshape(-1, 9, 11))
-    done = lfcal("inspect", out, "--report", page)
+
+
+@pytest.mark.long
+def test_a_newcomer_reaches_the_report(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
+    done = lfcal("inspect", h_of_newcomer(lfcal, folder, tmp_path), "--report", tmp_path / "report")
     assert done.code == 0, done.err
 
 

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.errors import FileFormatError, StorageError
+
 __all__ = ["Motion", "image_motion", "spread_out"]
 
 SAMPLED = 16
@@ -73,15 +75,25 @@ def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -
     """
     if np.ptp(index, axis=0).min() < 2:
         return None
-    floor = read(0)
-    for k in range(1, len(index)):
-        floor = np.minimum(floor, read(k))
-    # read again rather than kept: sixteen frames of a large sensor are gigabytes
-    centres = np.array([_centre(read(k).astype(np.float32) - floor) for k in range(len(index))])
-    seen = np.isfinite(centres).all(axis=1)
-    if seen.sum() < 6:
+    good: list[int] = []
+    floor: NDArray[Any] | None = None
+    for k in range(len(index)):
+        try:
+            frame = read(k)
+        except (FileFormatError, StorageError):
+            continue  # damaged frames are refused, or left out, where all frames are read
+        if floor is None or frame.shape == floor.shape:
+            floor = frame if floor is None else np.minimum(floor, frame)
+            good.append(k)
+    if floor is None:
         return None
-    design = np.column_stack([np.ones(int(seen.sum())), index[seen]])
+    # read again rather than kept: sixteen frames of a large sensor are gigabytes
+    centres = np.array([_centre(read(k).astype(np.float32) - floor) for k in good]).reshape(-1, 2)
+    seen = np.isfinite(centres).all(axis=1)
+    places = index[good][seen]
+    if len(places) < 6 or np.ptp(places, axis=0).min() < 2:
+        return None
+    design = np.column_stack([np.ones(len(places)), places])
     fitted, *_ = np.linalg.lstsq(design, centres[seen], rcond=None)
     rms = float(np.sqrt(((design @ fitted - centres[seen]) ** 2).sum(axis=1).mean()))
     return Motion(fitted[1:].T, (float(fitted[0, 0]), float(fitted[0, 1])), rms)

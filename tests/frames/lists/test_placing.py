@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lfcal.camera import ScanPlan, StageAxes
-from lfcal.errors import InputError
+from lfcal.errors import FileFormatError, InputError
 from lfcal.frames.lists.derived import plan_of_list
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.lists.placing import place
@@ -170,3 +170,18 @@ def test_what_no_plan_can_be_made_of() -> None:
         plan_of_list(listing_of(scan()), small_camera(), depths_um=(0.0,))
     with pytest.raises(InputError, match="coordinates of the stage, got numbers of positions"):
         plan_of_list(listing_of(found, unit="index"), found.camera)
+
+
+def test_damaged_frames_do_not_stand_in_the_way_of_the_others() -> None:
+    found = scan(right="-x")
+    listing = listing_of(found)
+    read = reader(found, listing)
+
+    def some(k: int) -> np.ndarray:
+        if k % 5 == 0:
+            raise FileFormatError("damaged")
+        return read(k) if k % 5 > 1 else read(k)[:, :-1]
+
+    assert place(listing, plan_of(), some).stage.right == "-x"
+    none = place(listing, plan_of(), lambda _: some(0))
+    assert none.stage.right == "+x", "without light the plan decides"
