@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import time
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lfcal.cli.channels import Part, open_colour, parts_of
+from lfcal.cli.listed import ColumnsOption, report_notes
 from lfcal.cli.options import CompressionOption, ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
@@ -37,7 +42,11 @@ def command(
         None, "--plan", "-p", help="Scan plan (.json); the session's own, or plan.json beside the frames, by default."
     ),
     manifest: Path | None = typer.Option(
-        None, "--manifest", help="Manifest of the frames, if it does not lie with them."
+        None, "--manifest", help="Manifest or list of the frames (.csv, .tsv, .txt, .json), if not with them."
+    ),
+    columns: ColumnsOption = "",
+    first: int | None = typer.Option(
+        None, "--first", min=0, max=1, help="Number of the first position in names or lists; found by default."
     ),
     pattern: str = typer.Option("", "--pattern", help="Positions from file names, e.g. 'z{z}_y{y}_x{x}.png'."),
     order: str = typer.Option("", "--order", help="Positions from the order of names: serpentine or raster."),
@@ -58,8 +67,12 @@ def command(
         "auto", "--exposure", help="auto: scale frames of unequal known exposure to one; none; or seconds to scale to."
     ),
     saturation: float | None = typer.Option(None, "--saturation", help="Sample value of saturation."),
-    shift: int = typer.Option(0, "--shift", help="Bits by which left-aligned samples are moved down."),
-    channel: str = typer.Option("", "--channel", help="Colour channel of a mosaic: R, G1, G2, B …"),
+    shift: str = typer.Option("0", "--shift", help="Bits by which left-aligned samples are moved down, or auto."),
+    channel: str = typer.Option(
+        "",
+        "--channel",
+        help="Colour of a mosaic (R, G1, G2, B) or picture (R, G, B); each: an H file of every one.",
+    ),
     orientation: str = typer.Option(
         "check",
         "--orientation",
@@ -87,15 +100,18 @@ def command(
 
     Example: `lfcal assemble session/frames --dark session/dark --white session/white -o H.h5`
     """
+    from lfcal.cli.console import print_json
     from lfcal.cli.orientation import check_choice
-    from lfcal.cli.outputs import TABLES, check_output
+    from lfcal.cli.outputs import TABLES, check_output, check_outputs
     from lfcal.frames import CorrectionRecipe
+    from lfcal.frames.aligned import chosen_shift
     from lfcal.psf.assemble_plan import AssemblySettings
 
     check_choice(orientation)
     # A manifest's frames lie beside it.
     beside = frames.parent if frames.suffix.lower() in TABLES else None
-    check_output(out, frames, beside, plan, manifest, dark, white, force=force)
+    if channel != "each":
+        check_output(out, frames, beside, plan, manifest, dark, white, force=force)
     recipe = CorrectionRecipe(
         dark=dark,
         black_level=black_level,
@@ -106,8 +122,6 @@ def command(
         background=background,
         exposure=exposure,
         saturation=saturation,
-        channel=channel,
-        shift=shift,
     )
     settings = AssemblySettings(
         cutout=parse_cutout(cutout),
@@ -120,37 +134,60 @@ def command(
         compression=compression,
         workers=workers,
     )
-    source, scan = open_scan(frames, plan, manifest=manifest, pattern=pattern, order=order, skip_damaged=skip_damaged)
-    _assemble(source, scan, recipe, settings, orientation, out=out, json=json, skip_damaged=skip_damaged)
+    opened = partial(
+        open_scan,
+        frames,
+        plan,
+        manifest=manifest,
+        pattern=pattern,
+        order=order,
+        columns=columns,
+        first=first,
+        skip_damaged=skip_damaged,
+    )
+    with ExitStack() as stack:
+        source, scan = open_colour(opened, channel)
+        stack.enter_context(source)
+        report_notes(source.metadata.get("notes", ()))
+        bits, note = chosen_shift(shift, source)
+        report_notes([note] if note else [])
+        parts = parts_of(channel, source, scan, out, lambda name: stack.enter_context(opened(colour=name)[0]))
+        if channel == "each":
+            check_outputs([part.out for part in parts], frames, beside, plan, manifest, dark, white, force=force)
+        found = []
+        for part in parts:
+            own = replace(recipe, shift=bits, channel=part.channel)
+            found.append(_assemble(part, scan, own, settings, orientation, json=json, skip_damaged=skip_damaged))
+    if json:
+        print_json(found if channel == "each" else found[0])
 
 
 def _assemble(
-    source: Frames,
-    plan: ScanPlan,
+    part: Part,
+    scan: ScanPlan,
     recipe: CorrectionRecipe,
     settings: AssemblySettings,
     orientation: str,
     *,
-    out: Path,
     json: bool,
     skip_damaged: bool,
-) -> None:
-    """Correct, crop and write H; print what was made."""
+) -> dict[str, Any]:
+    """Correct, crop and write H; print what was made, or return it for ``json``."""
     from lfcal.cli.console import run_work
     from lfcal.cli.orientation import check_colours, upright
     from lfcal.frames import corrected_view, iter_undamaged
     from lfcal.psf.assemble_plan import iter_assemble_plan
 
     start = time.perf_counter()
-    with source:
-        frames: Frames = source
-        if skip_damaged:
-            frames = run_work(iter_undamaged(source, workers=settings.workers), quiet=json)
-        view, lie = upright(corrected_view(frames, recipe, plan), plan, orientation, quiet=json)
-        check_colours(frames, plan, recipe, lie["orientation"]["applied"])
-        report = run_work(iter_assemble_plan(view, plan, out, settings, provenance=lie), quiet=json)
+    frames = part.source
+    known = {"intake": list(frames.metadata["notes"])} if "notes" in frames.metadata else {}
+    if skip_damaged:
+        frames = run_work(iter_undamaged(frames, workers=settings.workers), quiet=json)
+    view, lie = upright(corrected_view(frames, recipe, scan), part.plan, orientation, quiet=json)
+    check_colours(frames, scan, recipe, lie["orientation"]["applied"])
+    report = run_work(iter_assemble_plan(view, part.plan, part.out, settings, provenance=known | lie), quiet=json)
     with report.matrix:
-        show_report(report, out, time.perf_counter() - start, json)
+        return show_report(report, part.out, time.perf_counter() - start, json)
 
 
 def open_scan(
@@ -160,6 +197,9 @@ def open_scan(
     manifest: Path | None = None,
     pattern: str = "",
     order: str = "",
+    columns: str = "",
+    first: int | None = None,
+    colour: str = "",
     skip_damaged: bool = False,
 ) -> tuple[Frames, ScanPlan]:
     """Return the frames and the plan they were recorded by: the one named, their own, or the one that lies there.
@@ -173,13 +213,15 @@ def open_scan(
     from lfcal.frames import open_frames
 
     found = find_plan(frames, plan)
-    shape = None if found is None else found.shape[:3]
     source = open_frames(
         frames,
         manifest=manifest,
         pattern=pattern or None,
         order=order or None,
-        plan_shape=shape,
+        plan=found,
+        colour=colour or None,
+        columns=columns,
+        first=first,
         skip_damaged=skip_damaged,
     )
     own: ScanPlan | None = source.metadata.get("plan")
@@ -229,33 +271,30 @@ def parse_cutout(text: str) -> tuple[int, int] | str | None:
     return (sizes[0], sizes[-1])
 
 
-def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -> None:
-    """Print what was assembled, as text or JSON; what nobody measured is null or "unknown"."""
-    from lfcal.cli.console import print_json
+def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -> dict[str, Any]:
+    """Return what was assembled, and print it but for ``json``; what nobody measured is null or "unknown"."""
     from lfcal.cli.console import report as line
     from lfcal.units import format_bytes, format_seconds
 
     matrix = report.matrix
+    facts = {
+        "out": out,
+        "shape": matrix.shape,
+        "frames": report.frames,
+        "missing": report.missing,
+        "repeated": report.repeated,
+        "orientation": matrix.provenance.get("orientation", {"applied": report.orientation}),
+        "left_out": [found._asdict() for found in report.left_out],
+        "saturated_positions": report.saturated,
+        "unknown_saturation": report.unknown_saturation,
+        "spread": report.spread,
+        "padded": report.padded,
+        "residual_px": report.residual_px,
+        "file_bytes": out.stat().st_size,
+        "seconds": seconds,
+    }
     if json:
-        print_json(
-            {
-                "out": out,
-                "shape": matrix.shape,
-                "frames": report.frames,
-                "missing": report.missing,
-                "repeated": report.repeated,
-                "orientation": matrix.provenance.get("orientation", {"applied": report.orientation}),
-                "left_out": [found._asdict() for found in report.left_out],
-                "saturated_positions": report.saturated,
-                "unknown_saturation": report.unknown_saturation,
-                "spread": report.spread,
-                "padded": report.padded,
-                "residual_px": report.residual_px,
-                "file_bytes": out.stat().st_size,
-                "seconds": seconds,
-            }
-        )
-        return
+        return facts
     told = matrix.provenance.get("orientation", {}).get("note")
     for note in (*([told] if told else []), *report.notes):
         line(f"note: {note}")
@@ -267,3 +306,4 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
     rows, columns = report.residual_px
     typer.echo(f"{out}: H {matrix.shape} from {report.frames} frames, {size} in {format_seconds(seconds)}")
     typer.echo(f"sub-pixel residual left by the cutout: {rows:.2f} rows, {columns:.2f} columns (px)")
+    return facts

@@ -17,7 +17,7 @@ from lfcal.files import check_writable
 
 __all__ = ["TABLES", "check_output", "check_outputs"]
 
-TABLES = frozenset({".csv", ".json"})
+TABLES = frozenset({".csv", ".tsv", ".txt", ".dat", ".json"})
 """Suffixes of manifests and plans, which are read from a folder with its frames."""
 
 RECORDINGS = ("recording", "darks", "checks")

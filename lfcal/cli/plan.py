@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import typer
 
@@ -12,6 +13,7 @@ from lfcal.camera import Forecast, ScanPlan, StageAxes
 from lfcal.camera.derived import DEPTH, STEP, WHOLE_FRAMES, assumed_of
 from lfcal.cli.cameras import load_camera
 from lfcal.cli.console import print_json, print_table
+from lfcal.cli.listed import ColumnsOption, plan_from_list
 from lfcal.cli.options import CameraArgument, CutoutOption, DepthsOption, ForceOption, JsonOption, VirtualDepthsOption
 from lfcal.cli.outputs import check_output
 from lfcal.errors import InputError
@@ -176,6 +178,11 @@ def command(
     *,
     depths: DepthsOption = "",
     virtual_depths: VirtualDepthsOption = "",
+    positions: Path | None = typer.Option(
+        None, "--positions", help="List of stage coordinates of a scan that was recorded: its plan is made."
+    ),
+    frames: Path | None = typer.Option(None, "--frames", help="With --positions: the folder of the frames listed."),
+    columns: ColumnsOption = "",
     cutout: CutoutOption = "",
     anchor: str = typer.Option("", help="Sensor ROW,COLUMN of the image at y = x = 0; by default centred."),
     resample: bool = typer.Option(False, "--resample", help="Scale the frames so that the period is whole."),
@@ -194,21 +201,33 @@ def command(
     Example: `lfcal plan r29 --virtual-depths 2:5.5:0.35 -o plan.json`
     """
     if out is not None:
-        check_output(out, camera, force=force)
-    lengths, virtual = parse_planes(depths, virtual_depths)
-    plan = ScanPlan.for_camera(
-        load_camera(camera),
-        depths_um=lengths,
-        virtual_depths=virtual,
-        cutout=parse_cutout(cutout),
-        anchor=parse_pair(anchor, "anchor") if anchor else None,
-        order=order,
-        stage=_stage_axes(stage),
-        exposure_s=exposure,
-        settle_s=settle,
-        frames_averaged=average,
-        resample=resample,
-    )
+        check_output(out, camera, positions, frames, force=force)
+    settings: dict[str, Any] = {
+        "cutout": parse_cutout(cutout),
+        "anchor": parse_pair(anchor, "anchor") if anchor else None,
+        "order": order,
+        "exposure_s": exposure,
+        "settle_s": settle,
+        "resample": resample,
+    }
+    axes = _stage_axes(stage)
+    if positions is not None:
+        lengths, virtual = parse_planes(depths, virtual_depths) if depths or virtual_depths else (None, None)
+        known = load_camera(camera)
+        planes = lengths if virtual is None else tuple(known.depth_of(v) for v in virtual)
+        plan = plan_from_list(
+            positions, known, folder=frames, columns=columns, stage=axes, depths_um=planes, **settings
+        )
+    else:
+        lengths, virtual = parse_planes(depths, virtual_depths)
+        plan = ScanPlan.for_camera(
+            load_camera(camera),
+            depths_um=lengths,
+            virtual_depths=virtual,
+            stage=axes,
+            frames_averaged=average,
+            **settings,
+        )
     _show(plan, speed, out, json, computed="virtual depths" if virtual is None else "depths")
 
 

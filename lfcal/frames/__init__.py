@@ -4,6 +4,7 @@
 - ``opening``: `open_frames`, the only door; ``sources``: the kinds of source behind it
 - ``formats``: image files, one module a format
 - ``manifest``, ``manifest_file``, ``positions``: which frame was taken where
+- ``lists``, ``name_guess``: the same from what other programs wrote
 - ``regions``: parts of a frame; ``cfa``, ``channels``: colour filter patterns, and mosaics by channel
 - ``described``: what a scan plan adds to what frames say of themselves; ``aligned``: left-aligned samples
 - ``orientation``, ``oriented``: the eight flips and turns, and frames turned upright

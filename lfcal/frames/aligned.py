@@ -9,12 +9,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.checks import check_number
-from lfcal.errors import InputError
+from lfcal.errors import FileFormatError, InputError, StorageError
 from lfcal.frames.regions import Region
 from lfcal.frames.source import Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView
 
-__all__ = ["ShiftedSource", "shifted"]
+__all__ = ["ShiftedSource", "chosen_shift", "find_shift", "shifted"]
+
+LOOKED_AT = 6
+"""Frames that tell how samples are aligned."""
+ENOUGH = 16
+"""Different values that a frame must have to tell anything."""
+
+
+def find_shift(source: FrameSource) -> int:
+    """Return by how many bits the samples of ``source`` are left-aligned, 0 where they are not.
+
+    Several frames spread over all of them are looked at whole: all samples of all are multiples of ``2^bits``.
+
+    Raises
+    ------
+    InputError
+        If some frames are left-aligned and others are not.
+    """
+    if source.dtype.kind not in "iu" or not len(source):
+        return 0
+    found: dict[int, str] = {}
+    for index in sorted({round(k) for k in np.linspace(0, len(source) - 1, LOOKED_AT)}):
+        try:
+            values = source.read(index)
+        except (FileFormatError, StorageError):
+            continue  # a damaged frame is refused, or left out, where all frames are read
+        used = int(np.bitwise_or.reduce(values, axis=None))
+        # few different values, as in a dark frame, may be even by chance
+        if used and len(np.unique(values[:: max(1, values.shape[0] // 512)])) >= ENOUGH:
+            found.setdefault((used & -used).bit_length() - 1, source.info(index).label)
+    if len(found) > 1:
+        (least, one), *_, (most, other) = sorted(found.items())
+        raise InputError.expected(
+            "alignment of the samples",
+            "one for all frames",
+            f"{least} empty low bits in {one}, {most} in {other}",
+            "record all frames with one setting",
+        )
+    return next(iter(found), 0)
+
+
+def chosen_shift(text: str, source: FrameSource) -> tuple[int, str]:
+    """Return the bits to shift by that ``"auto"`` or a number asks for, and a note where there is something to say."""
+    if text != "auto":
+        try:
+            bits = int(text)
+        except ValueError:
+            raise InputError.expected("shift", "auto or a number of bits", repr(text), "correct it") from None
+        try:
+            found = 0 if bits else find_shift(source)
+        except InputError as error:
+            return bits, f"samples: {error}"
+        return bits, f"samples: all are multiples of {1 << found}; --shift auto moves them down" if found else ""
+    bits = find_shift(source)
+    width = 8 * source.dtype.itemsize
+    words = (
+        f"left-aligned, moved down by {bits} to {width - bits} bits" if bits else "not left-aligned, left as they are"
+    )
+    return bits, f"samples: {words}"
 
 
 def shifted(values: NDArray[Any], bits: int, what: str) -> NDArray[Any]:
@@ -39,8 +97,15 @@ class ShiftedSource(SourceView):
 
     @property
     def metadata(self) -> Mapping[str, Any]:
-        """What is known of the frames, with the shift; levels of the shifted type no longer hold."""
-        known = {k: v for k, v in self.source.metadata.items() if k not in ("bit_depth", "saturation", "black_level")}
+        """What is known of the frames, with the shift; levels that were stated and the noise move with the samples."""
+        known = dict(self.source.metadata)
+        width = 8 * self.source.dtype.itemsize
+        known["bit_depth"] = min(known.get("bit_depth") or width, width) - self.bits
+        for level in ("saturation", "black_level"):
+            if known.get(level) is not None:
+                moved = np.asarray(known[level], float) / (1 << self.bits)
+                known[level] = tuple(moved.tolist()) if moved.ndim else float(moved)
+        known.setdefault("saturation", float((1 << known["bit_depth"]) - 1))
         if "noise" in known:
             known["noise"] = known["noise"].scaled(0.5**self.bits)
         return known | {"shift": self.bits}

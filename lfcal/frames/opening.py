@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from lfcal.camera import ScanPlan
 from lfcal.errors import StorageError
 from lfcal.frames.manifest import Manifest
 from lfcal.frames.positions import NamePattern, check_plan_shape
@@ -33,6 +34,9 @@ def open_frames(
     nan: str = "reject",
     blank: str = "reject",
     skip_damaged: bool = False,
+    columns: str = "",
+    first: int | None = None,
+    plan: ScanPlan | None = None,
 ) -> Frames:
     """Open frames together with what is known of each.
 
@@ -43,7 +47,8 @@ def open_frames(
     Parameters
     ----------
     path
-        A folder of images, a manifest (``.csv``, ``.json``; its files lie beside it), a file of many frames
+        A folder of images, a manifest or another program's list (``.csv``, ``.tsv``, ``.txt``, ``.json``; its files
+        lie beside it), a file of many frames
         (multi-page TIFF, ``.npy``, HDF5), the folder of a recorded session, or a scan plan (``.json``).
     manifest
         Manifest or its file; a folder's own ``manifest.json`` or ``manifest.csv`` is found without it.
@@ -60,6 +65,14 @@ def open_frames(
     skip_damaged
         Do not let damaged frames stand in the way of opening, where `lfcal.frames.iter_undamaged` leaves them out
         afterwards; damaged dark frames of a recorded session are left out of their mean.
+    columns
+        Which column of a list holds what, ``"file=Name,y_um=PosY,x_um=PosX"``; others are guessed by their names.
+    first
+        Number of the first position in names or lists, 0 or 1; None: found from the numbers.
+    plan
+        The scan plan that stage coordinates of a list are compared with; states ``plan_shape``, too.
+
+    What was guessed is in the metadata as ``notes``, a line each.
 
     Raises
     ------
@@ -70,5 +83,9 @@ def open_frames(
     if not path.exists():
         raise StorageError(f"{path}: no such file or folder; check the path")
     shape = None if plan_shape is None else check_plan_shape(plan_shape)
-    options = FrameOptions(manifest, pattern, order, shape, colour, dataset, nan, blank, skip_damaged)
+    if shape is None and plan is not None:
+        shape = plan.shape[:3]
+    options = FrameOptions(
+        manifest, pattern, order, shape, colour, dataset, nan, blank, skip_damaged, columns, first, plan
+    )
     return next(kind for kind in SOURCES if kind.recognises(path)).open(path, options)

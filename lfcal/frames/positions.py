@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 from lfcal.frames.source import Position
 
-__all__ = ["NamePattern", "natural_key", "scan_positions"]
+__all__ = ["NamePattern", "first_number", "natural_key", "scan_positions"]
 
 MAX_POSITIONS = 100_000_000
 _FIELDS = ("z", "y", "x", "page")
@@ -58,6 +59,29 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
     """Return a sort key that puts ``img2`` before ``img10``."""
     # digits compare as numbers and sort before text; the tuples keep int and str apart
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"([0-9]+)", name) if part]
+
+
+def first_number(numbers: NDArray[np.intp], counts: Sequence[int] | NDArray[np.intp] | None = None) -> int:
+    """Return what positions are counted from, 0 or 1.
+
+    Parameters
+    ----------
+    numbers
+        ``(N, axes)`` numbers as names or lists have them.
+    counts
+        Positions along each axis; None: as many as there are numbers of an axis.
+    """
+    if not numbers.size or numbers.min() < 1:
+        return 0
+    several = [len(np.unique(axis)) for axis in numbers.T]
+    # without the scan's shape a single frame tells nothing
+    if counts is None and max(several) < 2:
+        return 0
+    ends = numbers.max(axis=0)
+    wanted = several if counts is None else list(counts)
+    reached = [bool(end == n) for end, n in zip(ends, wanted, strict=True)]
+    # an axis whose last position is missing ends earlier, none ends later
+    return int(any(reached) and all(end <= n for end, n in zip(ends, wanted, strict=True)))
 
 
 @dataclass(frozen=True)

@@ -138,8 +138,9 @@ def test_order_and_manifest_of_a_folder(lfcal: Callable[..., Run], session: Path
     assert lfcal("assemble", session / "frames", "-o", tmp_path / "a.h5").code == 0
     listed = tmp_path / "list.csv"
     (session / "frames" / "manifest.csv").rename(listed)
-    assert lfcal("assemble", session / "frames", "-o", tmp_path / "b.h5").code == 2, "nothing says which is where"
-    done = lfcal("assemble", session / "frames", "-o", tmp_path / "b.h5", "--manifest", listed)
+    done = lfcal("assemble", session / "frames", "-o", tmp_path / "b.h5")
+    assert done.code == 0 and "names: read as --pattern 'z{z}_y{y}_x{x}.png'" in done.err
+    done = lfcal("assemble", session / "frames", "-o", tmp_path / "b.h5", "--manifest", listed, "--force")
     assert done.code == 0, done.err
     done = lfcal("assemble", session / "frames", "-o", tmp_path / "c.h5", "--order", "raster")
     assert done.code == 0, done.err

@@ -43,6 +43,7 @@ def write_dng(
     mosaic: NDArray[np.uint16],
     pattern: tuple[int, int, int, int] = (1, 0, 2, 1),
     active: tuple[int, int, int, int] | None = None,
+    orientation: int = 1,
 ) -> None:
     """Write a minimal DNG; ``pattern`` counts red, green and blue as 0, 1 and 2."""
     tags = [
@@ -57,6 +58,8 @@ def write_dng(
         (50728, "2I", 3, (1, 2, 1, 1, 1, 4), True),
         (50778, "H", 1, 21, True),
     ]
+    if orientation != 1:
+        tags.append((274, "H", 1, orientation, True))
     if active is not None:
         tags.append((50829, "H", 4, active, True))
     tifffile.imwrite(path, mosaic, photometric=32803, extratags=tags, metadata=None, subfiletype=0)

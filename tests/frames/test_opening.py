@@ -21,6 +21,7 @@ from lfcal.frames import (
     Manifest,
     Position,
     open_frames,
+    open_image,
     scan_positions,
     write_manifest,
 )
@@ -243,6 +244,18 @@ def test_nan_is_refused_or_masked(tmp_path: Path) -> None:
     assert np.array_equal(read[~np.isnan(read)], frame[np.isfinite(frame)])
 
 
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_the_orientation_of_a_dng_is_left_alone(tmp_path: Path, orientation: int) -> None:
+    """It says how a picture is to be held; the mosaic, its pattern and its levels stay as the sensor has them."""
+    mosaic = np.random.default_rng(1).integers(64, 1000, (40, 48)).astype(np.uint16)
+    write_dng(tmp_path / "plain.dng", mosaic)
+    write_dng(tmp_path / "turned.dng", mosaic, orientation=orientation)
+    plain, turned = open_image(tmp_path / "plain.dng"), open_image(tmp_path / "turned.dng")
+    np.testing.assert_array_equal(turned.read(), mosaic)
+    assert dict(turned.metadata) == dict(plain.metadata)
+    assert turned.metadata["black_level"] == (64.0,) * 4 and turned.metadata["saturation"] == 1023
+
+
 def test_blank_frames_can_be_accepted(tmp_path: Path) -> None:
     _write(tmp_path / "y0_x0.tif", np.zeros((20, 30), np.uint16))
     assert open_frames(tmp_path, pattern="y{y}_x{x}.tif", blank="accept").read(0).max() == 0
@@ -251,7 +264,6 @@ def test_blank_frames_can_be_accepted(tmp_path: Path) -> None:
 # -- what cannot be opened ------------------------------------------------------------------------------------
 
 CANNOT: dict[str, tuple[dict[str, Any], str]] = {
-    "nothing said": ({}, "expected a manifest, a name pattern, or a scan order"),
     "order without shape": ({"order": "raster"}, "expected a manifest, a name pattern, or a scan order"),
     "two ways": (
         {"order": "raster", "pattern": NAMES, "plan_shape": PLAN},

@@ -53,8 +53,11 @@ class FrameSettings(PageSettings):
 
     Attributes
     ----------
-    manifest, pattern
-        How positions are found where the folder has no manifest of its own.
+    manifest, pattern, columns, first
+        How positions are found where the folder has no manifest of its own: its list or name pattern, what the
+        list's columns hold, and what numbers count from (``"0"``, ``"1"``; empty: found).
+    shift, channel
+        Bits by which left-aligned samples are moved down; one colour of a mosaic or colour picture.
     dark, white
         Folders of dark and white frames, or empty.
     use_dark, use_white, use_defects, use_background
@@ -69,6 +72,10 @@ class FrameSettings(PageSettings):
 
     manifest: str = ""
     pattern: str = ""
+    columns: str = ""
+    first: str = ""
+    shift: int = 0
+    channel: str = ""
     dark: str = ""
     white: str = ""
     use_dark: bool = True
@@ -141,25 +148,35 @@ class Loaded:
 def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opened:
     """Open frames and corrections as the settings say; raises what opening raises."""
     from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
+    from lfcal.frames.colour_scan import ThinnedSource, colour_scan
 
     source = open_frames(
         folder,
         manifest=settings.manifest or None,
         pattern=settings.pattern or None,
-        plan_shape=plan.shape[:3],
+        columns=settings.columns,
+        first=int(settings.first) if settings.first else None,
+        plan=plan,
     )
     plan = source.metadata.get("plan", plan)
+    frames, own = source, plan
+    if settings.channel and (scan := colour_scan(source, plan, settings.channel)) is not None:
+        frames, own = ThinnedSource(source, scan), scan.plan
     recipe = CorrectionRecipe(
         dark=settings.dark if settings.use_dark else "none",
         white=settings.white if settings.use_white else "",
         defects=settings.use_defects,
         background="border" if settings.use_background else "none",
+        shift=settings.shift,
+        channel=settings.channel,
     )
-    frames = np.full(plan.shape[:3], -1, np.int64)
-    for index in range(len(source)):
-        frames[source.info(index).position] = index
-    view = turned(corrected_view(source, recipe, plan), plan, settings.orientation)
-    return Opened(source, view, frames, plan, settings.interpolation)
+    view = turned(corrected_view(frames, recipe, plan), plan, settings.orientation)
+    # of one colour, and of samples moved down, the frames are shown as they go into the corrections
+    raw = view.source if settings.channel or settings.shift else source
+    table = np.full(own.shape[:3], -1, np.int64)
+    for index in range(len(raw)):
+        table[raw.info(index).position] = index
+    return Opened(raw, view, table, own, settings.interpolation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,29 +203,39 @@ class Imported:
     def close(self) -> None:
         """Close the frames: they are not wanted."""
         if self.opened is not None:
-            self.opened.source.close()
+            self.opened.view.close()
 
 
-def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None) -> Imported:
+def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, keep: bool = False) -> Imported:
     """Open a folder of frames or a recorded session; dark, white and plan beside it are found.
+
+    What the settings say of positions, samples and colour belongs to other frames, unless it is to be ``keep``t.
 
     Raises what opening raises: then nothing of it is to be used.
     """
     from lfcal.acquire import SessionFile
 
     folder = Path(path)
-    chosen = replace(settings, manifest="", pattern="", dark="", white="", orientation=AS_IS)
+    chosen = replace(settings, dark="", white="", orientation=AS_IS)
+    if not keep:
+        chosen = replace(chosen, manifest="", pattern="", columns="", first="", shift=0, channel="")
     if (folder / "session.json").is_file():
         plan, frames = SessionFile.read(folder).plan, folder
     else:
         inside = (folder / "frames").is_dir()
-        around, frames = (folder, folder / "frames") if inside else (folder.parent, folder)
-        if (around / "plan.json").is_file():
-            plan = ScanPlan.from_json(read_text(around / "plan.json"))
+        frames = folder / "frames" if inside else folder
+        around = folder if inside else folder.parent
+        plan = _plan_in(around, around.parent if folder.is_file() else frames) or plan
         found = {name: str(around / name) for name in ("dark", "white") if (around / name).is_dir()}
         chosen = replace(chosen, dark=found.get("dark", ""), white=found.get("white", ""))
     opened = None if plan is None else open_imported(str(frames), chosen, plan)
     return Imported(str(frames), chosen, plan, opened)
+
+
+def _plan_in(*folders: Path) -> ScanPlan | None:
+    """Return the plan that lies in the first of the folders that has one."""
+    found = [folder / "plan.json" for folder in folders if (folder / "plan.json").is_file()]
+    return ScanPlan.from_json(read_text(found[0])) if found else None
 
 
 def load_frame(opened: Opened, position: Position) -> Loaded:

@@ -13,6 +13,7 @@ from gui.base_page import BasePage
 from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
+from gui.pages.frames.import_dialog import ImportDialog
 from gui.pages.frames.model import (
     FrameSettings,
     Imported,
@@ -23,9 +24,11 @@ from gui.pages.frames.model import (
     load_frame,
     open_imported,
 )
+from gui.pages.frames.model_import import open_choice
 from gui.pages.frames.orientation import advice, look
 from gui.pages.frames.panel import FramesPanel
 from gui.saving import ask_target
+from lfcal.frames.lists.table import TABLE_SUFFIXES
 from lfcal.frames.source import Position
 from lfcal.psf.orientation import FoundOrientation
 
@@ -43,11 +46,17 @@ class Page(BasePage):
         self._ready: Imported | None = None
         """Frames that are open already when the project takes them."""
         self.loaded: Loaded | None = None
+        self.dialog: ImportDialog | None = None
         self.position = Position(0, 0, 0)
         self.tool_button(
             "Open frames …",
             "A folder of frames with a manifest, or the folder of a recorded session",
             self.choose_folder,
+        )
+        self.tool_button(
+            "Import …",
+            "Frames that others recorded: a folder with a list of stage positions, names with positions, stacks",
+            self.start_import,
         )
         self.assemble_button = self.tool_button(
             "Assemble H", "Correct, crop and stack all frames into H", self.assemble, primary=True
@@ -116,6 +125,15 @@ class Page(BasePage):
         settings, plan = self.settings, self.context.state.plan
         self.load(Path(path).name, lambda: import_folder(path, settings, plan), self._imported, Imported.close)
 
+    def start_import(self, frames: str = "", listed: str = "") -> None:
+        """Ask what frames that others recorded are, with what was found of them."""
+        if self.dialog is None:  # kept: pictures that are being drawn for it may come after it was closed
+            self.dialog = ImportDialog(self.context.jobs, self)
+            self.dialog.accepted_frames.connect(lambda found: self._imported(open_choice(found, self.settings)))
+        self.dialog.start(self.context.state.plan, self.context.state.camera)
+        if frames:
+            self.dialog.look_at(frames, listed)
+
     def _imported(self, found: Imported) -> None:
         changes: dict[str, Any] = {"frames": found.folder, "settings": found.settings.into(self.context.state)}
         if found.plan is not None:
@@ -126,9 +144,12 @@ class Page(BasePage):
             self._open()
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Take a dropped folder of frames."""
+        """Take a dropped folder of frames, or the list of some."""
         if len(paths) == 1 and Path(paths[0]).is_dir():
             self.open_folder(paths[0])
+            return True
+        if len(paths) == 1 and Path(paths[0]).suffix.lower() in TABLE_SUFFIXES:
+            self.start_import(paths[0])
             return True
         return False
 
@@ -146,7 +167,7 @@ class Page(BasePage):
             self.show_empty(
                 "No frames yet.\nOpen a folder with a manifest (file, z, y, x), or record a session.\n"
                 "Folders named dark and white beside it, and plan.json, are found.",
-                {"Open frames …": self.choose_folder},
+                {"Open frames …": self.choose_folder, "Import …": self.start_import},
             )
             return
         if state.plan is None:
@@ -169,7 +190,7 @@ class Page(BasePage):
             lambda: open_imported(folder, settings, plan),
             self._opened,
             self._failed,
-            lambda opened: opened.source.close(),
+            lambda opened: opened.view.close(),
         )
 
     def _stop_opening(self) -> None:

@@ -151,7 +151,7 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
     steps: list[Step] = [] if dark is None else [dark]
     if recipe.white:
         check_choice("white correction", recipe.white_mode, ("field", "pixels"))
-        white = _of_channel(source, read_average(recipe.white, shift=recipe.shift))
+        white = _of_channel(source, read_average(recipe.white, colour=facts.get("colour"), shift=recipe.shift))
         saturation = recipe.saturation if recipe.saturation is not None else facts.get("saturation")
         steps.append(_white(white, _white_dark(dark, white.shape), recipe, str(facts.get("cfa") or ""), saturation))
     if recipe.defects:
@@ -174,7 +174,7 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
 def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | None:
     """Return what is subtracted first: the recipe's dark, that of the recording, or the black level."""
     if recipe.dark and recipe.dark != "none":
-        frame, count = _read_mean(recipe.dark, None, recipe.shift)
+        frame, count = _read_mean(recipe.dark, source.metadata.get("colour"), recipe.shift)
         return Dark(_of_channel(source, frame), count=count)
     if recipe.black_level is None and recipe.dark == "none":
         return None

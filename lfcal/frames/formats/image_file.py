@@ -164,5 +164,5 @@ def check_grey(path: Path, components: int, colour: str | None, bits: int) -> No
         str(path),
         "grey data, one sample per pixel",
         f"{components} samples of {bits} bits per pixel",
-        "record grey or RAW" if components == 2 or bits < 16 else 'record RAW, or take one with colour="G"',
+        "record grey or RAW" if components == 2 else 'record RAW, or take one colour: --channel G (colour="G")',
     )

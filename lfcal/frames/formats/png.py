@@ -46,6 +46,8 @@ class PngImage(ImageFile):
         self.shape = (rows, columns)
         self.dtype = np.dtype(np.uint8 if bits == 8 else np.uint16)
         self._component = _COLOURS[colour] if colour is not None and _COMPONENTS[kind] > 1 else None
+        if self._component is not None:
+            self.metadata = {"colour": colour}
 
     def read(self, page: int = 0) -> NDArray[Any]:
         """Return the frame."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lfcal.errors import FileFormatError
 from lfcal.files import storage_errors
 from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, check_samples, decoding
+from lfcal.frames.formats.ome import ome_facts
 from lfcal.frames.regions import check_region
 
 __all__ = ["TiffImage", "count_pages"]
@@ -139,6 +140,10 @@ class TiffImage(ImageFile):
         # TIFF stores 10, 12 or 14 bits packed; read, they fill 16
         known: dict[str, Any] = {} if bits in (8, 16, 32, 64) else {"bit_depth": bits}
         axes = self._scan_axes()
+        if self._component is not None:
+            known["colour"] = colour
+        if self._tiff.is_ome:
+            known |= ome_facts(str(self._tiff.ome_metadata or ""), self.pages)
         self.metadata = known | ({"scan_axes": axes} if axes else {})
 
     def _scan_axes(self) -> tuple[str, tuple[int, ...]] | None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.frames.manifest import Manifest
 from lfcal.frames.positions import NamePattern
@@ -28,12 +29,15 @@ class FrameOptions:
     nan: str = "reject"
     blank: str = "reject"
     skip_damaged: bool = False
+    columns: str = ""
+    first: int | None = None
+    plan: ScanPlan | None = None
 
     def refuse(self, what: str, *accepted: str) -> None:
         """Raise `InputError` for the first option that is set and that source ``what`` has no use for."""
         for entry in fields(self):
             value = getattr(self, entry.name)
-            if entry.name not in (*accepted, "plan_shape") and value != entry.default:
+            if entry.name not in (*accepted, "plan_shape", "plan") and value != entry.default:
                 raise InputError.expected(what, f"no option '{entry.name}'", repr(value), "it brings this itself")
 
 

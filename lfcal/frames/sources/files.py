@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lfcal.errors import FileFormatError, InputError
-from lfcal.files import storage_errors
+from lfcal.frames.formats.image_file import ImageFile
 from lfcal.frames.formats.opening import image_suffixes, open_image
+from lfcal.frames.lists.micromanager import micromanager_list
+from lfcal.frames.lists.names import files_below
+from lfcal.frames.lists.open_table import from_micromanager, from_stage, manifest_from
+from lfcal.frames.lists.table import TABLE_SUFFIXES
 from lfcal.frames.manifest import FrameEntry, Manifest
-from lfcal.frames.manifest_file import read_manifest
-from lfcal.frames.positions import NamePattern, check_plan_shape, natural_key
+from lfcal.frames.name_guess import guess_pattern
+from lfcal.frames.positions import NamePattern, first_number, natural_key
 from lfcal.frames.source import Position
 from lfcal.frames.sources.base import FrameOptions, SourceKind
 from lfcal.frames.sources.folder import FolderSource
@@ -22,8 +26,7 @@ __all__ = ["SOURCE", "open_files"]
 
 
 def open_files(path: Path, options: FrameOptions) -> FolderSource:
-    """Open a folder, a manifest, or one file of many frames; see `lfcal.frames.open_frames`."""
-    shape = None if options.plan_shape is None else check_plan_shape(options.plan_shape)
+    """Open a folder, a manifest or list, or one file of many frames; see `lfcal.frames.open_frames`."""
     ways = {"manifest": options.manifest, "pattern": options.pattern, "order": options.order}
     given = [name for name, value in ways.items() if value]
     if len(given) > 1:
@@ -31,11 +34,8 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
             "positions of the frames", "one source of them", " and ".join(given), "give only one of these"
         )
     root = path if path.is_dir() else path.parent
-    listed = _manifest(path, options.manifest) if not options.pattern and not options.order else None
-    if listed is None and path.is_dir():
-        listed = _from_folder(path, options, shape)
-    elif listed is None:
-        listed = _from_file(path, options, shape)
+    listed, notes, facts = _listed(path, root, options)
+    shape = options.plan_shape
     if shape is not None and listed.plan_shape != shape:
         listed = _bounded(listed, shape)
     return FolderSource(
@@ -46,7 +46,38 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
         nan=options.nan,
         blank=options.blank,
         skip_damaged=options.skip_damaged,
+        notes=(*notes, *_pixel_notes(options, facts)),
+        facts=facts,
     )
+
+
+def _listed(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
+    """Return which frame is where, what was guessed for it, and what is known of all frames."""
+    if isinstance(options.manifest, Manifest):
+        return options.manifest, (), {}
+    table = _table(path, options)
+    if table is not None and table.name.endswith("metadata.txt"):
+        return from_micromanager(table, root, options)
+    if table is not None:
+        return *manifest_from(table, root, options), {}
+    if options.columns:
+        raise InputError.expected(f"columns of {path}", "a list of frames", "none", "name it with --manifest")
+    if path.is_dir():
+        return *_from_folder(path, options), {}
+    return _from_file(path, options, options.plan_shape)
+
+
+def _pixel_notes(options: FrameOptions, facts: dict[str, Any]) -> list[str]:
+    """Return a note where the frames state another size of a pixel than the camera, on the sensor and in the object."""
+    stated = facts.get("pixel_um")
+    if stated is None or options.plan is None:
+        return []
+    camera = options.plan.camera
+    own = {"on the sensor": camera.sensor.pixel_um, "in the object": camera.step_um(0.0)}
+    if any(abs(stated / size - 1) < 0.01 for size in own.values()):
+        return []
+    words = ", ".join(f"{size:.4g} um {where}" for where, size in own.items())
+    return [f"pixels: the frames say {stated:.4g} um, the camera {words}; check binning, objective and camera"]
 
 
 SOURCE = SourceKind("files", lambda _: True, open_files, rank=100)
@@ -61,43 +92,86 @@ def _bounded(manifest: Manifest, shape: tuple[int, int, int]) -> Manifest:
     return Manifest(manifest.entries, plan_shape=shape, **fields)
 
 
-def _manifest(path: Path, manifest: str | os.PathLike[str] | Manifest | None) -> Manifest | None:
-    """Return the manifest that is given, that ``path`` is, or that lies in the folder ``path``; None without."""
-    if isinstance(manifest, Manifest):
-        return manifest
-    if manifest is not None:
-        return read_manifest(manifest)
-    if path.suffix.lower() in (".csv", ".json") and path.is_file():
-        return read_manifest(path)
+def _table(path: Path, options: FrameOptions) -> Path | None:
+    """Return the manifest or list that is given, that ``path`` is, or that lies in the folder; None without."""
+    if options.pattern or options.order:
+        return None
+    if options.manifest is not None:
+        return Path(options.manifest)  # type: ignore[arg-type]  # a Manifest was taken before
+    if path.suffix.lower() in (".json", *TABLE_SUFFIXES) and path.is_file():
+        return path
     found = [path / name for name in ("manifest.json", "manifest.csv") if (path / name).is_file()]
     if len(found) > 1:
         raise InputError.expected(f"manifest in {path}", "one", "manifest.json and manifest.csv", "name the right one")
-    return read_manifest(found[0]) if found else None
+    if not found and path.is_dir() and options.plan is not None and (own := micromanager_list(path)) is not None:
+        return own
+    if not found and path.is_dir():
+        lists = sorted(p for p in path.iterdir() if p.suffix.lower() in (".csv", ".tsv") and p.is_file())
+        if len(lists) > 1:
+            names = ", ".join(p.name for p in lists[:4])
+            raise InputError.expected(f"list of frames in {path}", "one", names, "name the right one with --manifest")
+        found = lists
+    return found[0] if found else None
 
 
-def _from_folder(path: Path, options: FrameOptions, shape: tuple[int, int, int] | None) -> Manifest:
-    pattern = options.pattern
+def _from_folder(path: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
+    shape, pattern = options.plan_shape, options.pattern
     if pattern:
-        form = NamePattern(pattern) if isinstance(pattern, str) else pattern
-        return Manifest.from_names(_names(path, deep="/" in form.template), form, plan_shape=shape)
-    if not options.order or shape is None:
+        return _by_pattern(files_below(path, deep="/" in str(getattr(pattern, "template", pattern))), pattern, options)
+    names = [name for name in files_below(path, deep=False) if Path(name).suffix.lower() in image_suffixes()]
+    if not options.order:
+        return _by_guess(path, names, options)
+    if shape is None:
         raise _where_from(path)
-    names = [name for name in _names(path, deep=False) if Path(name).suffix.lower() in image_suffixes()]
     pages = [(name, 0) for name in sorted(names, key=natural_key)]
     if len(pages) != shape[0] * shape[1] * shape[2]:
         pages = [(name, k) for name, _ in pages for k in range(_count(path / name, options))]
-    return Manifest.from_order(pages, shape, options.order)
+    return Manifest.from_order(pages, shape, options.order), ()
 
 
-def _names(root: Path, *, deep: bool) -> list[str]:
-    """Return the relative paths of the files below ``root``, links to folders not followed, hidden files left out."""
-    names = []
-    with storage_errors(root):
-        for folder, folders, files in os.walk(root):
-            folders[:] = [name for name in folders if deep and not name.startswith(".")]
-            base = Path(folder).relative_to(root).as_posix()
-            names += [name if base == "." else f"{base}/{name}" for name in files if not name.startswith(".")]
-    return names
+def _by_pattern(
+    names: list[str], pattern: str | NamePattern, options: FrameOptions
+) -> tuple[Manifest, tuple[str, ...]]:
+    """Return the frames whose names fit; what their numbers count from is found where it is not said."""
+    if isinstance(pattern, NamePattern):
+        return Manifest.from_names(names, pattern, plan_shape=options.plan_shape), ()
+    if options.first is not None:
+        form = NamePattern(pattern, first=options.first)
+        return Manifest.from_names(names, form, plan_shape=options.plan_shape), ()
+    counted = Manifest.from_names(names, pattern)
+    numbers = np.array([entry.position for entry in counted.entries])
+    used = np.array(["{z" in pattern, True, True])
+    wanted = None if options.plan_shape is None else np.array(options.plan_shape)[used]
+    if first_number(numbers[:, used], wanted) == 0:
+        return counted, ()
+    form = NamePattern(pattern, first=1)
+    note = "positions: counted from 1 in the names; --first 0 says otherwise"
+    return Manifest.from_names(names, form, plan_shape=options.plan_shape), (note,)
+
+
+def _by_guess(path: Path, names: list[str], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
+    """Return the frames by the pattern that their names have, where there is no doubt about it."""
+    if not names:
+        names = [name for name in files_below(path, deep=True) if Path(name).suffix.lower() in image_suffixes()]
+    guess = guess_pattern(names, options.plan_shape)
+    if guess.certain:
+        manifest, notes = _by_pattern(names, guess.templates[0], options)
+        return manifest, (f"names: read as --pattern {guess.templates[0]!r}", *notes)
+    if guess.templates:
+        raise InputError.expected(
+            f"positions of the frames in {path}",
+            "a manifest or a name pattern",
+            f"{guess.fitting} of {guess.names} names that look like {' or '.join(map(repr, guess.templates[:2]))}",
+            f"say it: --pattern {guess.templates[0]!r}",
+        )
+    if guess.numbered:
+        raise InputError.expected(
+            f"positions of the frames in {path}",
+            "a list of them, a name pattern, or a scan order",
+            f"{guess.numbered} numbered files such as {names[0]}",
+            "say their order: --order serpentine or raster, with the plan of the scan",
+        )
+    raise _where_from(path)
 
 
 def _count(path: Path, options: FrameOptions) -> int:
@@ -106,10 +180,31 @@ def _count(path: Path, options: FrameOptions) -> int:
     return image.pages
 
 
-def _from_file(path: Path, options: FrameOptions, shape: tuple[int, int, int] | None) -> Manifest:
+def _from_file(
+    path: Path, options: FrameOptions, shape: tuple[int, int, int] | None
+) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
     image = open_image(path, colour=options.colour, dataset=options.dataset)
     image.close()
     pages = [(path.name, k) for k in range(image.pages)]
+    facts = {"pixel_um": image.metadata["pixel_um"]} if "pixel_um" in image.metadata else {}
+    if image.metadata.get("stage_um") is not None and options.plan is not None and not options.order:
+        return *from_stage(path, image.metadata, options), facts
+    listed = _of_pages(path, image, pages, options, shape)
+    exposures = image.metadata.get("exposure_s")
+    if exposures is not None and all(entry.exposure_s is None for entry in listed.entries):
+        entries = tuple(replace(entry, exposure_s=float(exposures[entry.page])) for entry in listed.entries)
+        listed = replace(listed, entries=entries)
+    return listed, (), facts
+
+
+def _of_pages(
+    path: Path,
+    image: ImageFile,
+    pages: list[tuple[str, int]],
+    options: FrameOptions,
+    shape: tuple[int, int, int] | None,
+) -> Manifest:
+    """Return where each page of one file belongs: by its axes, the order that is given, or positions beside it."""
     axes = image.metadata.get("scan_axes")
     if axes is not None:
         scanned, found = _along_axes(path, pages, *axes)

@@ -99,6 +99,8 @@ class FolderSource(Frames):
         As in `check_frame`.
     skip_damaged
         Take shape and dtype from the first frame that can be read.
+    notes, facts
+        What was guessed of the frames, and what is known of all of them from beside them; in the metadata.
 
     Raises
     ------
@@ -116,6 +118,8 @@ class FolderSource(Frames):
         nan: str = "reject",
         blank: str = "reject",
         skip_damaged: bool = False,
+        notes: tuple[str, ...] = (),
+        facts: Mapping[str, Any] | None = None,
     ) -> None:
         check_choice("NaN in frames", nan, ("reject", "mask"))
         check_choice("blank frames", blank, ("reject", "accept"))
@@ -132,6 +136,9 @@ class FolderSource(Frames):
         # closes the files also where a source is dropped without close()
         self._finalizer = weakref.finalize(self, _close_all, self._open)
         self._shape, self._dtype, self._metadata = self._first_look() if skip_damaged else self._look()
+        self._metadata |= facts or {}
+        if notes:
+            self._metadata["notes"] = notes
         mask = self._metadata.pop("mask", None)
         self._mask = None if mask is None else check_mask(mask, self._shape, str(root))
 
@@ -152,7 +159,11 @@ class FolderSource(Frames):
         with self._image(name) as image:
             shape, dtype = manifest.shape or image.shape, np.dtype(manifest.dtype or image.dtype)
             # positions and exposures belong to single frames, not to all of them
-            found = {key: value for key, value in image.metadata.items() if key not in ("positions", "exposure_s")}
+            found = {
+                key: value
+                for key, value in image.metadata.items()
+                if key not in ("positions", "exposure_s", "stage_um")
+            }
             if manifest.cfa and not found.get("cfa"):
                 found["cfa"] = manifest.cfa
             self._check_kind(name, image, shape, dtype, manifest.cfa)

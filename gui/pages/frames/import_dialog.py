@@ -1,0 +1,277 @@
+"""The import of frames that others recorded: what was found, what may be said, and three frames with their cutouts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDialog,
+    QFileDialog,
+    QFormLayout,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from gui.jobs import Jobs
+from gui.pages.frames.columns_table import ColumnsTable
+from gui.pages.frames.model import Loaded
+from gui.pages.frames.model_import import ImportChoice, Survey, survey
+from gui.widgets.cards import choice_box, heading
+from gui.widgets.frame_view import FrameView
+from lfcal.camera import Camera, ScanPlan
+
+__all__ = ["ImportDialog"]
+
+WELCOME = "Choose a folder of frames, or the list that a stage program wrote."
+GROUP = "frames import survey"
+SHOWN = ("first frame", "middle frame", "last frame")
+FIRST = (("", "found"), ("0", "counted from 0"), ("1", "counted from 1"))
+SHIFTS = (("auto", "found"), ("0", "as they are"), *((str(n), f"{16 - n} of 16 bits") for n in (2, 4, 6, 8)))
+
+
+class ImportDialog(QDialog):
+    """Looks at frames anew, beside the window's thread, whenever something is said about them.
+
+    Signals
+    -------
+    accepted_frames(survey)
+        The frames are wanted: a `Survey` whose frames are open.
+    """
+
+    accepted_frames = Signal(object)
+
+    def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Import frames")
+        self._jobs = jobs
+        self._plan: ScanPlan | None = None
+        self._camera: Camera | None = None
+        self.choice = ImportChoice("")
+        self.survey: Survey | None = None
+        column = QVBoxLayout(self)
+        column.setContentsMargins(16, 12, 16, 12)
+        column.setSpacing(8)
+        column.addLayout(self._source())
+        self.columns = ColumnsTable()
+        self.columns.changed.connect(lambda text: self._say(columns=text))
+        column.addWidget(self.columns)
+        column.addLayout(self._options())
+        self.words = QLabel(WELCOME)
+        self.words.setTextFormat(Qt.TextFormat.PlainText)
+        self.words.setWordWrap(True)
+        self.words.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.words.setMinimumHeight(66)
+        column.addWidget(self.words)
+        column.addLayout(self._previews(), 1)
+        column.addLayout(self._buttons())
+        self.resize(1120, 700)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _source(self) -> QGridLayout:
+        grid = QGridLayout()
+        self.frames_edit, self.list_edit = QLineEdit(), QLineEdit()
+        self.frames_edit.setPlaceholderText("a folder of images, one file of many frames, or a list beside them")
+        self.list_edit.setPlaceholderText("found in the folder, or none: positions are then in the names")
+        rows = (
+            ("Frames", self.frames_edit, (("Folder …", self._ask_folder), ("File …", self._ask_file))),
+            ("List", self.list_edit, (("List …", self._ask_list),)),
+        )
+        for row, (title, edit, buttons) in enumerate(rows):
+            edit.setAccessibleName(title)
+            edit.editingFinished.connect(self._typed)
+            grid.addWidget(QLabel(title), row, 0)
+            grid.addWidget(edit, row, 1)
+            for column, (text, action) in enumerate(buttons, 2):
+                button = QPushButton(text)
+                button.setAutoDefault(False)
+                button.clicked.connect(lambda _=False, action=action: action())
+                grid.addWidget(button, row, column)
+        return grid
+
+    def _options(self) -> QHBoxLayout:
+        self.pattern = QLineEdit()
+        self.pattern.setPlaceholderText("z{z}_y{y}_x{x}.tif")
+        self.pattern.editingFinished.connect(self._typed)
+        self.first = choice_box(FIRST, "What numbers of positions in names and lists count from")
+        self.shift = choice_box(SHIFTS, "Samples that fill 16 bits from the top are moved down")
+        self.channel = choice_box((("", "all light"),), "One colour of a mosaic or a colour picture")
+        self.channel.setMinimumContentsLength(10)
+        row = QHBoxLayout()
+        for title, widget in (
+            ("Names", self.pattern),
+            ("Positions", self.first),
+            ("Samples", self.shift),
+            ("Colour", self.channel),
+        ):
+            form = QFormLayout()
+            form.addRow(title, widget)
+            widget.setAccessibleName(title)
+            row.addLayout(form, 2 if widget is self.pattern else 1)
+        for key, box in (("first", self.first), ("shift", self.shift), ("channel", self.channel)):
+            box.currentIndexChanged.connect(lambda _, key=key, box=box: self._say(**{key: box.currentData()}))
+        return row
+
+    def _previews(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        self.views, self.labels = [], []
+        for k, title in enumerate(SHOWN):
+            part, label, view = QVBoxLayout(), heading(title), FrameView(self._jobs, f"frames import {k}")
+            self.views.append(view)
+            self.labels.append(label)
+            part.addWidget(label)
+            part.addWidget(view, 1)
+            row.addLayout(part)
+        return row
+
+    def _buttons(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        self.open_button, cancel = QPushButton("Open"), QPushButton("Cancel")
+        self.open_button.setProperty("role", "primary")
+        self.open_button.setEnabled(False)
+        self.open_button.setDefault(True)
+        cancel.setAutoDefault(False)
+        self.open_button.clicked.connect(self._take)
+        cancel.clicked.connect(self.reject)
+        row.addStretch()
+        row.addWidget(cancel)
+        row.addWidget(self.open_button)
+        return row
+
+    def start(self, plan: ScanPlan | None, camera: Camera | None) -> None:
+        """Begin anew, with what the project knows: its plan, and the camera that the plan of a list is made for."""
+        self._plan, self._camera = plan, camera
+        self.choice = ImportChoice("")
+        self._found(Survey(self.choice))
+        self.survey = None
+        self._show_choice()
+        self.words.setText(WELCOME)
+        self.open()
+
+    # -- asking ----------------------------------------------------------------------------------------
+    def _ask_folder(self) -> None:
+        if path := QFileDialog.getExistingDirectory(self, "Folder of frames"):
+            self.look_at(path)
+
+    def _ask_file(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(self, "File of many frames, or a list beside them")
+        if path:
+            self.look_at(path)
+
+    def _ask_list(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(self, "List of the frames", filter="Lists (*.csv *.tsv *.txt *.json)")
+        if path:
+            self.list_edit.setText(path)
+            self._say(listed=path, columns="", frames=self.choice.frames or str(Path(path).parent))
+
+    def _typed(self) -> None:
+        frames, listed = self.frames_edit.text().strip(), self.list_edit.text().strip()
+        pattern = self.pattern.text().strip()
+        if (frames, listed, pattern) != (self.choice.frames, self.choice.listed, self.choice.pattern):
+            self._say(frames=frames, listed=listed, pattern=pattern)
+
+    def look_at(self, frames: str, listed: str = "") -> None:
+        """Look at other frames: nothing that was said of those before holds for them."""
+        self._say(**vars(ImportChoice(frames, listed)))
+
+    def _say(self, **changes: str) -> None:
+        """Take what the user says and look again; what is looked at for an earlier choice is dropped."""
+        self.choice = replace(self.choice, **changes)
+        self._show_choice()
+        if not self.choice.frames:
+            return
+        self._drop()
+        choice, plan, camera = self.choice, self._plan, self._camera
+        self.words.setText(f"Looking at {Path(choice.frames).name} …")
+        self._jobs.load(GROUP, lambda: survey(choice, plan, camera), self._found, self._failed, Survey.close)
+
+    def _drop(self) -> None:
+        self._jobs.drop(GROUP)
+        if self.survey is not None:
+            self.survey.close()
+        self.survey = None
+        self.open_button.setEnabled(False)
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def _show_choice(self) -> None:
+        choice = self.choice
+        boxes = ((self.first, choice.first), (self.shift, choice.shift), (self.channel, choice.channel))
+        blockers = [QSignalBlocker(box) for box, _ in boxes]
+        for box, value in boxes:
+            box.setCurrentIndex(max(0, box.findData(value)))
+        for edit, text in (
+            (self.frames_edit, choice.frames),
+            (self.list_edit, choice.listed),
+            (self.pattern, choice.pattern),
+        ):
+            edit.setText(text)
+        for one in blockers:
+            one.unblock()
+
+    def _failed(self, words: str) -> None:
+        self._found(Survey(self.choice, problem=words))
+
+    def _found(self, found: Survey) -> None:
+        self.survey = found
+        self.columns.show_table(found.table, found.used)
+        _offer(self.channel, self._colours(found), self.choice.channel)
+        self.words.setText(found.problem or "\n".join(found.notes) or "Nothing had to be guessed.")
+        self.words.setProperty("role", "error" if found.problem else "")
+        self.words.style().unpolish(self.words)
+        self.words.style().polish(self.words)
+        self.open_button.setEnabled(found.imported is not None)
+        for k, view in enumerate(self.views):
+            self._show_frame(view, self.labels[k], SHOWN[k], found.shown[k] if k < len(found.shown) else None)
+
+    def _colours(self, found: Survey) -> tuple[str, ...]:
+        """Return the colours to choose from: those found, or those that were offered when one was chosen."""
+        if found.colours:
+            return found.colours
+        if "--channel" in found.problem:
+            return ("R", "G", "B")
+        offered = tuple(str(self.channel.itemData(k)) for k in range(1, self.channel.count()))
+        return offered if self.choice.channel else ()
+
+    @staticmethod
+    def _show_frame(view: FrameView, label: QLabel, title: str, loaded: Loaded | None) -> None:
+        if loaded is None:
+            label.setText(title)
+            view.set_frame(None, (0, 1))
+            view.clear_cutout()
+            return
+        z, y, x = loaded.position
+        label.setText(f"{title}: z {z}, y {y}, x {x}")
+        label.setToolTip(loaded.label)
+        view.set_frame(loaded.raw, (float(loaded.raw.min()), float(loaded.raw.max())))
+        row, column, rows, columns = loaded.window
+        view.set_cutout(row, column, (rows, columns), loaded.point)
+        view.show_all()
+
+    def _take(self) -> None:
+        found, self.survey = self.survey, None
+        if found is not None and found.imported is not None:
+            self.accepted_frames.emit(found)
+            self.accept()
+
+    def reject(self) -> None:
+        """Close without the frames."""
+        self._drop()
+        super().reject()
+
+
+def _offer(box: QComboBox, colours: tuple[str, ...], chosen: str) -> None:
+    blocker = QSignalBlocker(box)
+    while box.count() > 1:
+        box.removeItem(1)
+    for name in colours:
+        box.addItem(name, name)
+    box.setCurrentIndex(max(0, box.findData(chosen)))
+    box.setEnabled(bool(colours))
+    blocker.unblock()

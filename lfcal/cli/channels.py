@@ -1,0 +1,89 @@
+"""``--channel`` of ``lfcal assemble``: one colour, or an H file of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lfcal.cli.console import report
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+    from lfcal.frames import Frames
+
+__all__ = ["Part", "open_colour", "parts_of"]
+
+COMPONENTS = ("R", "G", "B")
+"""Components of colour images."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One H file to make.
+
+    ``plan`` is the plan that H is made by; frames are described by the scan's own. ``channel`` is that of a mosaic,
+    empty where the frames are one colour already.
+    """
+
+    source: Frames
+    plan: ScanPlan
+    channel: str
+    out: Path
+
+
+def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) -> tuple[Frames, ScanPlan]:
+    """Return frames and plan; of colour images the component that ``channel`` names, green for ``"each"``."""
+    from lfcal.errors import FileFormatError
+
+    try:
+        return opened()
+    except FileFormatError:
+        component = "G" if channel == "each" else channel
+        if component not in COMPONENTS:
+            raise
+    # grey frames that are damaged fail again, with the same words
+    return opened(colour=component)
+
+
+def parts_of(channel: str, source: Frames, plan: ScanPlan, out: Path, reopen: Callable[[str], Frames]) -> list[Part]:
+    """Return what is to be made of the frames.
+
+    Parameters
+    ----------
+    channel
+        Name of a colour, ``"each"``, or empty for the frames as they are.
+    source, plan
+        The frames, opened with the component ``channel`` (green for ``"each"``), and the plan of their scan.
+    out
+        H file; with ``"each"`` the colour's name is put to its end: ``H_R.h5``.
+    reopen
+        Opens the frames with another component.
+    """
+    from lfcal.errors import InputError
+    from lfcal.frames.colour_scan import ThinnedSource, colour_scan, colours_of
+
+    component = source.metadata.get("colour")
+    names = COMPONENTS if component else colours_of(source, plan)
+    wanted = list(names) if channel == "each" else [channel]
+    if channel == "each" and not names:
+        raise InputError.expected("--channel each", "colour frames", "monochrome ones", "leave it out")
+    parts = []
+    for name in wanted:
+        path = out.with_name(f"{out.stem}_{name}{out.suffix}") if channel == "each" else out
+        if component or not name:
+            parts.append(Part(source if name in ("", component) else reopen(name), plan, "", path))
+            continue
+        scan = colour_scan(source, plan, name)
+        if scan is None:
+            parts.append(Part(source, plan, name, path))
+            continue
+        own = ThinnedSource(source, scan)
+        rows, columns = scan.plan.cutout
+        report(
+            f"note: channel {name}: {len(own)} of {len(source)} frames have their point on a pixel of it; "
+            f"period {scan.plan.period[0]} x {scan.plan.period[1]}, cutout {rows} x {columns} of its pixels"
+        )
+        parts.append(Part(own, scan.plan, name, path))
+    return parts

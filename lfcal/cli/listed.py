@@ -1,0 +1,52 @@
+"""What the commands share of lists of frames that other programs wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import typer
+
+from lfcal.cli.console import report
+
+if TYPE_CHECKING:
+    from lfcal.camera import Camera, ScanPlan, StageAxes
+
+__all__ = ["ColumnsOption", "plan_from_list", "report_notes"]
+
+ColumnsOption: TypeAlias = Annotated[
+    str,
+    typer.Option("--columns", help="What columns of a list hold: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp."),
+]
+"""Which column is what, where their names do not tell."""
+
+
+def report_notes(notes: Iterable[str]) -> None:
+    """Print what was guessed, a line each."""
+    for note in notes:
+        report(f"note: {note}")
+
+
+def plan_from_list(
+    listed: Path, camera: Camera, *, folder: Path | None, columns: str, stage: StageAxes | None, **settings: Any
+) -> ScanPlan:
+    """Return the plan of the scan that a list was written of; frames that are found show where the light goes."""
+    from lfcal.errors import StorageError
+    from lfcal.frames.lists.derived import plan_of_list
+    from lfcal.frames.lists.entries import located
+    from lfcal.frames.lists.open_table import any_listing, reader
+
+    listing = any_listing(listed, columns)
+    root = folder or listed.parent
+    try:
+        listing = located(listing, root)
+        read = reader(listing, root)
+    except StorageError as error:
+        if folder is not None:
+            raise
+        report(f"note: the frames are not there to be looked at ({error}); --frames names their folder")
+        read = None
+    plan, notes = plan_of_list(listing, camera, read=read, stage=stage, **settings)
+    report_notes(notes)
+    return plan

@@ -1,0 +1,122 @@
+"""A manifest from a list: files found in the folder, places turned into positions."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.errors import FileFormatError, InputError
+from lfcal.frames.lists.listing import Listing
+from lfcal.frames.lists.names import find_files
+from lfcal.frames.lists.placing import READ, place
+from lfcal.frames.manifest import FrameEntry, Manifest
+from lfcal.frames.positions import first_number
+from lfcal.frames.source import Position
+
+__all__ = ["located", "manifest_of"]
+
+
+def located(listing: Listing, root: Path) -> Listing:
+    """Return the list with its files as they lie below ``root``, and a page for each use of a file."""
+    files, notes = find_files(listing, root)
+    pages = listing.pages
+    if not any(pages) and len(set(files)) < len(files):
+        seen: Counter[str] = Counter()
+        numbered = []
+        for name in files:
+            numbered.append(seen[name])
+            seen[name] += 1
+        pages = tuple(numbered)
+        notes.append(f"pages: {files[0]} is listed {seen[files[0]]} times; its rows are its pages in their order")
+    return replace(listing, files=tuple(files), pages=pages, notes=(*listing.notes, *notes))
+
+
+def manifest_of(
+    listing: Listing,
+    *,
+    plan: ScanPlan | None = None,
+    plan_shape: Sequence[int] | None = None,
+    first: int | None = None,
+    read: READ | None = None,
+) -> tuple[Manifest, tuple[str, ...]]:
+    """Return the manifest of a list whose files are found, and notes on what was found.
+
+    Parameters
+    ----------
+    listing
+        From `located`.
+    plan
+        What stage coordinates are compared with.
+    plan_shape
+        Positions of the scan, where there is no plan.
+    first
+        Number of the first position where the list counts them; None: found.
+    read
+        Returns the frame of a row, for `lfcal.frames.lists.placing.place`.
+
+    Raises
+    ------
+    InputError
+        If stage coordinates have no plan or do not fit it, or numbers lie outside the scan.
+    """
+    shape = plan.shape[:3] if plan is not None else plan_shape
+    if listing.unit == "index":
+        positions, note = _counted(listing, shape, first)
+        return _manifest(listing, positions, listing.drift, plan), (*listing.notes, *note)
+    if plan is None:
+        raise InputError.expected(
+            f"{listing.name}, stage coordinates",
+            "the plan of the scan",
+            "none",
+            "name it with --plan, or make it with lfcal plan CAMERA --positions LIST",
+        )
+    found = place(listing, plan, read)
+    drift = found.drift if listing.drift is None else found.drift + listing.drift
+    return _manifest(listing, found.positions, drift, plan), (*listing.notes, *found.notes)
+
+
+def _counted(
+    listing: Listing, shape: Sequence[int] | None, first: int | None
+) -> tuple[NDArray[np.intp], tuple[str, ...]]:
+    """Return positions (z, y, x) counted from 0, and what they were counted from."""
+    places = listing.places[:, ::-1]
+    absent = ~np.isfinite(places).all(axis=0)
+    if (places[:, ~absent] != np.round(places[:, ~absent])).any():
+        raise FileFormatError.expected(
+            f"{listing.name}, places", "whole numbers", "others", "say what they are: --columns y_um=…,x_um=…"
+        )
+    numbers = np.where(absent, 0, np.nan_to_num(places)).astype(np.intp)
+    begin = (
+        first_number(numbers[:, ~absent], None if shape is None else np.array(shape)[~absent])
+        if first is None
+        else first
+    )
+    numbers[:, ~absent] -= begin
+    if numbers.min() < 0:
+        k = int(numbers.min(axis=1).argmin())
+        raise InputError.expected(
+            f"{listing.name}, place of {listing.label(k)}", f"numbers from {begin}", "a smaller one", "correct --first"
+        )
+    note = ("positions: counted from 1 in the list",) if begin == 1 and first is None else ()
+    return numbers, note
+
+
+def _manifest(
+    listing: Listing, positions: NDArray[np.intp], drift: NDArray[Any] | None, plan: ScanPlan | None
+) -> Manifest:
+    shifts = np.zeros((len(listing), 2)) if drift is None else drift
+    exposures = listing.exposures or (None,) * len(listing)
+    entries = tuple(
+        FrameEntry(file, Position(*at), page, exposure, dy, dx)
+        for file, page, at, exposure, (dy, dx) in zip(
+            listing.files, listing.pages, positions.tolist(), exposures, shifts.tolist(), strict=True
+        )
+    )
+    return Manifest(entries, plan_shape=None if plan is None else plan.shape[:3])

@@ -1,0 +1,196 @@
+"""The frames that a list names, with the places that it gives them: numbers of positions, or stage coordinates."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError, InputError
+from lfcal.frames.lists.columns import LENGTHS, TIMES, Column, columns_in_words, find_columns, parse_columns
+from lfcal.frames.lists.table import Table, read_table
+
+__all__ = ["Listing", "read_listing"]
+
+
+@dataclass(frozen=True, eq=False)
+class Listing:
+    """Frames as a list gives them.
+
+    Attributes
+    ----------
+    name
+        The list's name, for messages.
+    files, pages
+        File, as it is written there, and page of each frame.
+    places
+        ``(N, 3)`` as (x, y, z): stage coordinates, or numbers of positions where ``unit`` is ``"index"``. NaN
+        throughout z where the list has none.
+    unit
+        Unit of length of the stage coordinates; ``"index"``; or empty where the list does not say.
+    exposures
+        Seconds of each frame, or None.
+    drift
+        ``(N, 2)`` as (dy, dx): what the list says of how far images lie from where the plan puts them (px).
+    notes
+        What was guessed, a line each.
+    """
+
+    name: str
+    files: tuple[str, ...]
+    pages: tuple[int, ...]
+    places: NDArray[np.float64]
+    unit: str
+    exposures: tuple[float, ...] | None = None
+    drift: NDArray[np.float64] | None = None
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.files)
+
+    @property
+    def has_depth(self) -> bool:
+        """Whether the list says in which plane a frame is."""
+        return bool(np.isfinite(self.places[:, 2]).all())
+
+    def label(self, k: int) -> str:
+        """Return the name of frame ``k`` for messages."""
+        return f"{self.files[k]} page {self.pages[k]}" if self.pages[k] else self.files[k]
+
+
+def read_listing(path: str | os.PathLike[str], columns: str = "") -> Listing:
+    """Read a list of frames of any separator and with any names of columns.
+
+    Parameters
+    ----------
+    path
+        A text table with a row for each frame.
+    columns
+        Which column holds what, as `lfcal.frames.lists.columns.parse_columns` reads it; the others are guessed.
+
+    Raises
+    ------
+    LfcalError
+        With the line, or the columns there are and what to type.
+    """
+    table = read_table(Path(path))
+    found = find_columns(table, parse_columns(columns) if columns else None)
+    if not table.rows:
+        raise FileFormatError.expected(f"list {table.name}", "a row for each frame", "only a header", "check the file")
+    by_role = {column.role: column for column in found}
+    places = np.full((len(table.rows), 3), np.nan)
+    for k, axis in enumerate("xyz"):
+        if axis in by_role:
+            places[:, k] = _numbers(table, by_role[axis])
+    unit, scales = _unit(table, by_role, places)
+    places *= scales
+    exposures, said = _exposures(table, by_role.get("exposure"))
+    shown = [said if column.role == "exposure" and said is not None else column for column in found]
+    words = f"columns: {columns_in_words(tuple(shown))}; separated by {table.separator}"
+    return Listing(
+        table.name,
+        tuple(_file(table, by_role["file"])),
+        _pages(table, by_role.get("page")),
+        places,
+        unit,
+        exposures,
+        _drift(table, by_role),
+        (words + (", decimal commas" if table.decimal == "," else ""),),
+    )
+
+
+def _numbers(table: Table, column: Column) -> NDArray[np.float64]:
+    values = np.empty(len(table.rows))
+    for k, cell in enumerate(table.column(column.name)):
+        try:
+            values[k] = float(cell)
+        except ValueError:
+            values[k] = math.nan
+        if not math.isfinite(values[k]):
+            where = f"{table.name} line {table.lines[k]}, {column.name}"
+            raise FileFormatError.expected(where, "a number", repr(cell), "correct it")
+    return values
+
+
+def _unit(
+    table: Table, by_role: dict[str, Column], places: NDArray[np.float64]
+) -> tuple[str, NDArray[np.float64] | float]:
+    """Return the unit of the places, and the factors that bring all axes to it."""
+    used = [by_role[axis] if axis in by_role else None for axis in "xyz"]
+    units = [column.unit if column is not None else None for column in used]
+    stated = {unit for unit in units if unit is not None}
+    if stated == {"index"} or (stated == {""} and _counts(places)):
+        return "index", 1.0
+    if "index" in stated:
+        names = ", ".join(str(column) for column in used if column is not None)
+        raise InputError.expected(
+            f"{table.name}, places", "lengths or numbers of positions", names, "say which: --columns y_um=…,x_um=…"
+        )
+    if "" in stated:
+        if len(stated) == 1:
+            return "", 1.0
+        names = ", ".join(column.name for column in used if column is not None and not column.unit)
+        raise InputError.expected(
+            f"{table.name}, unit of {names}", "that of the other axes", "none", "say it: --columns y_um=…,x_um=…"
+        )
+    return "um", np.array([1.0 if unit is None else LENGTHS[unit] for unit in units])
+
+
+def _counts(places: NDArray[np.float64]) -> bool:
+    """Return whether all places are small whole numbers that count from 0 or 1 and leave out few."""
+    for values in places[:, np.isfinite(places).all(axis=0)].T:
+        if (values != np.round(values)).any() or values.min() not in (0, 1) or values.max() > 10 * len(values):
+            return False
+        distinct = np.unique(values)
+        if len(distinct) > 2 and distinct[-1] - distinct[0] > 2 * len(distinct):
+            return False
+    return True
+
+
+def _exposures(table: Table, column: Column | None) -> tuple[tuple[float, ...] | None, Column | None]:
+    """Return seconds, and the column with the unit that was taken."""
+    if column is None:
+        return None, None
+    values = _numbers(table, column)
+    # nobody exposes a point source for less than a millisecond in seconds' clothing: 0.02 are seconds, 20 milliseconds
+    unit = column.unit or ("ms" if np.median(values) >= 1 else "s")
+    if values.min() <= 0:
+        line = table.lines[int(values.argmin())]
+        raise FileFormatError.expected(
+            f"{table.name} line {line}, {column.name}", "a time above 0", values.min(), "correct it"
+        )
+    shown = Column("exposure", column.name, unit if column.unit else f"taken as {unit}")
+    return tuple(float(v) for v in values * TIMES[unit]), shown
+
+
+def _drift(table: Table, by_role: dict[str, Column]) -> NDArray[np.float64] | None:
+    if "dy" not in by_role and "dx" not in by_role:
+        return None
+    zero = np.zeros(len(table.rows))
+    return np.stack([_numbers(table, by_role[r]) if r in by_role else zero for r in ("dy", "dx")], axis=1)
+
+
+def _pages(table: Table, column: Column | None) -> tuple[int, ...]:
+    if column is None:
+        return (0,) * len(table.rows)
+    values = _numbers(table, column)
+    if (values != np.round(values)).any() or values.min() < 0:
+        raise FileFormatError.expected(
+            f"{table.name}, {column.name}", "pages counted from 0", "other numbers", "correct it"
+        )
+    return tuple(int(v) for v in values)
+
+
+def _file(table: Table, column: Column) -> list[str]:
+    names = table.column(column.name)
+    for name, line in zip(names, table.lines, strict=True):
+        if not name or "\0" in name:
+            raise FileFormatError.expected(
+                f"{table.name} line {line}, {column.name}", "the name of a file", repr(name), "fill it in"
+            )
+    return names

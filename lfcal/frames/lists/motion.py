@@ -1,0 +1,112 @@
+"""Where the light goes as the stage moves: which way is right and down on the sensor, and where the scan begins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError, StorageError
+
+__all__ = ["Motion", "image_motion", "spread_out"]
+
+SAMPLED = 16
+"""Frames that are read."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How the centre of light moves on the sensor.
+
+    Attributes
+    ----------
+    matrix
+        ``(2, 2)``: pixels (row, column) per step along the first (column 0) and the second lateral axis (column 1).
+    start
+        Row and column of the light at the first place of both axes.
+    rms_px
+        How far the light lies from there, root of the mean square over the frames (px).
+    """
+
+    matrix: NDArray[np.float64]
+    start: tuple[float, float]
+    rms_px: float
+
+    def axes(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
+        """Return axis and sense that move the image down, and right; None where the light does not tell clearly."""
+        down, right = np.abs(self.matrix)
+        order = (int(down.argmax()), int(right.argmax()))
+        main = np.array([down[order[0]], right[order[1]]])
+        aside = np.array([down[1 - order[0]], right[1 - order[1]]])
+        # one step is one pixel; patterns of lenslets make the light's centre jump about by some
+        if order[0] == order[1] or (main < 0.5).any() or (main > 2).any() or (aside > 0.5 * main).any():
+            return None
+        sense = [int(np.sign(self.matrix[row, axis])) for row, axis in enumerate(order)]
+        return (order[0], sense[0]), (order[1], sense[1])
+
+
+def spread_out(index: NDArray[np.intp], count: int = SAMPLED) -> NDArray[np.intp]:
+    """Return up to ``count`` frames, each as far as possible from those before: corners, edges, then between."""
+    chosen = [int(np.argmin(index.sum(axis=1)))]
+    distance = np.full(len(index), np.inf)
+    while len(chosen) < min(count, len(index)):
+        distance = np.minimum(distance, np.hypot(*(index - index[chosen[-1]]).T))
+        far = int(distance.argmax())
+        if distance[far] == 0:
+            break
+        chosen.append(far)
+    return np.array(chosen, np.intp)
+
+
+def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -> Motion | None:
+    """Return how the light moves over frames at places ``index`` ``(n, 2)`` of one plane; None where it says nothing.
+
+    What all frames share (dark level, hot pixels) is taken off first, and what does not stand out of the noise.
+
+    Parameters
+    ----------
+    read
+        Returns frame k.
+    index
+        Place of frame k along the first and the second lateral axis.
+    """
+    if np.ptp(index, axis=0).min() < 2:
+        return None
+    good: list[int] = []
+    floor: NDArray[Any] | None = None
+    for k in range(len(index)):
+        try:
+            frame = read(k)
+        except (FileFormatError, StorageError):
+            continue  # damaged frames are refused, or left out, where all frames are read
+        if floor is None or frame.shape == floor.shape:
+            floor = frame if floor is None else np.minimum(floor, frame)
+            good.append(k)
+    if floor is None:
+        return None
+    # read again rather than kept: sixteen frames of a large sensor are gigabytes
+    centres = np.array([_centre(read(k).astype(np.float32) - floor) for k in good]).reshape(-1, 2)
+    seen = np.isfinite(centres).all(axis=1)
+    places = index[good][seen]
+    if len(places) < 6 or np.ptp(places, axis=0).min() < 2:
+        return None
+    design = np.column_stack([np.ones(len(places)), places])
+    fitted, *_ = np.linalg.lstsq(design, centres[seen], rcond=None)
+    rms = float(np.sqrt(((design @ fitted - centres[seen]) ** 2).sum(axis=1).mean()))
+    return Motion(fitted[1:].T, (float(fitted[0, 0]), float(fitted[0, 1])), rms)
+
+
+def _centre(light: NDArray[np.float32]) -> tuple[float, float]:
+    """Return row and column of the centre of what stands out of the noise; NaN where nothing does."""
+    level = float(np.median(light))
+    noise = 1.4826 * float(np.median(np.abs(light - level)))
+    light = light - np.float32(level + max(5 * noise, 0.02 * (float(light.max()) - level)))
+    np.maximum(light, 0, out=light)
+    total = float(light.sum(dtype=np.float64))
+    if total <= 0:
+        return float("nan"), float("nan")
+    rows, columns = (light.sum(axis=axis, dtype=np.float64) for axis in (1, 0))
+    return float(rows @ np.arange(len(rows)) / total), float(columns @ np.arange(len(columns)) / total)

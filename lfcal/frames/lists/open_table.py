@@ -1,0 +1,113 @@
+"""A list in a file, opened: the plain manifest of lfcal, or what another program wrote."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from lfcal.errors import FileFormatError
+from lfcal.files import read_text
+from lfcal.frames.formats.opening import image_suffixes, open_image
+from lfcal.frames.lists.entries import located, manifest_of
+from lfcal.frames.lists.listing import Listing, read_listing
+from lfcal.frames.lists.micromanager import read_micromanager
+from lfcal.frames.lists.table import TABLE_SUFFIXES
+from lfcal.frames.manifest import COLUMNS, Manifest
+from lfcal.frames.manifest_file import read_manifest
+from lfcal.frames.sources.base import FrameOptions
+
+__all__ = ["any_listing", "from_micromanager", "from_stage", "is_plain", "manifest_from", "reader"]
+
+SAMPLE = 50
+"""Rows that tell whether places are counted or measured."""
+
+
+def is_plain(path: Path) -> bool:
+    """Return whether a file is a manifest as lfcal writes it: its columns, and places that are counted."""
+    if path.suffix.lower() not in TABLE_SUFFIXES:
+        return True
+    lines = read_text(path, limit=256 << 20).splitlines()[: SAMPLE + 1]
+    rows = list(csv.reader(lines, skipinitialspace=True))
+    if not rows:
+        return path.suffix.lower() == ".csv"
+    header = [cell.strip() for cell in rows[0]]
+    if "file" not in header or not set(header) <= set(COLUMNS):
+        return False
+    places = [row[header.index(axis)].strip() for row in rows[1:] for axis in "zyx" if _has(header, axis, row)]
+    odd = sum(not cell.lstrip("+").isdigit() for cell in places)
+    return path.suffix.lower() == ".csv" and 2 * odd <= max(len(places), 2)
+
+
+def _has(header: list[str], axis: str, row: list[str]) -> bool:
+    return axis in header and header.index(axis) < len(row)
+
+
+def manifest_from(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
+    """Return the manifest of the list ``path`` of files below ``root``, and what was guessed."""
+    if not options.columns and options.first is None and is_plain(path):
+        return read_manifest(path), ()
+    return _placed(located(read_listing(path, options.columns), root), root, options)
+
+
+def from_micromanager(
+    path: Path, root: Path, options: FrameOptions
+) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
+    """Return the manifest of the frames that Micro-Manager's ``metadata.txt`` names, notes, and common facts."""
+    listing, facts = read_micromanager(path)
+    return *_placed(located(listing, root), root, options), facts
+
+
+def any_listing(path: Path, columns: str = "") -> Listing:
+    """Return the frames that a list, Micro-Manager's metadata or a file with stage coordinates in it names."""
+    if path.name.endswith("metadata.txt"):
+        return read_micromanager(path)[0]
+    if path.suffix.lower() not in image_suffixes():
+        return read_listing(path, columns)
+    image = open_image(path)
+    image.close()
+    if image.metadata.get("stage_um") is None:
+        raise FileFormatError.expected(
+            str(path), "stage coordinates of every page in its metadata", "none", "give a list of them"
+        )
+    return stage_listing(path, image.metadata)
+
+
+def from_stage(path: Path, metadata: Mapping[str, Any], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
+    """Return the manifest of one file of pages whose own metadata say where the stage stood."""
+    return _placed(stage_listing(path, metadata), path.parent, options)
+
+
+def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:
+    """Return the pages of one file as a list, from the stage coordinates of its metadata."""
+    places, exposures = metadata["stage_um"], metadata.get("exposure_s")
+    pages = tuple(range(len(places)))
+    times = None if exposures is None else tuple(float(seconds) for seconds in exposures)
+    note = f"positions: of the stage, as {path.name} states them for its {len(pages)} pages"
+    return Listing(path.name, (path.name,) * len(pages), pages, places, "um", times, notes=(note,))
+
+
+def _placed(listing: Listing, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
+    return manifest_of(
+        listing,
+        plan=options.plan,
+        plan_shape=options.plan_shape,
+        first=options.first,
+        read=reader(listing, root, options.colour),
+    )
+
+
+def reader(listing: Listing, root: Path, colour: str | None = None) -> Any:
+    """Return a function that reads the frame of a row of a list whose files were found below ``root``."""
+
+    def read(k: int) -> NDArray[Any]:
+        image = open_image(root / listing.files[k], colour=colour)
+        try:
+            return image.read(image.check_page(listing.pages[k]))
+        finally:
+            image.close()
+
+    return read

@@ -1,0 +1,284 @@
+"""Stage coordinates to positions of a scan plan: the affine between them, and what it leaves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan, StageAxes
+from lfcal.errors import InputError
+from lfcal.frames.lists.grid import ScanGrid, find_grid
+from lfcal.frames.lists.listing import Listing
+from lfcal.frames.lists.motion import Motion, image_motion, spread_out
+
+__all__ = ["Placing", "anchor_of", "grid_of", "light_of", "place"]
+
+AXES = "xyz"
+UNITS = {"um": 1.0, "mm": 1e3, "nm": 1e-3, "m": 1e6}
+"""Micrometres of the units that a list without one may be in."""
+READ = Callable[[int], NDArray[Any]]
+"""Returns the frame of a row of the list."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placing:
+    """Where the frames of a list belong.
+
+    Attributes
+    ----------
+    positions
+        ``(N, 3)`` as (z, y, x) of the plan.
+    drift
+        ``(N, 2)``: how far the image of each lies from its position (rows, columns; sensor pixels).
+    stage
+        The axes that were found.
+    rms_px, worst_px, worst
+        Size of the drift, root of the mean square and largest, and the frame that has it.
+    notes
+        What was found, a line each.
+    """
+
+    positions: NDArray[np.intp]
+    drift: NDArray[np.float64]
+    stage: StageAxes
+    rms_px: float
+    worst_px: float
+    worst: int
+    notes: tuple[str, ...]
+
+
+def place(listing: Listing, plan: ScanPlan, read: READ | None = None) -> Placing:
+    """Return position and drift of each frame by its stage coordinates.
+
+    Unit, offset, scale and small rotations of the coordinates are found, and which axis is which and its sense: from
+    the light in some frames where ``read`` gives them and it is clear, else from the numbers of steps, else as the
+    plan's ``stage`` says. An affine from coordinates to object space (`ScanPlan.object_um`) is then fitted
+    to all frames.
+
+    Raises
+    ------
+    InputError
+        If the list is of another scan than the plan, two frames belong to one position, or one lies half a step off.
+    """
+    grid, lateral = grid_of(listing, plan.stage, planes=plan.shape[0])
+    light = None if read is None else light_of(grid, read)
+    seen = None if light is None else light.axes()
+    turns = _turns(grid, plan, lateral, seen)
+    index = grid.index(len(listing))
+    tried = []
+    for stage in turns:
+        positions = _positions(index, grid, plan, stage, lateral)
+        tried.append((_misfit(listing, plan, positions), stage, positions))
+    best = min(misfit for misfit, _, _ in tried)
+    # those that fit as well as the best are told apart by what the plan says; they stand in that order
+    fitting = [entry for entry in tried if entry[0] <= 1.05 * best + 1e-9]
+    _, stage, positions = fitting[0]
+    found = _fitted(listing, plan, positions, stage)
+    words = _axes_notes(plan, stage, seen, len(fitting) > 1)
+    notes = [*found.notes, *words, *_light_notes(plan, light, stage, lateral)]
+    return replace(found, notes=tuple(notes))
+
+
+def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[ScanGrid, tuple[int, int]]:
+    """Return the grid of a list, and which of (x, y, z) are the first and second lateral axis."""
+    depth = AXES.index(stage.away[1])
+    lateral = tuple(k for k in range(3) if k != depth)
+    if not listing.has_depth and (planes > 1 or depth != 2):
+        raise InputError.expected(
+            f"list {listing.name}", f"a column of z for {planes} planes", "none", "name it: --columns z_um=COLUMN"
+        )
+    places = np.where(np.isfinite(listing.places), listing.places, 0.0)
+    return find_grid(places[:, lateral], places[:, depth], listing.name), (lateral[0], lateral[1])
+
+
+def light_of(grid: ScanGrid, read: READ) -> Motion | None:
+    """Return how the light of the middle plane moves along the lateral axes."""
+    plane = grid.planes[len(grid.planes) // 2]
+    chosen = spread_out(plane.index)
+    return image_motion(lambda k: read(int(plane.frames[chosen[k]])), plane.index[chosen])
+
+
+def _turns(
+    grid: ScanGrid, plan: ScanPlan, lateral: tuple[int, int], seen: tuple[tuple[int, int], tuple[int, int]] | None
+) -> list[StageAxes]:
+    """Return the stage axes that the grid's numbers of steps allow, the plan's own first."""
+    nz, ny, nx = plan.shape[:3]
+    counts = dict(zip(lateral, grid.counts, strict=True))
+    found = []
+    for (right, down), senses in product(permutations(lateral), product("+-", repeat=3)):
+        if (counts[right], counts[down]) != (nx, ny):
+            continue
+        axes = (senses[0] + AXES[right], senses[1] + AXES[down], senses[2] + plan.stage.away[1])
+        if seen is not None and axes[:2] != tuple(
+            ("+" if sense > 0 else "-") + AXES[lateral[axis]] for axis, sense in (seen[1], seen[0])
+        ):
+            continue
+        found.append(StageAxes(*axes, origin_um=plan.stage.origin_um))
+    if len(grid.planes) != nz or not found:
+        first, second = grid.counts
+        got = f"{len(grid.planes)} planes of {first} along {AXES[lateral[0]]} and {second} along {AXES[lateral[1]]}"
+        raise InputError.expected(
+            "places of the list",
+            f"{nz} planes of {nx} across and {ny} down, as the plan has",
+            got,
+            "the list is of another scan: make its plan with lfcal plan CAMERA --positions LIST",
+        )
+    own = (plan.stage.right, plan.stage.down, plan.stage.away)
+    return sorted(found, key=lambda s: _changes(own, (s.right, s.down, s.away)))
+
+
+def _changes(own: Sequence[str], other: Sequence[str]) -> tuple[int, int]:
+    """Return in how many axes, and in how many senses, two statements differ."""
+    return sum(a[1] != b[1] for a, b in zip(own, other, strict=True)), sum(
+        a[0] != b[0] for a, b in zip(own, other, strict=True)
+    )
+
+
+def _positions(
+    index: NDArray[np.intp], grid: ScanGrid, plan: ScanPlan, stage: StageAxes, lateral: tuple[int, int]
+) -> NDArray[np.intp]:
+    """Return the positions (z, y, x) that places of the grid are with these stage axes."""
+    place_of = {lateral[0]: index[:, 1], lateral[1]: index[:, 2]}
+    rising = len(plan.depths_um) < 2 or plan.depths_um[1] > plan.depths_um[0]
+    z = index[:, 0] if (stage.away[0] == "+") == rising else len(grid.planes) - 1 - index[:, 0]
+    columns = [z]
+    for axis, count in ((stage.down, plan.period[0]), (stage.right, plan.period[1])):
+        along = place_of[AXES.index(axis[1])]
+        columns.append(along if axis[0] == "+" else count - 1 - along)
+    return np.stack(columns, axis=1)
+
+
+def _affine(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the affine ``(k, 3)`` from (1, coordinates) to object space, and object space less what it gives (um)."""
+    places = np.where(np.isfinite(listing.places), listing.places, 0.0)
+    centred = places - places.mean(axis=0)
+    spread = np.ptp(centred, axis=0)
+    used = spread > (1e-3 * np.max(spread) if plan.shape[0] == 1 else 0)
+    design = np.column_stack([np.ones(len(places)), centred[:, used]])
+    wanted = plan.object_um(positions)
+    fitted, *_ = np.linalg.lstsq(design, wanted, rcond=None)
+    whole = np.zeros((4, 3))
+    whole[np.concatenate([[True], used])] = fitted
+    return whole, wanted - design @ fitted
+
+
+def _misfit(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> float:
+    """Return the root mean square of what the affine leaves, in steps and in distances of planes."""
+    _, rest = _affine(listing, plan, positions)
+    steps = np.array([plan.step_um(z) for z in range(plan.shape[0])])[positions[:, 0]]
+    lateral = float((rest[:, 1] ** 2 / steps[:, 0] ** 2 + rest[:, 0] ** 2 / steps[:, 1] ** 2).mean())
+    planes = np.abs(np.diff(plan.depths_um))
+    return math.sqrt(lateral + (float((rest[:, 2] / planes.min()).std()) ** 2 if planes.size else 0.0))
+
+
+def _fitted(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp], stage: StageAxes) -> Placing:
+    """Return the placing with its drift, or raise where it cannot be meant."""
+    affine, rest = _affine(listing, plan, positions)
+    steps = np.array([plan.step_um(z) for z in range(plan.shape[0])])[positions[:, 0]]
+    # where the source truly was, less where the plan wants it, in resampled and then in sensor pixels
+    drift = -rest[:, [1, 0]] / steps / np.array(plan.resample_factors)
+    size = np.hypot(*drift.T)
+    worst = int(size.argmax())
+    if size[worst] > 0.5:
+        raise InputError.expected(
+            f"{listing.name}, place of {listing.label(worst)}",
+            "within half a step of a position of the plan",
+            f"{size[worst]:.2f} px off (all: {np.sqrt((size**2).mean()):.2f} px rms)",
+            "correct the list, or make the plan of this scan with lfcal plan CAMERA --positions LIST",
+        )
+    _check_once(listing, plan, positions)
+    planes = np.abs(np.diff(plan.depths_um))
+    if planes.size and np.abs(rest[:, 2]).max() > 0.5 * planes.min():
+        far = int(np.abs(rest[:, 2]).argmax())
+        raise InputError.expected(
+            f"{listing.name}, depth of {listing.label(far)}",
+            "within half the distance of planes",
+            f"{rest[far, 2]:.4g} um off",
+            "the list is of another scan, or z is another column",
+        )
+    rms = float(np.sqrt((size**2).mean()))
+    note = f"places: {rms:.3f} px rms off the grid, {listing.label(worst)} most with {size[worst]:.3f} px"
+    notes = (note, *_scale_notes(listing, affine, plan))
+    return Placing(positions, drift, stage, rms, float(size[worst]), worst, notes)
+
+
+def _check_once(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -> None:
+    """Raise where more frames belong to one position than the plan averages."""
+    _, number, counts = np.unique(positions, axis=0, return_inverse=True, return_counts=True)
+    if counts.max() > plan.frames_averaged:
+        first, second = np.flatnonzero(number.ravel() == counts.argmax())[:2]
+        z, y, x = positions[first].tolist()
+        raise InputError.expected(
+            f"{listing.name}, position z={z}, y={y}, x={x}",
+            f"{plan.frames_averaged} frame{'s' if plan.frames_averaged > 1 else ''} as the plan averages",
+            f"{listing.label(int(first))}, {listing.label(int(second))}",
+            "correct the list, or the plan's number of frames averaged (lfcal plan --average)",
+        )
+
+
+def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> list[str]:
+    """Return what the unit was taken for, and by how much the steps differ from the plan's."""
+    lateral = [k for k in range(3) if AXES[k] != plan.stage.away[1]]
+    per = [float(np.linalg.norm(affine[1 + k, :2])) for k in lateral if affine[1 + k].any()]
+    if not per:
+        return []
+    scale = math.prod(per) ** (1 / len(per))
+    unit = listing.unit or min(UNITS, key=lambda name: abs(math.log(scale / UNITS[name])))
+    ratio = UNITS[unit] / scale
+    notes = [] if listing.unit else [f"unit: {unit}, as the plan's steps tell; --columns x_{unit}=… says it"]
+    if not 0.8 < ratio < 1.25 and not listing.unit:
+        return [f"unit: 1 of the list is {scale:.4g} um, as the plan's steps tell"]
+    if not 0.8 < ratio < 1.25:
+        raise InputError.expected(
+            f"{listing.name}, steps",
+            "those of the plan",
+            f"{ratio:.3g} times them",
+            "correct the unit (--columns x_mm=…), or make the plan of this scan: lfcal plan CAMERA --positions LIST",
+        )
+    if abs(ratio - 1) > 0.01:
+        notes.append(f"steps: {ratio:.3f} times the plan's; check pixel pitch, working distance and magnification")
+    return notes
+
+
+def _axes_notes(
+    plan: ScanPlan, stage: StageAxes, seen: tuple[tuple[int, int], tuple[int, int]] | None, several: bool
+) -> list[str]:
+    found = f"{stage.right},{stage.down},{stage.away}"
+    own = f"{plan.stage.right},{plan.stage.down},{plan.stage.away}"
+    if found != own:
+        why = "as the light moves" if seen is not None else "as the numbers of steps tell"
+        return [f"axes: {found} move the image right, down and the source away, {why}; the plan says {own}"]
+    if seen is not None:
+        return [f"axes: {found} move the image right, down and the source away; the light agrees"]
+    return [f"axes: {found} as the plan says; the list alone does not tell their sense"] if several else []
+
+
+def _light_notes(plan: ScanPlan, light: Motion | None, stage: StageAxes, lateral: tuple[int, int]) -> list[str]:
+    """Return a note where the light lies elsewhere than the plan puts it."""
+    if light is None or light.axes() is None:
+        return []
+    where = anchor_of(light, stage, lateral, plan.period)
+    off = math.hypot(where[0] - plan.anchor[0], where[1] - plan.anchor[1])
+    if off < 0.2 * min(plan.cutout):
+        return []
+    return [
+        f"light: at y = x = 0 it is near row {where[0]:.0f}, column {where[1]:.0f}, {off:.0f} px from the plan's "
+        "anchor; lfcal plan --anchor moves it"
+    ]
+
+
+def anchor_of(
+    light: Motion, stage: StageAxes, lateral: tuple[int, int], period: tuple[int, int]
+) -> tuple[float, float]:
+    """Return row and column of the light at position y = x = 0."""
+    start = np.array(light.start)
+    for axis, count in ((stage.down, period[0]), (stage.right, period[1])):
+        if axis[0] == "-":  # the first place of the axis is then the last position
+            start = start + light.matrix[:, lateral.index(AXES.index(axis[1]))] * (count - 1)
+    return float(start[0]), float(start[1])

@@ -1,0 +1,154 @@
+"""Stage coordinates, exposures and pixel sizes that OME-TIFF and Micro-Manager keep with the frames."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from lfcal.camera import ScanPlan
+from lfcal.errors import FileFormatError
+from lfcal.frames import open_frames
+from lfcal.frames.formats.ome import ome_facts
+from lfcal.frames.lists.micromanager import read_micromanager
+from lfcal.frames.lists.open_table import any_listing
+from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, frame, scan, small_camera
+
+
+def plan() -> ScanPlan:
+    return ScanPlan(small_camera(), (ROWS, COLUMNS), (9, 11), (-40e3, 10e3), START)
+
+
+@pytest.fixture(scope="module")
+def found() -> Scan:
+    """Return a scan in an order of its own, the stage turned round."""
+    ordered = scan(right="-x", origin=(120.0, -40.0, 7.0))
+    order = np.random.default_rng(5).permutation(len(ordered.stage))
+    return Scan(ordered.camera, ordered.depths, ordered.positions[order], ordered.stage[order])
+
+
+def write_ome(path: Path, found: Scan, **pixels: Any) -> None:
+    frames = np.stack([frame((y, x), seed=k) for k, (_, y, x) in enumerate(found.positions)])
+    planes: dict[str, Any] = {f"Position{a}": (found.stage[:, k] / 1e3).tolist() for k, a in enumerate("XYZ")}
+    planes |= {f"Position{a}Unit": ["mm"] * len(frames) for a in "XYZ"}
+    planes |= {"ExposureTime": [20.0] * len(frames), "ExposureTimeUnit": ["ms"] * len(frames)}
+    tifffile.imwrite(path, frames, ome=True, metadata={"axes": "TYX", "Plane": planes, **pixels})
+
+
+def test_an_ome_stack_says_where_each_page_belongs(tmp_path: Path, found: Scan) -> None:
+    write_ome(tmp_path / "s.ome.tif", found, PhysicalSizeX=1.0, PhysicalSizeXUnit="µm")
+    with open_frames(tmp_path / "s.ome.tif", plan=plan()) as source:
+        np.testing.assert_array_equal([source.info(k).position for k in range(len(source))], found.positions)
+        assert source.info(3).exposure_s == pytest.approx(0.02)
+        notes = " ".join(source.metadata["notes"])
+        assert "-x,+y,+z move the image" in notes and "the frames say 1 um" in notes
+        assert source.metadata["pixel_um"] == 1.0 and "stage_um" not in source.metadata
+        np.testing.assert_array_equal(source.read(7), frame(found.positions[7, 1:], seed=7))
+    assert any_listing(tmp_path / "s.ome.tif").exposures is not None
+
+
+def test_a_pixel_size_that_is_the_camera_s_is_not_remarked(tmp_path: Path, found: Scan) -> None:
+    camera = found.camera
+    for size in (camera.sensor.pixel_um, camera.step_um(0.0)):
+        write_ome(tmp_path / "s.ome.tif", found, PhysicalSizeX=size)
+        with open_frames(tmp_path / "s.ome.tif", plan=plan()) as source:
+            assert not any(note.startswith("pixels") for note in source.metadata["notes"])
+
+
+OME = (
+    '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Image>'
+    '<Pixels DimensionOrder="XYCZT" {}>{}</Pixels></Image></OME>'
+)
+PLANE = '<Plane TheC="0" TheZ="{}" TheT="{}" PositionX="{}" PositionY="0" {}/>'
+
+
+def test_planes_are_put_in_the_order_of_the_pages() -> None:
+    # listed by Z first, stored by T last: Z runs faster
+    text = OME.format("", "".join(PLANE.format(z, t, 10 * t + z, "") for z in range(2) for t in range(3)))
+    facts = ome_facts(text, 6)
+    assert facts["stage_um"][:, 0].tolist() == [0, 1, 10, 11, 20, 21] and np.isnan(facts["stage_um"][:, 2]).all()
+    assert "exposure_s" not in facts
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "<OME",
+        "<!DOCTYPE x [<!ENTITY a 'b'>]><OME/>",
+        OME.format("", PLANE.format(0, "one", 1, "")),
+        OME.format("", PLANE.format(0, 0, "nan", "") + PLANE.format(0, 1, 2, "")),
+        OME.format("", PLANE.format(0, 0, 1, 'PositionXUnit="parsec"') + PLANE.format(0, 1, 2, "")),
+        OME.format("", PLANE.format(0, 0, 1, "") + PLANE.format(0, 1, 1, "")),
+        OME.format('PhysicalSizeX="-1"', ""),
+        OME.format("", PLANE.format(0, 0, 1, "")),
+    ],
+)
+def test_what_says_nothing_is_left_out(text: str) -> None:
+    assert ome_facts(text, 2) == {}
+
+
+# -- Micro-Manager -----------------------------------------------------------------------------------------------
+
+
+def metadata_of(found: Scan, names: list[str], version: int) -> dict[str, Any]:
+    body: dict[str, Any] = {"Summary": {"PixelSize_um": 0.5, "Slices": 1}}
+    for k, (name, (x, y, z)) in enumerate(zip(names, found.stage, strict=True)):
+        key = f"FrameKey-{k}-0-0" if version == 1 else f"Metadata-Default/{name}"
+        body[key] = {
+            "FileName": name if version == 1 else f"Default/{name}",
+            "XPositionUm": x,
+            "YPositionUm": y,
+            "ZPositionUm": z,
+            "Exposure-ms": 20.0,
+            "PixelSizeUm": 0.5,
+            "BitDepth": 12,
+        }
+    return body
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_folder_of_micro_manager(tmp_path: Path, found: Scan, version: int) -> None:
+    folder = tmp_path if version == 1 else tmp_path / "Default"
+    names = [f"img_channel000_position000_time{k:09d}_z000.tif" for k in range(len(found.stage))]
+    folder.mkdir(exist_ok=True)
+    for k, (name, (_, y, x)) in enumerate(zip(names, found.positions, strict=True)):
+        tifffile.imwrite(folder / name, frame((y, x), seed=k))
+    (tmp_path / "metadata.txt").write_text(json.dumps(metadata_of(found, names, version)))
+    source = open_frames(tmp_path, plan=plan())
+    np.testing.assert_array_equal([source.info(k).position for k in range(len(source))], found.positions)
+    assert source.info(0).exposure_s == pytest.approx(0.02)
+    assert source.metadata["saturation"] == 4095 and source.metadata["pixel_um"] == 0.5
+    assert any("as Micro-Manager wrote them" in note for note in source.metadata["notes"])
+
+
+def test_a_stack_of_micro_manager(tmp_path: Path, found: Scan) -> None:
+    frames = np.stack([frame((y, x), seed=k) for k, (_, y, x) in enumerate(found.positions)])
+    tifffile.imwrite(tmp_path / "scan_MMStack.ome.tif", frames, photometric="minisblack")
+    body = metadata_of(found, ["scan_MMStack.ome.tif"] * len(frames), 1)
+    (tmp_path / "scan_MMStack_metadata.txt").write_text(json.dumps(body))
+    with open_frames(tmp_path, plan=plan()) as source:
+        np.testing.assert_array_equal([source.info(k).position for k in range(len(source))], found.positions)
+        np.testing.assert_array_equal(source.read(5), frames[5])
+
+
+def test_a_frame_without_a_place(tmp_path: Path, found: Scan) -> None:
+    body = metadata_of(found, ["a.tif"] * len(found.stage), 1)
+    body["FrameKey-3-0-0"].pop("XPositionUm")
+    (tmp_path / "metadata.txt").write_text(json.dumps(body))
+    with pytest.raises(FileFormatError, match=r"XPositionUm of a\.tif: expected a number, got None; record with"):
+        open_frames(tmp_path, plan=plan())
+
+
+@pytest.mark.parametrize("text", ["[]", "{}", '{"Summary": {}}', "{"])
+def test_no_metadata(tmp_path: Path, text: str) -> None:
+    (tmp_path / "metadata.txt").write_text(text)
+    with pytest.raises(FileFormatError, match=r"metadata\.txt"):
+        read_micromanager(tmp_path / "metadata.txt")
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((8, 9), np.uint16))
+    with pytest.raises(FileFormatError, match="stage coordinates of every page in its metadata, got none"):
+        any_listing(tmp_path / "a.tif")

@@ -1,0 +1,115 @@
+"""Frames that others recorded, through the window: what is found, what may be said, and that nothing is lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from pytestqt.qtbot import QtBot
+
+from gui.context import Context
+from gui.pages.frames.model import FrameSettings, load_frame, open_imported
+from gui.pages.frames.model_import import ImportChoice, columns_text, survey
+from lfcal.camera import ScanPlan, preset
+from tests.cli.test_colours import ANCHOR, PERIOD, SENSOR, mosaic, plan_of
+from tests.cli.test_intake import foreign_list
+from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, scan, write_frames
+from tests.gui.waiting import GUARD_MS
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("foreign")
+    found = scan(right="-y", down="+x", away="-z", origin=(5300.0, 1200.0, -80.0))
+    names = [f"shot{k:03d}.tif" for k in range(len(found.stage))]
+    write_frames(root / "tiffs", found, names)
+    foreign_list(root / "tiffs" / "stage.csv", found, names)
+    return root
+
+
+def plan(found: Scan) -> ScanPlan:
+    return ScanPlan(found.camera, (ROWS, COLUMNS), (9, 11), found.depths, START)
+
+
+def test_a_list_whose_columns_are_not_clear_is_shown_as_far_as_it_goes(folder: Path) -> None:
+    found = survey(ImportChoice(str(folder / "tiffs")), plan(scan()), None)
+    assert found.table is not None and found.imported is None
+    assert found.table.columns[0] == "Bild" and "column of file" in found.problem and "--" not in found.problem
+    assert [column.role for column in found.used] == ["z", "y", "x", "exposure"], "what is clear is shown"
+    told = survey(ImportChoice(str(folder / "tiffs"), columns="file=1"), plan(scan()), None)
+    assert told.problem == "" and told.imported is not None
+    assert [column.role for column in told.used] == ["file", "z", "y", "x", "exposure"]
+    assert [loaded.position for loaded in told.shown] == [(0, 0, 0), (1, 3, 0), (1, 0, 0)]
+    for loaded in told.shown:
+        row, column, rows, columns = loaded.window
+        cut = loaded.raw[row : row + rows, column : column + columns]
+        assert np.unravel_index(cut.argmax(), cut.shape) == (4, 5), "the cutout is around the point"
+    told.close()
+
+
+def test_a_plan_is_made_of_the_list_where_there_is_none(folder: Path) -> None:
+    found = survey(ImportChoice(str(folder / "tiffs"), columns="file=1"), None, scan().camera)
+    assert found.problem == "" and found.imported is not None and found.imported.plan is not None
+    assert found.imported.plan.period == (ROWS, COLUMNS) and found.imported.plan.anchor == START
+    found.close()
+    other = survey(ImportChoice(str(folder / "tiffs"), columns="file=1"), None, preset("bench"))
+    assert "one period of the camera" in other.problem and other.table is not None
+
+
+def test_what_the_choices_of_columns_say() -> None:
+    holds = {"1": ("file", ""), "2": ("x", "mm"), "3": ("y", "index"), "4": ("exposure", "ms"), "5": ("", "um")}
+    assert columns_text(holds) == "file=1,x_mm=2,y_index=3,exposure_ms=4"
+    assert columns_text({"1": ("file", "um"), "2": ("exposure", "mm")}) == "file=1,exposure=2"
+
+
+def test_samples_and_colours(tmp_path: Path) -> None:
+    for y, x in np.ndindex(PERIOD):
+        frame = (mosaic((ANCHOR[0] + y, ANCHOR[1] + x)) // 32 + np.arange(SENSOR[1]) % 40).astype(np.uint16) << 4
+        tifffile.imwrite(tmp_path / f"y{y}_x{x}.tif", frame.astype(np.uint16))
+    found = survey(ImportChoice(str(tmp_path)), plan_of(), None)
+    assert found.colours == ("G1", "R", "B", "G2") and found.shift == 4
+    assert found.shown[0].raw.max() < 700, "moved down by four bits"
+    found.close()
+    red = survey(ImportChoice(str(tmp_path), channel="R"), plan_of(), None)
+    assert red.problem == "" and red.imported is not None and red.imported.opened is not None
+    assert red.shown[0].raw.shape == (21, 26) and red.imported.opened.frames.shape == (1, 2, 3)
+    assert red.imported.settings.channel == "R" and red.imported.settings.shift == 4
+    again = open_imported(red.imported.folder, red.imported.settings, plan_of())
+    first = next(again.plan.positions())
+    np.testing.assert_array_equal(load_frame(again, first).raw, red.shown[0].raw)
+    again.view.close()
+    red.close()
+    assert "one of G1, R, B, G2" in survey(ImportChoice(str(tmp_path), channel="X"), plan_of(), None).problem
+
+
+def test_the_dialog_opens_the_frames(qtbot: QtBot, context: Context, open_page: Any, folder: Path) -> None:
+    page = open_page("frames")
+    context.project.update("camera", camera=scan().camera, plan=plan(scan()))
+    assert page.accept_drop([str(folder / "tiffs" / "stage.csv")])
+    dialog = page.dialog
+    qtbot.waitUntil(lambda: dialog.survey is not None, timeout=GUARD_MS)
+    assert "column of file" in dialog.words.text() and not dialog.open_button.isEnabled()
+    box, _ = dialog.columns.boxes[0]
+    box.setCurrentIndex(box.findData("file"))
+    qtbot.waitUntil(lambda: dialog.survey is not None, timeout=GUARD_MS)
+    assert dialog.survey.problem == "" and "columns: file=Bild" in dialog.words.text()
+    assert dialog.labels[2].text() == "last frame: z 1, y 0, x 0"
+    dialog.open_button.click()
+    qtbot.waitUntil(lambda: page.loaded is not None, timeout=GUARD_MS)
+    assert (page.opened.frames >= 0).all()
+    assert FrameSettings.of(context.state).columns.startswith("file=1")
+
+
+def test_a_dialog_that_is_closed_changes_nothing(qtbot: QtBot, context: Context, open_page: Any, folder: Path) -> None:
+    page = open_page("frames")
+    before = context.state
+    page.start_import(str(folder / "tiffs"))
+    page.dialog.reject()
+    page.start_import(str(folder / "none"))
+    qtbot.waitUntil(lambda: page.dialog.survey is not None, timeout=GUARD_MS)
+    assert "no such file" in page.dialog.words.text().lower()
+    page.dialog.reject()
+    assert context.state == before and page.opened is None
