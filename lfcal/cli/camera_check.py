@@ -9,7 +9,7 @@ import typer
 
 from lfcal.cli.cameras import load_camera
 from lfcal.cli.console import print_json, print_table, report
-from lfcal.cli.options import CameraArgument, ForceOption, JsonOption
+from lfcal.cli.options import CameraArgument, ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
 from lfcal.errors import InputError
 from lfcal.files import replace_whole
@@ -32,6 +32,7 @@ def command(
     dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
     channel: str = typer.Option("", help="R, G or B: the component taken of colour TIFF images."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured lattice as JSON."),
+    workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -48,7 +49,7 @@ def command(
         check_output(out, camera, white, dark, force=force)
     described, colour = load_camera(camera), channel or None
     level = read_image(dark, colour=colour) if dark is not None else 0.0
-    found = check_camera(described, read_image(white, colour=colour), dark=level)
+    found = check_camera(described, read_image(white, colour=colour), dark=level, workers=workers)
     written = _write(found, out)
     _show(found, written, json)
     if found.verdict == WRONG or (found.verdict != FITS and written is None):

@@ -61,7 +61,9 @@ class CameraCheck:
         return next((verdict for verdict in (WRONG, DIFFERS) if verdict in found), FITS)
 
 
-def check_camera(camera: Camera, white: ArrayLike, *, dark: ArrayLike | float = 0.0) -> CameraCheck:
+def check_camera(
+    camera: Camera, white: ArrayLike, *, dark: ArrayLike | float = 0.0, workers: int | None = None
+) -> CameraCheck:
     """Hold ``camera`` against a white image.
 
     The lattice is fitted without any knowledge of the camera, so that a wrong description cannot pull it.
@@ -72,6 +74,8 @@ def check_camera(camera: Camera, white: ArrayLike, *, dark: ArrayLike | float = 
         The description.
     white, dark
         White frame ``(rows, columns)`` and dark frame or level.
+    workers
+        Threads; None takes every processor.
 
     Raises
     ------
@@ -84,7 +88,7 @@ def check_camera(camera: Camera, white: ArrayLike, *, dark: ArrayLike | float = 
         return CameraCheck(tuple(lines), None, None)
     rows, columns = frame.shape
     camera = replace(camera, sensor=replace(camera.sensor, shape=(rows, columns)))
-    fit = fit_lattice(frame, dark=dark)
+    fit = fit_lattice(frame, dark=dark, workers=workers)
     lines.append(_kind(camera, fit))
     if lines[-1].verdict == WRONG:
         return CameraCheck(tuple(lines), fit, None)

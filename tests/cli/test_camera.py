@@ -225,7 +225,17 @@ def described(pitch: float = 16.0, rotation: float = 0.004, offset: tuple[float,
 
 def check(lfcal: Command, folder: Path, tmp_path: Path, camera: Camera, *options: object) -> Run:
     (tmp_path / "c.json").write_text(camera.to_json())
-    return lfcal("camera", "check", tmp_path / "c.json", folder / "white.tif", "--dark", folder / "dark.tif", *options)
+    return lfcal(
+        "camera",
+        "check",
+        tmp_path / "c.json",
+        folder / "white.tif",
+        "--dark",
+        folder / "dark.tif",
+        "--workers",
+        "2",
+        *options,
+    )
 
 
 def test_a_camera_that_fits(lfcal: Command, white: Path, tmp_path: Path) -> None:

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-import typer
 from typer.testing import CliRunner
 
 from lfcal.camera import Camera, preset
-from lfcal.cli import camera_sensor
+from lfcal.cli.app import build_app
 from lfcal.errors import InputError
 from tests.frames.photon_transfer.sensor_model import Truth, micro_images
 
@@ -39,11 +38,8 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(*words: object) -> tuple[int, str]:
-    """Run the command as a part of an app of its own; return exit code and standard output."""
-    app = typer.Typer()
-    app.callback()(lambda: None)
-    camera_sensor.register(app)
-    done = CliRunner().invoke(app, ["sensor", *map(str, words)])
+    """Run the command; return exit code and standard output."""
+    done = CliRunner().invoke(build_app(), ["camera", "sensor", *map(str, words)])
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
     return done.exit_code, done.stdout
@@ -51,7 +47,11 @@ def run(*words: object) -> tuple[int, str]:
 
 def test_folders_become_a_camera_and_a_picture(folders: Path, tmp_path: Path) -> None:
     out, picture = tmp_path / "camera.json", tmp_path / "ptc.png"
-    code, shown = run(folders / "flats", folders / "darks", "--camera", "bench", "-o", out, "--figure", picture)
+    code, shown = run(
+        folders / "flats",
+        folders / "darks",
+        *("--camera", "bench", "-o", out, "--figure", picture, "--workers", 2),
+    )
     assert code == 0 and "e⁻ per count" in shown and str(out) in shown
     camera = Camera.from_json(out.read_text())
     assert camera.sensor.electrons_per_count == pytest.approx(5.0, rel=0.02)

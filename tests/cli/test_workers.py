@@ -23,6 +23,8 @@ from tests.cli.writing import WRITERS, make_inputs
 Lfcal = Callable[..., Run]
 
 COMPUTING = (
+    ("camera", "check"),
+    ("camera", "sensor"),
     ("white",),
     ("views",),
     ("simulate",),
@@ -36,6 +38,7 @@ COMPUTING = (
     *(("multiplex", name) for name in ("compare", "demosaic", "views", "search", "filters", "figures")),
 )
 IDLE = {("plan",), ("doctor",), ("verify",), ("multiplex",), ("multiplex", "show"), ("bench",), ()}
+IDLE |= {("camera",), *(("camera", name) for name in ("new", "import", "show"))}
 """They compute nothing that takes time, or are groups; of the benchmarks, those that compare threads take them."""
 
 
@@ -66,7 +69,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 @pytest.mark.parametrize("how", ["--workers", WORKERS])
-@pytest.mark.parametrize("name", ["transpose", "export mat", "reconstruct npy", "white"])
+@pytest.mark.parametrize("name", ["transpose", "export mat", "reconstruct npy", "white", "camera sensor"])
 def test_pools_and_libraries_keep_to_it(
     lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seen: list[int], how: str, name: str
 ) -> None:
