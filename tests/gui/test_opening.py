@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QFileDialog, QMessageBox
 from pytestqt.qtbot import QtBot
 
 import lfcal.psf
+from gui.pages.psf.export_model import ExportIntent
 from gui.window import MainWindow
 from lfcal.psf import PSFMatrix, save
 from tests.gui.waiting import GUARD_MS, idle
@@ -216,7 +217,7 @@ def test_no_page_replaces_a_file_unasked(
 ) -> None:
     """The dialog of Qt asks about the name typed; each page asks about what it writes instead."""
     page = open_good(window, good, qtbot)
-    names = ("p.json", "x.mat", "x_z001.tif", "index.html", "view.png", "view.npy")
+    names = ("p.json", "x.mat", "x.tif", "index.html", "view.png", "view.npy")
     for name in names:
         (tmp_path / name).write_text("precious")
     window.page("plan").make_default()  # type: ignore[attr-defined]
@@ -224,9 +225,8 @@ def test_no_page_replaces_a_file_unasked(
     window.page("plan").save_file()  # type: ignore[attr-defined]
     window.page("camera").save_file()  # type: ignore[attr-defined]
     choose("x")
-    page.export()
-    choose("x.tif")
-    page.export()
+    page.ask_export_file(ExportIntent.of_path("x.mat"))
+    page.ask_export_file(ExportIntent.of_path("x.tif"))
     window.page("quality").write_report()  # type: ignore[attr-defined]
     choose("view")
     page.panel.main_view.save_picture()
