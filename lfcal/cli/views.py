@@ -11,12 +11,13 @@ import typer
 
 from lfcal.camera import Camera
 from lfcal.checks import check_choice, check_number
+from lfcal.cli.colour_planes import CHANNELS, Reading, read_planes
 from lfcal.cli.console import print_json, print_table
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera, parse_depths
 from lfcal.cli.views_files import save_picture, save_stack, stack_names, view_names
-from lfcal.cli.views_input import CHANNELS, Reading, Scene, cutting_of, read_planes
+from lfcal.cli.views_input import Scene, cutting_of
 from lfcal.cli.views_report import as_json, rows
 from lfcal.errors import InputError
 

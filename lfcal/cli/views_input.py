@@ -1,38 +1,19 @@
-"""What ``lfcal views`` reads: frames plane by plane of their colours, and the lattice that they are cut on."""
+"""On what ``lfcal views`` cuts a frame: the lattice of a white image, or the one a camera states."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lfcal.camera import Camera
-from lfcal.errors import FileFormatError, InputError
+from lfcal.cli.colour_planes import Planes, Reading, mean_plane, read_planes
+from lfcal.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from lfcal.lattice.micro_images import FrameLattice, TypeOf
 
-__all__ = ["CHANNELS", "Cutting", "Reading", "Scene", "cutting_of", "read_planes"]
-
-CHANNELS = ("", "R", "G", "B", "each")
-"""Colours that are taken; empty: all of a mosaic, the only one of a grey frame."""
-
-COLOURS = ("R", "G", "B")
-
-Planes = dict[str, "NDArray[np.float32]"]
-
-
-@dataclass(frozen=True)
-class Reading:
-    """How frames are read: colour, pattern of their colour filters, dark frame, first pixel on the sensor."""
-
-    channel: str
-    cfa: str
-    dark: Path | None
-    origin: tuple[int, int] | None
+__all__ = ["Cutting", "Scene", "cutting_of"]
 
 
 @dataclass(frozen=True)
@@ -54,67 +35,6 @@ class Scene:
     planes: Planes
     cutting: Cutting
     camera: Camera | None
-
-
-def read_planes(path: Path, reading: Reading) -> Planes:
-    """Return the colours of a frame less its dark frame, ``(rows, columns)`` each; "" is the plane of a grey frame."""
-    from lfcal.frames import open_image
-
-    wanted = COLOURS if reading.channel == "each" else (reading.channel,) if reading.channel else ()
-    try:
-        image = open_image(path)
-    except FileFormatError as error:
-        if 'colour="G"' not in str(error):
-            raise
-        if not wanted:
-            # the library's word for the option is not the command's
-            raise FileFormatError(str(error).replace('colour="G"', "--channel G, or all with --channel each")) from None
-        return {name: _plane(path, reading.dark, name) for name in wanted}
-    cfa = reading.cfa or str(image.metadata.get("cfa", ""))
-    level = image.metadata.get("black_level", 0)
-    image.close()
-    if cfa:
-        return _mosaic(path, cfa, level, reading.dark, wanted or COLOURS)
-    if wanted:
-        raise InputError.expected(
-            f"colour of {path}",
-            "a colour frame or mosaic",
-            "a grey frame",
-            "leave --channel out, or add --cfa, e.g. GRBG",
-        )
-    return {"": _plane(path, reading.dark, None)}
-
-
-def _plane(path: Path, dark: Path | None, colour: str | None) -> NDArray[np.float32]:
-    import numpy as np
-
-    from lfcal.frames import read_image
-
-    image = read_image(path, colour=colour).astype(np.float32)
-    return image if dark is None else image - _level(dark, image.shape, colour)
-
-
-def _level(dark: Path, shape: tuple[int, ...], colour: str | None) -> NDArray[Any]:
-    from lfcal.frames import read_image
-
-    level = read_image(dark, colour=colour)
-    if level.shape != shape:
-        raise InputError.expected(str(dark), f"{shape} px", f"{level.shape} px", "use one sensor setting")
-    return level
-
-
-def _mosaic(path: Path, cfa: str, black: Any, dark: Path | None, names: tuple[str, ...]) -> Planes:
-    import numpy as np
-
-    from lfcal.cli.multiplex_figures import without_dark
-    from lfcal.frames import read_image
-    from lfcal.multiplex import cfa as modulator_of
-    from lfcal.multiplex import demultiplex
-
-    frame = read_image(path)
-    light = without_dark(frame, black) if dark is None else frame - _level(dark, frame.shape, None).astype(np.float32)
-    colours = demultiplex(light, modulator_of(cfa))
-    return {name: np.ascontiguousarray(colours[COLOURS.index(name)], np.float32) for name in names}
 
 
 def cutting_of(
@@ -141,7 +61,7 @@ def cutting_of(
     planes = read_planes(white, reading)
     if planes.keys() != frame.keys():
         raise InputError.expected(str(white), f"colours {_names(frame)}", _names(planes), "use one camera for both")
-    bright = sum(planes.values()) / len(planes)
+    bright = mean_plane(planes)
     kind, pitch = options
     fit = fit_lattice(bright, kind=kind or (camera.lattice.kind if camera else None), pitch_px=pitch or None)
     type_of = None
