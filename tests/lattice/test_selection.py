@@ -49,6 +49,7 @@ def test_scatter_alone_calls_for_nothing() -> None:
     assert set(found) == {"affine"}
 
 
+@pytest.mark.long
 def test_neighbours_that_err_alike_call_for_little() -> None:
     """Scatter that lenslets share with their neighbours: as independent ones they would seem to call for a form."""
     from scipy.ndimage import gaussian_filter
@@ -63,6 +64,7 @@ def test_neighbours_that_err_alike_call_for_little() -> None:
         assert select_form(STRAIGHT, index, seen, FRAME).fitted.form.size <= 6
 
 
+@pytest.mark.long
 def test_errors_are_those_of_many_draws() -> None:
     """Over 12 draws with outliers the cubic's numbers scatter as their covariance says."""
     truth = MODELS["cubic"]
