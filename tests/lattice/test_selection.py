@@ -37,13 +37,14 @@ def places(truth: LatticeModel, seed: int, noise: float = 0.05) -> tuple[np.ndar
 
 
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_the_form_that_made_the_places_is_chosen(name: str, seed: int) -> None:
     chosen = select_form(STRAIGHT, *places(MODELS[name], seed), FRAME)
     assert chosen.fitted.form.name == name
     assert chosen.reason.startswith(name)
 
 
+@pytest.mark.long
 def test_scatter_alone_calls_for_nothing() -> None:
     found = [select_form(STRAIGHT, *places(STRAIGHT, seed, 0.1), FRAME).fitted.form.name for seed in range(12)]
     assert set(found) == {"affine"}
