@@ -94,8 +94,8 @@ class ScanPlan:
         check_number("settle time (s)", self.settle_s, at_least=0, at_most=MAX_WAIT_S)
         check_number("frames averaged", self.frames_averaged, at_least=1, at_most=100_000, integer=True)
         check_number("positions", self.n_positions, at_least=1, at_most=MAX_POSITIONS, integer=True)
-        if abs(self.camera.lattice.tilt_rad) > MAX_TILT_RAD:
-            tilt = f"{math.degrees(self.camera.lattice.tilt_rad):.2f}°"
+        if abs(self.cell_camera.lattice.tilt_rad) > MAX_TILT_RAD:
+            tilt = f"{math.degrees(self.cell_camera.lattice.tilt_rad):.2f}°"
             raise InputError.expected(
                 "lattice rotation",
                 "rows within 2° of a sensor axis",
@@ -143,7 +143,8 @@ class ScanPlan:
             If no plan can be made of these.
         """
         depths = _depths_of(camera, depths_um, virtual_depths)
-        ny, nx = (max(1, round(length)) for length in camera.period_px)
+        cell = camera.local(camera.sensor.centre_px if anchor is None else anchor)
+        ny, nx = (max(1, round(length)) for length in cell.period_px)
         if cutout is None:
             cutout = cutout_for(camera, depths)
         if anchor is None:
@@ -166,6 +167,11 @@ class ScanPlan:
         )
 
     # -- sizes -----------------------------------------------------------------------------------------
+    @property
+    def cell_camera(self) -> Camera:
+        """The camera with the straight lattice that its array is about the scanned cell."""
+        return self.camera.local(self.anchor)
+
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
         """Shape of H: ``(nz, ny, nx, nt, ns)``."""
@@ -190,19 +196,19 @@ class ScanPlan:
     @property
     def cells(self) -> tuple[int, int]:
         """How many lattice cells ``(y, x)`` the period spans: 1 unless a longer one was chosen."""
-        ny, nx = (max(1, round(n / p)) for n, p in zip(self.period, self.camera.period_px, strict=True))
+        ny, nx = (max(1, round(n / p)) for n, p in zip(self.period, self.cell_camera.period_px, strict=True))
         return ny, nx
 
     @property
     def period_residual_px(self) -> tuple[float, float]:
         """Period of the array minus that of the grid, ``(y, x)``: what rounding leaves (pixels)."""
-        y, x = (k * p - n for k, p, n in zip(self.cells, self.camera.period_px, self.period, strict=True))
+        y, x = (k * p - n for k, p, n in zip(self.cells, self.cell_camera.period_px, self.period, strict=True))
         return y, x
 
     @property
     def tilt_residual_px(self) -> float:
         """Sideways shift over the longer side of the period because the rows are tilted (pixels)."""
-        return max(self.period) * math.tan(self.camera.lattice.tilt_rad)
+        return max(self.period) * math.tan(self.cell_camera.lattice.tilt_rad)
 
     @property
     def resample_factors(self) -> tuple[float, float]:
@@ -213,7 +219,7 @@ class ScanPlan:
         if not self.resample:
             return 1.0, 1.0
         # a cell is a whole number of lattice periods, stretched or shrunk to a whole number of pixels
-        fy, fx = (n / (k * p) for k, p, n in zip(self.cells, self.camera.period_px, self.period, strict=True))
+        fy, fx = (n / (k * p) for k, p, n in zip(self.cells, self.cell_camera.period_px, self.period, strict=True))
         return fy, fx
 
     @property

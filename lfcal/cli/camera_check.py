@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from lfcal.cli.cameras import load_camera
+from lfcal.cli.colour_planes import read_white
 from lfcal.cli.console import print_json, print_table, report
 from lfcal.cli.options import CameraArgument, ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_output
@@ -30,7 +31,9 @@ def command(
     white: Path = typer.Argument(..., help="White image: TIFF, PNG, NPY or camera RAW."),
     *,
     dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
-    channel: str = typer.Option("", help="R, G or B: the component taken of colour TIFF images."),
+    channel: str = typer.Option(
+        "", help="Of a colour image: R, G or B; of a mosaic the mean of its colours by default."
+    ),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured lattice as JSON."),
     workers: WorkersOption = None,
     force: ForceOption = False,
@@ -42,14 +45,13 @@ def command(
 
     Example: `lfcal camera check camera.json white.tif --dark dark.tif -o measured.json`
     """
-    from lfcal.frames import read_image
     from lfcal.lattice.camera_check import FITS, WRONG, check_camera
 
     if out is not None:
         check_output(out, camera, white, dark, force=force)
-    described, colour = load_camera(camera), channel or None
-    level = read_image(dark, colour=colour) if dark is not None else 0.0
-    found = check_camera(described, read_image(white, colour=colour), dark=level, workers=workers)
+    described = load_camera(camera)
+    frame = read_white(white, dark, channel, described.sensor.cfa)
+    found = check_camera(described, frame, workers=workers)
     written = _write(found, out)
     _show(found, written, json)
     if found.verdict == WRONG or (found.verdict != FITS and written is None):

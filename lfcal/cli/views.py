@@ -11,12 +11,13 @@ import typer
 
 from lfcal.camera import Camera
 from lfcal.checks import check_choice, check_number
+from lfcal.cli.colour_planes import CHANNELS, Reading, read_planes
 from lfcal.cli.console import print_json, print_table
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
 from lfcal.cli.plan import load_camera, parse_depths
 from lfcal.cli.views_files import save_picture, save_stack, stack_names, view_names
-from lfcal.cli.views_input import CHANNELS, Reading, Scene, cutting_of, read_planes
+from lfcal.cli.views_input import Given, Scene, cutting_of
 from lfcal.cli.views_report import as_json, rows
 from lfcal.errors import InputError
 
@@ -55,6 +56,7 @@ def command(
     frame: Path = typer.Argument(..., help="Light-field frame: TIFF, PNG, NPY or camera RAW."),
     *,
     white: Path | None = typer.Option(None, help="White image of the same camera: lattice and weights."),
+    lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`: measured once, not again."),
     camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML): lattice without --white; depths; types."),
     dark: Path | None = typer.Option(None, help="Dark frame, subtracted from both."),
     origin: str = typer.Option("", help="ROW,COLUMN on the sensor of the frame's first pixel, where it is a part."),
@@ -83,6 +85,8 @@ def command(
         check_choice(what, value, choices)
     check_choice("channel", channel, CHANNELS)
     described = load_camera(camera) if camera else None
+    if types != "none" and lattice is not None and white is None:
+        raise InputError("--types: needs --white beside --lattice; or give the camera.json that lfcal white wrote")
     if types != "none" and (described is None or len(described.lattice.types) != 3):
         raise InputError.expected("lens types", "a --camera with three", camera or "none", "leave --types out")
     check_number("samples per lenslet", samples, at_least=1, at_most=32, integer=True)
@@ -92,11 +96,11 @@ def command(
 
         check_slopes(wish.slopes)
     if out is not None:
-        check_outputs([out / name for name in _names(wish)], frame, white, dark, camera, force=force)
+        check_outputs([out / name for name in _names(wish)], frame, white, lattice, dark, camera, force=force)
     reading = Reading(channel, cfa, dark, _origin(origin))
     planes = read_planes(frame, reading)
-    scene = Scene(planes, cutting_of(planes, white, described, reading, (kind, pitch)), described)
-    views = {label: _views(scene, lattice, wish) for label, lattice in _lattices(scene, wish).items()}
+    scene = Scene(planes, cutting_of(planes, Given(white, lattice, kind, pitch), described, reading), described)
+    views = {label: _views(scene, part, wish) for label, part in _lattices(scene, wish).items()}
     written = [] if out is None else _save(scene, views, wish, out)
     if json:
         print_json(as_json(scene, views, written))

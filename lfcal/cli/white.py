@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.camera import Camera
+from lfcal.cli.colour_planes import read_white
 from lfcal.cli.console import print_json, print_table
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.cli.outputs import check_outputs
@@ -32,10 +33,9 @@ CAMERA = "camera.json"
 
 @dataclass(frozen=True)
 class _White:
-    """A white image, its dark level (counts), and the camera it is of, where that is described."""
+    """A white image less its dark frame, and the camera it is of, where that is described."""
 
     image: NDArray[Any]
-    dark: NDArray[Any] | float
     camera: Camera | None
 
 
@@ -111,12 +111,12 @@ def _as_json(fit: LatticeFit, fall: Vignetting, types: LensTypes | None, camera:
     }
 
 
-def _types(white: NDArray[Any], dark: Any, fit: LatticeFit, camera: Camera | None) -> LensTypes | None:
+def _types(white: NDArray[Any], fit: LatticeFit, camera: Camera | None) -> LensTypes | None:
     from lfcal.lattice.lens_types import classify_lens_types, expected_blur
 
     if camera is None or len(camera.lattice.types) != 3:
         return None
-    return classify_lens_types(white, fit, expected_blur(camera), dark=dark)
+    return classify_lens_types(white, fit, expected_blur(camera))
 
 
 def _measured(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> Camera:
@@ -143,6 +143,12 @@ def command(
     camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML) whose lattice is measured."),
     kind: str = typer.Option("", help="square or hexagonal; by default detected, or the camera's."),
     pitch: float = typer.Option(0.0, help="Nominal pitch (px), right within 10 %; by default detected."),
+    channel: str = typer.Option(
+        "", help="Of a colour image: R, G or B; of a mosaic the mean of its colours by default."
+    ),
+    cfa: str = typer.Option(
+        "", help="Colour filters of a mosaic by rows, e.g. GRBG; by default the file's or camera's."
+    ),
     types: bool = typer.Option(True, help="Find the three lens types, where the camera has them."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Folder for lattice.json, residuals and camera.json."),
     workers: WorkersOption = None,
@@ -153,14 +159,12 @@ def command(
 
     Example: `lfcal white white.tif --dark dark.tif --camera r29 -o out`
     """
-    from lfcal.frames import read_image
-
     described = load_camera(camera) if camera else None
     if out is not None:
         names = [LATTICE, RESIDUALS, RESIDUAL_MAP, *([] if described is None else [CAMERA])]
         check_outputs([out / name for name in names], image, dark, camera, force=force)
-    level = read_image(dark) if dark is not None else 0.0
-    found = _measure(_White(read_image(image), level, described), kind, pitch, types)
+    filters = cfa or (described.sensor.cfa if described is not None else "")
+    found = _measure(_White(read_white(image, dark, channel, filters), described), kind, pitch, types)
     written = [] if out is None else save_lattice(found.fit, out)
     if out is not None and found.camera is not None:
         written.append(_save_camera(found.camera, out))
@@ -179,7 +183,7 @@ def _measure(white: _White, kind: str, pitch: float, types: bool) -> _Found:
 
     camera = white.camera
     wanted = kind or (camera.lattice.kind if camera is not None else None)
-    fit = fit_lattice(white.image, dark=white.dark, kind=wanted, pitch_px=pitch or None)
-    found = _types(white.image, white.dark, fit, camera) if types else None
+    fit = fit_lattice(white.image, kind=wanted, pitch_px=pitch or None)
+    found = _types(white.image, fit, camera) if types else None
     measured = None if camera is None else _measured(camera, fit, found)
     return _Found(white, fit, vignetting_map(fit), found, measured)

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lfcal.cli.lattice_file import FORMAT, VERSION
 from lfcal.files import replace_whole
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def lattice_dict(fit: LatticeFit) -> dict[str, Any]:
 def save_lattice(fit: LatticeFit, out: Path) -> list[Path]:
     """Write lattice, residuals of every lenslet and a map of them into ``out``; return the files."""
     written = [out / name for name in (LATTICE, RESIDUALS, RESIDUAL_MAP)]
-    text = json.dumps({"format": "lfcal-lattice", "version": 1, **lattice_dict(fit)}, indent=2, allow_nan=False)
+    text = json.dumps({"format": FORMAT, "version": VERSION, **lattice_dict(fit)}, indent=2, allow_nan=False)
     with replace_whole(written[0]) as part:
         part.write_text(text, encoding="utf-8")
     with replace_whole(written[1]) as part:

@@ -1,6 +1,7 @@
 """The lenslet lattice of an image: where the lenslets are, of which type, how bright, and what each one sees.
 
-- ``fit``: the lattice from a white image; ``spectrum``, ``rounds``, ``model``, ``micro_image`` are its steps
+- ``fit``: the lattice from a white image; ``spectrum``, ``rounds``, ``model``, ``micro_image`` are its steps,
+  ``mosaic`` what it does of colour filters
 - ``lens_types``: which lenslet is of which type
 - ``vignetting``: the fall of light over the field; ``smooth_field`` is its model
 - ``micro_images``: what views ask of a lattice, and the lattice of a camera description, of a crop, of one lens type

@@ -134,7 +134,7 @@ class LatticeFit:
 
     def basis_px(self) -> Array:
         """Return the straight lattice's vectors as rows (x, y): along a row, and to the next row (pixels)."""
-        return self._model.basis()
+        return self.model.basis()
 
     def local_basis_px(self, row: float, column: float) -> Array:
         """Return the lattice vectors as rows (x, y) as they are seen about a point of the frame (pixels)."""
@@ -146,7 +146,8 @@ class LatticeFit:
         return local
 
     @cached_property
-    def _model(self) -> LatticeModel:
+    def model(self) -> LatticeModel:
+        """The lattice as a model with points (x, y) (pixels)."""
         along = self.pitch_px * np.array([math.cos(self.rotation_rad), math.sin(self.rotation_rad)])
         ratio, origin = self.row_pitch_px / self.pitch_px, np.array(self.origin_px[::-1], float)
         if self.distortion is not None:
@@ -156,12 +157,12 @@ class LatticeFit:
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
         """Return the lattice's centres ``(..., 2)`` as (row, column) of lenslets q, r, as they are seen."""
         index = np.stack(np.broadcast_arrays(np.asarray(q, float), np.asarray(r, float)), axis=-1)
-        return self._model.places(index)[..., ::-1]
+        return self.model.places(index)[..., ::-1]
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
         """Return fractional lattice indices ``(..., 2)`` as (q, r) of image points: inverse of `centres_px`."""
         points = np.stack(np.broadcast_arrays(np.asarray(column, float), np.asarray(row, float)), axis=-1)
-        return self._model.indices(points)
+        return self.model.indices(points)
 
     def residual_map(self, size: int = 48) -> Array:
         """Return the mean residual ``(2, rows, columns)`` as (row, column) on a grid over the frame (pixels).
@@ -211,7 +212,7 @@ class LatticeFit:
             row, column = camera.pixels(stated.offset_um)
             q, r = np.rint(self.lenslet_at(row, column)).astype(int)
             origin = (int(q), int(r))
-        straight = self._model.straight(np.array(origin))
+        straight = self.model.straight(np.array(origin))
         offset = camera.sensor_um(straight[::-1])
         centre = camera.sensor.centre_px
         distortion = self.distortion

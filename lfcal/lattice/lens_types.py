@@ -16,6 +16,7 @@ from lfcal.checks import as_sensor_frame, check_choice, check_tuple
 from lfcal.errors import InputError
 from lfcal.lattice.fit import LatticeFit
 from lfcal.lattice.micro_image import light_of
+from lfcal.lattice.mosaic import levelled
 
 __all__ = ["LensTypes", "classify_lens_types", "expected_blur"]
 
@@ -146,7 +147,7 @@ def classify_lens_types(
             "frame for lens types", f"shape {fit.shape}", frame.shape, "use the white image's camera"
         )
     level = np.asarray(dark, np.float32)
-    sharpness = _sharpness((frame - level).astype(np.float32), fit, content, workers)
+    sharpness = _sharpness(levelled((frame - level).astype(np.float32)), fit, content, workers)
     triangles = _triangles(fit.index, sharpness)
     if len(triangles) < MIN_TRIANGLES:
         raise InputError.expected(

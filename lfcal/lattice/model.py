@@ -118,7 +118,11 @@ def neighbour_median(index: NDArray[np.intp], values: Array, reach: int = 2) -> 
     grid = np.full(place.max(0) + reach + 1, np.nan)
     grid[place[:, 0], place[:, 1]] = values
     steps = range(-reach, reach + 1)
-    around = np.stack([grid[place[:, 0] + i, place[:, 1] + j] for i in steps for j in steps])
-    around[:, ~np.isfinite(around).any(0)] = 0.0
-    result: Array = np.nanmedian(around, axis=0)
+    around = np.stack([grid[place[:, 0] + i, place[:, 1] + j] for i in steps for j in steps], axis=-1)
+    around[~np.isfinite(around)] = np.nan
+    # sorted, NaN comes last: much faster than numpy's nanmedian
+    around.sort(axis=-1)
+    count = np.isfinite(around).sum(axis=-1)
+    middle = [np.take_along_axis(around, k[:, None], -1)[:, 0] for k in (np.maximum(count - 1, 0) // 2, count // 2)]
+    result: Array = np.where(count > 0, (middle[0] + middle[1]) / 2, 0.0)
     return result

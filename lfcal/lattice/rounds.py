@@ -12,6 +12,7 @@ from lfcal.checks import as_sensor_frame
 from lfcal.errors import InputError
 from lfcal.lattice.micro_image import light_of, mean_micro_image, place_lenslets
 from lfcal.lattice.model import LatticeModel, neighbour_median
+from lfcal.lattice.mosaic import levelled
 from lfcal.lattice.smooth_field import fit_field
 from lfcal.lattice.spectrum import MIN_LENSLETS, MIN_PITCH
 
@@ -80,8 +81,7 @@ def prepare(white: ArrayLike, dark: ArrayLike | float) -> NDArray[np.float32]:
         raise InputError.expected(
             "white image", f"at least {MIN_LENSLETS * MIN_PITCH:g} px a side", image.shape, "use the whole frame"
         )
-    result: NDArray[np.float32] = image - level
-    return result
+    return levelled(image - level)
 
 
 def mean_light(image: NDArray[np.float32], model: LatticeModel, index: NDArray[np.intp], workers: int | None) -> Array:

@@ -317,8 +317,8 @@ def _whole_period(camera: Camera) -> tuple[int, int]:
 
 def _on_array(camera: Camera, anchor_px: tuple[float, float]) -> LensletLattice:
     """Return the lenslets themselves: the micro-image lattice divided by `Camera.lattice_scale`."""
-    seen, s, px = camera.lattice, camera.lattice_scale, camera.sensor.pixel_um
+    # of a distorted lattice a scene is one cell: that of the sensor's middle, unless `Camera.local` named another
+    seen, s, px = camera.lattice.local((0.0, 0.0)), camera.lattice_scale, camera.sensor.pixel_um
     # shifted with the anchor: sensor distances are s times those on the array
     y, x = anchor_px
-    # counted from the scan's own region: of a distorted lattice it sees what `LensletLattice.local` says
-    return replace(seen.scaled(1 / s), offset_um=(-x * px / s, -y * px / s), distortion=None)
+    return replace(seen.scaled(1 / s), offset_um=(-x * px / s, -y * px / s))

@@ -32,7 +32,7 @@ ALL_LEVELS = ("auto", "microscope", *LEVELS)
 
 def outlook_of(plan: ScanPlan, z: int, *, peak: float = 0.8) -> Outlook:
     """Return the a-priori picture of plane ``z``; ``peak`` is the brightest pixel's share of the full well."""
-    camera = plan.camera
+    camera = plan.cell_camera
     middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
     field = (middle - np.array(camera.sensor.centre_px)) * camera.sensor.pixel_um
     return Outlook(

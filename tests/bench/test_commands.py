@@ -107,6 +107,13 @@ def test_inspect(bench: Bench, tmp_path: Path) -> None:
     assert "expected r29 or" in bench("inspect", "--preset", "nikon", code=2)
 
 
+def test_lattice(bench: Bench) -> None:
+    (found,) = bench.json("lattice", "--cameras", 1, "--workers", 1)
+    assert found["form"] == found["called"] == "radial" and found["kind"] == "hexagonal"
+    assert found["rms_px"] < 0.01 and found["largest_px"] < 0.05 and 0.1 < found["pull"] < 2 and found["seconds"] > 0
+    assert "1 of 1 in the form drawn" in bench("lattice", "--cameras", 1)
+
+
 def test_multiplex(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(multiplex_bench, "FULL", (256, 384))
     small = bench.json("multiplex", "--quick", "--filters", "cubic", "--workers", 1)

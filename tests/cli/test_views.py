@@ -183,3 +183,27 @@ def test_bad_input_is_one_line_and_leaves_nothing(lfcal: Any, files: Path, tmp_p
         assert run.code == 2 and run.out == "", arguments
         assert len(run.err.strip().splitlines()) == 1 and run.err.startswith("lfcal: "), run.err
         assert not out.exists()
+
+
+def test_a_lattice_is_measured_once(lfcal: Any, files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    white = files / "white.tif"
+    assert lfcal("white", white, "--dark", files / "dark.tif", "-o", tmp_path / "out").code == 0
+    given = ("views", files / "field.tif", "--dark", files / "dark.tif", "--slopes", "0")
+    lattice = ("--lattice", tmp_path / "out/lattice.json")
+    assert lfcal(*given, "--white", white, "-o", tmp_path / "fitted").code == 0
+    monkeypatch.setattr("lfcal.lattice.fit_lattice", None)  # nothing is fitted any more
+    both = lfcal(*given, "--white", white, *lattice, "-o", tmp_path / "both")
+    assert both.code == 0 and "of lattice.json, light of white.tif" in both.out, both.err
+    wanted = tifffile.imread(tmp_path / "fitted/views.tif")
+    np.testing.assert_allclose(tifffile.imread(tmp_path / "both/views.tif"), wanted, rtol=1e-5)
+    alone = lfcal(*given, *lattice, "-o", tmp_path / "alone")
+    assert alone.code == 0 and "no white image" in alone.out, alone.err
+    assert tifffile.imread(tmp_path / "alone/views.tif").shape[2:] == wanted.shape[2:]
+    camera = ("--camera", files / "camera.json")
+    for wrong, said in (
+        (("--kind", "square"), "--kind and --pitch"),
+        (("--pitch", "16"), "--kind and --pitch"),
+        ((*camera, "--types", "each"), "needs --white"),
+    ):
+        run = lfcal(*given, *lattice, *wrong)
+        assert run.code == 2 and said in run.err and len(run.err.strip().splitlines()) == 1

@@ -116,3 +116,23 @@ def test_bad_input_is_one_line_and_leaves_nothing(run: Run, files: tuple[Path, W
         assert code == 2 and shown == ""
         assert len(err.strip().splitlines()) == 1 and err.startswith("lfcal: ")
         assert not out.exists()
+
+
+def test_colours(run: Run, files: tuple[Path, WhiteFrame], tmp_path: Path) -> None:
+    """One colour of RGB, a mosaic named or not: the lattice is that of the grey image, and the remedy is an option."""
+    _, truth = files
+    frame = truth.frame.astype(float) - 100
+    tifffile.imwrite(tmp_path / "rgb.tif", np.stack([truth.frame // 4, truth.frame, truth.frame // 2], -1))
+    mosaic = frame.copy()
+    mosaic[0::2, 0::2] *= 0.5
+    mosaic[1::2, 1::2] *= 0.35
+    np.save(tmp_path / "mosaic.npy", mosaic)
+    code, _, err = run("white", tmp_path / "rgb.tif")
+    assert code == 2 and "--channel G" in err and "each" not in err and "colour=" not in err
+    for given in (("rgb.tif", "--channel", "G"), ("mosaic.npy",), ("mosaic.npy", "--cfa", "RGGB")):
+        code, out, err = run("white", tmp_path / given[0], *given[1:], "--json")
+        assert (code, err) == (0, "")
+        assert json.loads(out)["pitch_px"] == pytest.approx(16.0, abs=0.003)
+    for wrong in (("rgb.tif", "--channel", "each"), ("mosaic.npy", "--channel", "G"), ("mosaic.npy", "--cfa", "RGX")):
+        code, shown, err = run("white", tmp_path / wrong[0], *wrong[1:])
+        assert code == 2 and shown == "" and len(err.strip().splitlines()) == 1

@@ -16,7 +16,7 @@ SHAPE = (300, 380)
 
 
 @pytest.mark.skipif(not REAL.exists(), reason=f"{REAL} is not on this machine")
-@pytest.mark.parametrize("dark", [True, False])
+@pytest.mark.parametrize("dark", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_a_real_specimen_is_refused_and_the_real_white_image_is_not_doubted(dark: bool) -> None:
     from lfcal.frames import read_image
 

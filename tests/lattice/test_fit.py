@@ -51,6 +51,7 @@ def test_a_nominal_pitch_wrong_by_three_percent_will_do(kind: str, wrong: float)
     check(fit_lattice(truth.frame, pitch_px=wrong * 15.4, kind=kind), truth, 0.002)
 
 
+@pytest.mark.long
 def test_errors_are_as_large_as_stated() -> None:
     """Over eight noise draws the pitch scatters by its standard error, and is not biased by the light's fall."""
     fits = [fit_lattice(draw_white((240, 240), seed=k, dead=0.0, falloff=0.4).frame) for k in range(8)]

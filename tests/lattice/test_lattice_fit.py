@@ -64,7 +64,7 @@ def test_the_residual_map_shows_what_is_left(bent: tuple[WhiteFrame, LatticeFit]
     _, fit = bent
     left = fit.residual_map(12)
     assert left.shape == (2, 10, 12) and np.nanmax(np.abs(left)) < 0.06
-    without = replace(fit, distortion=None, origin_px=tuple(fit._model.origin[::-1]))
+    without = replace(fit, distortion=None, origin_px=tuple(fit.model.origin[::-1]))
     assert np.nanmax(np.abs(without.residual_map(12))) > 1.0
 
 

@@ -37,18 +37,20 @@ def places(truth: LatticeModel, seed: int, noise: float = 0.05) -> tuple[np.ndar
 
 
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_the_form_that_made_the_places_is_chosen(name: str, seed: int) -> None:
     chosen = select_form(STRAIGHT, *places(MODELS[name], seed), FRAME)
     assert chosen.fitted.form.name == name
     assert chosen.reason.startswith(name)
 
 
+@pytest.mark.long
 def test_scatter_alone_calls_for_nothing() -> None:
     found = [select_form(STRAIGHT, *places(STRAIGHT, seed, 0.1), FRAME).fitted.form.name for seed in range(12)]
     assert set(found) == {"affine"}
 
 
+@pytest.mark.long
 def test_neighbours_that_err_alike_call_for_little() -> None:
     """Scatter that lenslets share with their neighbours: as independent ones they would seem to call for a form."""
     from scipy.ndimage import gaussian_filter
@@ -63,6 +65,7 @@ def test_neighbours_that_err_alike_call_for_little() -> None:
         assert select_form(STRAIGHT, index, seen, FRAME).fitted.form.size <= 6
 
 
+@pytest.mark.long
 def test_errors_are_those_of_many_draws() -> None:
     """Over 12 draws with outliers the cubic's numbers scatter as their covariance says."""
     truth = MODELS["cubic"]

@@ -79,7 +79,7 @@ def test_views_look_from_the_side_named() -> None:
 
 
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
-@pytest.mark.parametrize("slope", [-5.0, 3.0, 6.5])
+@pytest.mark.parametrize("slope", [-5.0, *(pytest.param(slope, marks=pytest.mark.long) for slope in (3.0, 6.5))])
 def test_refocusing_is_sharpest_at_the_scene_s_slope_and_in_its_place(kind: str, slope: float) -> None:
     _, fit = clean(kind, rotation=0.0)
     spot = fit.centres_px(1, 2) + np.array([4.0, -6.0])
