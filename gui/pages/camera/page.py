@@ -147,6 +147,7 @@ class Page(BasePage):
     def check_white(self, path: str) -> None:
         """Hold the camera against the white image at ``path``, as a job."""
         self._white = path
+        self.notice.clear()
         self.panel.show_check()
         self.panel.check.show_waiting(Path(path).name)
         self.context.jobs.cancel(self._job)
