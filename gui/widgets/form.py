@@ -75,7 +75,6 @@ class Form(QWidget):
             editor.toggled.connect(lambda _=False, key=field.key: self._changed(key))
         elif field.kind == "shown":
             editor = QLabel()
-            editor.setProperty("role", "value")
             editor.setWordWrap(True)
         else:
             editor = QLineEdit()

@@ -18,7 +18,7 @@ PICTURE = "picture"
 SHOWN = ((PICTURE, "White image"), (DISTORTION, "Distortion"), (RESIDUALS, "Residuals"))
 LEGENDS = {
     PICTURE: "First corner of the frame: + as measured, ○ as described.",
-    DISTORTION: "From straight rows to where micro-images are seen, up to {largest:.2f} px",
+    DISTORTION: "From straight rows to where micro-images are seen, up to {largest:.2f} px in the frame",
     RESIDUALS: "From the lattice to the micro-images, mean of each cell, up to {largest:.3f} px",
 }
 STRAIGHT = "The lattice is straight: there is no distortion to draw."

@@ -37,7 +37,7 @@ def _distortion(camera: Camera) -> str:
     """Return in words what is known of the lattice's distortion."""
     found = camera.lattice.distortion
     if found is not None:
-        return f"{found.model} of degree {found.degree}, up to {found.largest / camera.sensor.pixel_um:.2f} px"
+        return f"{found.model}, {found.largest / camera.sensor.pixel_um:.2f} px"
     return "none" if camera.distortion is None else "maker's, not applied"
 
 

@@ -87,7 +87,7 @@ LATTICE = (
         "lattice.distortion",
         "Distortion",
         "",
-        "How the micro-images depart from straight rows, as a white image shows it (Check …)",
+        "Departure of the micro-images from straight rows, and its largest size; measured in a white image (Check …)",
         kind="shown",
     ),
 )

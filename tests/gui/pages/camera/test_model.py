@@ -63,7 +63,7 @@ def test_a_bent_lattice_is_told_in_words_and_another_kind_starts_straight() -> N
     bent = replace(bent, marks=Marks.of({"lattice.distortion": "measured", "lattice.shear_rad": "measured"}))
     assert camera_form.values_of(bench)["lattice.distortion"] == "none"
     words = camera_form.values_of(bent)["lattice.distortion"]
-    assert words == f"radial of degree 3, up to {10 / bench.sensor.pixel_um:.2f} px"
+    assert words == f"radial, {10 / bench.sensor.pixel_um:.2f} px"
     assert model_marks.mark_of(bent, "lattice.distortion") == "measured"
     square, error = camera_form.apply_change(bent, "lattice.kind", "square")
     assert not error and square is not None

@@ -160,7 +160,7 @@ def test_a_bent_lattice_and_its_residuals_are_drawn(
     taken = context.project.state.camera
     form = page.panel.forms["lattice"]
     assert taken.lattice.distortion is not None and form.mark("lattice.distortion") == "measured"
-    assert form.editor("lattice.distortion").text().startswith("radial of degree")
+    assert form.editor("lattice.distortion").text().startswith("radial, ")
 
 
 def test_a_specimen_is_refused_in_one_line(open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
