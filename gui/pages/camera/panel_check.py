@@ -27,7 +27,7 @@ from lfcal.lattice.camera_check import DIFFERS, FITS, WRONG
 __all__ = ["CheckPanel"]
 
 EMPTY = "Hold the camera against a white image: is the lattice where the description says?"
-COLUMNS = ("", "Verdict", "Camera", "White image", "Off by (px)")
+COLUMNS = ("", "Verdict", "Off by (px)", "Camera", "White image")
 WORDS = {
     FITS: "The camera fits this white image.",
     DIFFERS: "The lattice is a little different: take the measured one.",
@@ -134,9 +134,9 @@ class CheckPanel(QWidget):
         for row, entry in enumerate(found.check.lines):
             edge = "" if entry.edge_px is None else f"{entry.edge_px:.2f}"
             label = entry.label[:1].upper() + entry.label[1:]
-            for column, text in enumerate((label, entry.verdict, entry.expected, entry.measured, edge)):
+            for column, text in enumerate((label, entry.verdict, edge, entry.expected, entry.measured)):
                 item = QTableWidgetItem(text)
-                if column == 4:
+                if column == 2:
                     item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
                 if column == 1:
                     item.setForeground(QColor(colours.get(entry.verdict, theme.muted)))

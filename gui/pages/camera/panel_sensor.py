@@ -93,7 +93,7 @@ class SensorDialog(QDialog):
         self.table.horizontalHeader().setStretchLastSection(True)
         self.plot = LinePlot("signal above black (counts)", "noise, rms (counts)", legend=True)
         self.plot.plot.setLogMode(x=True, y=True)
-        self.plot.plot.getAxis("bottom").setStyle(maxTextLevel=1)  # decades: names of what is between would overlap
+        self.plot.plot.getAxis("bottom").setStyle(maxTextLevel=0)  # decades: names of what is between would overlap
         self.plot.plot.legend.setOffset((8, 8))  # the curve rises to the right
         self.fitted, self.others = (
             self.plot.plot.plot([], [], pen=None, symbol="o", symbolSize=5, symbolPen=None, symbolBrush=tone, name=name)

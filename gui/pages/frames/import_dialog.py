@@ -22,10 +22,10 @@ from PySide6.QtWidgets import (
 )
 
 from gui.jobs import Jobs
+from gui.models.words import said_in_window
 from gui.pages.frames.columns_table import ColumnsTable
 from gui.pages.frames.import_previews import ImportPreviews
 from gui.pages.frames.model_import import ImportChoice, Survey, survey
-from gui.pages.frames.words import said_in_window
 from gui.widgets.cards import choice_box, clear
 from lfcal.camera import Camera, ScanPlan
 
