@@ -257,6 +257,8 @@ class Jobs(QObject):
             if kind == "progress":
                 newest[data[0]] = data[1]
             else:
+                if kind == "done" and data[0] in newest:  # how long a short job took
+                    self._change(data[0], progress=newest.pop(data[0]))
                 self._handle(kind, data)
         for number, record in newest.items():
             if self._jobs[number].active:

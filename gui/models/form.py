@@ -24,7 +24,8 @@ class Field:
     label, unit, tip
         What is shown: name, unit, and what the quantity means.
     kind
-        ``"float"``, ``"int"``, ``"choice"``, ``"text"``, ``"bool"``, or ``"floats"`` (a list of numbers).
+        ``"float"``, ``"int"``, ``"choice"``, ``"text"``, ``"bool"``, ``"floats"`` (a list of numbers), or ``"shown"``:
+        words that cannot be changed.
     scale
         Shown value = stored value / scale: 1000 shows µm as mm.
     choices

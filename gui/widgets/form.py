@@ -73,6 +73,9 @@ class Form(QWidget):
         elif field.kind == "bool":
             editor = QCheckBox()
             editor.toggled.connect(lambda _=False, key=field.key: self._changed(key))
+        elif field.kind == "shown":
+            editor = QLabel()
+            editor.setWordWrap(True)
         else:
             editor = QLineEdit()
             editor.setMinimumWidth(68 if self._marked else 80)
@@ -133,6 +136,8 @@ class Form(QWidget):
                 editor.setCurrentIndex(max(0, editor.findData(value)))
             elif isinstance(editor, QCheckBox):
                 editor.setChecked(bool(value))
+            elif isinstance(editor, QLabel):
+                editor.setText(str(value))
             elif isinstance(editor, QLineEdit):
                 if not editor.text() or not _means(field, editor.text(), value):
                     editor.setText(text_of(field, value))

@@ -47,6 +47,8 @@ def theme_plot(graphics: pg.GraphicsLayoutWidget, *plots: pg.PlotItem) -> None:
         legend = plot.legend
         if legend is not None:
             legend.setLabelTextColor(theme.text)
+            for _, label in legend.items:  # text that is there already keeps its colour otherwise
+                label.setText(label.text, color=theme.text)
 
 
 class LinePlot(QWidget):

@@ -13,7 +13,7 @@ import pytest
 import tifffile
 import typer
 
-from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Marks, Sensor, preset
+from lfcal.camera import Camera, LatticeDistortion, LensletLattice, LensType, MainLens, Marks, Sensor, preset
 from tests.camera.importers.files import CONFIGURATION, OLAF, napari
 from tests.camera.importers.test_raytrix_xml import REAL, needs_real, xml
 from tests.cli.conftest import Run
@@ -189,6 +189,20 @@ def test_show(lfcal: Command, tmp_path: Path) -> None:
     data = lfcal("camera", "show", "r29", "--json").json
     assert data["assumed"] == [] and data["doubts"] == []  # type: ignore[index]
     assert Camera.from_dict(data["camera"]) == preset("r29")  # type: ignore[index]
+
+
+def test_show_what_was_measured(lfcal: Command, tmp_path: Path) -> None:
+    bench = preset("bench")
+    bend = LatticeDistortion("radial", (0.0, 0.0), 800.0, ((11.0,),))
+    lattice = replace(bench.lattice, shear_rad=0.002, distortion=bend)
+    sensor = replace(bench.sensor, saturation=4000.0, dsnu_e=1.25, linearity=0.01)
+    paths = ("sensor.saturation", "sensor.dsnu_e", "sensor.linearity", "lattice.shear_rad", "lattice.distortion")
+    marks = Marks.of(dict.fromkeys(paths, "measured"))
+    (tmp_path / "c.json").write_text(replace(bench, lattice=lattice, sensor=sensor, marks=marks).to_json())
+    lines = lfcal("camera", "show", tmp_path / "c.json").out.splitlines()
+    for shown in ("4000 counts", "1.25 e-", "linearity", "0.114592 °", "radial of degree 3, up to 2.00 px"):
+        (line,) = [line for line in lines if shown in line]
+        assert "measured" in line
 
 
 def test_a_camera_typed_in_mm_is_questioned(lfcal: Command, tmp_path: Path) -> None:

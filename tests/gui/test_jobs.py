@@ -45,6 +45,20 @@ def test_a_job_reports_in_the_windows_thread(jobs: Jobs, qtbot: QtBot) -> None:
     assert jobs.running_pages() == set()
 
 
+def test_a_job_shorter_than_a_look_at_the_queue_says_how_long_it_took(jobs: Jobs, qtbot: QtBot) -> None:
+    ended = threading.Event()
+
+    def work() -> Generator[Progress, None, None]:
+        yield Progress(0, 1, "short", 4e-6)
+        yield Progress(1, 1, "short", 0.25)
+        ended.set()
+
+    with qtbot.waitSignal(jobs.finished, timeout=GUARD_MS) as end:
+        jobs.start("Short", "psf", work)
+        ended.wait(GUARD_MS / 1e3)  # the window's thread looks only afterwards
+    assert end.args[0].progress.seconds == 0.25
+
+
 def test_cancelling_closes_the_work(jobs: Jobs, qtbot: QtBot) -> None:
     cleaned: list[str] = []
     with qtbot.waitSignal(jobs.finished, timeout=GUARD_MS) as end:

@@ -7,109 +7,12 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from gui.models.form import Field
+from gui.pages.camera.model_fields import MAIN_LENS, MICROSCOPE, SENSOR
 from gui.pages.camera.model_marks import stated
 from lfcal.camera import Camera, Derived, LensletLattice, LensType, MainLens, Microscope, Sensor, derived_of, doubts
 from lfcal.errors import LfcalError
 
-__all__ = [
-    "LATTICE",
-    "MAIN_LENS",
-    "MICROSCOPE",
-    "SENSOR",
-    "apply_change",
-    "facts",
-    "optics_of_kind",
-    "values_of",
-]
-
-
-DEGREE = math.pi / 180
-
-MAIN_LENS = (
-    Field(
-        "optics.kind",
-        "Optics",
-        kind="choice",
-        choices=(("MainLens", "main lens"), ("Microscope", "microscope")),
-        tip="A photographic main lens, or a telecentric microscope",
-    ),
-    Field("optics.focal_length_um", "Focal length", "mm", "Focal length of the main lens", scale=1e3),
-    Field("optics.f_number", "f-number", "", "As set on the lens: focal length over entrance pupil"),
-    Field(
-        "optics.working_distance_um",
-        "Working distance",
-        "mm",
-        "From the lens to the plane whose image lies on the lenslets",
-        scale=1e3,
-    ),
-    Field("optics.blades", "Iris blades", "", "0 is a circular iris", kind="int"),
-    Field(
-        "optics.blade_rotation_rad",
-        "Iris rotation",
-        "°",
-        "Angle of the first vertex from the column axis",
-        scale=DEGREE,
-    ),
-    Field("optics.blade_curvature", "Blade curvature", "", "0 straight edges … 1 a circle"),
-)
-
-MICROSCOPE = (
-    MAIN_LENS[0],
-    Field("optics.magnification", "Magnification", "×", "Objective and tube lens together"),
-    Field("optics.numerical_aperture", "Numerical aperture", "", "Object-side NA of the objective"),
-    Field("optics.medium_index", "Medium index", "", "Refractive index of the immersion medium"),
-    Field("optics.tube_length_um", "Tube lens", "mm", "Focal length of the tube lens", scale=1e3),
-)
-
-LATTICE = (
-    Field(
-        "lattice.kind",
-        "Array",
-        kind="choice",
-        choices=(("hexagonal", "hexagonal"), ("square", "square")),
-        tip="Arrangement of the lenslets",
-    ),
-    Field("lattice.pitch_um", "Pitch", "µm", "Distance of neighbouring micro-images along a row, on the sensor"),
-    Field(
-        "lattice.row_pitch_um",
-        "Row distance",
-        "µm",
-        "Distance of rows if not the ideal one; empty: ideal",
-        optional=True,
-    ),
-    Field("lattice.gap_um", "Gap to the sensor", "µm", "Distance B from lenslets to sensor"),
-    Field(
-        "lattice.rotation_rad", "Rotation", "°", "From the column axis towards the row axis (clockwise)", scale=DEGREE
-    ),
-    Field("lattice.offset_x", "Offset x", "µm", "Centre of a type-0 micro-image, right of the sensor's centre"),
-    Field("lattice.offset_y", "Offset y", "µm", "Centre of a type-0 micro-image, below the sensor's centre"),
-    Field("lattice.clear_um", "Clear diameter", "µm", "Of a lenslet; empty: the full pitch", optional=True),
-    Field(
-        "lattice.focus",
-        "Types in focus at v",
-        "",
-        "Virtual depths in focus, one or three; inf: focused at infinity (f = gap)",
-        kind="floats",
-    ),
-)
-
-SENSOR = (
-    Field("sensor.rows", "Rows", "px", "Pixels from top to bottom", kind="int"),
-    Field("sensor.columns", "Columns", "px", "Pixels from left to right", kind="int"),
-    Field("sensor.pixel_um", "Pixel pitch", "µm", "Seen at the lenslets, if relay optics lie between"),
-    Field("sensor.bit_depth", "Bit depth", "bit", "Bits per sample", kind="int"),
-    Field("sensor.full_well_e", "Full well", "e⁻", "Electrons at the highest sample value"),
-    Field("sensor.read_noise_e", "Read noise", "e⁻ rms", "Noise without light"),
-    Field("sensor.dark_current_e_s", "Dark current", "e⁻/s", "Per pixel"),
-    Field("sensor.black_level", "Black level", "counts", "Sample value without light"),
-    Field("sensor.prnu", "PRNU", "", "Pixel response non-uniformity, rms, relative"),
-    Field("sensor.quantum_efficiency", "Quantum efficiency", "", "Detected share of photons"),
-    Field("sensor.fill_factor", "Fill factor", "", "Light-sensitive share of a pixel"),
-    Field("sensor.cfa", "Colour filter", "", "Pattern by rows, e.g. GRBG; empty: monochrome", kind="text"),
-    Field("camera.wavelength_um", "Wavelength", "nm", "Of the light the camera is calibrated with", scale=1e-3),
-    Field("camera.bandwidth_um", "Bandwidth", "nm", "Full width of the light's spectrum", scale=1e-3),
-)
+__all__ = ["apply_change", "facts", "optics_of_kind", "values_of"]
 
 
 def values_of(camera: Camera) -> dict[str, Any]:
@@ -118,15 +21,24 @@ def values_of(camera: Camera) -> dict[str, Any]:
     found: dict[str, Any] = {"optics.kind": type(optics).__name__}
     for spec in MAIN_LENS[1:] if isinstance(optics, MainLens) else MICROSCOPE[1:]:
         found[spec.key] = getattr(optics, spec.key.split(".")[1])
-    for name in ("kind", "pitch_um", "row_pitch_um", "gap_um", "rotation_rad", "clear_um"):
+    for name in ("kind", "pitch_um", "row_pitch_um", "gap_um", "rotation_rad", "shear_rad", "clear_um"):
         found[f"lattice.{name}"] = getattr(lattice, name)
     found["lattice.offset_x"], found["lattice.offset_y"] = lattice.offset_um
     found["lattice.focus"] = tuple(_tidy(t.focus_depth(lattice.gap_um)) for t in lattice.types)
+    found["lattice.distortion"] = _distortion(camera)
     found["sensor.rows"], found["sensor.columns"] = sensor.shape
     for spec in SENSOR[2:-2]:
         found[spec.key] = getattr(sensor, spec.key.split(".")[1])
     found["camera.wavelength_um"], found["camera.bandwidth_um"] = camera.wavelength_um, camera.bandwidth_um
     return found
+
+
+def _distortion(camera: Camera) -> str:
+    """Return in words what is known of the lattice's distortion."""
+    found = camera.lattice.distortion
+    if found is not None:
+        return f"{found.model}, {found.largest / camera.sensor.pixel_um:.2f} px"
+    return "none" if camera.distortion is None else "maker's, not applied"
 
 
 def _tidy(depth: float) -> float:
@@ -187,10 +99,15 @@ def _lattice(lattice: LensletLattice, name: str, value: Any) -> LensletLattice:
         types = tuple(LensType.focused_at(t.focus_depth(lattice.gap_um), value, t.depth_range) for t in lattice.types)
         return replace(lattice, gap_um=value, types=types)
     if name == "kind" and value == "square":
-        return replace(lattice, kind=value, types=lattice.types[:1], row_pitch_um=None)
+        return replace(_straight(lattice), kind=value, types=lattice.types[:1])
     if name == "kind":
-        return replace(lattice, kind=value, row_pitch_um=None)
+        return replace(_straight(lattice), kind=value)
     return replace(lattice, **{name: value})
+
+
+def _straight(lattice: LensletLattice) -> LensletLattice:
+    """Return the lattice without what was measured of its rows: it was another kind's."""
+    return replace(lattice, row_pitch_um=None, shear_rad=0.0, distortion=None)
 
 
 def facts(camera: Camera) -> str:

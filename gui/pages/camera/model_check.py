@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gui.pages.camera.model_lattice_map import DISTORTION, RESIDUALS, LatticeMap, distortion_map, residual_map
 from lfcal.camera import Camera
 from lfcal.frames import read_image
 from lfcal.lattice.camera_check import CameraCheck, check_camera
@@ -38,6 +40,9 @@ class Checked:
         The white image, every ``step``-th pixel.
     centres, described
         ``(n, 2)``: centres (row, column) of micro-images as fitted and as the camera says, in pixels of the frame.
+    maps
+        How the micro-images depart from straight rows (`DISTORTION`, where they do) and from the lattice
+        (`RESIDUALS`).
     """
 
     name: str
@@ -47,6 +52,7 @@ class Checked:
     step: int
     centres: NDArray[np.float64]
     described: NDArray[np.float64]
+    maps: Mapping[str, LatticeMap] = field(default_factory=dict)
 
 
 def iter_check(camera: Camera, white: Path, dark: Path | None) -> Work[Checked]:
@@ -59,9 +65,16 @@ def iter_check(camera: Camera, white: Path, dark: Path | None) -> Work[Checked]:
     check = check_camera(camera, frame, dark=level)
     yield clock.at(2)
     step = max(1, -(-max(frame.shape) // MOST_PIXELS))
-    return Checked(
-        white.name, check, camera, frame[::step, ::step], step, _fitted(check), _described(camera, frame.shape)
-    )
+    picture = frame[::step, ::step]
+    described = _described(camera, frame.shape)
+    return Checked(white.name, check, camera, picture, step, _fitted(check), described, _maps(check))
+
+
+def _maps(check: CameraCheck) -> dict[str, LatticeMap]:
+    if check.fit is None:
+        return {}
+    bent = distortion_map(check.fit)
+    return {RESIDUALS: residual_map(check.fit), **({} if bent is None else {DISTORTION: bent})}
 
 
 def _fitted(check: CameraCheck) -> NDArray[np.float64]:

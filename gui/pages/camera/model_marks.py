@@ -22,6 +22,9 @@ PATHS = {
 }
 """Fields whose value stands elsewhere in the description."""
 
+OF_ROWS = ("lattice.row_pitch_um", "lattice.shear_rad", "lattice.distortion")
+"""Values that another kind of array does not keep."""
+
 TIPS = {
     "assumed": "Nobody stated this value: lfcal took a usual one. Type the true value, or confirm it under Assumed.",
     "derived": "This value follows from stated or measured ones.",
@@ -69,12 +72,20 @@ def stated(before: Camera, after: Camera, key: str) -> Camera:
         kept = {path: mark for path, mark in after.marks if not path.startswith("optics.")}
         taken = {q.path: "assumed" for q in quantities_of(after) if q.path.startswith("optics.")}
         return replace(after, marks=Marks.of(kept | taken))
+    if key == "lattice.kind" and before.lattice.kind != after.lattice.kind:
+        after = replace(after, marks=Marks.of({path: mark for path, mark in after.marks if path not in OF_ROWS}))
     path = path_of(key)
     # a value without a mark is stated already
     return confirmed(after, [path]) if path and after.marks[path] != "stated" else after
 
 
 def state_with(state: ProjectState, camera: Camera) -> dict[str, object]:
-    """Return the changes of a project that take a camera which differs in its marks only: the plan stays."""
-    plan = state.plan if state.plan is None else replace(state.plan, camera=camera)
-    return {"camera": camera, "plan": plan}
+    """Return the changes of a project that take a camera: its plan stays where images lie as they did."""
+    kept = state.plan is not None and _same_geometry(state.camera, camera)
+    return {"camera": camera, "plan": replace(state.plan, camera=camera) if kept and state.plan is not None else None}
+
+
+def _same_geometry(one: Camera, other: Camera) -> bool:
+    """Return whether two cameras differ at most in noise and levels: planes, cutout and anchor are then the same."""
+    sensor = replace(other.sensor, shape=one.sensor.shape, pixel_um=one.sensor.pixel_um)
+    return sensor == other.sensor and replace(one, sensor=other.sensor) == other

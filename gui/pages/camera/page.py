@@ -16,6 +16,7 @@ from gui.pages.camera.model import apply_change
 from gui.pages.camera.model_check import Checked, iter_check
 from gui.pages.camera.model_marks import confirmed, state_with
 from gui.pages.camera.panel import CameraPanel, PresetBox
+from gui.pages.camera.panel_sensor import SensorDialog
 from gui.saving import ask_target, write_file
 from lfcal.camera import CAMERA_FORMATS, Camera, Imported, doubts, import_camera, preset
 from lfcal.frames.formats.opening import image_suffixes
@@ -40,6 +41,7 @@ class Page(BasePage):
         formats = ", ".join(form.name for form in CAMERA_FORMATS)
         self.tool_button("Import …", f"A file that describes a camera: {formats}", self.import_file)
         self.tool_button("Check …", "Hold this camera against a white image", self.choose_white)
+        self.tool_button("Sensor …", "Measure gain, noise and saturation from flats and darks", self.measure_sensor)
         self.tool_button("Save …", "Write this camera as JSON", self.save_file)
         self.panel = CameraPanel(lambda key, value: apply_change(self.context.state.camera, key, value)[1])
         self.panel.edited.connect(self._edited)
@@ -52,6 +54,7 @@ class Page(BasePage):
         self.panel.show_camera(context.state.camera)
         self._white, self._dark, self._job = "", "", 0
         self._checked: Checked | None = None
+        self.dialog: SensorDialog | None = None
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Show the camera if it changed; a comparison with another camera is of no use."""
@@ -67,16 +70,22 @@ class Page(BasePage):
             self._set(camera, f"change of {key.split('.')[1].replace('_', ' ')}")
 
     def _set(self, camera: Camera, label: str) -> None:
-        if camera == self.context.state.camera:
-            # a typed value that was assumed before: the plan made of it stays
-            self.context.project.update(label, **state_with(self.context.state, camera))
-            return
-        # a plan holds the camera it was made for: planes, cutout and anchor follow from its geometry
-        self.context.project.update(label, camera=camera, plan=None)
+        self.context.project.update(label, **state_with(self.context.state, camera))
 
     def _confirmed(self, paths: tuple[str, ...]) -> None:
         label = f"confirm {paths[0]}" if len(paths) == 1 else f"confirm {len(paths)} values"
         self._set(confirmed(self.context.state.camera, paths), label)
+
+    def measure_sensor(self) -> None:
+        """Open the measurement of the sensor from flats and darks; one that is open comes to the front."""
+        if self.dialog is None:
+            self.dialog = SensorDialog(self, self.context, self._set)
+            self.dialog.finished.connect(self._dialog_closed)
+        self.dialog.show()
+        self.dialog.raise_()
+
+    def _dialog_closed(self) -> None:
+        self.dialog = None
 
     # -- files -----------------------------------------------------------------------------------------
     def import_file(self, path: str = "") -> None:
@@ -138,6 +147,7 @@ class Page(BasePage):
     def check_white(self, path: str) -> None:
         """Hold the camera against the white image at ``path``, as a job."""
         self._white = path
+        self.notice.clear()
         self.panel.show_check()
         self.panel.check.show_waiting(Path(path).name)
         self.context.jobs.cancel(self._job)

@@ -19,7 +19,8 @@ from PySide6.QtWidgets import (
 )
 
 from gui.models.form import Field
-from gui.pages.camera.model import LATTICE, MAIN_LENS, MICROSCOPE, SENSOR, facts, values_of
+from gui.pages.camera.model import facts, values_of
+from gui.pages.camera.model_fields import LATTICE, MAIN_LENS, MICROSCOPE, SENSOR
 from gui.pages.camera.model_marks import TIPS, assumed_values, mark_of
 from gui.pages.camera.optics_view import OpticsView
 from gui.pages.camera.panel_assumed import AssumedList

@@ -1,9 +1,8 @@
-"""The white image with the fitted lattice over it, and how the camera compares."""
+"""A white image beside the camera: what fits, what differs, which lattice it shows."""
 
 from __future__ import annotations
 
-import pyqtgraph as pg
-from PySide6.QtCore import QRectF, Qt, Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
     QHBoxLayout,
@@ -18,19 +17,17 @@ from PySide6.QtWidgets import (
 )
 
 from gui.base_page import EmptyState
+from gui.pages.camera.lattice_view import LatticeView
 from gui.pages.camera.model_check import Checked
+from gui.pages.camera.model_lattice_map import lattice_words
 from gui.theme import current_theme
 from gui.widgets.cards import line
-from gui.widgets.image_view import ImageView
 from lfcal.lattice.camera_check import DIFFERS, FITS, WRONG
 
 __all__ = ["CheckPanel"]
 
 EMPTY = "Hold the camera against a white image: is the lattice where the description says?"
-LEGEND = "In the picture, the first corner of the frame: + as measured, ○ as described."
-LENSLETS = 12
-"""Lenslets seen along a side of the picture."""
-COLUMNS = ("", "Verdict", "Camera", "White image", "Off by (px)")
+COLUMNS = ("", "Verdict", "Off by (px)", "Camera", "White image")
 WORDS = {
     FITS: "The camera fits this white image.",
     DIFFERS: "The lattice is a little different: take the measured one.",
@@ -63,7 +60,7 @@ class CheckPanel(QWidget):
         layout.addWidget(self.stack)
         self.empty = EmptyState(EMPTY, {"White image …": self.asked.emit, "Dark frame …": self.dark_asked.emit})
         self.stack.addWidget(self.empty)
-        self._make_picture()
+        self.view = LatticeView()
         self._make_table()
         self.words = QLabel()
         self.words.setWordWrap(True)
@@ -76,18 +73,10 @@ class CheckPanel(QWidget):
         both = QWidget()
         row = QHBoxLayout(both)
         row.setContentsMargins(0, 0, 0, 0)
-        row.addWidget(self.image, 1)
-        row.addWidget(right, 2)
+        row.addWidget(self.view, 2)
+        row.addWidget(right, 3)
         self.stack.addWidget(both)
         self._shown: Checked | None = None
-
-    def _make_picture(self) -> None:
-        self.image = ImageView(xlabel="column", ylabel="row")
-        self.image.graphics.removeItem(self.image.bar)  # levels say nothing here
-        self.fitted = pg.ScatterPlotItem(size=9, pxMode=True, symbol="+")
-        self.described = pg.ScatterPlotItem(size=11, pxMode=True, symbol="o", brush=None)
-        for marks in (self.described, self.fitted):
-            self.image.add_overlay(marks)
 
     def _make_table(self) -> None:
         self.table = QTableWidget(0, len(COLUMNS))
@@ -124,11 +113,9 @@ class CheckPanel(QWidget):
         """Show a comparison."""
         self._shown = found
         self.stack.setCurrentIndex(1)
-        self.image.set_image(found.picture, name=found.name, step=found.step, keep_view=False)
-        self.fitted.setData(x=found.centres[:, 1], y=found.centres[:, 0])
-        self.described.setData(x=found.described[:, 1], y=found.described[:, 0])
-        self._look_at_corner(found)
-        self.words.setText(f"{found.name}: {WORDS[found.check.verdict]} {LEGEND}")
+        self.view.show_check(found)
+        about = "" if found.check.fit is None else f"\n{lattice_words(found.check.fit)}"
+        self.words.setText(f"{found.name}: {WORDS[found.check.verdict]}{about}")
         self.take.setEnabled(found.check.camera is not None)
         self._fill()
 
@@ -137,27 +124,19 @@ class CheckPanel(QWidget):
         self.words.setText("The measured lattice is the camera's now; save the camera to use it elsewhere.")
         self.take.setEnabled(False)
 
-    def _look_at_corner(self, found: Checked) -> None:
-        """Show a corner, where differences are largest; the menu shows all."""
-        side = LENSLETS * (found.check.fit.pitch_px if found.check.fit is not None else 30.0)
-        self.image.plot.setRange(QRectF(-2, -2, side, side), padding=0)
-
     def _fill(self) -> None:
         found = self._shown
         if found is None:
             return
         theme = current_theme()
-        # white and red are seen on every brightness of the picture
-        self.fitted.setPen(pg.mkPen("#ff3b30", width=1.5))
-        self.described.setPen(pg.mkPen("#ffffff", width=1.5))
         colours = {FITS: theme.good, DIFFERS: theme.fair, WRONG: theme.bad}
         self.table.setRowCount(len(found.check.lines))
         for row, entry in enumerate(found.check.lines):
             edge = "" if entry.edge_px is None else f"{entry.edge_px:.2f}"
             label = entry.label[:1].upper() + entry.label[1:]
-            for column, text in enumerate((label, entry.verdict, entry.expected, entry.measured, edge)):
+            for column, text in enumerate((label, entry.verdict, edge, entry.expected, entry.measured)):
                 item = QTableWidgetItem(text)
-                if column == 4:
+                if column == 2:
                     item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
                 if column == 1:
                     item.setForeground(QColor(colours.get(entry.verdict, theme.muted)))
@@ -165,5 +144,5 @@ class CheckPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        self.image.apply_theme()
+        self.view.apply_theme()
         self._fill()

@@ -24,7 +24,6 @@ from PySide6.QtWidgets import (
 from gui.context import Context
 from gui.jobs import Job
 from gui.pages.camera.model_sensor import curves_of, iter_sensor, rows_of, taken, words_of
-from gui.theme import current_theme
 from gui.widgets.plots import LINES, LinePlot
 from lfcal.camera import Camera
 from lfcal.frames.photon_transfer.result import SensorMeasurement
@@ -94,6 +93,7 @@ class SensorDialog(QDialog):
         self.table.horizontalHeader().setStretchLastSection(True)
         self.plot = LinePlot("signal above black (counts)", "noise, rms (counts)", legend=True)
         self.plot.plot.setLogMode(x=True, y=True)
+        self.plot.plot.getAxis("bottom").setStyle(maxTextLevel=0)  # decades: names of what is between would overlap
         self.plot.plot.legend.setOffset((8, 8))  # the curve rises to the right
         self.fitted, self.others = (
             self.plot.plot.plot([], [], pen=None, symbol="o", symbolSize=5, symbolPen=None, symbolBrush=tone, name=name)
@@ -191,9 +191,6 @@ class SensorDialog(QDialog):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         self.plot.apply_theme()
-        for _, label in self.plot.plot.legend.items:
-            # text that is there already keeps its colour otherwise
-            label.setText(label.text, color=current_theme().text)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Stop what is still measured."""

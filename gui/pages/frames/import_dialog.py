@@ -16,23 +16,25 @@ from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
     QPushButton,
+    QScrollArea,
     QVBoxLayout,
     QWidget,
 )
 
 from gui.jobs import Jobs
+from gui.models.words import said_in_window
 from gui.pages.frames.columns_table import ColumnsTable
-from gui.pages.frames.model import Loaded
+from gui.pages.frames.import_previews import ImportPreviews
 from gui.pages.frames.model_import import ImportChoice, Survey, survey
-from gui.widgets.cards import choice_box, heading
-from gui.widgets.frame_view import FrameView
+from gui.widgets.cards import choice_box, clear
 from lfcal.camera import Camera, ScanPlan
 
 __all__ = ["ImportDialog"]
 
 WELCOME = "Choose a folder of frames, or the list that a stage program wrote."
 GROUP = "frames import survey"
-SHOWN = ("first frame", "middle frame", "last frame")
+WORDS_HEIGHT = 92
+"""Pixels on the screen for what was found: five lines."""
 FIRST = (("", "found"), ("0", "counted from 0"), ("1", "counted from 1"))
 SHIFTS = (("auto", "found"), ("0", "as they are"), *((str(n), f"{16 - n} of 16 bits") for n in (2, 4, 6, 8)))
 
@@ -68,11 +70,16 @@ class ImportDialog(QDialog):
         self.words.setTextFormat(Qt.TextFormat.PlainText)
         self.words.setWordWrap(True)
         self.words.setAlignment(Qt.AlignmentFlag.AlignTop)
-        self.words.setMinimumHeight(66)
-        column.addWidget(self.words)
-        column.addLayout(self._previews(), 1)
+        said = QScrollArea()  # there may be many words, and the pictures count more
+        said.setWidgetResizable(True)
+        said.setWidget(self.words)
+        said.setFixedHeight(WORDS_HEIGHT)
+        clear(said)
+        column.addWidget(said)
+        self.previews = ImportPreviews(jobs)
+        column.addWidget(self.previews, 1)
         column.addLayout(self._buttons())
-        self.resize(1120, 700)
+        self.resize(1120, 740)
 
     # -- building --------------------------------------------------------------------------------------
     def _source(self) -> QGridLayout:
@@ -117,18 +124,6 @@ class ImportDialog(QDialog):
             row.addLayout(form, 2 if widget is self.pattern else 1)
         for key, box in (("first", self.first), ("shift", self.shift), ("channel", self.channel)):
             box.currentIndexChanged.connect(lambda _, key=key, box=box: self._say(**{key: box.currentData()}))
-        return row
-
-    def _previews(self) -> QHBoxLayout:
-        row = QHBoxLayout()
-        self.views, self.labels = [], []
-        for k, title in enumerate(SHOWN):
-            part, label, view = QVBoxLayout(), heading(title), FrameView(self._jobs, f"frames import {k}")
-            self.views.append(view)
-            self.labels.append(label)
-            part.addWidget(label)
-            part.addWidget(view, 1)
-            row.addLayout(part)
         return row
 
     def _buttons(self) -> QHBoxLayout:
@@ -222,13 +217,13 @@ class ImportDialog(QDialog):
         self.survey = found
         self.columns.show_table(found.table, found.used)
         _offer(self.channel, self._colours(found), self.choice.channel)
-        self.words.setText(found.problem or "\n".join(found.notes) or "Nothing had to be guessed.")
+        lines = dict.fromkeys(map(said_in_window, found.notes))  # what list and plan both say is said once
+        self.words.setText(said_in_window(found.problem) or "\n".join(lines) or "Nothing had to be guessed.")
         self.words.setProperty("role", "error" if found.problem else "")
         self.words.style().unpolish(self.words)
         self.words.style().polish(self.words)
         self.open_button.setEnabled(found.imported is not None)
-        for k, view in enumerate(self.views):
-            self._show_frame(view, self.labels[k], SHOWN[k], found.shown[k] if k < len(found.shown) else None)
+        self.previews.show_frames(found.shown)
 
     def _colours(self, found: Survey) -> tuple[str, ...]:
         """Return the colours to choose from: those found, or those that were offered when one was chosen."""
@@ -239,20 +234,9 @@ class ImportDialog(QDialog):
         offered = tuple(str(self.channel.itemData(k)) for k in range(1, self.channel.count()))
         return offered if self.choice.channel else ()
 
-    @staticmethod
-    def _show_frame(view: FrameView, label: QLabel, title: str, loaded: Loaded | None) -> None:
-        if loaded is None:
-            label.setText(title)
-            view.set_frame(None, (0, 1))
-            view.clear_cutout()
-            return
-        z, y, x = loaded.position
-        label.setText(f"{title}: z {z}, y {y}, x {x}")
-        label.setToolTip(loaded.label)
-        view.set_frame(loaded.raw, (float(loaded.raw.min()), float(loaded.raw.max())))
-        row, column, rows, columns = loaded.window
-        view.set_cutout(row, column, (rows, columns), loaded.point)
-        view.show_all()
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        self.previews.apply_theme()
 
     def _take(self) -> None:
         found, self.survey = self.survey, None

@@ -31,6 +31,8 @@ HOLDS = (
 """What a column of a list can hold, with the words shown."""
 UNITS = ("", "um", "mm", "nm", "index", "s", "ms", "us")
 """Units of columns; empty: found."""
+OTHER_SCAN = "the list is of another scan"
+REPLACED = "plan: the project's is of another scan; one made from the list takes its place"
 ROWS = 4
 """Rows of the list that are shown."""
 
@@ -129,9 +131,23 @@ def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -
         found = _with_table(found)
         if found.problem:
             return found
-        return _opened(found, plan, camera)
+        return _with_any_plan(found, plan, camera)
     except LfcalError as error:
         return replace(found, problem=str(error))
+
+
+def _with_any_plan(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Survey:
+    """Return the frames opened with the project's plan, or with that of the list where it is of another scan."""
+    try:
+        return _opened(found, plan, camera)
+    except InputError as error:
+        if plan is None or OTHER_SCAN not in str(error):
+            raise
+        try:
+            other = _opened(found, None, camera)
+        except LfcalError:
+            raise error from None
+        return replace(other, notes=(REPLACED, *other.notes))
 
 
 def _list_of(choice: ImportChoice) -> Path | None:
@@ -199,7 +215,7 @@ def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Surv
             notes.append(f"samples: left-aligned, moved down by {shift}")
         opened = imported.opened
         assert opened is not None
-        notes = [*opened.source.metadata.get("notes", ()), *notes]
+        notes = [*notes, *opened.source.metadata.get("notes", ())]
         shown = tuple(load_frame(opened, position) for position in _three(opened))
     except BaseException:
         imported.close()
@@ -244,6 +260,6 @@ def open_choice(survey_: Survey, project: FrameSettings) -> Imported:
     assert imported is not None
     own: dict[str, Any] = {
         name: getattr(imported.settings, name)
-        for name in ("manifest", "pattern", "columns", "first", "shift", "channel", "dark", "white")
+        for name in ("manifest", "pattern", "columns", "first", "shift", "channel", "dark", "white", "orientation")
     }
     return replace(imported, settings=replace(project, **own))

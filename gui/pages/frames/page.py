@@ -129,6 +129,7 @@ class Page(BasePage):
         """Ask what frames that others recorded are, with what was found of them."""
         if self.dialog is None:  # kept: pictures that are being drawn for it may come after it was closed
             self.dialog = ImportDialog(self.context.jobs, self)
+            self.context.theme_changed.connect(self.dialog.apply_theme)
             self.dialog.accepted_frames.connect(lambda found: self._imported(open_choice(found, self.settings)))
         self.dialog.start(self.context.state.plan, self.context.state.camera)
         if frames:

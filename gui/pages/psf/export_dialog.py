@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QCheckBox, QDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
+from gui.models.words import said_in_window
 from gui.pages.psf.export_model import CHOICES, KINDS, ExportIntent
 from gui.widgets.cards import card, choice_box
 from lfcal.psf import PSFMatrix
@@ -100,6 +102,18 @@ class ExportDialog(QDialog):
         self.kind_box.setCurrentIndex(self.kind_box.findData(intent.suffix))
         blocker.unblock()
         notes = intent.notes(self._matrix)
-        self.notes.setText("\n\n".join(f"{note[:1].upper()}{note[1:]}." for note in notes))
+        lines = (said_in_window(note) for note in notes)
+        self.notes.setText("\n\n".join(f"{line[:1].upper()}{line[1:]}." for line in lines))
         self.notes_card.setVisible(bool(notes))
-        self.adjustSize()
+        self._fit()
+
+    def _fit(self) -> None:
+        """Be as high as all words need: Qt's own size stops at two thirds of the screen, and cuts them."""
+        layout = self.layout()
+        layout.activate()
+        self.resize(WIDTH, layout.totalHeightForWidth(WIDTH))
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Fit anew: fonts are known only now."""
+        super().showEvent(event)
+        self._fit()

@@ -2,8 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
+from gui.theme import DARK, LIGHT, apply_theme
 from gui.widgets.plots import LinePlot
 from tests.gui.waiting import GUARD_MS
 
@@ -22,3 +24,15 @@ def test_axes_show_the_values_themselves_after_new_labels(qtbot: QtBot, top: flo
     spacing = top / 5
     shown = axis.tickStrings([spacing], axis.autoSIPrefixScale * axis.scale, spacing)
     assert axis.autoSIPrefixScale == 1.0 and float(shown[0]) == pytest.approx(spacing, rel=0.05)
+
+
+def test_legends_take_the_colours_of_another_theme(qapp: QApplication, qtbot: QtBot) -> None:
+    apply_theme(qapp, LIGHT)
+    plot = LinePlot("x (px)", "y", legend=True)
+    qtbot.addWidget(plot)
+    plot.set_curve("first", [0, 1], [0, 1])
+    for theme in (DARK, LIGHT):
+        apply_theme(qapp, theme)
+        plot.apply_theme()
+        (_, label), *_ = plot.plot.legend.items
+        assert theme.text in label.item.toHtml()

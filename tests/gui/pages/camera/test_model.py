@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
+from gui.models.project import ProjectState
 from gui.pages.camera import model as camera_form
 from gui.pages.camera import model_marks
-from lfcal.camera import PRESETS, Camera, Marks, Microscope, preset
+from lfcal.camera import PRESETS, Camera, LatticeDistortion, Marks, Microscope, ScanPlan, preset
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -16,6 +17,8 @@ def test_every_field_of_every_camera_goes_both_ways(name: str) -> None:
     camera = preset(name)
     values = camera_form.values_of(camera)
     for key, value in values.items():
+        if key == "lattice.distortion":  # words
+            continue
         again, error = camera_form.apply_change(camera, key, value)
         assert not error and isinstance(again, Camera)
         got = camera_form.values_of(again)
@@ -38,6 +41,10 @@ CHANGES: tuple[tuple[str, Any, Any], ...] = (
     ("lattice.focus", (math.inf,), lambda c: c.lattice.types[0].focal_length_um == c.lattice.gap_um),
     ("lattice.kind", "square", lambda c: len(c.lattice.types) == 1 and c.lattice.kind == "square"),
     ("sensor.rows", 100, lambda c: c.sensor.shape == (100, 320)),
+    ("lattice.shear_rad", 0.01, lambda c: c.lattice.shear_rad == 0.01),
+    ("sensor.saturation", 900.0, lambda c: c.sensor.saturation == 900.0),
+    ("sensor.dsnu_e", 1.5, lambda c: c.sensor.dsnu_e == 1.5),
+    ("sensor.linearity", None, lambda c: c.sensor.linearity is None),
     ("sensor.cfa", "GRBG", lambda c: c.sensor.cfa == "GRBG"),
     ("camera.wavelength_um", 0.6, lambda c: c.wavelength_um == 0.6),
 )
@@ -47,6 +54,32 @@ CHANGES: tuple[tuple[str, Any, Any], ...] = (
 def test_changes(key: str, value: Any, holds: Any) -> None:
     camera, error = camera_form.apply_change(preset("bench"), key, value)
     assert not error and camera is not None and holds(camera)
+
+
+def test_a_bent_lattice_is_told_in_words_and_another_kind_starts_straight() -> None:
+    bench = preset("bench")
+    bend = LatticeDistortion("radial", (0.0, 0.0), 800.0, ((10.0,),))
+    bent = replace(bench, lattice=replace(bench.lattice, shear_rad=0.002, distortion=bend))
+    bent = replace(bent, marks=Marks.of({"lattice.distortion": "measured", "lattice.shear_rad": "measured"}))
+    assert camera_form.values_of(bench)["lattice.distortion"] == "none"
+    words = camera_form.values_of(bent)["lattice.distortion"]
+    assert words == f"radial, {10 / bench.sensor.pixel_um:.2f} px"
+    assert model_marks.mark_of(bent, "lattice.distortion") == "measured"
+    square, error = camera_form.apply_change(bent, "lattice.kind", "square")
+    assert not error and square is not None
+    assert square.lattice.distortion is None and square.lattice.shear_rad == 0
+    assert model_marks.mark_of(square, "lattice.distortion") == ""
+
+
+def test_the_plan_stays_where_images_lie_as_they_did() -> None:
+    camera = preset("bench")
+    state = ProjectState(camera=camera, plan=ScanPlan.for_camera(camera, virtual_depths=(3.0,)))
+    noisy = replace(camera, sensor=replace(camera.sensor, read_noise_e=3.0, bit_depth=10, saturation=900.0))
+    kept = model_marks.state_with(state, noisy)["plan"]
+    assert isinstance(kept, ScanPlan) and kept.camera == noisy and kept.anchor == state.plan.anchor  # type: ignore[union-attr]
+    for sensor in (replace(camera.sensor, pixel_um=3.0), replace(camera.sensor, shape=(100, 100))):
+        assert model_marks.state_with(state, replace(camera, sensor=sensor))["plan"] is None
+    assert model_marks.state_with(state, replace(camera, wavelength_um=0.4))["plan"] is None
 
 
 def test_types_keep_what_they_have_in_focus_when_the_gap_changes() -> None:
@@ -69,6 +102,8 @@ def test_types_keep_what_they_have_in_focus_when_the_gap_changes() -> None:
         ("sensor.rows", 0),
         ("sensor.bit_depth", 99),
         ("sensor.cfa", "XY"),
+        ("sensor.saturation", 1e6),
+        ("sensor.dsnu_e", -1.0),
         ("camera.wavelength_um", 0.0),
     ],
 )

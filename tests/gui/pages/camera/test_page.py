@@ -28,7 +28,7 @@ from tests.camera.importers.files import OLAF
 from tests.camera.importers.test_raytrix_xml import xml
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
-from tests.lattice.white_frames import draw_white
+from tests.lattice.white_frames import barrel, draw_white
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -116,7 +116,7 @@ def test_check_against_a_white_image(open_page: OpenPage, context: Context, qtbo
         panel.table.item(row, 0).text(): panel.table.item(row, 1).text() for row in range(panel.table.rowCount())
     }
     assert verdicts["Pitch"] == "differs" and verdicts["Sensor"] == "fits"
-    assert len(panel.fitted.getData()[0]) > 100 and len(panel.described.getData()[0]) > 100
+    assert len(panel.view.fitted.getData()[0]) > 100 and len(panel.view.described.getData()[0]) > 100
     panel.take.click()
     measured = context.project.state.camera
     assert measured.pitch_px == pytest.approx(16.0, abs=0.01) and measured.marks["lattice.pitch_um"] == "measured"
@@ -127,6 +127,62 @@ def test_check_against_a_white_image(open_page: OpenPage, context: Context, qtbo
     page.check_white(str(tmp_path / "flat.tif"))
     idle(context.jobs, qtbot)
     assert page.notice.isVisibleTo(page) and panel.stack.currentIndex() == 0
+
+
+def test_a_bent_lattice_and_its_residuals_are_drawn(
+    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    page = open_page("camera")
+    reach = float(np.hypot(240, 320))
+    white = draw_white((480, 640), pitch=16.0, kind="square", rotation=0.004, bend=barrel(2.0, reach))
+    tifffile.imwrite(tmp_path / "white.tif", white.frame)
+    lattice = LensletLattice("square", 16.0 * 5, 400.0, (LensType(400.0),))
+    context.project.update("made", camera=Camera("c", MainLens(), lattice, Sensor((480, 640), 5.0)))
+    page.check_white(str(tmp_path / "white.tif"))
+    idle(context.jobs, qtbot)
+    panel = page.panel.check
+    assert "radial" in panel.words.text() and "rms off it" in panel.words.text()
+    view = panel.view
+    view.choice.setCurrentIndex(view.choice.findData("distortion"))
+    x, y = view.arrows.getData()
+    # the fit may give part of a barrel to pitch and origin; what bends grows outwards from the middle
+    shown = view.map.image
+    assert shown.shape == (18, 24) and shown[0, 0] > 1.0 > 10 * shown[9, 12]
+    tails, tips = np.stack([x, y])[:, ::6], np.stack([x, y])[:, 1::6]
+    middle = np.array([[319.5], [239.5]])
+    outward = ((tips - tails) * (tails - middle)).sum(0)
+    far = np.hypot(*(tails - middle)) > reach / 2
+    assert np.all(outward[far] > 0), "arrows point to where micro-images are seen"
+    assert "times too long" in view.legend.text() and "px" in view.legend.text()
+    view.choice.setCurrentIndex(view.choice.findData("residuals"))
+    assert float(np.nanmax(view.map.image)) < 0.3
+    panel.take.click()
+    taken = context.project.state.camera
+    form = page.panel.forms["lattice"]
+    assert taken.lattice.distortion is not None and form.mark("lattice.distortion") == "measured"
+    assert form.editor("lattice.distortion").text().startswith("radial, ")
+
+
+def test_a_specimen_is_refused_in_one_line(open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    page = open_page("camera")
+
+    def cells(x: Any, y: Any) -> Any:
+        return 0.15 + np.cos(6 * x + 1) ** 2 * np.cos(5 * y) ** 2
+
+    white = draw_white((300, 400), pitch=16.0, kind="square", light=cells)
+    tifffile.imwrite(tmp_path / "cells.tif", white.frame)
+    lattice = LensletLattice("square", 16.0 * 5, 400.0, (LensType(400.0),))
+    context.project.update("made", camera=Camera("c", MainLens(), lattice, Sensor((300, 400), 5.0)))
+    before = context.state
+    page.check_white(str(tmp_path / "cells.tif"))
+    idle(context.jobs, qtbot)
+    said = page.notice.label.text()
+    assert page.notice.isVisibleTo(page) and "specimen" in said and "\n" not in said
+    assert context.state == before and page.panel.check.stack.currentIndex() == 0
+    tifffile.imwrite(tmp_path / "white.tif", draw_white((300, 400), pitch=16.0, kind="square").frame)
+    page.check_white(str(tmp_path / "white.tif"))
+    idle(context.jobs, qtbot)
+    assert not page.notice.isVisibleTo(page) and page.panel.check.stack.currentIndex() == 1
 
 
 def test_dropped_files(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from PySide6.QtWidgets import QPushButton
 from pytestqt.qtbot import QtBot
 
 from gui.pages.camera.panel_sensor import SensorDialog
 from gui.window import MainWindow
-from lfcal.camera import Camera
+from lfcal.camera import ScanPlan
 from tests.frames.photon_transfer.sensor_model import Truth, micro_images
 from tests.gui.waiting import idle
 
@@ -35,12 +36,12 @@ def write(place: Path, processed: bool = False) -> tuple[str, str]:
 @pytest.fixture
 def dialog(window: MainWindow, qtbot: QtBot) -> SensorDialog:
     page: Any = window.page("camera")
-
-    def take(camera: Camera, label: str) -> None:
-        window.project.update(label, camera=camera)
-
-    made = SensorDialog(page, page.context, take)
-    made.show()
+    window.go("camera")
+    button = next(b for b in page.findChildren(QPushButton) if b.text().startswith("Sensor"))
+    button.click()
+    made: SensorDialog = page.dialog
+    button.click()
+    assert page.dialog is made and made.isVisible()
     return made
 
 
@@ -57,13 +58,21 @@ def test_folders_are_measured_and_the_camera_takes_it(
     assert any("e⁻ per count" in text for text in shown) and "structure" in dialog.words.text()
     assert len(dialog.fitted.getOriginalDataset()[0]) > 10
     before = window.project.state.camera
+    window.project.update("plan", plan=ScanPlan.for_camera(before, virtual_depths=(3.0,)))
     dialog.take_button.click()
     after = window.project.state.camera
     assert after.sensor.electrons_per_count == pytest.approx(5, rel=0.05) and after.lattice == before.lattice
     assert after.marks["sensor.full_well_e"] == "measured"
+    plan = window.project.state.plan
+    assert plan is not None and plan.camera == after, "no noise moves an image"
+    page: Any = window.page("camera")
+    form = page.panel.forms["sensor"]
+    assert form.mark("sensor.dsnu_e") == "measured"
+    assert float(form.editor("sensor.dsnu_e").text()) == pytest.approx(after.sensor.dsnu_e)
     window.project.undo()
     assert window.project.state.camera == before
     dialog.close()
+    assert page.dialog is None
 
 
 def test_doubtful_and_unreadable_folders_change_nothing(

@@ -11,8 +11,9 @@ import tifffile
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
+from gui.models.words import said_in_window
 from gui.pages.frames.model import FrameSettings, load_frame, open_imported
-from gui.pages.frames.model_import import ImportChoice, columns_text, survey
+from gui.pages.frames.model_import import ImportChoice, columns_text, open_choice, survey
 from lfcal.camera import ScanPlan, preset
 from tests.cli.test_colours import ANCHOR, PERIOD, SENSOR, mosaic, plan_of
 from tests.cli.test_intake import foreign_list
@@ -96,7 +97,7 @@ def test_the_dialog_opens_the_frames(qtbot: QtBot, context: Context, open_page: 
     box.setCurrentIndex(box.findData("file"))
     qtbot.waitUntil(lambda: dialog.survey is not None, timeout=GUARD_MS)
     assert dialog.survey.problem == "" and "columns: file=Bild" in dialog.words.text()
-    assert dialog.labels[2].text() == "last frame: z 1, y 0, x 0"
+    assert dialog.previews.labels[2].text() == "last frame: z 1, y 0, x 0"
     dialog.open_button.click()
     qtbot.waitUntil(lambda: page.loaded is not None, timeout=GUARD_MS)
     assert (page.opened.frames >= 0).all()
@@ -113,3 +114,44 @@ def test_a_dialog_that_is_closed_changes_nothing(qtbot: QtBot, context: Context,
     assert "no such file" in page.dialog.words.text().lower()
     page.dialog.reject()
     assert context.state == before and page.opened is None
+
+
+def test_a_list_of_another_scan_than_the_project_s_brings_its_own_plan(folder: Path) -> None:
+    found = scan()
+    small = ScanPlan(found.camera, (3, 2), (9, 11), found.depths, START)
+    told = survey(ImportChoice(str(folder / "tiffs"), columns="file=1"), small, found.camera)
+    assert told.problem == "" and told.imported is not None and told.imported.plan is not None
+    assert told.imported.plan.period == (ROWS, COLUMNS) and told.notes[0].startswith("plan: the project's")
+    told.close()
+    other = survey(ImportChoice(str(folder / "tiffs"), columns="file=1"), small, preset("bench"))
+    assert "another scan" in other.problem and other.imported is None
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "axes: +x as assumed: neither list nor frames tell; --stage states them",
+            "axes: +x as assumed: neither list nor frames tell",
+        ),
+        ("axes: as the steps tell; their senses are assumed, --stage states them", None),
+        ("samples: left-aligned, moved down by 4", "samples: left-aligned, moved down by 4"),
+        ("list: expected 2, got 3; check which column is which (--columns)", None),
+        (
+            "list: expected 2, got 3; the list is of another scan: make its plan with lfcal plan CAMERA --positions L",
+            None,
+        ),
+        ("list: expected 2, got 3; correct --first", "list: expected 2, got 3"),
+    ],
+)
+def test_the_window_names_no_options_of_the_command_line(text: str, said: str | None) -> None:
+    shown = said_in_window(text)
+    assert "--" not in shown and "lfcal plan" not in shown and shown.startswith(text[:20])
+    assert said is None or shown == said
+
+
+def test_frames_imported_after_turned_ones_are_upright_until_told(folder: Path) -> None:
+    found = survey(ImportChoice(str(folder / "tiffs"), columns="file=1"), plan(scan()), None)
+    kept = open_choice(found, FrameSettings(orientation="mirror x", use_background=True)).settings
+    assert kept.orientation == "as is" and kept.use_background
+    found.close()

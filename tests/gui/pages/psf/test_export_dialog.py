@@ -27,6 +27,9 @@ def test_only_what_concerns_the_file_is_shown(qtbot: QtBot) -> None:
     shown = {name for name, box in dialog.boxes.items() if box.isVisible()}
     assert shown == {"lens_centred", "moved", "rows_first", "include_transpose", "compress"}
     assert "8.50" in dialog.notes.text() and dialog.notes_card.isVisible()
+    assert "--" not in dialog.notes.text(), "the window has boxes where the command line has options"
+    dialog.layout().activate()
+    assert dialog.notes.height() >= dialog.notes.heightForWidth(dialog.notes.width()), "no word is cut"
     dialog.boxes["moved"].click()
     assert dialog.boxes["lens_centred"].isChecked() and not dialog.notes_card.isVisible()
     dialog.kind_box.setCurrentIndex(dialog.kind_box.findData(".tif"))
