@@ -144,6 +144,7 @@ def command(
         columns=columns,
         first=first,
         skip_damaged=skip_damaged,
+        orientation=orientation,
     )
     with ExitStack() as stack:
         source, scan = open_colour(opened, channel)
@@ -201,6 +202,7 @@ def open_scan(
     first: int | None = None,
     colour: str = "",
     skip_damaged: bool = False,
+    orientation: str = "as is",
 ) -> tuple[Frames, ScanPlan]:
     """Return the frames and the plan they were recorded by: the one named, their own, or the one that lies there.
 
@@ -223,6 +225,7 @@ def open_scan(
         columns=columns,
         first=first,
         skip_damaged=skip_damaged,
+        orientation=orientation,
     )
     own: ScanPlan | None = source.metadata.get("plan")
     if own is None and found is None:

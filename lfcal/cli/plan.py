@@ -183,6 +183,9 @@ def command(
     ),
     frames: Path | None = typer.Option(None, "--frames", help="With --positions: the folder of the frames listed."),
     columns: ColumnsOption = "",
+    orientation: str = typer.Option(
+        "as-is", "--orientation", help="With --positions: what makes the frames upright, as of lfcal assemble."
+    ),
     cutout: CutoutOption = "",
     anchor: str = typer.Option("", help="Sensor ROW,COLUMN of the image at y = x = 0; by default centred."),
     resample: bool = typer.Option(False, "--resample", help="Scale the frames so that the period is whole."),
@@ -216,7 +219,14 @@ def command(
         known = load_camera(camera)
         planes = lengths if virtual is None else tuple(known.depth_of(v) for v in virtual)
         plan = plan_from_list(
-            positions, known, folder=frames, columns=columns, stage=axes, depths_um=planes, **settings
+            positions,
+            known,
+            folder=frames,
+            columns=columns,
+            orientation=orientation,
+            stage=axes,
+            depths_um=planes,
+            **settings,
         )
     else:
         lengths, virtual = parse_planes(depths, virtual_depths)
