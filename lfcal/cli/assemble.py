@@ -100,6 +100,7 @@ def command(
 
     Example: `lfcal assemble session/frames --dark session/dark --white session/white -o H.h5`
     """
+    from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import print_json
     from lfcal.cli.orientation import check_choice
     from lfcal.cli.outputs import TABLES, check_output, check_outputs
@@ -149,6 +150,7 @@ def command(
     with ExitStack() as stack:
         source, scan = open_colour(opened, channel)
         stack.enter_context(source)
+        tell_assumed(scan.camera, "plan", quiet=json)
         report_notes(source.metadata.get("notes", ()))
         bits, note = chosen_shift(shift, source)
         report_notes([note] if note else [])
@@ -293,6 +295,7 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
         "spread": report.spread,
         "padded": report.padded,
         "residual_px": report.residual_px,
+        "assumed": [] if matrix.camera is None else matrix.camera.marks.paths("assumed"),
         "file_bytes": out.stat().st_size,
         "seconds": seconds,
     }
