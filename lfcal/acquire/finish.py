@@ -17,12 +17,14 @@ from lfcal.errors import FileFormatError
 from lfcal.files import replace_whole, require_space
 from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
 from lfcal.frames.damage import iter_undamaged
+from lfcal.frames.oriented import oriented
 from lfcal.frames.source import FrameSource
 from lfcal.h5.filters import encode_chunk
 from lfcal.h5.writing import new_h5
 from lfcal.progress import Clock, Work
 from lfcal.psf.assemble import AssemblyReport
 from lfcal.psf.assemble_plan import AssemblySettings, iter_assemble_plan
+from lfcal.psf.upright import iter_upright
 from lfcal.threads import worker_count
 
 __all__ = ["Packed", "iter_assemble_session", "iter_finish", "iter_repack"]
@@ -55,13 +57,20 @@ def iter_assemble_session(
         As in `lfcal.psf.iter_assemble_plan`.
     skip_damaged
         Leave damaged frames out, and name them in report and file, instead of refusing the session.
+
+    Raises
+    ------
+    InputError
+        If the frames certainly do not lie as the plan says (`lfcal.psf.upright`).
     """
     with RecordingSource(folder, planes=planes, skip_damaged=skip_damaged) as source:
         frames: FrameSource = source
         if skip_damaged:
             frames = yield from iter_undamaged(source, workers=settings.workers if settings else None)
         view = corrected_view(frames, recipe or CorrectionRecipe(), source.plan)
-        return (yield from iter_assemble_plan(view, source.plan, out, settings))
+        turn, lie = yield from iter_upright(view, source.plan)
+        upright = oriented(view, turn, source.plan.camera.sensor.shape)
+        return (yield from iter_assemble_plan(upright, source.plan, out, settings, provenance=lie))
 
 
 class Packed(NamedTuple):

@@ -81,12 +81,16 @@ def command(
     Example: `lfcal acquire plan.json --backend sim --out session/ --assemble H.h5`
     """
     from lfcal.acquire.redo import RedoList
+    from lfcal.cli.cameras import tell_assumed
+    from lfcal.cli.console import report
     from lfcal.cli.outputs import check_output
     from lfcal.devices.registry import open_rig
+    from lfcal.errors import LfcalError
 
     if assemble is not None:
         check_output(assemble, plan, redo, out, force=force)
     scan = _read_plan(plan, origin)
+    tell_assumed(scan.camera, plan.name, quiet=json)
     given = {
         "order": order,
         "bracket": _numbers(bracket, "--bracket"),
@@ -113,8 +117,15 @@ def command(
             return
         outcome, alarms, ended_by = _run(task, rig, check_stage)
     result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": alarms, **list_suspects(out, outcome)}
+    result["assumed"] = scan.camera.marks.paths("assumed")
     if outcome.how == "complete":
-        result |= finish(out, assemble, pack, json)
+        try:
+            result |= finish(out, assemble, pack, json)
+        except LfcalError:
+            # the frames are safe whatever became of H
+            show_outcome(result, outcome, out, json)
+            report(f"the recording is whole: lfcal assemble {out} makes H of it")
+            raise
     show_outcome(result, outcome, out, json)
     if outcome.how != "complete":
         # A session that was stopped is not a success: scripts must be able to see it.

@@ -100,6 +100,7 @@ def command(
 
     Example: `lfcal assemble session/frames --dark session/dark --white session/white -o H.h5`
     """
+    from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import print_json
     from lfcal.cli.orientation import check_choice
     from lfcal.cli.outputs import TABLES, check_output, check_outputs
@@ -144,10 +145,12 @@ def command(
         columns=columns,
         first=first,
         skip_damaged=skip_damaged,
+        orientation=orientation,
     )
     with ExitStack() as stack:
         source, scan = open_colour(opened, channel)
         stack.enter_context(source)
+        tell_assumed(scan.camera, "plan", quiet=json)
         report_notes(source.metadata.get("notes", ()))
         bits, note = chosen_shift(shift, source)
         report_notes([note] if note else [])
@@ -201,6 +204,7 @@ def open_scan(
     first: int | None = None,
     colour: str = "",
     skip_damaged: bool = False,
+    orientation: str = "as is",
 ) -> tuple[Frames, ScanPlan]:
     """Return the frames and the plan they were recorded by: the one named, their own, or the one that lies there.
 
@@ -223,6 +227,7 @@ def open_scan(
         columns=columns,
         first=first,
         skip_damaged=skip_damaged,
+        orientation=orientation,
     )
     own: ScanPlan | None = source.metadata.get("plan")
     if own is None and found is None:
@@ -290,6 +295,7 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
         "spread": report.spread,
         "padded": report.padded,
         "residual_px": report.residual_px,
+        "assumed": [] if matrix.camera is None else matrix.camera.marks.paths("assumed"),
         "file_bytes": out.stat().st_size,
         "seconds": seconds,
     }

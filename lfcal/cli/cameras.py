@@ -19,7 +19,7 @@ from lfcal.camera import (
 from lfcal.cli.console import report
 from lfcal.errors import StorageError
 
-__all__ = ["assumed_in_words", "load_camera", "load_file", "tell"]
+__all__ = ["assumed_in_words", "load_camera", "load_file", "tell", "tell_assumed"]
 
 
 def load_camera(name: str) -> Camera:
@@ -50,6 +50,12 @@ def tell(camera: Camera, path: Path, notes: tuple[str, ...] = ()) -> None:
         report(f"note: {path.name}: {note}")
     for doubt in doubts(camera):
         report(f"warning: {path.name}: {doubt}")
+
+
+def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False) -> None:
+    """Print to standard error, in a line, what is assumed of the camera that came in the plan or H ``where``."""
+    if camera is not None and not quiet and camera.marks.paths("assumed"):
+        report(f"note: {where}: assumed of the camera: {assumed_in_words(camera)}")
 
 
 def _assumed(camera: Camera) -> list[Quantity]:

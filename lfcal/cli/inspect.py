@@ -44,6 +44,7 @@ def command(
 
     Example: `lfcal inspect H.h5 --report report/`
     """
+    from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import print_json, run_work
     from lfcal.psf.compare import iter_compare
     from lfcal.psf.opening import open_psf
@@ -54,6 +55,7 @@ def command(
         H = files.enter_context(open_psf(source))
         # The metrics are about the images of points: an HT file is inspected as the H it came from.
         H = H.T if H.is_transposed else H
+        tell_assumed(H.camera, source.name, quiet=json)
         other = None if reference is None else files.enter_context(open_psf(reference))
         comparison = None
         if other is not None:
@@ -64,7 +66,8 @@ def command(
             _show(H, quality, comparison)
         page = _write(H, quality, other, report, workers, quiet=json)
     if json:
-        extra = {} if comparison is None else {"comparison": comparison.to_dict()}
+        extra: dict[str, Any] = {} if comparison is None else {"comparison": comparison.to_dict()}
+        extra["assumed"] = [] if H.camera is None else H.camera.marks.paths("assumed")
         print_json(quality.to_dict() | extra | ({} if page is None else {"report": page}))
     elif page is not None:
         typer.echo(f"report: {page}")

@@ -29,19 +29,28 @@ def report_notes(notes: Iterable[str]) -> None:
 
 
 def plan_from_list(
-    listed: Path, camera: Camera, *, folder: Path | None, columns: str, stage: StageAxes | None, **settings: Any
+    listed: Path,
+    camera: Camera,
+    *,
+    folder: Path | None,
+    columns: str,
+    orientation: str,
+    stage: StageAxes | None,
+    **settings: Any,
 ) -> ScanPlan:
     """Return the plan of the scan that a list was written of; frames that are found show where the light goes."""
     from lfcal.errors import StorageError
+    from lfcal.frames import named_orientation
     from lfcal.frames.lists.derived import plan_of_list
     from lfcal.frames.lists.entries import located
     from lfcal.frames.lists.open_table import any_listing, reader
 
+    turn = named_orientation(orientation)
     listing = any_listing(listed, columns)
     root = folder or listed.parent
     try:
         listing = located(listing, root)
-        read = reader(listing, root)
+        read = reader(listing, root, turn=turn)
     except StorageError as error:
         if folder is not None:
             raise

@@ -99,13 +99,13 @@ def _rests(plan: ScanPlan, paths: tuple[str, ...]) -> str:
     return " (from assumed values)" if assumed_of(plan.camera, paths) else ""
 
 
-def _rows(plan: ScanPlan, forecast: Forecast, speed: float, computed: str) -> list[list[str]]:
+def _rows(plan: ScanPlan, forecast: Forecast, speed: float, computed: tuple[str, ...]) -> list[list[str]]:
     nz, ny, nx, nt, ns = plan.shape
     camera, (py, px), (ry, rx) = plan.camera, plan.camera.period_px, plan.period_residual_px
     steps = [plan.step_um(z)[1] for z in range(nz)]
     depths, virtual = plan.depths_um, plan.virtual_depths
     where = plan.lattice_anchor
-    rests = {name: _rests(plan, DEPTH) if name == computed else "" for name in ("depths", "virtual depths")}
+    rests = {name: _rests(plan, DEPTH) if name in computed else "" for name in ("depths", "virtual depths")}
     rows = [
         ["camera", f"{camera.name}: {camera.lattice.kind}, {len(camera.lattice.types)} lens type(s)"],
         ["cell of the lenslet array (x × y)", f"{px:.3f} × {py:.3f} px"],
@@ -183,6 +183,9 @@ def command(
     ),
     frames: Path | None = typer.Option(None, "--frames", help="With --positions: the folder of the frames listed."),
     columns: ColumnsOption = "",
+    orientation: str = typer.Option(
+        "as-is", "--orientation", help="With --positions: what makes the frames upright, as of lfcal assemble."
+    ),
     cutout: CutoutOption = "",
     anchor: str = typer.Option("", help="Sensor ROW,COLUMN of the image at y = x = 0; by default centred."),
     resample: bool = typer.Option(False, "--resample", help="Scale the frames so that the period is whole."),
@@ -216,7 +219,14 @@ def command(
         known = load_camera(camera)
         planes = lengths if virtual is None else tuple(known.depth_of(v) for v in virtual)
         plan = plan_from_list(
-            positions, known, folder=frames, columns=columns, stage=axes, depths_um=planes, **settings
+            positions,
+            known,
+            folder=frames,
+            columns=columns,
+            orientation=orientation,
+            stage=axes,
+            depths_um=planes,
+            **settings,
         )
     else:
         lengths, virtual = parse_planes(depths, virtual_depths)
@@ -228,10 +238,12 @@ def command(
             frames_averaged=average,
             **settings,
         )
-    _show(plan, speed, out, json, computed="virtual depths" if virtual is None else "depths")
+    # of a list that states neither, both follow from the steps
+    computed = [name for name, given in (("depths", lengths), ("virtual depths", virtual)) if given is None]
+    _show(plan, speed, out, json, computed=tuple(computed))
 
 
-def _show(plan: ScanPlan, speed: float, out: Path | None, json: bool, *, computed: str) -> None:
+def _show(plan: ScanPlan, speed: float, out: Path | None, json: bool, *, computed: tuple[str, ...]) -> None:
     """Write the plan where asked, and print it with its cost; ``computed`` are the planes that follow from others."""
     # Forecast before writing: a speed that makes no sense must leave no file behind.
     forecast = Forecast.of(plan, stage_um_per_s=speed)

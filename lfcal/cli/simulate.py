@@ -58,7 +58,7 @@ def command(
     check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1000)
     if out is not None and not plan_only:
         check_output(out, camera, force=force)
-    planned = _plan(camera, depths, virtual_depths, cutout)
+    planned = _plan(camera, depths, virtual_depths, cutout, json=json)
     found = plan_effects(planned.camera, planned, tolerance, _settings(effects), frames=frames is not None, peak=peak)
     if plan_only:
         _show(found, json)
@@ -72,7 +72,7 @@ def command(
         assert frames is not None
         made = _write_frames(task, frames, seed, peak)
     if json:
-        print_json(made)
+        print_json(made | {"assumed": planned.camera.marks.paths("assumed")})
     else:
         typer.echo(f"written: {made['path']} ({made['what']})")
 
@@ -88,13 +88,15 @@ class _Task:
     quiet: bool
 
 
-def _plan(camera: str, depths: str, virtual_depths: str, cutout: str) -> ScanPlan:
+def _plan(camera: str, depths: str, virtual_depths: str, cutout: str, *, json: bool) -> ScanPlan:
     from lfcal.camera import ScanPlan
+    from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.plan import load_camera, parse_cutout, parse_planes
 
     if camera.endswith(".json") and (ready := _ready_plan(Path(camera))) is not None:
         if depths or virtual_depths or cutout:
             raise InputError("planes and cutout: expected those of the plan, got others; leave the options out")
+        tell_assumed(ready.camera, Path(camera).name, quiet=json)
         return ready
     lengths, virtual = parse_planes(depths, virtual_depths)
     return ScanPlan.for_camera(

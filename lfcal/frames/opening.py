@@ -9,6 +9,7 @@ from pathlib import Path
 from lfcal.camera import ScanPlan
 from lfcal.errors import StorageError
 from lfcal.frames.manifest import Manifest
+from lfcal.frames.orientation import AS_IS
 from lfcal.frames.positions import NamePattern, check_plan_shape
 from lfcal.frames.source import Frames
 from lfcal.frames.sources.base import FrameOptions, SourceKind
@@ -37,6 +38,7 @@ def open_frames(
     columns: str = "",
     first: int | None = None,
     plan: ScanPlan | None = None,
+    orientation: str = AS_IS,
 ) -> Frames:
     """Open frames together with what is known of each.
 
@@ -71,6 +73,10 @@ def open_frames(
         Number of the first position in names or lists, 0 or 1; None: found from the numbers.
     plan
         The scan plan that stage coordinates of a list are compared with; states ``plan_shape``, too.
+    orientation
+        What makes the frames upright (`lfcal.frames.orientation.ORIENTATIONS`), where the light in them shows which
+        axis of a list's stage coordinates is which; ``"check"`` or ``"auto"``: it is not known, see
+        `lfcal.frames.lists.lie`. Nothing is turned here: `lfcal.frames.oriented` does.
 
     What was guessed is in the metadata as ``notes``, a line each.
 
@@ -86,6 +92,6 @@ def open_frames(
     if shape is None and plan is not None:
         shape = plan.shape[:3]
     options = FrameOptions(
-        manifest, pattern, order, shape, colour, dataset, nan, blank, skip_damaged, columns, first, plan
+        manifest, pattern, order, shape, colour, dataset, nan, blank, skip_damaged, columns, first, plan, orientation
     )
     return next(kind for kind in SOURCES if kind.recognises(path)).open(path, options)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -178,3 +179,29 @@ def test_frames_of_the_simulated_camera_pass_through_a_session(tmp_path: Path) -
             error = (source.read(k) - black - light) / noise
             assert abs(float(error.mean())) < 0.2
             assert float(error.std()) < 1.6
+
+
+class Reversed:
+    """A stage whose x axis is wired the wrong way round."""
+
+    def __init__(self, stage: Any) -> None:
+        self.stage = stage
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stage, name)
+
+    def move(self, target: Any, *more: Any, **options: Any) -> Any:
+        return self.stage.move((-target[0], *target[1:]), *more, **options)
+
+    def position(self) -> Any:
+        x, *rest = self.stage.position()
+        return (-x, *rest)
+
+
+def test_a_session_that_ran_otherwise_than_planned_makes_no_h(tmp_path: Path) -> None:
+    plan = small_plan((7, 9), 1, cutout=(31, 31))
+    rig = rig_for(plan)
+    record(tmp_path / "s", plan, replace(rig, stage=Reversed(rig.stage)), replace(CAREFUL, origin_tolerance_px=None))
+    with pytest.raises(InputError, match="expected an image that moves as the plan says"):
+        drain(iter_assemble_session(tmp_path / "s", tmp_path / "H.h5"))
+    assert not (tmp_path / "H.h5").exists()

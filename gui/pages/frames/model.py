@@ -157,6 +157,7 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
         columns=settings.columns,
         first=int(settings.first) if settings.first else None,
         plan=plan,
+        orientation="check" if settings.orientation == "as is" else settings.orientation,
     )
     plan = source.metadata.get("plan", plan)
     frames, own = source, plan

@@ -17,6 +17,7 @@ from lfcal.frames.lists.grid import ScanGrid
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.lists.motion import Motion
 from lfcal.frames.lists.placing import AXES, READ, anchor_of, grid_of, light_of, place
+from lfcal.frames.orientation import ORIENTATIONS
 
 __all__ = ["plan_of_list"]
 
@@ -67,6 +68,7 @@ def plan_of_list(
     said = stage or StageAxes()
     grid, lateral = grid_of(listing, said)
     light = None if read is None else light_of(grid, read)
+    _check_lie(light, camera)
     listing, unit_notes = _with_unit(listing, grid, camera)
     factor = LENGTHS[unit_notes[1]] if unit_notes else 1.0
     axes, why = _lateral_axes(grid, camera, said, lateral, light)
@@ -185,6 +187,19 @@ def _rounded(depths: NDArray[np.float64]) -> tuple[float, ...]:
     return tuple(round(float(z), 3) for z in depths)
 
 
+def _check_lie(light: Motion | None, camera: Camera) -> None:
+    """Raise where frames have the shape of the sensor on its side."""
+    rows, columns = camera.sensor.shape
+    if light is not None and light.shape == (columns, rows) and rows != columns:
+        sides = ", ".join(turn.option for turn in ORIENTATIONS.values() if turn.transposed)
+        raise InputError.expected(
+            "shape of the frames",
+            f"{camera.sensor.shape}, the camera's sensor",
+            f"{light.shape}, as if on their side",
+            f"say what makes them upright with --orientation, one of {sides}, or correct the sensor",
+        )
+
+
 def _check_period(period: tuple[int, int], camera: Camera) -> None:
     """Raise unless the places are those of whole periods of the camera."""
     for n, p, what in zip(period, camera.period_px, ("rows", "columns"), strict=True):
@@ -194,7 +209,7 @@ def _check_period(period: tuple[int, int], camera: Camera) -> None:
                 f"{what} of places in the list",
                 f"{round(cells * p)}, one period of the camera",
                 n,
-                "the scan is of another camera, or not of a whole period",
+                "the scan is of another camera, not of a whole period, or its frames are turned (--orientation)",
             )
 
 

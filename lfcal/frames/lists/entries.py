@@ -45,6 +45,7 @@ def manifest_of(
     plan_shape: Sequence[int] | None = None,
     first: int | None = None,
     read: READ | None = None,
+    lie: str = "",
 ) -> tuple[Manifest, tuple[str, ...]]:
     """Return the manifest of a list whose files are found, and notes on what was found.
 
@@ -60,6 +61,8 @@ def manifest_of(
         Number of the first position where the list counts them; None: found.
     read
         Returns the frame of a row, for `lfcal.frames.lists.placing.place`.
+    lie
+        As there.
 
     Raises
     ------
@@ -77,7 +80,7 @@ def manifest_of(
             "none",
             "name it with --plan, or make it with lfcal plan CAMERA --positions LIST",
         )
-    found = place(listing, plan, read)
+    found = place(listing, plan, read, lie)
     drift = found.drift if listing.drift is None else found.drift + listing.drift
     return _manifest(listing, found.positions, drift, plan), (*listing.notes, *found.notes)
 

@@ -29,11 +29,17 @@ class Motion:
         Row and column of the light at the first place of both axes.
     rms_px
         How far the light lies from there, root of the mean square over the frames (px).
+    middle
+        Row and column of the light in the middle of the places.
+    shape
+        Rows and columns of the frames.
     """
 
     matrix: NDArray[np.float64]
     start: tuple[float, float]
     rms_px: float
+    middle: tuple[float, float]
+    shape: tuple[int, int]
 
     def axes(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
         """Return axis and sense that move the image down, and right; None where the light does not tell clearly."""
@@ -96,7 +102,10 @@ def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -
     design = np.column_stack([np.ones(len(places)), places])
     fitted, *_ = np.linalg.lstsq(design, centres[seen], rcond=None)
     rms = float(np.sqrt(((design @ fitted - centres[seen]) ** 2).sum(axis=1).mean()))
-    return Motion(fitted[1:].T, (float(fitted[0, 0]), float(fitted[0, 1])), rms)
+    middle = fitted[0] + (index.min(axis=0) + index.max(axis=0)) / 2 @ fitted[1:]
+    rows, columns = floor.shape[:2]
+    start, halfway = ((float(at[0]), float(at[1])) for at in (fitted[0], middle))
+    return Motion(fitted[1:].T, start, rms, halfway, (rows, columns))
 
 
 def _centre(light: NDArray[np.float32]) -> tuple[float, float]:

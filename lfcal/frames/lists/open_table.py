@@ -13,11 +13,13 @@ from lfcal.errors import FileFormatError
 from lfcal.files import read_text
 from lfcal.frames.formats.opening import image_suffixes, open_image
 from lfcal.frames.lists.entries import located, manifest_of
+from lfcal.frames.lists.lie import AUTO, CHECK
 from lfcal.frames.lists.listing import Listing, read_listing
 from lfcal.frames.lists.micromanager import read_micromanager
 from lfcal.frames.lists.table import TABLE_SUFFIXES
 from lfcal.frames.manifest import COLUMNS, Manifest
 from lfcal.frames.manifest_file import read_manifest
+from lfcal.frames.orientation import Orientation, named_orientation
 from lfcal.frames.sources.base import FrameOptions
 
 __all__ = ["any_listing", "from_micromanager", "from_stage", "is_plain", "manifest_from", "reader"]
@@ -91,22 +93,29 @@ def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:
 
 
 def _placed(listing: Listing, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
+    lie = options.orientation if options.orientation in (CHECK, AUTO) else ""
+    turn = None if lie else named_orientation(options.orientation)
     return manifest_of(
         listing,
         plan=options.plan,
         plan_shape=options.plan_shape,
         first=options.first,
-        read=reader(listing, root, options.colour),
+        read=reader(listing, root, options.colour, turn),
+        lie=lie,
     )
 
 
-def reader(listing: Listing, root: Path, colour: str | None = None) -> Any:
-    """Return a function that reads the frame of a row of a list whose files were found below ``root``."""
+def reader(listing: Listing, root: Path, colour: str | None = None, turn: Orientation | None = None) -> Any:
+    """Return a function that reads the frame of a row of a list whose files were found below ``root``.
+
+    ``turn`` makes the frames upright.
+    """
 
     def read(k: int) -> NDArray[Any]:
         image = open_image(root / listing.files[k], colour=colour)
         try:
-            return image.read(image.check_page(listing.pages[k]))
+            frame = image.read(image.check_page(listing.pages[k]))
+            return frame if turn is None else turn.apply(frame)
         finally:
             image.close()
 

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.errors import InputError
 from lfcal.frames.lists.grid import ScanGrid, find_grid
+from lfcal.frames.lists.lie import Lie, stage_and_lie
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.lists.motion import Motion, image_motion, spread_out
+from lfcal.frames.orientation import AS_IS
 
 __all__ = ["Placing", "anchor_of", "grid_of", "light_of", "place"]
 
@@ -53,13 +55,25 @@ class Placing:
     notes: tuple[str, ...]
 
 
-def place(listing: Listing, plan: ScanPlan, read: READ | None = None) -> Placing:
+def place(listing: Listing, plan: ScanPlan, read: READ | None = None, lie: str = "") -> Placing:
     """Return position and drift of each frame by its stage coordinates.
 
     Unit, offset, scale and small rotations of the coordinates are found, and which axis is which and its sense: from
     the light in some frames where ``read`` gives them and it is clear, else from the numbers of steps, else as the
     plan's ``stage`` says. An affine from coordinates to object space (`ScanPlan.object_um`) is then fitted
     to all frames.
+
+    Parameters
+    ----------
+    listing
+        Stage coordinates.
+    plan
+        The scan's.
+    read
+        Returns the frame of a row of the list.
+    lie
+        ``"check"`` or ``"auto"``: frames may be flipped or turned, and axes that only such frames have are not taken
+        for the stage's (`lfcal.frames.lists.lie`); else they are upright as ``read`` returns them.
 
     Raises
     ------
@@ -68,8 +82,13 @@ def place(listing: Listing, plan: ScanPlan, read: READ | None = None) -> Placing
     """
     grid, lateral = grid_of(listing, plan.stage, planes=plan.shape[0])
     light = None if read is None else light_of(grid, read)
-    seen = None if light is None else light.axes()
-    turns = _turns(grid, plan, lateral, seen)
+    seen = None if light is None or light.axes() is None else light
+    turns = _turns(grid, plan, lateral)
+    reading = None if seen is None else stage_and_lie(turns, seen, plan, lateral, lie)
+    if seen is not None:
+        turns = [s for s in turns if reading and (s.right, s.down) == (reading.stage.right, reading.stage.down)]
+    if not turns:
+        raise _another_scan(grid, plan, lateral)
     index = grid.index(len(listing))
     tried = []
     for stage in turns:
@@ -80,8 +99,9 @@ def place(listing: Listing, plan: ScanPlan, read: READ | None = None) -> Placing
     fitting = [entry for entry in tried if entry[0] <= 1.05 * best + 1e-9]
     _, stage, positions = fitting[0]
     found = _fitted(listing, plan, positions, stage)
-    words = _axes_notes(plan, stage, seen, len(fitting) > 1)
-    notes = [*found.notes, *words, *_light_notes(plan, light, stage, lateral)]
+    words = _axes_notes(plan, stage, reading, len(fitting) > 1)
+    upright = reading is None or reading.turn.name == AS_IS
+    notes = [*found.notes, *words, *(_light_notes(plan, light, stage, lateral) if upright else [])]
     return replace(found, notes=tuple(notes))
 
 
@@ -104,9 +124,7 @@ def light_of(grid: ScanGrid, read: READ) -> Motion | None:
     return image_motion(lambda k: read(int(plane.frames[chosen[k]])), plane.index[chosen])
 
 
-def _turns(
-    grid: ScanGrid, plan: ScanPlan, lateral: tuple[int, int], seen: tuple[tuple[int, int], tuple[int, int]] | None
-) -> list[StageAxes]:
+def _turns(grid: ScanGrid, plan: ScanPlan, lateral: tuple[int, int]) -> list[StageAxes]:
     """Return the stage axes that the grid's numbers of steps allow, the plan's own first."""
     nz, ny, nx = plan.shape[:3]
     counts = dict(zip(lateral, grid.counts, strict=True))
@@ -115,22 +133,22 @@ def _turns(
         if (counts[right], counts[down]) != (nx, ny):
             continue
         axes = (senses[0] + AXES[right], senses[1] + AXES[down], senses[2] + plan.stage.away[1])
-        if seen is not None and axes[:2] != tuple(
-            ("+" if sense > 0 else "-") + AXES[lateral[axis]] for axis, sense in (seen[1], seen[0])
-        ):
-            continue
         found.append(StageAxes(*axes, origin_um=plan.stage.origin_um))
     if len(grid.planes) != nz or not found:
-        first, second = grid.counts
-        got = f"{len(grid.planes)} planes of {first} along {AXES[lateral[0]]} and {second} along {AXES[lateral[1]]}"
-        raise InputError.expected(
-            "places of the list",
-            f"{nz} planes of {nx} across and {ny} down, as the plan has",
-            got,
-            "the list is of another scan: make its plan with lfcal plan CAMERA --positions LIST",
-        )
+        raise _another_scan(grid, plan, lateral)
     own = (plan.stage.right, plan.stage.down, plan.stage.away)
     return sorted(found, key=lambda s: _changes(own, (s.right, s.down, s.away)))
+
+
+def _another_scan(grid: ScanGrid, plan: ScanPlan, lateral: tuple[int, int]) -> InputError:
+    nz, ny, nx = plan.shape[:3]
+    first, second = grid.counts
+    return InputError.expected(
+        "places of the list",
+        f"{nz} planes of {nx} across and {ny} down, as the plan has",
+        f"{len(grid.planes)} planes of {first} along {AXES[lateral[0]]} and {second} along {AXES[lateral[1]]}",
+        "the list is of another scan: make its plan with lfcal plan CAMERA --positions LIST",
+    )
 
 
 def _changes(own: Sequence[str], other: Sequence[str]) -> tuple[int, int]:
@@ -246,15 +264,19 @@ def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> list
     return notes
 
 
-def _axes_notes(
-    plan: ScanPlan, stage: StageAxes, seen: tuple[tuple[int, int], tuple[int, int]] | None, several: bool
-) -> list[str]:
+def _axes_notes(plan: ScanPlan, stage: StageAxes, reading: Lie | None, several: bool) -> list[str]:
     found = f"{stage.right},{stage.down},{stage.away}"
     own = f"{plan.stage.right},{plan.stage.down},{plan.stage.away}"
+    if reading is not None and reading.turn.name != AS_IS:
+        return [f"axes: {found} of the stage are meant; the light moves otherwise in the frames as they lie"]
     if found != own:
-        why = "as the light moves" if seen is not None else "as the numbers of steps tell"
-        return [f"axes: {found} move the image right, down and the source away, {why}; the plan says {own}"]
-    if seen is not None:
+        why = "as the light moves" if reading is not None else "as the numbers of steps tell"
+        words = f"axes: {found} move the image right, down and the source away, {why}; the plan says {own}"
+        other = None if reading is None else reading.other
+        if other is None:
+            return [words]
+        return [f"{words}. If the plan is right the frames are {other.words}: --orientation {other.option}"]
+    if reading is not None:
         return [f"axes: {found} move the image right, down and the source away; the light agrees"]
     return [f"axes: {found} as the plan says; the list alone does not tell their sense"] if several else []
 

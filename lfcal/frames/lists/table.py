@@ -66,7 +66,8 @@ class Table:
 def read_table(path: str | Path) -> Table:
     """Read a table whose separator, decimal sign and header are found from its text.
 
-    Empty lines and lines that begin with ``#`` or ``%`` are left out, and the line ``sep=;`` of spreadsheets is heeded.
+    Empty lines, rows of empty cells, empty columns at the end, and lines that begin with ``#`` or ``%`` are left out;
+    the line ``sep=;`` of spreadsheets is heeded.
 
     Raises
     ------
@@ -85,11 +86,16 @@ def read_table(path: str | Path) -> Table:
         elif stripped and not stripped.startswith(("#", "%")):
             lines.append((number, line))
     separator = said or _separator([line for _, line in lines[:SAMPLE]])
-    cells = [(number, _split(line, separator, path)) for number, line in lines]
+    split = ((number, _split(line, separator, path)) for number, line in lines)
+    # spreadsheets leave rows of separators alone where something was deleted
+    cells = [(number, row) for number, row in split if any(row)]
     if not cells:
         raise FileFormatError.expected(str(path), "a table with a row for each frame", "an empty one", "check the file")
     header = not any(_NUMBER.fullmatch(cell) for cell in cells[0][1])
-    columns = tuple(cells[0][1]) if header else tuple(str(k + 1) for k in range(len(cells[0][1])))
+    count = len(cells[0][1])
+    while not cells[0][1][count - 1]:  # separators at the end of every line
+        count -= 1
+    columns = tuple(cells[0][1][:count]) if header else tuple(str(k + 1) for k in range(count))
     _check_columns(path, columns)
     body = cells[1:] if header else cells
     decimal = "." if separator == "," else _decimal(path, [row for _, row in body])
@@ -126,7 +132,6 @@ def _split(line: str, separator: str, path: Path) -> list[str]:
         (row,) = csv.reader(io.StringIO(line), delimiter=separator, skipinitialspace=True)
     except (csv.Error, ValueError) as error:
         raise FileFormatError.expected(f"list {path.name}", "a text table", str(error), "save it again") from error
-    # a separator at the end of every line makes an empty last cell, which _row drops where the header has none
     return [cell.strip() for cell in row]
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.frames.manifest import Manifest
+from lfcal.frames.orientation import AS_IS
 from lfcal.frames.positions import NamePattern
 from lfcal.frames.source import Frames
 
@@ -32,12 +33,13 @@ class FrameOptions:
     columns: str = ""
     first: int | None = None
     plan: ScanPlan | None = None
+    orientation: str = AS_IS
 
     def refuse(self, what: str, *accepted: str) -> None:
         """Raise `InputError` for the first option that is set and that source ``what`` has no use for."""
         for entry in fields(self):
             value = getattr(self, entry.name)
-            if entry.name not in (*accepted, "plan_shape", "plan") and value != entry.default:
+            if entry.name not in (*accepted, "plan_shape", "plan", "orientation") and value != entry.default:
                 raise InputError.expected(what, f"no option '{entry.name}'", repr(value), "it brings this itself")
 
 

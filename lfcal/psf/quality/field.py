@@ -49,20 +49,25 @@ class Parts:
 
     @property
     def rms(self) -> float:
-        """Root mean square of the residual."""
-        return float(np.sqrt(np.nanmean(self.residual**2)))
+        """Root mean square of the residual; NaN where no position was used."""
+        used = self._used
+        return float(np.sqrt(np.mean(used**2))) if used.size else math.nan
 
     @property
     def spread(self) -> float:
-        """Standard deviation of the residual by its median deviation: blind to outliers."""
-        return 1.4826 * float(np.nanmedian(np.abs(self.residual)))
+        """Standard deviation of the residual by its median deviation: blind to outliers; NaN as `rms`."""
+        used = self._used
+        return 1.4826 * float(np.median(np.abs(used))) if used.size else math.nan
 
     @property
     def alternation(self) -> float:
-        """Half the difference of even and odd rows: what a stage with play does on the way back."""
-        rows = np.nanmean(self.residual, axis=1)
-        sign = np.where(np.arange(rows.size) % 2, -1.0, 1.0)
-        return abs(float(np.nanmean(rows * sign)))
+        """Half the difference of even and odd rows: what a stage with play does on the way back; NaN as `rms`."""
+        rows = [(float(row[ok].mean()), k) for k, row in enumerate(self.residual) if (ok := np.isfinite(row)).any()]
+        return abs(math.fsum(-mean if k % 2 else mean for mean, k in rows)) / len(rows) if rows else math.nan
+
+    @property
+    def _used(self) -> NDArray[np.float64]:
+        return self.residual[np.isfinite(self.residual)]
 
 
 @dataclass(frozen=True, slots=True)
