@@ -11,7 +11,7 @@ import tifffile
 
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix
-from lfcal.psf.export import export_psf
+from lfcal.psf.export import export
 from lfcal.psf.voxels import pixel_um, voxel_um
 from lfcal.reconstruct.volumes import save_volume
 
@@ -43,10 +43,11 @@ def test_volumes_and_exports_state_both_sides(tmp_path: Path) -> None:
     H = resampled()
     save_volume(tmp_path / "v.tif", np.ones((2, 9, 9)), depths_um=H.depths, voxel_um=voxel_um(H))
     assert resolution(tmp_path / "v.tif") == pytest.approx(voxel_um(H), rel=1e-4)
-    export_psf(H, tmp_path / "h.tif", "tiff")
-    files = [tmp_path / "h.tif"] if (tmp_path / "h.tif").is_file() else sorted((tmp_path / "h.tif").glob("*.tif"))
-    assert resolution(files[0]) == pytest.approx(pixel_um(H), rel=1e-4)
-    export_psf(H, tmp_path / "h.mat")
+    export(H, tmp_path / "h.tif")
+    assert resolution(next(p for p in [tmp_path / "h.tif", *tmp_path.glob("h*.tif")] if p.is_file())) == pytest.approx(
+        pixel_um(H), rel=1e-4
+    )
+    export(H, tmp_path / "h.mat")
     with h5py.File(tmp_path / "h.mat") as file:
         columns, rows = file["voxelSize"][()].ravel() * 1e6
     assert (rows, columns) == pytest.approx(voxel_um(H))
