@@ -59,7 +59,7 @@ def lfm_20x05() -> Camera:
         "lfm_20x05",
         Microscope(20.0, 0.5, 1.0),
         LensletLattice("square", 125.0, 2500.0, (LensType.focused_at(math.inf, 2500.0),)),
-        Sensor((2160, 2560), pixel, 16, 30e3, 1.5),
+        Sensor((2160, 2560), pixel, 16, 30e3, 1.5, black_level=100.0),
         wavelength_um=0.525,
         bandwidth_um=0.02,
     )
@@ -71,7 +71,7 @@ def lfm_60x12() -> Camera:
         "lfm_60x12",
         Microscope(60.0, 1.2, 1.35),
         LensletLattice("square", 100.0, 2500.0, (LensType.focused_at(math.inf, 2500.0),)),
-        Sensor((2048, 2048), 6.5, 16, 30e3, 1.5),
+        Sensor((2048, 2048), 6.5, 16, 30e3, 1.5, black_level=100.0),
         wavelength_um=0.593,
         bandwidth_um=0.02,
     )

@@ -178,6 +178,8 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -
 def _show_f_number(H: PSFMatrix, quality: QualityReport) -> None:
     f = quality.f_number
     if f is None:
+        if H.camera is not None:
+            typer.echo("working f-number: the shadows over depth cannot tell it")
         return
     error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
     stated = f"; the camera states {H.camera.optics.working_f_number:.2f}" if H.camera is not None else ""

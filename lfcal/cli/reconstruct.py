@@ -85,8 +85,9 @@ def command(
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
     from lfcal.cli.outputs import check_outputs
-    from lfcal.cli.reconstruct_grid import anchor_of, check_grid, view_of, voxel_of
+    from lfcal.cli.reconstruct_grid import anchor_of, check_grid, view_of
     from lfcal.psf import open_psf
+    from lfcal.psf.voxels import voxel_um
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.solvers.choice import SolverChoice
 
@@ -114,7 +115,7 @@ def command(
         if forecast or out is None:
             _show_forecast(P, choice, len(task.frames), json)
             return
-        with _saving(P, voxel_of(H), targets, {"psf": psf.name, **task.details(P)}) as save:
+        with _saving(P, voxel_um(H), targets, {"psf": psf.name, **task.details(P)}) as save:
             results = _solve(task, P, _cleaner(dark, white, view), view, save)
     _show_results(P, results, targets, json)
 
@@ -185,7 +186,9 @@ def _targets(task: _Task, out: Path, suffix: str | None) -> dict[str, Path]:
 
 
 @contextmanager
-def _saving(P: Projector, voxel: float | None, targets: dict[str, Path], details: dict[str, Any]) -> Iterator[Save]:
+def _saving(
+    P: Projector, voxel: tuple[float, float] | None, targets: dict[str, Path], details: dict[str, Any]
+) -> Iterator[Save]:
     """Give what saves the volume of a frame: into its own file, or into one file that holds them all."""
     from lfcal.reconstruct.volumes import VolumeFacts, save_volume, write_volumes
 

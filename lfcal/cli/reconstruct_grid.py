@@ -9,12 +9,7 @@ if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
     from lfcal.reconstruct.resample import Resampling
 
-__all__ = ["anchor_of", "check_grid", "view_of", "voxel_of"]
-
-
-def voxel_of(H: PSFMatrix) -> float | None:
-    """Return the side of a voxel (µm): H has one position per voxel, a step of the source at depth 0; None: unknown."""
-    return None if H.camera is None else H.camera.step_um(0.0) / H.pixel_scale[1]
+__all__ = ["anchor_of", "check_grid", "view_of"]
 
 
 def check_grid(H: PSFMatrix, shape: tuple[int, int], *, resample: bool) -> None:

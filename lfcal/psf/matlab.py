@@ -24,6 +24,7 @@ from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.rearranged import PlacedPlanes
 from lfcal.psf.store import store_plane
 from lfcal.psf.transpose import depth_sum
+from lfcal.psf.voxels import voxel_um
 
 __all__ = ["COLUMNS_FIRST", "ROWS_FIRST", "MatOptions", "crop_index", "iter_write_mat", "mat_header", "mat_notes"]
 
@@ -97,7 +98,7 @@ def iter_write_mat(matrix: PSFMatrix, path: str | os.PathLike[str], options: Mat
     """Write H and what the codes want to know of it to a MATLAB v7.3 file, streaming.
 
     The file holds ``H``, ``Ht``, ``Nnum``, ``CAindex``, ``x3objspace`` (m), ``axisOrder``, ``cutout``, and, where H
-    knows them, ``anchor`` and ``lensCentre``; see ``docs/formats_h.md``.
+    knows them, ``anchor``, ``lensCentre`` and ``voxelSize`` (m); see ``docs/formats_h.md``.
 
     Parameters
     ----------
@@ -192,6 +193,9 @@ def _small(matrix: PSFMatrix, options: MatOptions) -> dict[str, NDArray[np.float
         first = first + (moved - lens.shift) / sampling(matrix)[1]
     if matrix.camera is not None or matrix.anchor != (0.0, 0.0):
         values["anchor"] = _pair(first + 1, options)  # MATLAB counts from 1
+    voxel = voxel_um(matrix)
+    if voxel is not None:
+        values["voxelSize"] = _pair(np.array(voxel) * 1e-6, options)
     if at is not None:
         values["lensCentre"] = _pair(at + 1, options)
     return values

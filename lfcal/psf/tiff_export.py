@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError
 from lfcal.files import require_space
 from lfcal.progress import Clock, Work
-from lfcal.psf.lens_centre import sampling
 from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.voxels import pixel_um, voxel_um
 from lfcal.tiff_file import write_tiff
 
 __all__ = ["iter_write_tiff", "tiff_files"]
@@ -102,10 +102,11 @@ def _write(
         if spacing:
             known["spacing"] = spacing
         metadata = {"axes": "TZYX", "hyperstack": True, "mode": "grayscale", "Labels": labels, "Info": about, **known}
-        scale = (1 / pixel, 1 / pixel) if pixel else None
+        scale = (1 / pixel[1], 1 / pixel[0]) if pixel else None  # TIFF says x first
         write_tiff(file, pages, imagej=True, resolution=scale, metadata=metadata)
         return
-    sizes = {f"PhysicalSize{axis}": size for axis, size in (("X", pixel), ("Y", pixel), ("Z", spacing)) if size}
+    rows, columns = pixel or (None, None)
+    sizes = {f"PhysicalSize{axis}": size for axis, size in (("X", columns), ("Y", rows), ("Z", spacing)) if size}
     units = {f"{name}Unit": "µm" for name in sizes}
     depths = [float(matrix.depths[z]) for _ in positions for z in planes]
     plane = {"PositionZ": depths, "PositionZUnit": ["µm"] * len(depths)}
@@ -113,13 +114,10 @@ def _write(
     write_tiff(file, pages, ome=True, bigtiff=pages.nbytes > 1 << 31, metadata=ome)
 
 
-def _pixel_um(matrix: PSFMatrix, planes: Sequence[int]) -> float | None:
-    """Return the side of a pixel of the patterns: of H on the sensor, of HT in the volume (µm)."""
-    if matrix.camera is None:
-        return None
+def _pixel_um(matrix: PSFMatrix, planes: Sequence[int]) -> tuple[float, float] | None:
+    """Return the sides of a pixel of the patterns: of H on the sensor, of HT in the volume (rows, columns) (µm)."""
     middle = float(matrix.depths[planes[len(planes) // 2]])
-    size = matrix.camera.step_um(middle) if matrix.is_transposed else matrix.camera.sensor.pixel_um
-    return size / float(np.mean(sampling(matrix)[1]))
+    return voxel_um(matrix, middle) if matrix.is_transposed else pixel_um(matrix)
 
 
 def _spacing_um(matrix: PSFMatrix, planes: Sequence[int]) -> float | None:

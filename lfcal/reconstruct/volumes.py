@@ -41,7 +41,7 @@ def save_volume(
     volume: ArrayLike,
     *,
     depths_um: ArrayLike | None = None,
-    voxel_um: float | None = None,
+    voxel_um: float | tuple[float, float] | None = None,
     details: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a volume ``(nz, Y, X)`` as float32; the ending of ``path`` decides how.
@@ -56,7 +56,7 @@ def save_volume(
     depths_um
         Depth of each plane (µm).
     voxel_um
-        Voxel size in y and x in object space (µm).
+        Voxel size in object space (µm): one for both axes, or (y, x).
     details
         What else to keep, plain JSON types.
 
@@ -68,7 +68,9 @@ def save_volume(
     data = np.ascontiguousarray(volume, np.float32)
     if data.ndim != 3:
         raise InputError.expected("volume", "three axes (z, y, x)", data.shape, "add the missing axis")
-    facts = VolumeFacts(None if depths_um is None else np.asarray(depths_um, np.float64), voxel_um, dict(details or {}))
+    depths = None if depths_um is None else np.asarray(depths_um, np.float64)
+    sides = (voxel_um, voxel_um) if isinstance(voxel_um, int | float) else voxel_um
+    facts = VolumeFacts(depths, sides, dict(details or {}))
     with write_volumes(path, data.shape, facts) as add:
         add(data)
 
@@ -82,13 +84,13 @@ class VolumeFacts:
     depths_um
         Depth of each plane (µm).
     voxel_um
-        Voxel size in y and x in object space (µm).
+        Voxel size (y, x) in object space (µm).
     details
         What else to keep, plain JSON types.
     """
 
     depths_um: NDArray[np.float64] | None = None
-    voxel_um: float | None = None
+    voxel_um: tuple[float, float] | None = None
     details: dict[str, Any] = field(default_factory=dict)
 
 
@@ -140,7 +142,8 @@ def _tiff(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[
     if facts.depths_um is not None and len(facts.depths_um) > 1:
         # ImageJ takes one spacing for the whole stack: the mean where planes are uneven
         metadata["spacing"] = float(np.abs(np.diff(facts.depths_um)).mean())
-    resolution = None if facts.voxel_um is None else (1 / facts.voxel_um, 1 / facts.voxel_um)
+    # TIFF says x first
+    resolution = None if facts.voxel_um is None else (1 / facts.voxel_um[1], 1 / facts.voxel_um[0])
     big = 4 * math.prod(shape) > 3 << 30  # the ImageJ form holds 4 GB at most
     with replace_whole(target) as part, part.open("r+b") as file:
         # laid out first and filled in order: a time series is never in memory as a whole

@@ -84,6 +84,7 @@ def light_of(plan: ScanPlan, points: list[tuple[int, float, float]]) -> np.ndarr
     return image[100:-100, 100:-100]
 
 
+@pytest.mark.long
 def test_points_between_the_voxels_are_found_where_they_are(lfcal: Lfcal, tmp_path: Path) -> None:
     """A noisy frame on the sensor's own pixels, reconstructed with the resampled H from the camera alone."""
     camera, plan_file, volume = described("lfm_60x12", 130, tmp_path), tmp_path / "plan.json", tmp_path / "v.npy"

@@ -45,7 +45,7 @@ class Solving:
         self.state: SolverState | None = None
         self.notes: tuple[str, ...] = ()
         self.depths: NDArray[np.float64] | None = None
-        self.voxel_um: float | None = None
+        self.voxel_um: tuple[float, float] | None = None
         self._projector: Any = None
         self._matrix: PSFMatrix | None = None
         self._stop = threading.Event()
@@ -115,13 +115,14 @@ class Solving:
         if self._projector is not None:
             return
         from lfcal.psf import open_psf
+        from lfcal.psf.voxels import voxel_um
 
         self._matrix = open_psf(self.psf)
         projector = projector_for(self._matrix, (self.image.shape[0], self.image.shape[1]), self.settings)
         yield from projector.iter_prepare()
         if projector.camera is not None:
             self.depths = projector.depths
-            self.voxel_um = float(projector.camera.step_um(float(np.median(projector.depths))))
+            self.voxel_um = voxel_um(self._matrix)
         self._projector = projector
 
     def details(self) -> dict[str, Any]:

@@ -34,6 +34,9 @@ COUNT_CHI2 = 14.0
 CIRCLE_CHI2 = 40.0
 """And the best count from the circle by this, where noise and not ripple limits the fit."""
 
+ROUND = 0.92
+"""Curvature from which on an iris is a circle with the ripple of a lattice on it."""
+
 MOST_ELLIPTIC = 0.08
 """Ellipticity of an iris seen squarely; two shifted rims make more, and mimic few curved blades."""
 
@@ -201,6 +204,8 @@ def _judge(fit: IrisFit, patch: LitPatch, edge: NDArray[np.float64], evidence: _
     refusal = ""
     if answer.ellipticity > MOST_ELLIPTIC or misfit > MISFIT[0] + MISFIT[1] / max(answer.snr, 0.5):
         refusal = "cat-eye"
+    elif answer.curvature > ROUND:
+        refusal = "circle"
     elif not bladed and (fit.reduced >= NOISE_LIMITED or _faintest(answer) > 2.5 * CIRCLE_CHI2):
         refusal = "circle"
     elif not (bladed and counted):

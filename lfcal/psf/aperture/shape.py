@@ -17,6 +17,7 @@ REFUSALS = {
     "cut off": "the lit patch reaches the edge of the cutout",
     "circle": "the outline cannot be distinguished from a circle",
     "cat-eye": "the outline fits no regular iris: vignetted, obstructed or doubled",
+    "lenslets": "the shadow is no larger than what the lenslets themselves show",
     "unclear": "two blade counts, or a count and a circle, fit about equally well",
 }
 """Why a fit is refused, and what that means."""
@@ -164,8 +165,8 @@ class Aperture:
         if self.refusal == "too dim":
             return f"no aperture: {self.reason}"
         where = f"centre ({self.centre[0]:.1f}, {self.centre[1]:.1f}) px, diameter {self.diameter_px:.1f} px"
-        if not self.blades:
+        # a count that is refused is none to be named
+        if self.refusal or not self.blades:
             return f"{where}; {self.reason}" if self.reason else where
         turn = f"rotated {math.degrees(self.rotation_rad):.1f}°, curvature {self.curvature:.2f}"
-        end = f" ({self.reason})" if self.refusal else ""
-        return f"{self.blades} blades, {where}, {turn}{end}"
+        return f"{self.blades} blades, {where}, {turn}"

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import Camera
+from lfcal.camera import Camera, Microscope
 from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.quality import sums
+from lfcal.psf.quality.expected import footprint_variance
 from lfcal.psf.quality.measure import PlaneMeasures
 
 __all__ = ["MatrixMeasures", "shadow_sizes"]
@@ -61,7 +63,7 @@ class MatrixMeasures:
         energy = np.array([p.energy if p.lit else 0.0 for p in planes])
         usual = float(np.median(energy[energy > 0])) if (energy > 0).any() else 0.0
         dark = energy < DARK_PLANE * usual if usual else np.ones(len(planes), bool)
-        shadows = shadow_sizes(planes, matrix.camera)
+        shadows = shadow_sizes(planes, matrix.camera, matrix.pixel_scale)
         return cls(matrix, tuple(planes), energy, dark, _copies(planes, ~dark), shadows)
 
 
@@ -93,7 +95,9 @@ def _copies(planes: Sequence[PlaneMeasures], lit: NDArray[np.bool_]) -> NDArray[
     return out
 
 
-def shadow_sizes(planes: Sequence[PlaneMeasures], camera: Camera | None) -> NDArray[np.float64]:
+def shadow_sizes(
+    planes: Sequence[PlaneMeasures], camera: Camera | None, pixel_scale: tuple[float, float] = (1.0, 1.0)
+) -> NDArray[np.float64]:
     """Return the diameter of the iris's shadow on the sensor, per plane (pixels); NaN where not known.
 
     Light through the iris reaches r = P (1 - 1/v) - e B/f, P on the shadow at the lenslets and e on a lenslet,
@@ -103,14 +107,27 @@ def shadow_sizes(planes: Sequence[PlaneMeasures], camera: Camera | None) -> NDAr
     sizes = np.full(len(planes), math.nan)
     if camera is None:
         return sizes
-    pixel, gap = camera.sensor.pixel_um, camera.lattice.gap_um
-    lens = camera.lattice.clear_diameter_um / 2 / pixel
-    bend = float(np.mean([(gap / kind.focal_length_um) ** 2 for kind in camera.lattice.types]))
+    scale = math.sqrt(math.prod(pixel_scale))
+    pixel, gap = camera.sensor.pixel_um / scale, camera.lattice.gap_um
     airy = 0.42 * camera.wavelength_um * gap / camera.lattice.clear_diameter_um / pixel
     # second moments add: the lenslet's disc, diffraction and the pixel's box, each over both axes
-    own = bend * lens**2 / 2 + 2 * airy**2 + 2 / 12
+    own = footprint_variance(camera) / pixel**2 + 2 * airy**2 + 2 / 12
     for z, p in enumerate(planes):
         if p.lit and p.spread > CLEAR * own:
             # an even disc of diameter D has the second moment D²/8
-            sizes[z] = math.sqrt(8 * (p.spread - own))
+            sizes[z] = math.sqrt(8 * (p.spread - own)) * _paraxial(p, camera, own, pixel)
     return sizes
+
+
+def _paraxial(plane: PlaneMeasures, camera: Camera, own: float, pixel_um: float) -> float:
+    """Return the shadow's diameter |a - B| / N over the one that the second moment of the expected sum shows.
+
+    Rays of a microscope move by the tangent of their angle and not by its sine, and tails widen the moment.
+    """
+    about = plane.about
+    if about.expected is None or not isinstance(camera.optics, Microscope):
+        return 1.0
+    shown = sums.spread(about.expected) - own
+    shift = camera.image_shift_um(float(about.matrix.depths[about.z])) - camera.lattice.gap_um
+    wanted = abs(shift) / camera.optics.working_f_number / pixel_um
+    return wanted / math.sqrt(8 * shown) if shown > 0 else 1.0

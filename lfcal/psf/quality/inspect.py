@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfcal.camera import Camera, Microscope
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work, drain
-from lfcal.psf.aperture import FNumber, working_f_number
+from lfcal.psf.aperture import Aperture, FNumber, working_f_number
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality.across import MatrixMeasures
 from lfcal.psf.quality.catalogue import METRICS
+from lfcal.psf.quality.expected import expected_sum
 from lfcal.psf.quality.lattice import wave_vectors
 from lfcal.psf.quality.measure import PASSES, PlaneContext, PlaneMeasures, iter_measure
 from lfcal.psf.quality.metric import RANK, UNKNOWN, Metric, MetricSpec, Reading, judge
@@ -23,6 +26,9 @@ from lfcal.psf.quality.report import QualityReport
 
 __all__ = ["Controls", "inspect", "iter_inspect"]
 
+
+STEEP = 0.7
+"""Sine of the half angle from which on the rim of a defocused shadow has a third of its middle's light (cos³)."""
 
 Controls = Mapping[int, tuple[ArrayLike, ArrayLike]]
 """Control frames ``(n, nt, ns)`` and their positions ``(n, 2)`` by depth plane, as `periodicity` takes them."""
@@ -92,7 +98,17 @@ def _straight(matrix: PSFMatrix | ArrayLike) -> PSFMatrix:
 
 def _context(H: PSFMatrix, z: int, waves: NDArray[np.float64], tiling: Periodicity | None) -> PlaneContext:
     total = H.depth_sum(z)
-    return PlaneContext(H, z, np.where(np.isfinite(total), total, 0.0), H.aperture(z), waves, tiling)
+    shown = np.where(np.isfinite(total), total, 0.0)
+    return PlaneContext(H, z, shown, H.aperture(z), waves, tiling, _expected(H, z))
+
+
+def _expected(H: PSFMatrix, z: int) -> NDArray[np.float64] | None:
+    if H.camera is None:
+        return None
+    try:
+        return expected_sum(H.camera, float(H.depths[z]), H.cutout, H.pixel_scale)
+    except InputError:  # a depth this camera cannot see: plane numbers, or another camera's depths
+        return None
 
 
 def _tiling(
@@ -120,7 +136,7 @@ def _report(measures: MatrixMeasures, metrics: tuple[Metric, ...], seconds: floa
         shape=H.shape,
         depths=H.depths,
         metrics=metrics,
-        apertures=tuple(p.about.aperture for p in planes),
+        apertures=tuple(_told(p, size) for p, size in zip(planes, measures.shadows_px, strict=True)),
         virtual_depths=_virtual_depths(measures),
         f_number=_f_number(measures),
         noise=np.array([p.dark.noise for p in planes]),
@@ -129,6 +145,15 @@ def _report(measures: MatrixMeasures, metrics: tuple[Metric, ...], seconds: floa
         tilings=tuple(p.about.tiling for p in planes),
         seconds=seconds,
     )
+
+
+def _told(plane: PlaneMeasures, shadow_px: float) -> Aperture:
+    """Return the plane's aperture, refused where its sum shows the lenslets and not the shadow."""
+    aperture, edges = plane.about.aperture, plane.edges
+    known = plane.about.matrix.camera is not None and math.isfinite(plane.spread) and plane.lit
+    if not known or math.isfinite(shadow_px) or aperture.refusal or edges.cut_off:
+        return aperture
+    return replace(aperture, confident=False, refusal="lenslets")
 
 
 def _virtual_depths(measures: MatrixMeasures) -> NDArray[np.float64]:
@@ -144,10 +169,16 @@ def _virtual_depths(measures: MatrixMeasures) -> NDArray[np.float64]:
     return np.where(np.isfinite(found) & np.isfinite(sized), sized, found)
 
 
+def _steep(camera: Camera) -> bool:
+    """Return whether the rim's light is spread so thin that the shadow of a defocused point has no clear size."""
+    optics = camera.optics
+    return isinstance(optics, Microscope) and optics.numerical_aperture > STEEP * optics.medium_index
+
+
 def _f_number(measures: MatrixMeasures) -> FNumber | None:
     """Return the working f-number from the shadow's sizes over depth, or None where it cannot be measured."""
     H, sizes = measures.matrix, measures.shadows_px
-    if H.camera is None:
+    if H.camera is None or _steep(H.camera):
         return None
     chosen = np.flatnonzero(np.isfinite(sizes))
     try:

@@ -46,6 +46,8 @@ class PlaneContext:
         Wave vectors of the lenslet lattice, see `lfcal.psf.quality.lattice.wave_vectors`.
     tiling
         Result of the control frames, where there were some.
+    expected
+        The mean pattern that the camera should show, see `lfcal.psf.quality.expected.expected_sum`; None: not known.
     """
 
     matrix: PSFMatrix
@@ -54,6 +56,15 @@ class PlaneContext:
     aperture: Aperture
     waves: NDArray[np.float64]
     tiling: Periodicity | None = None
+    expected: NDArray[np.float64] | None = None
+
+    @property
+    def corner_tail(self) -> float:
+        """Light that the camera's own tails leave in a dark pixel, over the energy of a pattern; 0 if not known."""
+        if self.expected is None or not self.expected.any():
+            return 0.0
+        corners = dark_corners(self.expected[None, None].astype(np.float32)).background
+        return sums.DOUBT * corners / float(self.expected.sum())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,6 +148,12 @@ class PlaneMeasures:
     def dark(self) -> DarkCorners:
         """Noise and background from the dark corners of the cutouts."""
         return self.table.dark
+
+    @property
+    def background(self) -> float:
+        """Background of a pixel that the tails of the camera's own patterns do not explain."""
+        found = self.dark.background
+        return found - min(max(0.0, found), self.energy * self.about.corner_tail)
 
     @property
     def sensor_noise(self) -> float | None:
@@ -272,14 +289,14 @@ def _with_light(plane: PlaneMeasures) -> PlaneMeasures:
     """Add the energies over positions, and what the depth-plane sum shows."""
     shares = 100 * plane.table.light / max(plane.energy, 1e-300)
     shown = _background_free(plane)
-    edges = sums.edge_light(shown, plane.dark.noise * math.sqrt(shares.size))
+    edges = sums.edge_light(shown, plane.dark.noise * math.sqrt(shares.size), plane.about.expected)
     # a cut-off sum has lost its outer light, and its second moment with it
     spread = sums.spread(shown) if edges.truncation < 2 else math.nan
     return replace(plane, shares=shares, shares_split=split(shares, plane.use), edges=edges, spread=spread)
 
 
 def _background_free(plane: PlaneMeasures) -> NDArray[np.float64]:
-    shown: NDArray[np.float64] = plane.about.depth_sum - plane.faulty.missing.size * plane.dark.background
+    shown: NDArray[np.float64] = plane.about.depth_sum - plane.faulty.missing.size * plane.background
     return shown
 
 

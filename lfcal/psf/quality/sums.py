@@ -18,6 +18,9 @@ STUCK = (0.9, 0.3)
 REACH, MARGIN = 1.25, 3.0
 """Beyond so many radii of the lit patch, and so many pixels, there should be no light."""
 
+DOUBT = 1.2
+"""Light that the camera explains may be so many times what is expected of it."""
+
 CUT_OFF = 10.0
 """Truncation beyond which the corners are no measure of darkness (per cent)."""
 
@@ -91,7 +94,8 @@ class EdgeLight:
     truncation
         Brightest side's mean over two pixels, over the plateau.
     leak
-        What lies outside 1.25 radii of the lit patch, over all, less what the noise of its pixels may make.
+        What lies outside 1.25 radii of the lit patch, over all, less what the noise of its pixels may make and what
+        the camera's own tails explain.
     """
 
     truncation: float = math.nan
@@ -103,8 +107,20 @@ class EdgeLight:
         return self.truncation > CUT_OFF
 
 
-def edge_light(shown: NDArray[np.float64], noise: float = 0.0) -> EdgeLight:
-    """Return truncation and stray light of a background-free depth-plane sum whose pixels have ``noise``."""
+def edge_light(
+    shown: NDArray[np.float64], noise: float = 0.0, expected: NDArray[np.float64] | None = None
+) -> EdgeLight:
+    """Return truncation and stray light of a background-free depth-plane sum.
+
+    Parameters
+    ----------
+    shown
+        Depth-plane sum ``(nt, ns)``.
+    noise
+        Noise of its pixels.
+    expected
+        What the camera should show there, in any unit, see `lfcal.psf.quality.expected.expected_sum`.
+    """
     patch = _LitArea.of(shown)
     if patch is None:
         return EdgeLight()
@@ -116,7 +132,10 @@ def edge_light(shown: NDArray[np.float64], noise: float = 0.0) -> EdgeLight:
         return EdgeLight(truncation)
     # sum of n noisy pixels: sqrt(n) times the noise of one, twice for certainty
     chance = 2 * noise * math.sqrt(outside.sum())
-    return EdgeLight(truncation, 100 * max(0.0, float(shown[outside].sum()) - chance) / float(shown.sum()))
+    leak = 100 * max(0.0, float(shown[outside].sum()) - chance) / float(shown.sum())
+    # the camera's own pattern, cut and weighed in the same way
+    tails = edge_light(expected).leak if expected is not None else math.nan
+    return EdgeLight(truncation, max(0.0, leak - DOUBT * tails) if math.isfinite(tails) else leak)
 
 
 def off_centre(shown: NDArray[np.float64], aperture: Aperture) -> float:

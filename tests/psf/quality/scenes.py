@@ -188,7 +188,7 @@ def square() -> Scene:
     """Return a light-field microscope with a square array, 15 x 15 positions."""
     pixel = 125.0 / 15
     lattice = LensletLattice("square", 125.0, 2500.0, (LensType.focused_at(math.inf, 2500.0),), offset_um=(31.0, 8.0))
-    camera = Camera("lfm", Microscope(20.0, 0.5, 1.0), lattice, Sensor((600, 600), pixel), 0.525)
+    camera = Camera("lfm", Microscope(4.0, 0.1, 1.0), lattice, Sensor((600, 600), pixel), 0.525)
     return Scene(camera, (-3.8, -2.6, 3.2), 91, blur_px=1.0)
 
 

@@ -21,7 +21,7 @@ def _background(plane: PlaneMeasures) -> Reading:
     if plane.edges.cut_off:  # the corners are not dark: nothing follows from them
         return UNKNOWN
     # what chance may make of a mean is no background
-    sure = math.sqrt(max(0.0, plane.dark.background**2 - (2 * plane.dark.chance) ** 2))
+    sure = math.sqrt(max(0.0, plane.background**2 - (2 * plane.dark.chance) ** 2))
     return Reading(100 * sure * plane.table.lit.size / max(plane.energy, 1e-300))
 
 
@@ -62,7 +62,7 @@ METRICS = (
         limits=Limits(good=0.5, bad=2.0),
         cost=CostModel(at_bad=0.046, worst=1.0),
         plot="planes",
-        meaning="Energy that a constant background adds to a pattern, or takes from it.",
+        meaning="Energy that a constant background adds to a pattern, or takes from it, beyond diffraction's tails.",
         advice="Take a dark frame of the same exposure and temperature, and assemble again.",
         of_plane=_background,
     ),
@@ -84,7 +84,7 @@ METRICS = (
         limits=Limits(good=1.5, bad=4.0),
         cost=CostModel(at_bad=0.05, worst=0.8),
         plot="sum",
-        meaning="Light outside the pattern, above the background.",
+        meaning="Light outside the pattern, above the background and the tails of the camera's own diffraction.",
         advice="Find the leak or ghost in the depth-plane sum, mask it, record again.",
         of_plane=_leak,
     ),

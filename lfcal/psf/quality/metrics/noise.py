@@ -10,7 +10,8 @@ __all__ = ["METRICS"]
 
 def _over_sensor(plane: PlaneMeasures) -> Reading:
     expected = plane.sensor_noise
-    if expected is None or plane.edges.cut_off or not plane.dark.noise > 0:
+    # frames that were computed without noise say nothing of a sensor
+    if expected is None or plane.edges.cut_off or not plane.dark.noise > 0 or plane.table.computed:
         return UNKNOWN
     ratio = plane.dark.noise / expected
     if ratio >= 1:

@@ -1,0 +1,70 @@
+"""What a camera's own diffraction explains is no stray light; what it does not explain still is."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import j0, j1
+
+from lfcal.camera import ScanPlan, preset
+from lfcal.psf import PSFMatrix, inspect
+from lfcal.psf.quality.expected import expected_sum
+from lfcal.simulate import simulate_psf
+
+
+def test_a_focused_pupil_has_the_tail_of_airy() -> None:
+    """Far outside, the hexagonal camera's native plane keeps what Airy's formula leaves of pupil and lenslet."""
+    camera = preset("r29")
+    camera = replace(camera, lattice=replace(camera.lattice, clear_um=60.0))
+    shown = expected_sum(camera, camera.depth_of(0.0), (301, 301))
+    y, x = np.indices(shown.shape) - 150
+    f_numbers = camera.optics.working_f_number, camera.lattice.gap_um / 60.0
+
+    def beyond(r_um: float) -> float:
+        v = [np.pi * r_um / (camera.wavelength_um * n) for n in f_numbers]
+        return sum(float(j0(a) ** 2 + j1(a) ** 2) for a in v)
+
+    # the square's corners hold the same as a disc in between: both ends by Airy
+    ring = (np.hypot(y, x) > 80) & (np.hypot(y, x) <= 150)
+    means = [np.mean([beyond((r + d) * camera.sensor.pixel_um) for d in np.linspace(-4, 4, 41)]) for r in (80, 150)]
+    assert shown[ring].sum() == pytest.approx(means[0] - means[1], rel=0.25)
+    assert 0.9 < shown.sum() < 1.0001
+
+
+@functools.cache
+def simulated() -> PSFMatrix:
+    camera = preset("lfm_20x05")
+    plan = ScanPlan.for_camera(camera, depths_um=[-22.0, 0.0, 12.0], cutout=(81, 81))
+    return simulate_psf(camera, plan, tolerance=0.05)
+
+
+def with_stray(share: float) -> PSFMatrix:
+    """Add a broad ghost with this share of each pattern's light beside the pattern."""
+    H = simulated()
+    y, x = np.indices(H.cutout)
+    ghost = np.exp(-((y - 62) ** 2 + (x - 18) ** 2) / (2 * 3.0**2))
+    values = np.stack([H.plane(z) for z in range(len(H))]).astype(np.float64)
+    values += share * values.sum((3, 4), keepdims=True) * ghost / ghost.sum()
+    # counts of a camera, with its noise
+    values *= 30_000 / values.max()
+    values += np.random.default_rng(3).normal(0, 3, values.shape)
+    return PSFMatrix(values.astype(np.float32), depths=H.depths, camera=H.camera, anchor=H.anchor)
+
+
+@pytest.mark.parametrize(("share", "merits"), [(0.0, {"good"}), (0.02, {"fair", "bad"})])
+def test_only_light_that_nothing_explains_is_stray(share: float, merits: set[str]) -> None:
+    found = inspect(with_stray(share))
+    assert found["leak"].merit in merits
+    assert found["background"].merit == "good" and found["depth"].merit != "bad"
+
+
+def test_a_microscope_tells_its_f_number_and_no_blades() -> None:
+    found = inspect(with_stray(0.0))
+    assert found.f_number is not None
+    assert found.f_number.value == pytest.approx(20.0, rel=0.06)
+    assert not any(a.confident for a in found.apertures)
+    assert all("blades" not in a.describe() for a in found.apertures)
+    assert found.apertures[1].refusal == "lenslets"
