@@ -146,6 +146,11 @@ class LensletLattice:
         return self.pitch_um if self.clear_um is None else self.clear_um
 
     @property
+    def edge_to_edge(self) -> bool:
+        """Whether the lenslets are squares that touch: square ones without a clear diameter of their own."""
+        return self.kind == "square" and self.clear_um is None
+
+    @property
     def period_um(self) -> tuple[float, float]:
         """Rectangular period ``(y, x)`` of the array, types included (µm).
 

@@ -27,9 +27,6 @@ MAX_RESIDUAL = 0.08
 """Largest residual rms of an accepted lattice, in pitches."""
 
 ROUNDS = 4
-STEPS = 4
-"""Of the fit in a round: each starts where the last one ended."""
-
 SETTLED_PX = 2e-3
 """The lattice is settled when the lenslets move less than this from one round to the next (rms)."""
 
@@ -97,7 +94,7 @@ def _settled(
         alive = alive[thinned(len(alive))]
         before = model
         form = flexible_form(len(alive))
-        fitted = fit_form(model, form, lenslets.index[alive], lenslets.places[alive], frame, rounds=STEPS)
+        fitted = fit_form(model, form, lenslets.index[alive], lenslets.places[alive], frame)
         if fitted is None:
             break
         model = fitted.model

@@ -25,9 +25,6 @@ GROWTH = 1.6
 MIN_REGION = 60
 """Lenslets of the first region, at least."""
 
-TRACKING_ROUNDS = 3
-"""Of a fit that only says where the next region is to be looked for."""
-
 TRACKING_DEGREE = 3
 """A higher order would run away from the measured region."""
 
@@ -57,7 +54,7 @@ def followed(image: NDArray[np.float32], model: LatticeModel, workers: int | Non
         alive = np.flatnonzero(~lenslets.dead)
         alive = alive[thinned(len(alive))]
         form = tracking_form(len(alive))
-        fitted = fit_form(model, form, lenslets.index[alive], lenslets.places[alive], frame, rounds=TRACKING_ROUNDS)
+        fitted = fit_form(model, form, lenslets.index[alive], lenslets.places[alive], frame)
         if fitted is not None:
             model = fitted.model
     return model

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.camera import ScanPlan, StageAxes
+from lfcal.camera import LensletLattice, ScanPlan, StageAxes
 from lfcal.psf import open_psf
 from tests.cli.conftest import Run
 from tests.frames.test_orientation import NUMPY
@@ -105,3 +105,15 @@ def test_where_both_look_the_same_the_note_says_so(lfcal: Callable[..., Run], tm
     turned = assembled(lfcal, folder, tmp_path / "turned.h5", "auto")
     assert turned.code == 0, turned.err
     assert json.loads(turned.out)["orientation"]["applied"] == "mirror x"
+
+
+def test_a_plan_is_made_from_turned_frames(lfcal: Callable[..., Run], tmp_path: Path, pictures: np.ndarray) -> None:
+    folder, camera = deliver(tmp_path / "s", pictures, "rot180"), PLAN.camera
+    pixel, lens = camera.sensor.pixel_um, camera.lattice
+    array = LensletLattice("square", 9 * pixel, lens.gap_um, lens.types[:1], row_pitch_um=7 * pixel)
+    (tmp_path / "camera.json").write_text(replace(camera, lattice=array).to_json())
+    words = ("--positions", folder / "stage.csv", "--frames", folder, "--cutout", "25", "-o", tmp_path / "plan.json")
+    done = lfcal("plan", tmp_path / "camera.json", *words, "--orientation", "rot180")
+    assert done.code == 0, done.err
+    made = ScanPlan.from_json((tmp_path / "plan.json").read_text())
+    assert made.period == PLAN.period and made.anchor == pytest.approx(PLAN.anchor, abs=0.5)

@@ -80,7 +80,7 @@ def footprint_variance(camera: Camera) -> float:
     lattice = camera.lattice
     bend = float(np.mean([(lattice.gap_um / kind.focal_length_um) ** 2 for kind in lattice.types]))
     # w²/12 along each side of a square, D²/16 along each axis of a disc
-    own = 1 / 6 if lattice.kind == "square" else 1 / 8
+    own = 1 / 6 if lattice.edge_to_edge else 1 / 8
     return bend * own * lattice.clear_diameter_um**2
 
 
@@ -121,7 +121,7 @@ def _footprint(camera: Camera, grid: _Grid) -> Values:
     """Return how a lenslet spreads the light of all positions of a cell: as its own aperture."""
     lattice = camera.lattice
     scale = float(np.mean([lattice.gap_um / kind.focal_length_um for kind in lattice.types]))
-    if lattice.kind == "square":
+    if lattice.edge_to_edge:
         side = (np.arange(141) + 0.5) / 141 - 0.5
         y, x = (a.ravel() * lattice.clear_diameter_um * scale for a in np.meshgrid(side, side))
     else:
@@ -143,7 +143,7 @@ def _lens(camera: Camera, shift: float, grid: _Grid) -> Values:
     start = max(math.sqrt(camera.wavelength_um * gap / 2), max(grid.pitch_um))
     rows, columns = grid.axes()
     kernel = np.zeros(grid.shape)
-    if lattice.kind == "square":
+    if lattice.edge_to_edge:
         tail = partial(_seam, half=width / 2) if touching else partial(_slit, half=half)
         kernel[:, (columns.size - 1) // 2] += tail(rows, start=start, strength=strength / 2) * grid.pitch_um[0]
         kernel[(rows.size - 1) // 2] += tail(columns, start=start, strength=strength / 2) * grid.pitch_um[1]

@@ -187,7 +187,9 @@ def hexagonal() -> Scene:
 def square() -> Scene:
     """Return a light-field microscope with a square array, 15 x 15 positions."""
     pixel = 125.0 / 15
-    lattice = LensletLattice("square", 125.0, 2500.0, (LensType.focused_at(math.inf, 2500.0),), offset_um=(31.0, 8.0))
+    lattice = LensletLattice(
+        "square", 125.0, 2500.0, (LensType.focused_at(math.inf, 2500.0),), offset_um=(31.0, 8.0), clear_um=125.0
+    )
     camera = Camera("lfm", Microscope(4.0, 0.1, 1.0), lattice, Sensor((600, 600), pixel), 0.525)
     return Scene(camera, (-3.8, -2.6, 3.2), 91, blur_px=1.0)
 
