@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.axes import Position, check_cutout
 from lfcal.camera.description import Camera, build
 from lfcal.camera.lens_centre import nearest_lens
+from lfcal.camera.planes import MAX_WAIT_S, checked_depths, checked_exposures, depths_of
 from lfcal.camera.shadow import cutout_for
 from lfcal.camera.stage import StageAxes
 from lfcal.checks import check_choice, check_number, check_tuple, check_type
@@ -26,8 +27,6 @@ FORMAT = "lfcal-plan"
 VERSION = 1
 # far beyond any recording (25 days at a frame per millisecond): a wrong period or depth list ends here
 MAX_POSITIONS = 1 << 31
-MAX_WAIT_S = 86_400.0
-"""A day: longer exposures and waits are slips of the pen, and their sum over all positions would overflow."""
 MAX_TILT_RAD = math.radians(2.0)
 """Beyond this the rectangular period no longer describes the array."""
 
@@ -88,8 +87,8 @@ class ScanPlan:
             object.__setattr__(self, name, value)
         check_cutout(*self.cutout)
         object.__setattr__(self, "anchor", check_tuple("anchor (row, column)", self.anchor, 2))
-        _set_depths(self)
-        _set_exposures(self)
+        object.__setattr__(self, "depths_um", checked_depths(self.camera, self.depths_um))
+        object.__setattr__(self, "exposure_s", checked_exposures(self.exposure_s, len(self.depths_um)))
         check_choice("scan order", self.order, ("serpentine", "raster"))
         check_number("settle time (s)", self.settle_s, at_least=0, at_most=MAX_WAIT_S)
         check_number("frames averaged", self.frames_averaged, at_least=1, at_most=100_000, integer=True)
@@ -142,7 +141,7 @@ class ScanPlan:
         InputError
             If no plan can be made of these.
         """
-        depths = _depths_of(camera, depths_um, virtual_depths)
+        depths = depths_of(camera, depths_um, virtual_depths)
         cell = camera.local(camera.sensor.centre_px if anchor is None else anchor)
         ny, nx = (max(1, round(length)) for length in cell.period_px)
         if cutout is None:
@@ -302,48 +301,6 @@ class ScanPlan:
     def from_json(cls, text: str) -> ScanPlan:
         """Return the plan described by JSON ``text``."""
         return cls.from_dict(parse_json(text, "scan plan"))
-
-
-def _set_depths(plan: ScanPlan) -> None:
-    """Check the planes: numbers the camera can see, strictly ordered."""
-    depths = check_tuple("depths (µm)", plan.depths_um)
-    for z in depths:
-        # raises where the main lens has no image of the plane
-        plan.camera.step_um(z)
-    steps = np.diff(np.array(depths))
-    if steps.size and not (np.all(steps > 0) or np.all(steps < 0)):
-        raise InputError.expected(
-            "depths (µm)",
-            "rising or falling throughout",
-            "another order or a repeated plane",
-            "sort them and remove repetitions",
-        )
-    object.__setattr__(plan, "depths_um", depths)
-
-
-def _set_exposures(plan: ScanPlan) -> None:
-    """Check the exposures: one, or one per plane."""
-    given, planes = plan.exposure_s, len(plan.depths_um)
-    # a list of one is one exposure for all planes, as JSON writes it
-    several = isinstance(given, list | tuple) and len(given) != 1
-    values = check_tuple(
-        "exposures (s), one or one per plane",
-        given if isinstance(given, list | tuple) else [given],
-        planes if several else 1,
-        above=0,
-        at_most=MAX_WAIT_S,
-    )
-    object.__setattr__(plan, "exposure_s", values if several else values * planes)
-
-
-def _depths_of(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[float] | None) -> tuple[float, ...]:
-    """Return object-space depths (µm) from whichever of the two is given."""
-    if (depths is None) == (virtual is None):
-        raise InputError.expected("depth planes", "depths in µm or virtual depths", "both or neither", "give one")
-    values: Sequence[float] = tuple(depths if depths is not None else virtual or ())
-    for value in values:
-        check_number("depth", value)
-    return tuple(values) if depths is not None else tuple(camera.depth_of(v) for v in values)
 
 
 def _check_on_sensor(plan: ScanPlan) -> None:

@@ -112,6 +112,43 @@ def test_points_between_the_voxels_are_found_where_they_are(lfcal: Lfcal, tmp_pa
         assert np.abs(np.array([top + row, left + column]) - near).max() <= 2.0
 
 
+@pytest.mark.long
+def test_a_three_type_array_of_broken_period_from_the_plan_to_the_volume(lfcal: Lfcal, tmp_path: Path) -> None:
+    """A light field on the sensor's own pixels, reconstructed by the lattice that the camera states."""
+    camera = preset("bench")
+    camera_file, plan_file, session = tmp_path / "camera.json", tmp_path / "plan.json", tmp_path / "session"
+    camera_file.write_text(replace(camera, sensor=replace(camera.sensor, shape=(140, 140))).to_json())
+    planes = ("--virtual-depths", 4, "--cutout", 49)
+    succeeded(lfcal("plan", camera_file, *planes, "--resample", "-o", plan_file))
+    succeeded(lfcal("simulate", plan_file, "--frames", session))
+    succeeded(lfcal("assemble", session / "frames", "--dark", session / "dark", "-o", tmp_path / "H.h5"))
+    report = succeeded(lfcal("inspect", tmp_path / "H.h5", "--json")).json
+    assert {m["key"]: m["value"] for m in report["metrics"] if m["merit"] == "bad"} == {}  # type: ignore[index, call-overload]
+    plan = ScanPlan.from_json(plan_file.read_text())
+    ny, nx = plan.period
+    points = [(0, 0.3 * ny + 0.4, 0.2 * nx + 0.3), (0, 0.7 * ny - 0.2, 0.75 * nx + 0.4)]
+    noise = np.random.default_rng(5)
+    black = plan.camera.sensor.black_level
+    light = noise.poisson(2e5 * light_of(plan, points)) / 10 + black
+    frame = tmp_path / "frame.tif"
+    tifffile.imwrite(frame, light.clip(0, 65535).round().astype(np.uint16))
+    # the lattice's type-0 lenslet at the middle of the sensor is the origin of the grid, on its own scale
+    scale, zero = np.array(plan.resample_factors), np.array(plan.camera.sensor.centre_px)
+    volume = tmp_path / "volume.npy"
+    work = ("reconstruct", tmp_path / "H.h5", frame, "--resample", "--background", black)
+    succeeded(lfcal(*work, "-n", 30, "-o", volume))
+    found = np.load(volume)[0]
+    # the first pixel: as far up and left as the frame goes, whole pixels from position (0, 0)
+    about = np.array(plan.lattice_anchor) * scale
+    first = np.ceil(-zero * scale - about - 1e-9) + about
+    for _, y, x in points:
+        near = (np.array(plan.anchor) + np.array([y, x]) / scale - zero) * scale - first
+        top, left = (max(0, round(v) - 6) for v in near)
+        window = found[top : top + 13, left : left + 13]
+        at = np.unravel_index(int(window.argmax()), window.shape)
+        assert np.abs(np.array([top, left]) + at - near).max() <= 2.0
+
+
 def test_a_frame_of_another_grid_is_told(lfcal: Lfcal, tmp_path: Path) -> None:
     camera, plan = described("lfm_60x12", 90, tmp_path), tmp_path / "plan.json"
     succeeded(lfcal("plan", camera, "--depths", "1", "--cutout", "41", "--resample", "-o", plan))

@@ -13,6 +13,7 @@ from scipy.integrate import quad
 from lfcal.camera import LensletLattice, LensType, Microscope, ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.simulate import plan_effects
+from lfcal.simulate.effects import LensletDiffraction
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.debye import debye_field, debye_nodes, radial_field
@@ -239,3 +240,15 @@ def test_other_objectives_and_lenslets_keep_the_tolerance(objective, lenslet, z)
         found = response.rows([y], [x], workers=1)
         assert relative_error(found, fine.rows([y], [x], workers=1)) < 0.0165
         assert 0 < found.sum() <= 1.005
+
+
+def test_arrays_summed_by_lenslet_keep_the_tolerance() -> None:
+    """Windows of 20 px around each lenslet leave 1.4 % of a hexagonal microscope's response out, at any nodes."""
+    camera = preset("lfm_60x12")
+    camera = replace(camera, lattice=replace(camera.lattice, kind="hexagonal"))
+    plan = ScanPlan.for_camera(camera, depths_um=[4.0], cutout=61)
+    response = PlaneResponse(plan, 0, [LensletDiffraction()], tolerance=0.012)
+    assert isinstance(response.engine(), WavePlane)
+    fine = engine_for(response.scene, "debye", Sampling(nodes_per_px=6, margin_px=60))
+    for y, x in ((0, 0), (9, 3)):
+        assert relative_error(response.rows([y], [x], workers=1), fine.rows([y], [x], workers=1)) < 0.55 * 0.012

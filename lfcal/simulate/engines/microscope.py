@@ -32,8 +32,11 @@ from lfcal.threads import for_each_chunk
 
 __all__ = ["DebyePlane", "debye_plane", "is_separable"]
 
-LEAST_MARGIN = 20
-"""Window margin (px) of the sum over lenslets that abut: what is cut off would have cancelled."""
+MARGIN_PER_NODE = 10
+"""Window margin of the sum over lenslets, pixels for each node per pixel: both become finer together.
+
+Where lenslets abut, what is cut off would have cancelled: two nodes leave 2.5 % of a response, three 0.8 %.
+"""
 SPARE_ORDERS = 20
 """Diffraction orders of the array beyond those of its geometric cone."""
 KEPT = 256
@@ -72,9 +75,8 @@ def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
     chosen = sampling or Sampling()
     if is_separable(scene):
         return DebyePlane(scene, chosen)
-    if scene.aperture == "cell":
-        chosen = replace(chosen, margin_px=max(chosen.margin_px, LEAST_MARGIN))
-    return WavePlane(scene, chosen, mode="D")
+    margin = max(chosen.margin_px, MARGIN_PER_NODE * chosen.nodes_per_px)
+    return WavePlane(scene, replace(chosen, margin_px=margin), mode="D")
 
 
 def _parts(value: NDArray[np.complexfloating]) -> Matrix:

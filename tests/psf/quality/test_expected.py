@@ -12,6 +12,7 @@ from scipy.special import j0, j1
 from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix, inspect
 from lfcal.psf.quality.expected import expected_sum
+from lfcal.psf.quality.sums import edge_light
 from lfcal.simulate import simulate_psf
 
 
@@ -35,15 +36,14 @@ def test_a_focused_pupil_has_the_tail_of_airy() -> None:
 
 
 @functools.cache
-def simulated() -> PSFMatrix:
-    camera = preset("lfm_20x05")
-    plan = ScanPlan.for_camera(camera, depths_um=[-22.0, 0.0, 12.0], cutout=(81, 81))
+def simulated(name: str = "lfm_20x05", depths: tuple[float, ...] = (-22.0, 0.0, 12.0), side: int = 81) -> PSFMatrix:
+    camera = preset(name)
+    plan = ScanPlan.for_camera(camera, depths_um=depths, cutout=side, resample=name == "lfm_60x12")
     return simulate_psf(camera, plan, tolerance=0.05)
 
 
-def with_stray(share: float) -> PSFMatrix:
+def with_stray(share: float, H: PSFMatrix) -> PSFMatrix:
     """Add a broad ghost with this share of each pattern's light beside the pattern."""
-    H = simulated()
     y, x = np.indices(H.cutout)
     ghost = np.exp(-((y - 62) ** 2 + (x - 18) ** 2) / (2 * 3.0**2))
     values = np.stack([H.plane(z) for z in range(len(H))]).astype(np.float64)
@@ -51,18 +51,39 @@ def with_stray(share: float) -> PSFMatrix:
     # counts of a camera, with its noise
     values *= 30_000 / values.max()
     values += np.random.default_rng(3).normal(0, 3, values.shape)
-    return PSFMatrix(values.astype(np.float32), depths=H.depths, camera=H.camera, anchor=H.anchor)
+    given = {"depths": H.depths, "camera": H.camera, "anchor": H.anchor, "provenance": H.provenance}
+    return PSFMatrix(values.astype(np.float32), **given)
 
 
 @pytest.mark.parametrize(("share", "merits"), [(0.0, {"good"}), (0.02, {"fair", "bad"})])
 def test_only_light_that_nothing_explains_is_stray(share: float, merits: set[str]) -> None:
-    found = inspect(with_stray(share))
+    found = inspect(with_stray(share, simulated()))
     assert found["leak"].merit in merits
     assert found["background"].merit == "good" and found["depth"].merit != "bad"
 
 
+@pytest.mark.parametrize(("share", "merits"), [(0.0, {"good"}), (0.02, {"fair", "bad"})])
+def test_a_steep_objective_hides_no_stray_light(share: float, merits: set[str]) -> None:
+    found = inspect(with_stray(share, simulated("lfm_60x12", (0.0,))))
+    assert found["leak"].merit in merits
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "depths"), [("lfm_60x12", (-2.0, -1.0, 0.0, 1.0, 2.0)), ("lfm_20x05", (-22.0, -10.0, 0.0, 12.0, 22.0))]
+)
+def test_the_expected_share_is_a_little_less_than_that_of_waves(name: str, depths: tuple[float, ...]) -> None:
+    """As `docs/quality.md` says it: a quarter of itself, or 0.6 % of the light where that is more."""
+    H = simulated(name, depths, 101)
+    for z, depth in enumerate(depths):
+        shown = edge_light(H.plane(z).astype(float).mean((0, 1))).leak
+        assert H.camera is not None
+        expected = edge_light(expected_sum(H.camera, depth, H.cutout, H.pixel_scale)).leak
+        assert -max(0.25 * shown, 0.6) < expected - shown < 0.0
+
+
 def test_a_microscope_tells_its_f_number_and_no_blades() -> None:
-    found = inspect(with_stray(0.0))
+    found = inspect(with_stray(0.0, simulated()))
     assert found.f_number is not None
     assert found.f_number.value == pytest.approx(20.0, rel=0.06)
     assert not any(a.confident for a in found.apertures)
