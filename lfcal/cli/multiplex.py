@@ -16,6 +16,7 @@ from lfcal.errors import InputError
 from lfcal.multiplex.naming import modulator_of
 
 if TYPE_CHECKING:
+    from lfcal.lattice import LatticeFit
     from lfcal.multiplex import Modulator
     from lfcal.multiplex.summary import ModulatorNumbers
 
@@ -203,7 +204,8 @@ def demosaic(
 def views(
     frame: Path = typer.Argument(help="Light-field frame."),
     *,
-    white: Path = typer.Option(..., help="White image of the same camera; the lattice is measured on it."),
+    white: Path | None = typer.Option(None, help="White image of the same camera; the lattice is measured on it."),
+    lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`, instead of --white."),
     out: Path = typer.Option(..., "--out", "-o", help="float32 TIFF, one page per view by rows."),
     size: int = typer.Option(0, min=0, help="Views along a side; as many as fit the pitch by default."),
     dark: Path | None = typer.Option(None, help="Dark frame, subtracted."),
@@ -218,26 +220,41 @@ def views(
     Example: `lfcal multiplex views field.tif --white white.tif -o views.tif`
     """
     from lfcal.frames import read_image
-    from lfcal.lattice import fit_lattice
     from lfcal.multiplex import channel_grid, demultiplex_lattice, lattice_channels
 
-    check_output(out, frame, white, dark, force=force)
+    check_output(out, frame, white, lattice, dark, force=force)
     if modulator is not None and size:  # a mask has as many views as its super-pixel
         raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
-    light, bright = (pictures.less(read_image(p), dark) for p in (frame, white))
-    lattice = fit_lattice(bright)
+    fit = _lattice_of(white, lattice, dark)
+    light = pictures.less(read_image(frame), dark)
+    if light.shape != fit.shape:
+        raise InputError.expected(str(frame), f"the {fit.shape} px of the lattice", light.shape, "use its own camera's")
     if modulator is not None:
         mask = modulator_of(modulator)
-        found = demultiplex_lattice(light, lattice, mask, filter=filter, axes=axes)
-        grid = channel_grid(light.shape, lattice, mask.side, spacing_px=None, axes=axes)
+        found = demultiplex_lattice(light, fit, mask, filter=filter, axes=axes)
+        grid = channel_grid(light.shape, fit, mask.side, spacing_px=None, axes=axes)
     else:
         # An odd number of views has one in the middle, through the centre of the pupil.
-        count = size or max(1, (int(min(lattice.pitch_px, lattice.row_pitch_px)) - 1) // 2 * 2 + 1)
-        found = lattice_channels(light, lattice, count, filter=filter, axes=axes)
+        count = size or max(1, (int(min(fit.pitch_px, fit.row_pitch_px)) - 1) // 2 * 2 + 1)
+        found = lattice_channels(light, fit, count, filter=filter, axes=axes)
         found = found.reshape(-1, *found.shape[2:])
-        grid = channel_grid(light.shape, lattice, count, axes=axes)
+        grid = channel_grid(light.shape, fit, count, axes=axes)
     pictures.write_tiff(out, found)
     typer.echo(f"{len(found)} views of {grid.described()}")
+
+
+def _lattice_of(white: Path | None, lattice: Path | None, dark: Path | None) -> LatticeFit:
+    """Return the lattice measured before, or the one in the white image."""
+    from lfcal.cli.lattice_file import load_lattice
+    from lfcal.frames import read_image
+    from lfcal.lattice import fit_lattice
+
+    if lattice is not None and white is None:
+        return load_lattice(lattice)
+    if white is None or lattice is not None:
+        got = "neither" if white is None else "both"
+        raise InputError.expected("lattice", "--white or --lattice", got, "give one of them")
+    return fit_lattice(pictures.less(read_image(white), dark))
 
 
 def search(

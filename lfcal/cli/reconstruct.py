@@ -59,8 +59,9 @@ def command(
     resample: bool = typer.Option(
         False,
         "--resample",
-        help="Resample to H's period by the lattice in --white, else by the one that H's camera states.",
+        help="Resample to H's period by --lattice, else the lattice in --white, else the one H's camera states.",
     ),
+    lattice: Path | None = typer.Option(None, "--lattice", help="With --resample: lattice.json of `lfcal white`."),
     anchor: str = typer.Option("", "--anchor", help="Pixel ROW,COLUMN of H's position (0, 0); H's own by default."),
     background: float = typer.Option(0.0, "--background", help="Counts of a pixel without any source."),
     read_noise: float = typer.Option(0.0, "--read-noise", help="Rms read noise (counts)."),
@@ -85,7 +86,7 @@ def command(
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
     from lfcal.cli.outputs import check_outputs
-    from lfcal.cli.reconstruct_grid import anchor_of, check_grid, view_of
+    from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, view_of
     from lfcal.psf import open_psf
     from lfcal.psf.voxels import voxel_um
     from lfcal.reconstruct.projectors.projector import Projector
@@ -94,13 +95,14 @@ def command(
     if solver == "list":
         _list_solvers()
         return
+    check_lattice(lattice, resample=resample)
     choice = SolverChoice(solver, iterations, background, read_noise, saturation, strength, subsets, tolerance)
     source = _source(frame, batch, wanted=out is not None or forecast)
     task = _Task(list(_frames(source)), choice, warm, json)
     targets = {} if forecast or out is None else _targets(task, out, suffix if batch else None)
-    check_outputs(dict.fromkeys(targets.values()), psf, source, dark, white, force=force)
+    check_outputs(dict.fromkeys(targets.values()), psf, source, dark, white, lattice, force=force)
     with open_psf(psf) as H:
-        view = view_of(H, white) if resample else None
+        view = view_of(H, white, lattice) if resample else None
         check_grid(H, task.shape, resample=resample)
         P = Projector(
             H,

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
     from lfcal.reconstruct.resample import Resampling
 
-__all__ = ["anchor_of", "check_grid", "view_of"]
+__all__ = ["anchor_of", "check_grid", "check_lattice", "view_of"]
 
 
 def check_grid(H: PSFMatrix, shape: tuple[int, int], *, resample: bool) -> None:
@@ -36,19 +36,37 @@ def anchor_of(text: str, view: Resampling | None, H: Any) -> tuple[float, float]
     return row, column
 
 
-def view_of(H: Any, white: Path | None) -> Resampling:
-    """Return the map of frames onto H's period, by the lattice of the white frame or the one H's camera states."""
+def check_lattice(lattice: Path | None, *, resample: bool) -> None:
+    """Refuse a lattice that would be read for nothing."""
+    from lfcal.errors import InputError
+
+    if lattice is not None and not resample:
+        raise InputError("--lattice: is what frames are resampled by; add --resample, or leave it out")
+
+
+def view_of(H: Any, white: Path | None, lattice: Path | None = None) -> Resampling:
+    """Return the map of frames onto H's period, by a measured lattice, the white frame's or H's camera's."""
     from lfcal.errors import InputError
     from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
 
-    if white is None and H.camera is not None:
-        return Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H))
-    if white is None:
-        raise InputError.expected("--resample", "a white frame, or a camera with H", "neither", "give --white")
-    from lfcal.frames.corrections.recipe import read_average
-    from lfcal.lattice.fit import fit_lattice
-
     # With several lens types the period of H spans that many lenslets.
     types = len(H.camera.lattice.types) if H.camera is not None else 1
-    fit = fit_lattice(read_average(white), kind=None if H.camera is None else H.camera.lattice.kind)
+    if lattice is not None:
+        from lfcal.cli.lattice_file import load_lattice
+
+        fit = load_lattice(lattice)
+        kind = fit.kind if H.camera is None else H.camera.lattice.kind
+        if fit.kind != kind:
+            raise InputError.expected(str(lattice), f"the {kind} lattice of H", fit.kind, "use its own camera's")
+    elif white is None and H.camera is not None:
+        return Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H))
+    elif white is None:
+        raise InputError.expected(
+            "--resample", "a white frame, a lattice, or a camera with H", "none", "give --white or --lattice"
+        )
+    else:
+        from lfcal.frames.corrections.recipe import read_average
+        from lfcal.lattice.fit import fit_lattice
+
+        fit = fit_lattice(read_average(white), kind=None if H.camera is None else H.camera.lattice.kind)
     return Resampling.of_fit(fit, H.period, lattice_anchor_of(H), types)

@@ -76,8 +76,8 @@ def fit_lattice(
     model = centred(image, model, workers, start_reach(model, frame))
     model = followed(image, model, workers)
     model, lenslets = _settled(evened(image, model, workers), model, frame, workers)
-    alive = ~lenslets.dead
-    chosen = select_form(model, lenslets.index[alive], lenslets.places[alive], frame)
+    sound = lenslets.sound
+    chosen = select_form(model, lenslets.index[sound], lenslets.places[sound], frame)
     # the light is that of the image as taken: evened out, it would show no vignetting
     light = mean_light(image, chosen.fitted.model, lenslets.index, workers)
     return _described((image.shape[0], image.shape[1]), lenslets, chosen, light)
@@ -90,15 +90,15 @@ def _settled(
     # a better lattice makes a sharper mean micro-image, which places the lenslets better
     for _ in range(ROUNDS):
         lenslets = place_all(flat, model, workers)
-        alive = np.flatnonzero(~lenslets.dead)
-        alive = alive[thinned(len(alive))]
+        sound = lenslets.sound
+        sound = sound[thinned(len(sound))]
         before = model
-        form = flexible_form(len(alive))
-        fitted = fit_form(model, form, lenslets.index[alive], lenslets.places[alive], frame)
+        form = flexible_form(len(sound))
+        fitted = fit_form(model, form, lenslets.index[sound], lenslets.places[sound], frame)
         if fitted is None:
             break
         model = fitted.model
-        moved = model.places(lenslets.index[alive]) - before.places(lenslets.index[alive])
+        moved = model.places(lenslets.index[sound]) - before.places(lenslets.index[sound])
         if math.sqrt(float((moved**2).mean())) < SETTLED_PX:
             break
     return model, lenslets
@@ -110,6 +110,9 @@ def _described(shape: tuple[int, int], lenslets: PlacedLenslets, chosen: Selecti
     errors = LatticeErrors.of(fitted, chosen.covariance, frame)
     x, y = model.places(np.zeros((1, 2), np.intp))[0]
     measured = np.where(lenslets.dead[:, None], np.nan, lenslets.places)
+    # places on the rim of the lit field are off: they tell nothing of their neighbours either
+    trusted = np.full_like(measured, np.nan)
+    trusted[lenslets.sound] = measured[lenslets.sound]
     rms = _believable(fitted.residual, model.pitch)
     even = evenness(lenslets.index, light, ~lenslets.dead, model.places(lenslets.index)[:, ::-1])
     return LatticeFit(
@@ -130,7 +133,7 @@ def _described(shape: tuple[int, int], lenslets: PlacedLenslets, chosen: Selecti
         errors=errors,
         form=fitted.form.name,
         reason=chosen.reason,
-        places_px=best_places(lenslets.index, model.places(lenslets.index), measured)[:, ::-1].copy(),
+        places_px=best_places(lenslets.index, model.places(lenslets.index), trusted)[:, ::-1].copy(),
         notes=check_white(even, rms, lenslets.noise, model.pitch),
     )
 

@@ -50,6 +50,17 @@ class MicroImage:
         shift: Array = answer[2:] / answer[0] / 2
         return shift
 
+    def draw(self, radius: float) -> float:
+        """Return how far light that grows by 1 per pixel across a micro-image draws its place (pixels squared)."""
+        n = self.table.shape[0]
+        places = (np.arange(n) - n // 2) / SAMPLES_PER_PIXEL
+        inside = np.hypot(places[:, None], places[None, :]) <= radius
+        columns = [self.table, np.ones_like(self.table), *self.slopes]
+        matrix = np.stack([column[inside] for column in columns], axis=-1)
+        # as a lenslet is placed: g T - g d.grad T + b, fitted to T (1 + x)
+        answer = np.linalg.lstsq(matrix, (self.table * (1 + places))[inside], rcond=None)[0]
+        return -float(answer[2] / answer[0])
+
     def symmetric(self) -> MicroImage:
         """Return the mean of the micro-image and itself turned by 180 degrees."""
         return _with_slopes((self.table + self.table[::-1, ::-1]) / 2, self.radius)

@@ -42,6 +42,12 @@ MIN_EXPLAINED = 0.08
 MIN_SHARE_EXPLAINED = 0.2
 """The same of a single lenslet, relative to the typical one: with less it cannot be placed."""
 
+EVEN, STEEP = 0.01, 0.1
+"""Changes of light from lenslet to lenslet between which its draw is told from chance, and well known (relative)."""
+
+RIM = 0.3
+"""Departure of a lenslet's light from its neighbourhood's beyond which a part of it may lie in the shade."""
+
 MAX_DEAD = 0.4
 MIN_LIT = 0.4
 """Share of the frame that must be lit: less is the image of a point or of a stop, not of the array."""
@@ -59,12 +65,23 @@ class PlacedLenslets:
         ``(n,)``: too little light or contrast, or not to be placed.
     noise
         Rms of what the mean micro-image does not explain of a lenslet, over its contrast; of the median one.
+    steep
+        ``(n,)``: light differs so much across, or from the neighbours, that the place is off.
     """
 
     index: NDArray[np.intp]
     places: Array
     dead: NDArray[np.bool_]
     noise: float
+    steep: NDArray[np.bool_]
+
+    @property
+    def sound(self) -> NDArray[np.intp]:
+        """Which lenslets tell of the lattice: not dead, nor on the rim of the lit field, where the light falls."""
+        alive = ~self.dead
+        sound = alive & ~self.steep
+        # where light falls steeply almost everywhere, no rim of it can be told
+        return np.flatnonzero(sound if 2 * sound.sum() > alive.sum() else alive)
 
 
 def prepare(white: ArrayLike, dark: ArrayLike | float) -> NDArray[np.float32]:
@@ -91,11 +108,25 @@ def mean_light(image: NDArray[np.float32], model: LatticeModel, index: NDArray[n
     return mean
 
 
-def _dim(index: NDArray[np.intp], values: Array) -> NDArray[np.bool_]:
-    """Return which lenslets have far less than their neighbours or than the brightest tenth of the field."""
-    reference = neighbour_median(index, values)
-    result: NDArray[np.bool_] = (values < DEAD_LIGHT * reference) | (values < DARK_FIELD * np.percentile(values, 90))
+def _dim(values: Array, around: Array) -> NDArray[np.bool_]:
+    """Return which lenslets have far less than the median ``around`` them or than the brightest tenth of the field."""
+    result: NDArray[np.bool_] = (values < DEAD_LIGHT * around) | (values < DARK_FIELD * np.percentile(values, 90))
     return result
+
+
+def _fall_of_light(index: NDArray[np.intp], around: Array) -> Array:
+    """Return by how much the light ``around`` grows per q and per r, relative to itself ``(n, 2)``."""
+    place = index - index.min(0) + 2
+    grid = np.full(place.max(0) + 3, np.nan)
+    grid[place[:, 0], place[:, 1]] = around
+    fall = np.zeros((len(index), 2))
+    # two lenslets either way: the medians of nearer ones are of the same lenslets
+    for axis, (i, j) in enumerate(((2, 0), (0, 2))):
+        before, after = grid[place[:, 0] - i, place[:, 1] - j], grid[place[:, 0] + i, place[:, 1] + j]
+        known = 1.0 * np.isfinite(before) + np.isfinite(after)
+        change = np.where(np.isfinite(after), after, around) - np.where(np.isfinite(before), before, around)
+        fall[:, axis] = change / np.maximum(2 * known, 1) / np.maximum(around, 1e-300)
+    return fall
 
 
 def _lenslets_of(image: NDArray[np.float32], model: LatticeModel, reach: float | None = None) -> NDArray[np.intp]:
@@ -122,9 +153,8 @@ def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None
         index = _lenslets_of(image, model, reach)
         light = mean_light(image, model, index, workers)
         # dead lenslets would blur the mean towards a flat patch
-        micro = mean_micro_image(
-            image, model.places(index), np.where(_dim(index, light), 0, light), radius + 1.5, workers
-        )
+        scales = np.where(_dim(light, neighbour_median(index, light)), 0, light)
+        micro = mean_micro_image(image, model.places(index), scales, radius + 1.5, workers)
         shift = micro.off_centre(radius)
         model = model.moved(np.clip(shift, -model.pitch / 4, model.pitch / 4))
         if np.hypot(*shift) < 0.02:
@@ -136,7 +166,7 @@ def evened(image: NDArray[np.float32], model: LatticeModel, workers: int | None)
     """Divide by the smooth fall of light: within a micro-image it would draw the places to the brighter side."""
     index = _lenslets_of(image, model)
     light = mean_light(image, model, index, workers)
-    alive = ~_dim(index, light)
+    alive = ~_dim(light, neighbour_median(index, light))
     points = model.places(index)[alive][:, ::-1]
     # a quartic through few lenslets would follow each of them
     degree = 4 if alive.sum() > 150 else 1
@@ -153,18 +183,20 @@ def place_all(
     radius = PLACING_RADIUS * model.pitch
     index = _lenslets_of(image, model, reach)
     light = mean_light(image, model, index, workers)
-    dead = _dim(index, light)
+    around = neighbour_median(index, light)
+    dead = _dim(light, around)
     centres = model.places(index)
     micro = mean_micro_image(image, centres, np.where(dead, 0, light), radius + 1.5, workers).symmetric()
     placed = place_lenslets(image, centres, micro, radius, workers)
     distance = np.nan_to_num(np.hypot(*placed.shifts.T), nan=np.inf)
     dead |= ~np.isfinite(placed.gains) | (distance > MAX_SHIFT * model.pitch)
     # dirt may leave light but no contrast
-    dead |= _dim(index, np.where(np.isfinite(placed.gains), placed.gains, 0.0))
+    gains = np.where(np.isfinite(placed.gains), placed.gains, 0.0)
+    dead |= _dim(gains, neighbour_median(index, gains))
     explained = float(np.median(placed.explained[~dead])) if not dead.all() else 0.0
     # in the dark beyond the lit field there is noise, and places in it
     dead |= placed.explained < MIN_SHARE_EXPLAINED * explained
-    lit = neighbour_median(index, light) >= DARK_FIELD * np.percentile(light, 90)
+    lit = around >= DARK_FIELD * np.percentile(light, 90)
     gone = float(dead[lit].mean()) if lit.any() else 1.0
     if lit.mean() < MIN_LIT or gone > MAX_DEAD or explained < MIN_EXPLAINED:
         got = (
@@ -178,4 +210,10 @@ def place_all(
         )
         raise InputError.expected("white image", wanted, got, "take an evenly lit image of the lenslets")
     noise = math.sqrt(max(1 - explained, 0.0) / explained)
-    return PlacedLenslets(index, centres + placed.shifts, dead, noise)
+    fall = _fall_of_light(index, around) @ np.linalg.inv(model.basis()).T
+    slope = np.hypot(*fall.T) * model.pitch
+    steep = slope > STEEP
+    steep |= np.abs(light - around) > RIM * around
+    draw = np.where((~steep & (slope > EVEN))[:, None], micro.draw(radius) * fall, 0.0)
+    places = centres + placed.shifts - draw
+    return PlacedLenslets(index, places, dead, noise, steep)

@@ -45,6 +45,27 @@ def test_white_images_of_all_sorts_are_not_doubted(name: str) -> None:
     assert fit.pitch_px == pytest.approx(truth.pitch, abs=0.01)
 
 
+def fermi(distance: Any, width: float) -> Any:
+    return 1 / (1 + np.exp(np.clip(distance / width, -50, 50)))
+
+
+@pytest.mark.parametrize(
+    ("light", "seed"),
+    [
+        (lambda x, y: fermi(np.hypot(x, y) - 0.8, 0.05), 4),
+        (lambda x, y: fermi(-x - 0.2, 0.08), 6),
+        (lambda x, y: np.exp(-2 * (x * x + y * y)), 4),
+    ],
+    ids=["soft disc", "soft edge", "bell"],
+)
+def test_the_rim_of_the_light_bends_no_straight_lattice(light: Any, seed: int) -> None:
+    truth = draw_white(SHAPE, dark=0.0, light=light, seed=seed)
+    fit = fit_lattice(truth.frame)
+    assert fit.form == "affine"
+    q, r = fit.index[~fit.dead].T
+    assert np.hypot(*truth.errors(fit.centres_px(q, r)).T).max() < 0.05
+
+
 @pytest.mark.parametrize("size", [8.0, 30.0])
 def test_drawn_specimens_are_refused(size: float) -> None:
     import cv2

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.lattice.micro_image import SAMPLES_PER_PIXEL, light_of, mean_micro_image, place_lenslets
+from lfcal.lattice.micro_image import SAMPLES_PER_PIXEL, MicroImage, light_of, mean_micro_image, place_lenslets
 
 
 def blobs(centres: NDArray[np.float64], shape: tuple[int, int], sigma: float, skew: float = 0.0) -> NDArray[np.float32]:
@@ -82,3 +82,13 @@ def test_light_counts_pixels_and_gradients() -> None:
     assert energy[0] == pytest.approx(10.0 * inside.sum())
     corner = (np.hypot(x, y) <= 5) & (x >= 1) & (y >= 1)
     assert count[1] == corner.sum()
+
+
+@pytest.mark.parametrize("width", [2.0, 3.0])
+def test_light_that_grows_across_a_bell_draws_it_by_its_variance(width: float) -> None:
+    # exp(-x²/2s²) (1 + g x) is to first order the bell moved by g s²
+    places = (np.arange(161) - 80) / SAMPLES_PER_PIXEL
+    bell = np.exp(-(places[:, None] ** 2 + places**2) / (2 * width**2))
+    down, right = np.gradient(bell, 1 / SAMPLES_PER_PIXEL)
+    micro = MicroImage(bell, np.stack([right, down]), 20.0)
+    assert micro.draw(18.0) == pytest.approx(width**2, rel=0.01)

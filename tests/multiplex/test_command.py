@@ -107,6 +107,20 @@ def test_views_of_any_number_and_filter(lfcal, field: Path, tmp_path: Path) -> N
         np.testing.assert_allclose(tifffile.imread(out), wanted.reshape(-1, *wanted.shape[2:]), rtol=1e-6)
 
 
+def test_views_on_a_lattice_measured_before(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
+    assert lfcal("white", field / "white.tif", "-o", tmp_path / "out").code == 0
+    command = ("multiplex", "views", field / "field.tif", "--size", 3)
+    measured, white = ("--lattice", tmp_path / "out/lattice.json"), ("--white", field / "white.tif")
+    for given, out in ((measured, "a.tif"), (white, "b.tif")):
+        run = lfcal(*command, *given, "-o", tmp_path / out)
+        assert run.code == 0, run.err
+    one, other = (tifffile.imread(tmp_path / name) for name in ("a.tif", "b.tif"))
+    np.testing.assert_allclose(one, other, atol=0.01)
+    for given in ((), (*measured, *white)):
+        refused = lfcal(*command, *given, "-o", tmp_path / "no.tif")
+        assert refused.code == 2 and "--white or --lattice" in refused.err and not (tmp_path / "no.tif").exists()
+
+
 def test_views_through_a_mask(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
     frame, white = (tifffile.imread(field / name).astype(np.float32) for name in ("field.tif", "white.tif"))
     out = tmp_path / "mask.tif"
