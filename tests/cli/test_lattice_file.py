@@ -2,17 +2,21 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 
 from lfcal.cli.lattice_file import load_lattice
 from lfcal.cli.white_files import save_lattice
 from lfcal.errors import FileFormatError
 from lfcal.lattice import LatticeFit, fit_lattice
+from lfcal.psf import PSFMatrix, save
+from tests.cli.conftest import Run
 from tests.lattice.white_frames import barrel, draw_white
 
 SHAPE = (300, 360)
@@ -69,3 +73,23 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         (tmp_path / "x.json").write_text(text)
         with pytest.raises(FileFormatError):
             load_lattice(tmp_path / "x.json")
+
+
+def test_a_light_field_is_resampled_by_a_lattice_measured_before(
+    lfcal: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    white = draw_white((150, 160), 12.3, kind="square").frame
+    tifffile.imwrite("white.tif", white)
+    save_lattice(fit_lattice(white), tmp_path)
+    save(PSFMatrix(np.random.default_rng(0).random((1, 12, 12, 9, 9)).astype(np.float32)), "H.h5")
+    words = ("reconstruct", "H.h5", "white.tif", "-n", "2", "-o")
+    for out, own in (
+        ("a.npy", ("--white", "white.tif")),
+        ("b.npy", ("--white", "white.tif", "--lattice", "lattice.json")),
+    ):
+        done = lfcal(*words, out, "--resample", *own)
+        assert done.code == 0, done.err
+    np.testing.assert_allclose(np.load("b.npy"), np.load("a.npy"), rtol=1e-3)
+    done = lfcal(*words, "c.npy", "--lattice", "lattice.json")
+    assert done.code == 2 and "add --resample" in done.err
