@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from lfcal.camera import Camera
+    from lfcal.lattice.fit import LatticeFit
     from lfcal.psf import PSFMatrix
     from lfcal.reconstruct.resample import Resampling
 
@@ -47,10 +53,9 @@ def check_lattice(lattice: Path | None, *, resample: bool) -> None:
 def view_of(H: Any, white: Path | None, lattice: Path | None = None) -> Resampling:
     """Return the map of frames onto H's period, by a measured lattice, the white frame's or H's camera's."""
     from lfcal.errors import InputError
+    from lfcal.frames.corrections.recipe import read_average
     from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
 
-    # With several lens types the period of H spans that many lenslets.
-    types = len(H.camera.lattice.types) if H.camera is not None else 1
     if lattice is not None:
         from lfcal.cli.lattice_file import load_lattice
 
@@ -65,8 +70,28 @@ def view_of(H: Any, white: Path | None, lattice: Path | None = None) -> Resampli
             "--resample", "a white frame, a lattice, or a camera with H", "none", "give --white or --lattice"
         )
     else:
-        from lfcal.frames.corrections.recipe import read_average
         from lfcal.lattice.fit import fit_lattice
 
         fit = fit_lattice(read_average(white), kind=None if H.camera is None else H.camera.lattice.kind)
-    return Resampling.of_fit(fit, H.period, lattice_anchor_of(H), types)
+    if H.camera is None or len(H.camera.lattice.types) == 1:
+        return Resampling.of_fit(fit, H.period, lattice_anchor_of(H))
+    measured = _measured(H.camera, fit, None if white is None else read_average(white))
+    return Resampling.of_camera(measured, H.period, lattice_anchor_of(H))
+
+
+def _measured(camera: Camera, fit: LatticeFit, white: NDArray[np.float32] | None) -> Camera:
+    """Return ``camera`` of three lens types with the lattice of ``fit``: a lenslet of type 0 is at its offset.
+
+    Which one that is the white frame tells; without it, or where it does not, the nearest to the offset stated.
+    """
+    from lfcal.cli.console import report
+    from lfcal.errors import InputError
+    from lfcal.lattice.lens_types import classify_lens_types, expected_blur
+
+    lattice = fit.to_lattice(camera)
+    if white is not None:
+        try:
+            lattice = classify_lens_types(white, fit, expected_blur(camera)).to_lattice(fit, camera)
+        except InputError as error:
+            report(f"note: lens types are taken as H's camera states them; {error}")
+    return replace(camera, lattice=lattice)
