@@ -37,6 +37,13 @@ NOMINAL_TOLERANCE = 0.10
 SURE = 0.2
 """Share of the usual contrast from which a lenslet counts as brighter or darker than its gaps."""
 
+HEXAGONAL_ORDERS = (((1, 0), (0, 1), (-1, -1)), ((1, -1), (1, 2), (-2, -1)), ((2, 0), (0, 2), (-2, -2)))
+SQUARE_ORDERS = (((1, 0), (0, 1)), ((1, 1), (1, -1)), ((2, 0), (0, 2)))
+"""The lowest orders of a cell in sets that turns by 120 or 90 degrees take into one another, but for opposite ones."""
+
+SYMMETRY_PITCHES = 8.0
+"""How far from the middle the mean cell is taken."""
+
 MIN_BRIGHT = 0.75
 """Share of lenslets that must be brighter than the gaps around them."""
 
@@ -84,11 +91,11 @@ def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float 
         wanted = f"a {kind} lattice of micro-images" if kind else "a square or hexagonal lattice of micro-images"
         raise InputError.expected("white image", wanted, found, "take an evenly lit, sharp image of the lenslets")
     name, basis = _explaining(candidates, frequencies, amplitudes)
-    rough, share = _judge(flat, name, basis)
+    rough, share = _judge(flat, name, basis, _most_symmetric(flat, name, basis))
     if name == "hexagonal":
         # the lenslets' lattice within that of one type: (2, -1)/3 and (1, 1)/3 of its vectors
         finer = upright(np.array([[2.0, -1.0], [1.0, 1.0]]) @ basis / 3, name)
-        other, bright = _judge(flat, name, finer, rough.centre)
+        other, bright = _judge(flat, name, finer, _most_symmetric(flat, name, basis, types=3))
         if bright >= MIN_BRIGHT and other.contrast > 0:
             rough, share = other, bright
     if share < MIN_BRIGHT or rough.contrast <= 0:
@@ -245,17 +252,12 @@ def upright(basis: Array, kind: str) -> Array:
     return np.stack([first, min(short, key=turn)])
 
 
-def _judge(
-    flat: NDArray[np.float32], kind: str, basis: Array, centre: Array | None = None
-) -> tuple[RoughLattice, float]:
-    """Return the lattice with its brightest or the given centre, and the share of centres brighter than the gaps."""
+def _judge(flat: NDArray[np.float32], kind: str, basis: Array, centre: Array) -> tuple[RoughLattice, float]:
+    """Return the lattice with its centre, and the share of centres brighter than the gaps."""
     import cv2
 
     pitch = float(np.linalg.norm(basis, axis=1).mean())
     smooth = cv2.GaussianBlur(flat, (0, 0), 0.15 * pitch)
-    middle = np.array(flat.shape[::-1]) / 2
-    if centre is None:
-        centre = _brightest(smooth, basis, middle, reach=8 * pitch)
     inverse = np.linalg.inv(basis)
     corners = np.array([(x, y) for x in (0, flat.shape[1]) for y in (0, flat.shape[0])]) - centre
     limit = np.ceil(np.abs(corners @ inverse).max(0)).astype(int)
@@ -278,16 +280,36 @@ def _judge(
     return RoughLattice(kind, basis, centre, float(difference.mean())), float((difference[sure] > 0).mean())
 
 
-def _brightest(smooth: NDArray[np.float32], basis: Array, about: Array, reach: float) -> Array:
-    """Return the place in the cell, near ``about``, where the lattice's sites are brightest on average."""
-    n = 24
-    steps = np.arange(-max(2, int(reach / np.linalg.norm(basis[0]))), max(2, int(reach / np.linalg.norm(basis[0]))) + 1)
-    q, r = np.meshgrid(steps, steps)
-    sites = np.stack([q.ravel(), r.ravel()], axis=-1) @ basis + about
-    u, v = np.meshgrid(np.arange(n) / n, np.arange(n) / n)
-    shifts = np.stack([u.ravel(), v.ravel()], axis=-1) @ basis
-    means = [float(_sample(smooth, sites + shift).mean()) for shift in shifts]
-    result: Array = about + shifts[int(np.argmax(means))]
+def _most_symmetric(flat: NDArray[np.float32], kind: str, basis: Array, types: int = 1) -> Array:
+    """Return the place in the cell, near the middle, about which the mean cell is most alike when turned.
+
+    By 60 degrees for a hexagonal lattice; by 120 for that of one of three ``types``, whose three centres of this
+    symmetry are one lenslet of each; by 90 for a square one, whose gaps are as symmetric as its lenslets: there the
+    brighter place is taken. Brightness alone would not do: overlapping micro-images are brightest on their rims.
+    """
+    n = 48
+    middle = (np.array(flat.shape[::-1]) - 1) / 2
+    # near the middle the spectrum's lattice is in step with that of the image
+    reach = SYMMETRY_PITCHES * float(np.linalg.norm(basis[0]))
+    low = np.maximum(np.ceil(middle - reach), 0).astype(int)
+    high = np.minimum(middle + reach + 1, flat.shape[::-1]).astype(int)
+    x, y = (np.arange(a, b) - c for a, b, c in zip(low, high, middle, strict=True))
+    part = flat[low[1] : high[1], low[0] : high[0]].astype(float)
+    window = np.outer(np.hanning(len(y) + 2)[1:-1], np.hanning(len(x) + 2)[1:-1])
+    part = (part - (part * window).sum() / window.sum()) * window
+    shifts = np.stack([v.ravel() for v in np.meshgrid(np.arange(n) / n, np.arange(n) / n)], axis=-1)
+    alike, bright = np.zeros(n * n), np.zeros(n * n)
+    for orders in HEXAGONAL_ORDERS if kind == "hexagonal" else SQUARE_ORDERS:
+        mean = np.zeros(n * n, complex)
+        for order in np.array(orders):
+            fx, fy = np.linalg.solve(basis, order)
+            amplitude = np.exp(-2j * np.pi * fy * y) @ part @ np.exp(-2j * np.pi * fx * x)
+            mean += amplitude * np.exp(2j * np.pi * shifts @ order) / len(orders)
+        alike += mean.real**2 if types == 1 else abs(mean) ** 2
+        bright += len(orders) * mean.real
+    if kind == "square":
+        alike[bright <= 0] = 0
+    result: Array = middle + shifts[int(np.argmax(alike))] @ basis
     return result
 
 

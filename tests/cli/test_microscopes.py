@@ -113,8 +113,9 @@ def test_points_between_the_voxels_are_found_where_they_are(lfcal: Lfcal, tmp_pa
 
 
 @pytest.mark.long
-def test_a_three_type_array_of_broken_period_from_the_plan_to_the_volume(lfcal: Lfcal, tmp_path: Path) -> None:
-    """A light field on the sensor's own pixels, reconstructed by the lattice that the camera states."""
+@pytest.mark.parametrize("by", ["camera", "white"])
+def test_a_three_type_array_of_broken_period_from_the_plan_to_the_volume(lfcal: Lfcal, tmp_path: Path, by: str) -> None:
+    """A light field on the sensor's own pixels, by the lattice that the camera states or a white frame shows."""
     camera = preset("bench")
     camera_file, plan_file, session = tmp_path / "camera.json", tmp_path / "plan.json", tmp_path / "session"
     camera_file.write_text(replace(camera, sensor=replace(camera.sensor, shape=(140, 140))).to_json())
@@ -136,7 +137,8 @@ def test_a_three_type_array_of_broken_period_from_the_plan_to_the_volume(lfcal: 
     scale, zero = np.array(plan.resample_factors), np.array(plan.camera.sensor.centre_px)
     volume = tmp_path / "volume.npy"
     work = ("reconstruct", tmp_path / "H.h5", frame, "--resample", "--background", black)
-    succeeded(lfcal(*work, "-n", 30, "-o", volume))
+    own = ("--white", session / "white") if by == "white" else ()
+    succeeded(lfcal(*work, *own, "-n", 30, "-o", volume))
     found = np.load(volume)[0]
     # the first pixel: as far up and left as the frame goes, whole pixels from position (0, 0)
     about = np.array(plan.lattice_anchor) * scale

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.lattice.spectrum import blurred, guess_lattice, upright
-from tests.lattice.white_frames import draw_white
+from tests.lattice.white_frames import draw_pupils, draw_white
 
 
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
@@ -33,6 +33,20 @@ def test_neither_a_finer_nor_a_coarser_lattice_is_taken(kind: str) -> None:
     assert rough.kind == kind
     assert np.allclose(rough.basis, truth.basis, atol=0.05)
     assert truth.distance_to_lattice((rough.centre[1], rough.centre[0])) < 0.1 * 18.0
+
+
+@pytest.mark.parametrize("shape", [(140, 140), (160, 170)])
+@pytest.mark.parametrize("pupil", [0.75, 0.9, 0.95])
+@pytest.mark.parametrize("snr", [20.0, 1e6])
+def test_overlapping_micro_images_are_centred_though_their_rims_are_brightest(
+    shape: tuple[int, int], pupil: float, snr: float
+) -> None:
+    """What overlaps lights the rims: the lattice's points are where the mean micro-image looks alike all round."""
+    frame, origin, basis = draw_pupils((0.5, 0.33, 0.2), pitch=11.0, pupil=pupil, shape=shape, snr=snr)
+    rough = guess_lattice(frame, "hexagonal", None)
+    assert np.allclose(rough.basis, basis, atol=0.1)
+    steps = (rough.centre - np.array(origin)[::-1]) @ np.linalg.inv(basis)
+    assert np.hypot(*((steps - np.rint(steps)) @ basis)) < 0.05 * 11.0
 
 
 def test_only_the_middle_of_a_large_frame_is_looked_at() -> None:
