@@ -77,6 +77,13 @@ class Frame:
         x, y = ((n - 1) / 2 for n in (shape[1], shape[0]))
         return cls((x, y), math.hypot(x, y))
 
+    def outline(self) -> Array:
+        """Return points ``(36, 2)`` (x, y) on the frame's border."""
+        side = np.linspace(0, 2, 9)
+        around = [(a, b) for a in side for b in (0, 2)] + [(a, b) for a in (0, 2) for b in side]
+        outline: Array = np.array(around) * self.middle
+        return outline
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FittedForm:
@@ -216,7 +223,7 @@ def fit_form(
     """Fit a form of the lattice to measured ``places`` (x, y) with Huber weights (Gauss-Newton).
 
     ``weight`` ``(n,)`` is used instead of weights by the form's own residuals. None where the places do not
-    determine the form.
+    determine the form all over the frame.
     """
     try:
         model = _start(model, form, frame)
@@ -231,6 +238,8 @@ def fit_form(
                 return None
             if np.abs(step[2:4]).max() < 1e-9 * model.pitch:
                 break
+        # where no places hold it, a bend may turn back on itself before it reaches the border: it raises here
+        model.indices(frame.outline())
     except (np.linalg.LinAlgError, InputError):
         return None
     residual = places - model.places(index)

@@ -162,6 +162,20 @@ def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None
     return model
 
 
+def _surface(points: Array, light: Array, shape: tuple[int, int], degree: int) -> NDArray[np.float32]:
+    """Return the smooth ``light`` of the brightest 1 on every pixel: a polynomial, or the exponential of one.
+
+    The one follows a shade's edge better, the other what falls to a small part, as a beam does.
+    """
+    known = np.maximum(light, DARK_FIELD)
+    plain, steep = fit_field(points, light, shape, degree), fit_field(points, np.log(known), shape, degree)
+    found = plain.at(*points.T), np.exp(np.minimum(steep.at(*points.T), 1.0))
+    miss = [np.minimum(np.abs(values / known - 1), RIM).mean() for values in found]
+    if miss[0] <= miss[1]:
+        return plain.frame()
+    return np.exp(np.minimum(steep.frame(), 1.0))
+
+
 def evened(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> NDArray[np.float32]:
     """Divide by the smooth fall of light: within a micro-image it would draw the places to the brighter side."""
     index = _lenslets_of(image, model)
@@ -170,8 +184,8 @@ def evened(image: NDArray[np.float32], model: LatticeModel, workers: int | None)
     points = model.places(index)[alive][:, ::-1]
     # a quartic through few lenslets would follow each of them
     degree = 4 if alive.sum() > 150 else 1
-    surface = fit_field(points, light[alive], (image.shape[0], image.shape[1]), degree).frame()
     top = float(np.percentile(light[alive], 90))
+    surface = _surface(points, light[alive] / top, (image.shape[0], image.shape[1]), degree) * top
     # beyond the lit field the surface is anything: there the image stays as dark as it is
     return (image / np.where(surface < EVENED_FROM * top, top, surface)).astype(np.float32)
 

@@ -66,6 +66,26 @@ def test_the_rim_of_the_light_bends_no_straight_lattice(light: Any, seed: int) -
     assert np.hypot(*truth.errors(fit.centres_px(q, r)).T).max() < 0.05
 
 
+@pytest.mark.parametrize(("kind", "seed"), [("hexagonal", 0), ("hexagonal", 2), ("square", 0), ("square", 4)])
+def test_a_beam_s_bell_draws_no_lenslet_to_its_middle(kind: str, seed: int) -> None:
+    """Light that falls to two percent in the corners: a polynomial of it would fall too fast or too slowly there."""
+    truth = draw_white(SHAPE, kind=kind, dark=0.0, light=lambda x, y: np.exp(-2 * (x * x + y * y)), seed=seed)
+    fit = fit_lattice(truth.frame)
+    assert fit.form == "affine"
+    q, r = fit.index[~fit.dead].T
+    assert np.hypot(*truth.errors(fit.centres_px(q, r)).T).max() < 0.05
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_square_lattice_lit_by_half_is_found(seed: int) -> None:
+    """No places hold a flexible lattice in the dark half: a bend that turns back there is none."""
+    truth = draw_white(SHAPE, kind="square", dark=0.0, light=lambda x, y: (x > 0.02).astype(float), seed=seed)
+    fit = fit_lattice(truth.frame)
+    assert fit.form == "affine"
+    q, r = fit.index[~fit.dead].T
+    assert np.hypot(*truth.errors(fit.centres_px(q, r)).T).max() < 0.05
+
+
 @pytest.mark.parametrize("size", [8.0, 30.0])
 def test_drawn_specimens_are_refused(size: float) -> None:
     import cv2
