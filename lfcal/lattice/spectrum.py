@@ -188,7 +188,9 @@ def _whiten(power: NDArray[np.float32], radius: Array, n: int) -> NDArray[np.flo
     from scipy import ndimage
 
     ring = np.minimum((radius * n / 4).astype(np.intp), n // 4)
-    medians = np.asarray(ndimage.median(power, ring, np.arange(ring.max() + 1)))
+    # the spectrum of a real image is symmetric: half of it has the same medians
+    half = slice(len(power) // 2, None)
+    medians = np.asarray(ndimage.median(power[half], ring[half], np.arange(ring.max() + 1)))
     medians = np.maximum(medians, 1e-12 * float(power.max()))
     result: NDArray[np.float32] = (power / medians[ring]).astype(np.float32)
     return result
@@ -300,11 +302,11 @@ def _most_symmetric(flat: NDArray[np.float32], kind: str, basis: Array, types: i
     shifts = np.stack([v.ravel() for v in np.meshgrid(np.arange(n) / n, np.arange(n) / n)], axis=-1)
     alike, bright = np.zeros(n * n), np.zeros(n * n)
     for orders in HEXAGONAL_ORDERS if kind == "hexagonal" else SQUARE_ORDERS:
-        mean = np.zeros(n * n, complex)
-        for order in np.array(orders):
-            fx, fy = np.linalg.solve(basis, order)
-            amplitude = np.exp(-2j * np.pi * fy * y) @ part @ np.exp(-2j * np.pi * fx * x)
-            mean += amplitude * np.exp(2j * np.pi * shifts @ order) / len(orders)
+        fx, fy = np.linalg.solve(basis, np.array(orders, float).T)
+        phase = -2 * np.pi * np.outer(x, fx)
+        along = part @ np.cos(phase) + 1j * (part @ np.sin(phase))
+        amplitude = (np.exp(-2j * np.pi * np.outer(y, fy)) * along).sum(0)
+        mean = np.exp(2j * np.pi * shifts @ np.array(orders).T) @ amplitude / len(orders)
         alike += mean.real**2 if types == 1 else abs(mean) ** 2
         bright += len(orders) * mean.real
     if kind == "square":
