@@ -225,8 +225,10 @@ def check_regular(path: Path) -> None:
         raise StorageError(f"{path}: is a pipe or a device; name a file on a disk")
 
 
-def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26) -> str:
+def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bool = False) -> str:
     """Return a text file in UTF-8 of at most ``limit`` bytes (64 MB).
+
+    A ``foreign`` one may also be as spreadsheets save it: UTF-16 with its mark, or Western Windows (code page 1252).
 
     Raises
     ------
@@ -243,10 +245,15 @@ def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26) -> str:
         raise FileFormatError.expected(
             str(source), f"text of at most {format_bytes(limit)}", "a larger file", "check the path"
         )
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise FileFormatError.expected(str(source), "text in UTF-8", "other bytes", "check the path") from None
+    encodings: tuple[str, ...] = ("utf-8-sig",)
+    if foreign and data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encodings = ("utf-16",)
+    elif foreign and b"\0" not in data:  # of bytes without text code page 1252 makes letters, too
+        encodings = ("utf-8-sig", "cp1252")
+    for encoding in encodings:
+        with suppress(UnicodeDecodeError):
+            return data.decode(encoding)
+    raise FileFormatError.expected(str(source), "text in UTF-8", "other bytes", "check the path")
 
 
 def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:

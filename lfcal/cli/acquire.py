@@ -305,11 +305,12 @@ def _check_stage(task: _Task, rig: Rig, control: Control) -> None:
 def _show_forecast(task: _Task, rig: Rig) -> None:
     from lfcal.acquire.forecast import forecast
     from lfcal.cli.console import print_json, print_table
+    from lfcal.plain import plain
     from lfcal.units import format_bytes, format_seconds
 
     found = forecast(task.plan, rig, task.options, task.out)
     if task.quiet:
-        print_json(found)
+        print_json(plain(found) | {"assumed": task.plan.camera.marks.paths("assumed")})
         return
     rows = [
         ["positions", f"{found.positions}"],

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lfcal.cli.channels import Part, open_colour, parts_of
-from lfcal.cli.listed import ColumnsOption, report_notes
+from lfcal.cli.listed import ColumnsOption, report_notes, tell_size
 from lfcal.cli.options import CompressionOption, ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
@@ -151,6 +151,7 @@ def command(
         source, scan = open_colour(opened, channel)
         stack.enter_context(source)
         tell_assumed(scan.camera, "plan", quiet=json)
+        tell_size(source.shape, scan.camera, folder=str(frames), channel=channel)
         report_notes(source.metadata.get("notes", ()))
         bits, note = chosen_shift(shift, source)
         report_notes([note] if note else [])

@@ -39,10 +39,11 @@ def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) ->
 
     try:
         return opened()
-    except FileFormatError:
+    except FileFormatError as error:
         component = "G" if channel == "each" else channel
         if component not in COMPONENTS:
-            raise
+            # the library's word for the option is not the command's
+            raise FileFormatError(str(error).replace(' (colour="G")', ", or an H of all: --channel each")) from None
     # grey frames that are damaged fail again, with the same words
     return opened(colour=component)
 

@@ -13,7 +13,7 @@ from lfcal.cli.console import report
 if TYPE_CHECKING:
     from lfcal.camera import Camera, ScanPlan, StageAxes
 
-__all__ = ["ColumnsOption", "plan_from_list", "report_notes"]
+__all__ = ["ColumnsOption", "plan_from_list", "report_notes", "tell_size"]
 
 ColumnsOption: TypeAlias = Annotated[
     str,
@@ -26,6 +26,19 @@ def report_notes(notes: Iterable[str]) -> None:
     """Print what was guessed, a line each."""
     for note in notes:
         report(f"note: {note}")
+
+
+def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
+    """Warn where frames are no whole pictures of the camera's sensor, upright, turned or one colour of a mosaic."""
+    sizes = {shape, shape[::-1]}
+    if channel:
+        sizes |= {(-(-rows // 2), -(-columns // 2)) for rows, columns in sizes}
+    if camera.sensor.shape not in sizes:
+        (rows, columns), (tall, wide) = shape, camera.sensor.shape
+        report(
+            f"warning: {folder}: frames of {rows} x {columns} px, the camera's sensor has {tall} x {wide}, from whose "
+            "middle micro-images are counted; state its size with lfcal camera import CAMERA --frame FRAME"
+        )
 
 
 def plan_from_list(
@@ -43,19 +56,24 @@ def plan_from_list(
     from lfcal.frames import named_orientation
     from lfcal.frames.lists.derived import plan_of_list
     from lfcal.frames.lists.entries import located
-    from lfcal.frames.lists.open_table import any_listing, reader
+    from lfcal.frames.lists.open_table import any_listing, reader, sample_of
 
     turn = named_orientation(orientation)
     listing = any_listing(listed, columns)
     root = folder or listed.parent
     try:
         listing = located(listing, root)
-        read = reader(listing, root, turn=turn)
+        shape, colour = sample_of(listing, root)
+        read = reader(listing, root, colour, turn)
     except StorageError as error:
         if folder is not None:
             raise
         report(f"note: the frames are not there to be looked at ({error}); --frames names their folder")
         read = None
+    else:
+        tell_size(shape, camera, folder=str(root))
+        if colour is not None:
+            report(f"note: light: of the {colour} of colour pictures; lfcal assemble takes one with --channel")
     plan, notes = plan_of_list(listing, camera, read=read, stage=stage, **settings)
     report_notes(notes)
     return plan

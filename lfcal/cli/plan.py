@@ -214,7 +214,11 @@ def command(
         "resample": resample,
     }
     axes = _stage_axes(stage)
+    if positions is None and (frames is not None or columns or orientation != "as-is"):
+        raise InputError("--frames, --columns and --orientation: are of a scan's list; name it with --positions LIST")
     if positions is not None:
+        if average != 1:
+            raise InputError("--average: a list itself says how often positions were recorded; leave it out")
         lengths, virtual = parse_planes(depths, virtual_depths) if depths or virtual_depths else (None, None)
         known = load_camera(camera)
         planes = lengths if virtual is None else tuple(known.depth_of(v) for v in virtual)

@@ -61,7 +61,7 @@ def command(
     planned = _plan(camera, depths, virtual_depths, cutout, json=json)
     found = plan_effects(planned.camera, planned, tolerance, _settings(effects), frames=frames is not None, peak=peak)
     if plan_only:
-        _show(found, json)
+        _show(found, planned, json)
         return
     if (out is None) == (frames is None):
         raise InputError("output: give -o H.h5 for the matrix or --frames DIR for a session, or --plan-only")
@@ -128,7 +128,7 @@ def _settings(effects: Sequence[str]) -> dict[str, str]:
     return settings
 
 
-def _show(found: EffectSelection, json: bool) -> None:
+def _show(found: EffectSelection, planned: ScanPlan, json: bool) -> None:
     from lfcal.units import format_seconds
 
     if json:
@@ -153,6 +153,7 @@ def _show(found: EffectSelection, json: bool) -> None:
                     }
                     for r in found.rows
                 ],
+                "assumed": planned.camera.marks.paths("assumed"),
             }
         )
         return

@@ -37,27 +37,35 @@ def fold(
     start: int,
     stop: int,
 ) -> None:
-    """Add the pixels of lenslets ``start … stop`` to the mean micro-image, each to its nearest sample.
+    """Add the pixels of lenslets ``start … stop`` to the mean micro-image, each shared among its four samples.
 
     ``scales`` ``(n,)`` divide each lenslet (0: left out); ``sums`` ``(2, side, side)`` takes values and how many they
     are, side = 2 ceil(radius) per_px + 1. Centres lie anywhere between pixels, so that many lenslets together sample
-    a micro-image more finely than one does.
+    a micro-image more finely than one does. Where the pitch is whole pixels they all lie alike: the nearest sample
+    alone would move the whole mean by up to half a sample.
     """
     total, count = sums[0], sums[1]
     centres, radius, over = lenslets.centres, lenslets.radius, lenslets.per_px
     rows, columns = image.shape
-    middle = total.shape[0] // 2
+    middle, last = total.shape[0] // 2, total.shape[0] - 2
     for k in range(start, stop):
         if scales[k] <= 0.0:
             continue
         inverse = 1.0 / scales[k]
         cx, cy = centres[k, 0], centres[k, 1]
         for y in range(max(0, math.ceil(cy - radius)), min(rows - 1, math.floor(cy + radius)) + 1):
-            j = math.floor((y - cy) * over + 0.5) + middle
+            v = (y - cy) * over + middle
+            j = min(math.floor(v), last)
+            fv = v - j
             for x in range(max(0, math.ceil(cx - radius)), min(columns - 1, math.floor(cx + radius)) + 1):
-                i = math.floor((x - cx) * over + 0.5) + middle
-                total[j, i] += image[y, x] * inverse
-                count[j, i] += 1.0
+                u = (x - cx) * over + middle
+                i = min(math.floor(u), last)
+                fu = u - i
+                value = image[y, x] * inverse
+                for b, down in ((j, 1.0 - fv), (j + 1, fv)):
+                    for a, share in ((i, down * (1.0 - fu)), (i + 1, down * fu)):
+                        total[b, a] += share * value
+                        count[b, a] += share
 
 
 SHIFT_X, SHIFT_Y, GAIN, LEVEL, EXPLAINED = range(5)

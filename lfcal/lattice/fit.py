@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
+from lfcal.lattice.checkered import check_cell, mean_cell
 from lfcal.lattice.doubts import check_white, evenness
 from lfcal.lattice.forms import Frame, fit_form
 from lfcal.lattice.growth import followed, start_reach
@@ -62,7 +63,7 @@ def fit_lattice(
     Raises
     ------
     InputError
-        If the frame is blank, textured, shows no such lattice, or shows a specimen; with the reason.
+        If the frame is blank, textured, shows no such lattice, a checkerboard or a specimen; with the reason.
     """
     image = prepare(white, dark)
     if kind is not None:
@@ -80,6 +81,8 @@ def fit_lattice(
     chosen = select_form(model, lenslets.index[sound], lenslets.places[sound], frame)
     # the light is that of the image as taken: evened out, it would show no vignetting
     light = mean_light(image, chosen.fitted.model, lenslets.index, workers)
+    if model.kind == "square":
+        check_cell(mean_cell(image, chosen.fitted.model, lenslets.index[sound]))
     return _described((image.shape[0], image.shape[1]), lenslets, chosen, light)
 
 

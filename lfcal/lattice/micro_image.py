@@ -16,6 +16,12 @@ __all__ = ["LensletPlaces", "MicroImage", "light_of", "mean_micro_image", "place
 Array = NDArray[np.float64]
 SAMPLES_PER_PIXEL = 4
 
+SPREAD_PX = 0.35
+"""Standard deviation over which samples of the mean micro-image are spread, where centres lie evenly over a pixel."""
+
+RIPPLE = 0.005
+"""Period of a pixel left in the weights of the samples, where centres lie alike on their pixels."""
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MicroImage:
@@ -105,16 +111,28 @@ def mean_micro_image(
             fold(image, Lenslets(centres, radius, SAMPLES_PER_PIXEL), scales, sums[k], *parts[k])
 
     for_each_chunk(work, len(parts), workers)
-    total, count = _spread(sums.sum(0))
+    total, count = _spread(sums.sum(0), _spreads(centres[scales > 0]))
     table = np.where(count > 0, total / np.where(count > 0, count, 1), 0.0)
     return _with_slopes(table, radius)
 
 
-def _spread(sums: Array) -> Array:
-    """Smooth sums and counts alike, so that empty samples are filled from their neighbours."""
+def _spreads(centres: Array) -> Array:
+    """Return over how many pixels samples are spread (x, y): more where all centres lie alike on their pixels.
+
+    There a micro-image is sampled once a pixel, and what is spread less makes a staircase of it. Spreading by sigma
+    leaves R exp(-2 pi^2 sigma^2) of the pixels' period, R being how much the centres agree in their place on a pixel.
+    """
+    alike = np.abs(np.exp(2j * np.pi * centres).mean(0)) if len(centres) else np.zeros(2)
+    wide = np.sqrt(np.log(np.maximum(alike / RIPPLE, 1.0)) / (2 * np.pi**2))
+    return np.maximum(wide, SPREAD_PX)
+
+
+def _spread(sums: Array, pixels: Array) -> Array:
+    """Smooth sums and counts alike over (x, y) ``pixels``, so that empty samples are filled from their neighbours."""
     from scipy import ndimage
 
-    spread: Array = ndimage.gaussian_filter(sums, (0, 0.35 * SAMPLES_PER_PIXEL, 0.35 * SAMPLES_PER_PIXEL))
+    x, y = (SAMPLES_PER_PIXEL * pixels).tolist()
+    spread: Array = ndimage.gaussian_filter(sums, (0, y, x))
     return spread
 
 

@@ -187,7 +187,7 @@ def _frame(role: str, value: float) -> Spoil:
 
 CASES: dict[str, tuple[Spoil, str]] = {
     "no such folder": (lambda s: [s / "nowhere"], "no such file"),
-    "empty folder": (lambda s: [(s / "void").mkdir() or s / "void", "--plan", s / "plan.json"], "manifest"),
+    "empty folder": (lambda s: [(s / "void").mkdir() or s / "void", "--plan", s / "plan.json"], "expected images"),
     "truncated PNG": (_cut_png, FRAME),
     "empty PNG": (_empty_png, FRAME),
     "text as PNG": (_text_as_png, FRAME),

@@ -64,6 +64,19 @@ def test_every_command_says_what_is_assumed(lfcal: Command, tmp_path: Path) -> N
     assert "light and noise" in sure.err and "pixel pitch" not in sure.err
 
 
+def test_looking_ahead_lists_what_is_assumed(lfcal: Command, tmp_path: Path) -> None:
+    (tmp_path / "c.xml").write_text(xml())
+    plan = tmp_path / "plan.json"
+    assert lfcal("plan", tmp_path / "c.xml", "--virtual-depths", "3", "-o", plan).code == 0
+    for words in (
+        ("simulate", plan, "--plan-only"),
+        ("acquire", plan, "--out", tmp_path / "session", "--dry-run", "--no-check-stage"),
+    ):
+        done = lfcal(*words, "--json")
+        assert done.code == 0, done.err
+        assert {"lattice.gap_um", "sensor.pixel_um"} <= set(done.json["assumed"])  # type: ignore[index, call-overload]
+
+
 @pytest.mark.parametrize(
     ("name", "text", "options", "pitch"),
     [

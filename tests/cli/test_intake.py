@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import tifffile
 
 from lfcal.psf import open_psf
 from tests.cli.conftest import Run
@@ -152,3 +153,106 @@ def test_left_aligned_samples(lfcal: Callable[..., Run], session: Path, tmp_path
     assert done.code == 0 and "left-aligned, moved down by 4 to 12 bits" in done.err
     wrong = lfcal(*arguments, "-o", tmp_path / "c.h5", "--shift", "high")
     assert wrong.code == 2 and "auto or a number of bits" in wrong.err
+
+
+def of_positions(folder: Path, listed: Path, frames: Path | None = None) -> tuple[object, ...]:
+    """Return the words of ``lfcal plan`` for a list of the foreign folder."""
+    named = ("--positions", listed, "--frames", frames or folder / "tiffs", "--columns", "file=Bild")
+    return ("plan", folder / "camera.json", *named, "--cutout", "9,11")
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-16", "utf-8"])
+def test_a_list_as_spreadsheets_save_it(lfcal: Callable[..., Run], folder: Path, tmp_path: Path, encoding: str) -> None:
+    """The usual CSV of a spreadsheet is no UTF-8: umlauts and the micro sign are single bytes, or all are two."""
+    listed = tmp_path / "Tisch.csv"
+    text = (folder / "stage.csv").read_text("utf-8-sig").replace("Pos Z (mm)", "Pos Z (mm);Prüfer")
+    head, *rows = text.splitlines()
+    rows = [";".join([*row.split(";")[:4], "Müller µ", *row.split(";")[4:]]) for row in rows]
+    listed.write_bytes("\r\n".join([head, *rows]).encode(encoding))
+    done = lfcal(*of_positions(folder, listed))
+    assert done.code == 0, done.err
+    assert "anchor: row 18, column 21" in done.err
+
+
+def test_letters_that_another_system_writes_in_two_parts(
+    lfcal: Callable[..., Run], folder: Path, tmp_path: Path
+) -> None:
+    """A name with an umlaut is one name, composed in the list and decomposed on the disk."""
+    frames = tmp_path / "Bilder vom Prüfstand"
+    frames.mkdir()
+    text = (folder / "stage.csv").read_text("utf-8-sig").replace("shot", "Prüfling ")
+    (tmp_path / "stage.csv").write_text(text, encoding="utf-8")
+    for path in (folder / "tiffs").iterdir():
+        (frames / path.name.replace("shot", "Pru\u0308fling ")).write_bytes(path.read_bytes())
+    done = lfcal(*of_positions(folder, tmp_path / "stage.csv", frames))
+    assert done.code == 0, done.err
+
+
+def test_rows_that_are_wrong_are_named(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
+    rows = (folder / "stage.csv").read_text("utf-8-sig").splitlines()
+    listed = tmp_path / "stage.csv"
+    for lines, words in (
+        ([*rows[:5], rows[4], *rows[5:]], ("rows of shot003.tif: expected one, got 2",)),
+        ([*rows[:5], rows[4].rsplit(";", 4)[0] + ";" + rows[5].split(";", 1)[1], *rows[6:]], ("rows of shot003.tif",)),
+        (rows[:1], ("only a header",)),
+        ([*rows, "shot999;1,0;2,0;3,0;20"], ("'shot999' is not in",)),
+        ([*rows[:5], rows[5].replace(rows[5].split(";")[1], "NaN"), *rows[6:]], ("line 6, Pos X (mm)", "'NaN'")),
+    ):
+        listed.write_text("\n".join(lines), encoding="utf-8")
+        done = lfcal(*of_positions(folder, listed))
+        errors = [line for line in done.err.splitlines() if "warning" not in line and "note" not in line]
+        assert done.code == 2 and len(errors) == 1, done.err
+        assert all(word in errors[0] for word in words), errors[0]
+
+
+def test_colour_pictures_tell_where_the_light_is(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
+    frames = tmp_path / "rgb"
+    frames.mkdir()
+    for path in (folder / "tiffs").iterdir():
+        grey = tifffile.imread(path)
+        tifffile.imwrite(frames / path.name, np.stack([grey // 2, grey, grey // 3], -1), photometric="rgb")
+    plan = tmp_path / "plan.json"
+    done = lfcal(*of_positions(folder, folder / "stage.csv", frames), "-o", plan)
+    assert done.code == 0, done.err
+    assert "anchor: row 18, column 21" in done.err and "light: of the G of colour pictures" in done.err
+    listed = ("--manifest", folder / "stage.csv", "--columns", "file=Bild", "--plan", plan, "--black-level", "100")
+    wrong = lfcal("assemble", frames, *listed, "-o", tmp_path / "H.h5")
+    assert wrong.code == 2 and "--channel G" in wrong.err and "--channel each" in wrong.err
+    assert "colour=" not in wrong.err
+    done = lfcal("assemble", frames, *listed, "-o", tmp_path / "H.h5", "--channel", "G")
+    assert done.code == 0, done.err
+
+
+def test_frames_of_another_size_than_the_sensor_are_told(
+    lfcal: Callable[..., Run], folder: Path, tmp_path: Path
+) -> None:
+    frames, plan = tmp_path / "cut", tmp_path / "plan.json"
+    frames.mkdir()
+    for path in (folder / "tiffs").iterdir():
+        tifffile.imwrite(frames / path.name, tifffile.imread(path)[:-2, :-4])
+    done = lfcal(*of_positions(folder, folder / "stage.csv", frames), "-o", plan)
+    assert done.code == 0 and "the camera's sensor has" in done.err and "--frame FRAME" in done.err
+    listed = ("--manifest", folder / "stage.csv", "--columns", "file=Bild", "--plan", plan, "--black-level", "100")
+    done = lfcal("assemble", frames, *listed, "-o", tmp_path / "a.h5")
+    assert done.code == 0 and "the camera's sensor has" in done.err
+    done = lfcal("assemble", folder / "tiffs", *listed, "-o", tmp_path / "b.h5")
+    assert done.code == 0 and "the camera's sensor has" not in done.err
+
+
+def test_options_of_a_list_need_one(lfcal: Callable[..., Run], folder: Path) -> None:
+    camera = ("plan", folder / "camera.json", "--depths=-40mm")
+    for words in (("--frames", folder / "tiffs"), ("--columns", "x=1"), ("--orientation", "rot90")):
+        done = lfcal(*camera, *words)
+        assert done.code == 2 and "--positions LIST" in done.err
+    done = lfcal(*of_positions(folder, folder / "stage.csv"), "--average", "2")
+    assert done.code == 2 and "--average" in done.err
+
+
+def test_folders_without_a_list_or_frames(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    plan = tmp_path / "plan.json"
+    assert lfcal(*of_positions(folder, folder / "stage.csv"), "-o", plan).code == 0
+    done = lfcal("assemble", tmp_path / "empty", "--plan", plan, "-o", tmp_path / "H.h5")
+    assert done.code == 2 and "expected images" in done.err and "got none" in done.err
+    done = lfcal("assemble", folder / "tiffs", "--plan", plan, "-o", tmp_path / "H.h5")
+    assert done.code == 2 and "--manifest LIST" in done.err

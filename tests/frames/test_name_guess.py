@@ -72,7 +72,7 @@ def test_what_is_said_of_a_folder(tmp_path: Path) -> None:
     for k, path in enumerate(sorted(tmp_path.iterdir())):
         path.rename(tmp_path / f"frame{k:03d}.png")
     with pytest.raises(
-        InputError, match=r"9 numbered files such as frame\d+\.png; say their order: --order serpentine"
+        InputError, match=r"9 numbered files such as frame\d+\.png; name their list .* their order: --order serpentine"
     ):
         open_frames(tmp_path, plan_shape=(1, 3, 3))
 

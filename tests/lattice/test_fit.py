@@ -51,6 +51,18 @@ def test_a_nominal_pitch_wrong_by_three_percent_will_do(kind: str, wrong: float)
     check(fit_lattice(truth.frame, pitch_px=wrong * 15.4, kind=kind), truth, 0.002)
 
 
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
+@pytest.mark.parametrize("rotation", [0.0, 0.002])
+@pytest.mark.parametrize("offset", [(0.1, -0.4), (0.3, 0.35)])
+def test_a_pitch_of_whole_pixels_moves_no_lattice(kind: str, rotation: float, offset: tuple[float, float]) -> None:
+    """All micro-images lie alike on their pixels: they are sampled once a pixel, wherever the grid of pixels lies."""
+    soft: dict[str, Any] = {"edges": (3.0,), "fill": 0.6, "snr": 1e4, "dead": 0.0, "falloff": 0.0}
+    truth = draw_white((220, 240), 14.0, kind, rotation=rotation, offset=offset, **soft)
+    fit = fit_lattice(truth.frame)
+    assert fit.form == "affine"
+    assert np.hypot(*truth.errors(fit.centres_px(*fit.index.T)).T).max() < 0.02
+
+
 @pytest.mark.long
 def test_errors_are_as_large_as_stated() -> None:
     """Over eight noise draws the pitch scatters by its standard error, and is not biased by the light's fall."""

@@ -28,14 +28,29 @@ def located(listing: Listing, root: Path) -> Listing:
     files, notes = find_files(listing, root)
     pages = listing.pages
     if not any(pages) and len(set(files)) < len(files):
+        _check_pages(listing, files)
         seen: Counter[str] = Counter()
         numbered = []
         for name in files:
             numbered.append(seen[name])
             seen[name] += 1
         pages = tuple(numbered)
-        notes.append(f"pages: {files[0]} is listed {seen[files[0]]} times; its rows are its pages in their order")
+        name, times = seen.most_common(1)[0]
+        notes.append(f"pages: {name} is listed {times} times; its rows are its pages in their order")
     return replace(listing, files=tuple(files), pages=pages, notes=(*listing.notes, *notes))
+
+
+def _check_pages(listing: Listing, files: Sequence[str]) -> None:
+    """Raise where a list of single frames names a file twice: its rows are no pages."""
+    counts = Counter(files)
+    twice = [name for name, times in counts.items() if times > 1]
+    if 2 * len(twice) < len(counts):
+        raise FileFormatError.expected(
+            f"{listing.name}, rows of {twice[0]}",
+            "one",
+            counts[twice[0]],
+            "delete what is not meant, or add a column page",
+        )
 
 
 def manifest_of(

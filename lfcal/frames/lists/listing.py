@@ -79,9 +79,10 @@ def read_listing(path: str | os.PathLike[str], columns: str = "") -> Listing:
         With the line, or the columns there are and what to type.
     """
     table = read_table(Path(path))
-    found = find_columns(table, parse_columns(columns) if columns else None)
+    told = parse_columns(columns) if columns else None
     if not table.rows:
         raise FileFormatError.expected(f"list {table.name}", "a row for each frame", "only a header", "check the file")
+    found = find_columns(table, told)
     by_role = {column.role: column for column in found}
     places = np.full((len(table.rows), 3), np.nan)
     for k, axis in enumerate("xyz"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import unicodedata
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
@@ -41,11 +42,11 @@ def find_files(listing: Listing, root: Path) -> tuple[list[str], list[str]]:
     deep = any(len(parts) > 1 for parts in wanted)
     there = files_below(root, deep=deep)
     exact = {name: name for name in there}
-    # names of files on Windows do not differ by capitals
+    # names of files on Windows do not differ by capitals, and macOS writes letters and their dots apart
     folded: dict[str, list[str]] = {}
     for name in there:
         if PurePosixPath(name).suffix.lower() in image_suffixes():
-            for key in {name.lower(), str(PurePosixPath(name).with_suffix("")).lower()}:
+            for key in {_folded(name), _folded(str(PurePosixPath(name).with_suffix("")))}:
                 folded.setdefault(key, []).append(name)
     found: list[str] = []
     shortened: set[str] = set()
@@ -62,6 +63,10 @@ def find_files(listing: Listing, root: Path) -> tuple[list[str], list[str]]:
     if ended:
         notes.append(f"names: {listing.files[0]} is taken for {found[0]}")
     return found, notes
+
+
+def _folded(name: str) -> str:
+    return unicodedata.normalize("NFC", name).lower()
 
 
 def _parts(name: str) -> Sequence[str]:
@@ -82,7 +87,7 @@ def _match(
         tail = "/".join(parts[dropped:])
         if tail in exact:
             return tail, dropped
-        near = folded.get(tail.lower(), [])
+        near = folded.get(_folded(tail), [])
         if len(near) > 1:
             raise StorageError(
                 f"{listing.name}: {listing.files[k]!r} may be {near[0]} or {near[1]}; write names with endings"

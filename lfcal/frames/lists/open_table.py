@@ -22,7 +22,7 @@ from lfcal.frames.manifest_file import read_manifest
 from lfcal.frames.orientation import Orientation, named_orientation
 from lfcal.frames.sources.base import FrameOptions
 
-__all__ = ["any_listing", "from_micromanager", "from_stage", "is_plain", "manifest_from", "reader"]
+__all__ = ["any_listing", "from_micromanager", "from_stage", "is_plain", "manifest_from", "reader", "sample_of"]
 
 SAMPLE = 50
 """Rows that tell whether places are counted or measured."""
@@ -32,7 +32,7 @@ def is_plain(path: Path) -> bool:
     """Return whether a file is a manifest as lfcal writes it: its columns, and places that are counted."""
     if path.suffix.lower() not in TABLE_SUFFIXES:
         return True
-    lines = read_text(path, limit=256 << 20).splitlines()[: SAMPLE + 1]
+    lines = read_text(path, limit=256 << 20, foreign=True).splitlines()[: SAMPLE + 1]
     rows = list(csv.reader(lines, skipinitialspace=True))
     if not rows:
         return path.suffix.lower() == ".csv"
@@ -103,6 +103,20 @@ def _placed(listing: Listing, root: Path, options: FrameOptions) -> tuple[Manife
         read=reader(listing, root, options.colour, turn),
         lie=lie,
     )
+
+
+def sample_of(listing: Listing, root: Path) -> tuple[tuple[int, int], str | None]:
+    """Return the shape of the first frame of a list, and the component that is looked at of colour pictures."""
+    path = root / listing.files[0]
+    colour = None
+    try:
+        image = open_image(path)
+    except FileFormatError:
+        colour = "G"
+        # grey frames that are damaged fail again, with the same words
+        image = open_image(path, colour=colour)
+    image.close()
+    return image.shape, colour
 
 
 def reader(listing: Listing, root: Path, colour: str | None = None, turn: Orientation | None = None) -> Any:

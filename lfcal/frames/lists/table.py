@@ -67,7 +67,7 @@ def read_table(path: str | Path) -> Table:
     """Read a table whose separator, decimal sign and header are found from its text.
 
     Empty lines, rows of empty cells, empty columns at the end, and lines that begin with ``#`` or ``%`` are left out;
-    the line ``sep=;`` of spreadsheets is heeded.
+    the line ``sep=;`` of spreadsheets is heeded. The text is UTF-8, UTF-16 or code page 1252.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def read_table(path: str | Path) -> Table:
         If the file cannot be read.
     """
     path = Path(path)
-    text = read_text(path, limit=MAX_BYTES)
+    text = read_text(path, limit=MAX_BYTES, foreign=True)
     said, lines = None, []
     for number, line in enumerate(text.splitlines(), 1):
         stripped = line.strip()

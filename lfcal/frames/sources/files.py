@@ -119,6 +119,10 @@ def _from_folder(path: Path, options: FrameOptions) -> tuple[Manifest, tuple[str
     if pattern:
         return _by_pattern(files_below(path, deep="/" in str(getattr(pattern, "template", pattern))), pattern, options)
     names = [name for name in files_below(path, deep=False) if Path(name).suffix.lower() in image_suffixes()]
+    if not names and not (names := _below(path)):
+        raise InputError.expected(
+            f"frames in {path}", "images (TIFF, PNG, NPY, RAW …)", "none", "name the folder that holds them"
+        )
     if not options.order:
         return _by_guess(path, names, options)
     if shape is None:
@@ -149,10 +153,13 @@ def _by_pattern(
     return Manifest.from_names(names, form, plan_shape=options.plan_shape), (note,)
 
 
+def _below(path: Path) -> list[str]:
+    """Return the images in all folders below ``path``."""
+    return [name for name in files_below(path, deep=True) if Path(name).suffix.lower() in image_suffixes()]
+
+
 def _by_guess(path: Path, names: list[str], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
     """Return the frames by the pattern that their names have, where there is no doubt about it."""
-    if not names:
-        names = [name for name in files_below(path, deep=True) if Path(name).suffix.lower() in image_suffixes()]
     guess = guess_pattern(names, options.plan_shape)
     if guess.certain:
         manifest, notes = _by_pattern(names, guess.templates[0], options)
@@ -169,7 +176,8 @@ def _by_guess(path: Path, names: list[str], options: FrameOptions) -> tuple[Mani
             f"positions of the frames in {path}",
             "a list of them, a name pattern, or a scan order",
             f"{guess.numbered} numbered files such as {names[0]}",
-            "say their order: --order serpentine or raster, with the plan of the scan",
+            "name their list (--manifest LIST), or say their order: --order serpentine or raster, with the plan of the "
+            "scan",
         )
     raise _where_from(path)
 
@@ -265,5 +273,6 @@ def _where_from(path: Path) -> InputError:
         f"positions of the frames in {path}",
         "a manifest, a name pattern, or a scan order with the scan shape",
         "none",
-        'add manifest.csv (file,z,y,x), or give for example "z{z}_y{y}_x{x}.png", or order and nz, ny, nx',
+        "name their list (--manifest LIST; file, z, y, x), or say how names or their order tell positions: "
+        "--pattern 'z{z}_y{y}_x{x}.png', or --order with --plan",
     )
