@@ -76,7 +76,7 @@ def test_a_beam_s_bell_draws_no_lenslet_to_its_middle(kind: str, seed: int) -> N
     assert np.hypot(*truth.errors(fit.centres_px(q, r)).T).max() < 0.05
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [0, 3])
 def test_a_square_lattice_lit_by_half_is_found(seed: int) -> None:
     """No places hold a flexible lattice in the dark half: a bend that turns back there is none."""
     truth = draw_white(SHAPE, kind="square", dark=0.0, light=lambda x, y: (x > 0.02).astype(float), seed=seed)
