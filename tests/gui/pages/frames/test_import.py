@@ -153,5 +153,5 @@ def test_the_window_names_no_options_of_the_command_line(text: str, said: str | 
 def test_frames_imported_after_turned_ones_are_upright_until_told(folder: Path) -> None:
     found = survey(ImportChoice(str(folder / "tiffs"), columns="file=1"), plan(scan()), None)
     kept = open_choice(found, FrameSettings(orientation="mirror x", use_background=True)).settings
-    assert kept.orientation == "as is" and kept.use_background
+    assert kept.orientation == "check" and kept.use_background
     found.close()
