@@ -54,11 +54,18 @@ class Notice(QFrame):
         self.show()
 
     def offer(
-        self, text: str, button: str, action: Callable[[], None], leave: Callable[[], None] | None = None
+        self,
+        text: str,
+        button: str,
+        action: Callable[[], None],
+        leave: Callable[[], None] | None = None,
+        *,
+        stay: str = "Leave as it is",
     ) -> None:
-        """Say what was noticed, with a button that does something about it and one that leaves it."""
+        """Say what was noticed, with a button that does something about it and one (``stay``) that leaves it."""
         self._say(text, button, "error")
         self._cancel, self._left = action, leave
+        self.leave.setText(stay)
         self.leave.show()
         self.show()
 

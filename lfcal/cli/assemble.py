@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.channels import Part, open_colour, parts_of
+from lfcal.cli.channels import Part, parts_of
 from lfcal.cli.listed import ColumnsOption, report_notes
 from lfcal.cli.options import CompressionOption, ForceOption, JsonOption, WorkersOption
 
@@ -106,6 +106,7 @@ def command(
     from lfcal.cli.outputs import TABLES, check_output, check_outputs
     from lfcal.frames import CorrectionRecipe
     from lfcal.frames.aligned import chosen_shift
+    from lfcal.frames.components import open_component
     from lfcal.psf.assemble_plan import AssemblySettings
 
     check_choice(orientation)
@@ -148,7 +149,7 @@ def command(
         orientation=orientation,
     )
     with ExitStack() as stack:
-        source, scan = open_colour(opened, channel)
+        source, scan = open_component(opened, channel)
         stack.enter_context(source)
         tell_assumed(scan.camera, "plan", quiet=json)
         report_notes(source.metadata.get("notes", ()))

@@ -13,10 +13,7 @@ if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.frames import Frames
 
-__all__ = ["Part", "open_colour", "parts_of"]
-
-COMPONENTS = ("R", "G", "B")
-"""Components of colour images."""
+__all__ = ["Part", "parts_of"]
 
 
 @dataclass(frozen=True)
@@ -31,20 +28,6 @@ class Part:
     plan: ScanPlan
     channel: str
     out: Path
-
-
-def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) -> tuple[Frames, ScanPlan]:
-    """Return frames and plan; of colour images the component that ``channel`` names, green for ``"each"``."""
-    from lfcal.errors import FileFormatError
-
-    try:
-        return opened()
-    except FileFormatError:
-        component = "G" if channel == "each" else channel
-        if component not in COMPONENTS:
-            raise
-    # grey frames that are damaged fail again, with the same words
-    return opened(colour=component)
 
 
 def parts_of(channel: str, source: Frames, plan: ScanPlan, out: Path, reopen: Callable[[str], Frames]) -> list[Part]:
@@ -63,6 +46,7 @@ def parts_of(channel: str, source: Frames, plan: ScanPlan, out: Path, reopen: Ca
     """
     from lfcal.errors import InputError
     from lfcal.frames.colour_scan import ThinnedSource, colour_scan, colours_of
+    from lfcal.frames.components import COMPONENTS
 
     component = source.metadata.get("colour")
     names = COMPONENTS if component else colours_of(source, plan)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -179,8 +180,10 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
     """Open frames and corrections as the settings say; raises what opening raises."""
     from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
     from lfcal.frames.colour_scan import ThinnedSource, colour_scan
+    from lfcal.frames.components import open_component
 
-    source = open_frames(
+    opening = partial(
+        open_frames,
         folder,
         manifest=settings.manifest or None,
         pattern=settings.pattern or None,
@@ -189,9 +192,12 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
         plan=plan,
         orientation=settings.orientation,
     )
+    source = open_component(opening, settings.channel)
+    # of a colour picture it is one colour already
+    channel = "" if source.metadata.get("colour") else settings.channel
     plan = source.metadata.get("plan", plan)
     frames, own = source, plan
-    if settings.channel and (scan := colour_scan(source, plan, settings.channel)) is not None:
+    if channel and (scan := colour_scan(source, plan, channel)) is not None:
         frames, own = ThinnedSource(source, scan), scan.plan
     recipe = CorrectionRecipe(
         dark=settings.dark if settings.use_dark else "none",
@@ -199,12 +205,12 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
         defects=settings.use_defects,
         background="border" if settings.use_background else "none",
         shift=settings.shift,
-        channel=settings.channel,
+        channel=channel,
     )
     corrected = corrected_view(frames, recipe, plan)
     delivered = Delivered(frames, corrected, recipe, plan, settings.orientation)
     # of one colour, and of samples moved down, the frames are shown as they go into the corrections
-    raw = corrected.source if settings.channel or settings.shift else source
+    raw = corrected.source if channel or settings.shift else source
     table = np.full(own.shape[:3], -1, np.int64)
     for index in range(len(raw)):
         table[raw.info(index).position] = index
@@ -259,7 +265,9 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
         frames = folder / "frames" if inside else folder
         around = folder if inside else folder.parent
         plan = _plan_in(around, around.parent if folder.is_file() else frames) or plan
-        found = {name: str(around / name) for name in ("dark", "white") if (around / name).is_dir()}
+        # beside the frames, or among them
+        places = [place / name for place in (frames, around) for name in ("dark", "white")]
+        found = {place.name: str(place) for place in places if place.is_dir()}
         chosen = replace(chosen, dark=found.get("dark", ""), white=found.get("white", ""))
     opened = None if plan is None else open_imported(str(frames), chosen, plan)
     return Imported(str(frames), chosen, plan, opened)

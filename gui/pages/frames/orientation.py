@@ -13,13 +13,13 @@ from lfcal.frames.source import FrameSource
 from lfcal.psf.orientation import FoundOrientation
 from lfcal.psf.upright import CHECK, check_found
 
-__all__ = ["CHOICES", "Advice", "advice", "refusal", "turned"]
+__all__ = ["CHOICES", "Advice", "advice", "other_sensor", "refusal", "turned"]
 
 TURNS = [one for one in ORIENTATIONS.values() if one.name != AS_IS]
 CHOICES = (
     (CHECK, "check: upright, or refused"),
     (AS_IS, "as is: without a check"),
-    *((one.name, f"{one.name}: {one.words}") for one in TURNS),
+    *((one.name, one.words) for one in TURNS),
 )
 """What may be said of the frames, with the words shown."""
 
@@ -64,6 +64,19 @@ def advice(found: FoundOrientation, chosen: str) -> Advice | None:
     if found.cause == "scan":
         return Advice(f"{words}: correct the positions, or the plan's stage axes", leave=leave)
     return Advice(words, found.name, leave)
+
+
+def other_sensor(source: FrameSource, plan: ScanPlan) -> str:
+    """Return a line where whole frames, however turned, are not of the sensor that the plan is for, else nothing."""
+    whole = all(source.info(k).origin == (0, 0) for k in range(len(source)))
+    sensor = plan.camera.sensor.shape
+    if not whole or sensor in (source.shape, source.shape[::-1]):
+        return ""
+    (rows, columns), (known_rows, known_columns) = source.shape, sensor
+    return (
+        f"frames: {columns} × {rows} px, but the plan's sensor has {known_columns} × {known_rows} px: "
+        "they are cropped, binned or of another camera"
+    )
 
 
 def refusal(found: FoundOrientation, chosen: str) -> str:

@@ -26,7 +26,7 @@ from gui.pages.frames.model import (
     open_imported,
 )
 from gui.pages.frames.model_import import open_choice
-from gui.pages.frames.orientation import advice, refusal
+from gui.pages.frames.orientation import advice, other_sensor, refusal
 from gui.pages.frames.panel import FramesPanel
 from gui.saving import ask_target
 from lfcal.frames.lists.table import TABLE_SUFFIXES
@@ -127,7 +127,14 @@ class Page(BasePage):
     def open_folder(self, path: str) -> None:
         """Take the frames of a folder, once they are known to be good; dark, white and plan beside it are found."""
         settings, plan = self.settings, self.context.state.plan
-        self.load(Path(path).name, lambda: import_folder(path, settings, plan), self._imported, Imported.close)
+
+        def failed(words: str) -> None:
+            # the dialog has the choices that frames of others may need
+            self.context.message.emit(words)
+            self.notice.offer(words, "Import …", lambda: self.start_import(path), stay="Dismiss")
+
+        name = Path(path).name
+        self.load(name, lambda: import_folder(path, settings, plan), self._imported, Imported.close, failed)
 
     def start_import(self, frames: str = "", listed: str = "") -> None:
         """Ask what frames that others recorded are, with what was found of them."""
@@ -167,6 +174,7 @@ class Page(BasePage):
         state, settings = self.context.state, self.settings
         self.panel.show_settings(settings)
         self.opened = self.found = None
+        self.hint.setText(self.spec.hint)
         self.assemble_button.setEnabled(False)
         if not state.frames:
             self.show_empty(
@@ -232,6 +240,10 @@ class Page(BasePage):
     def _offer_turn(self, before: str = "") -> None:
         """Say which way the frames lie, where that is not as was chosen, and offer what helps."""
         advised = None if self.found is None else advice(self.found, self.settings.orientation)
+        if advised is None and self.opened is not None:
+            if words := other_sensor(self.opened.delivered.corrected, self.opened.plan):
+                self.context.message.emit(words)
+                self.notice.tell(words)
         if advised is None:
             return
         words = f"{before}{advised.words}."
@@ -241,7 +253,8 @@ class Page(BasePage):
             return
         leave = (lambda: self._set("orientation", advised.leave)) if advised.leave else None
         if advised.apply:
-            button = "Turn them upright" if advised.apply in ORIENTATIONS else "Take them upright"
+            turning = advised.apply in ORIENTATIONS
+            button = f"Turn them upright ({advised.apply})" if turning else "Do not turn them"
             self.notice.offer(words, button, lambda: self._set("orientation", advised.apply), leave)
         else:
             self.notice.offer(words, "Plan", lambda: self.context.go.emit("plan", None), leave)

@@ -79,7 +79,7 @@ def test_the_page_names_it_and_turns_the_frames(
     page.open_folder(str(mirrored))
     shown(qtbot, page, "mirrored")
     assert page.notice.label.text() == "The frames are mirrored left to right."
-    assert page.notice.button.text() == "Turn them upright"
+    assert page.notice.button.text() == "Turn them upright (mirror x)"
     page.notice.button.click()
     qtbot.waitUntil(lambda: page.opened is not None and page.found is not None, timeout=GUARD_MS)
     assert not page.notice.isVisible()
