@@ -246,7 +246,8 @@ class Page(BasePage):
                 self.notice.tell(words)
         if advised is None:
             return
-        words = f"{before}{advised.words}."
+        said = advised.words
+        words = f"{before}{said[0].lower()}{said[1:]}." if before else f"{said}."
         self.context.message.emit(words)
         if advised.chosen:
             self.notice.tell(words)
@@ -254,7 +255,7 @@ class Page(BasePage):
         leave = (lambda: self._set("orientation", advised.leave)) if advised.leave else None
         if advised.apply:
             turning = advised.apply in ORIENTATIONS
-            button = f"Turn them upright ({advised.apply})" if turning else "Do not turn them"
+            button = f"Turn upright ({advised.apply})" if turning else "Do not turn them"
             self.notice.offer(words, button, lambda: self._set("orientation", advised.apply), leave)
         else:
             self.notice.offer(words, "Plan", lambda: self.context.go.emit("plan", None), leave)
@@ -315,7 +316,7 @@ class Page(BasePage):
         """Return whether the frames lie as no H is made of; say so, and offer what helps."""
         refused = self.found is not None and bool(refusal(self.found, self.settings.orientation))
         if refused:
-            self._offer_turn("H was not assembled. ")
+            self._offer_turn("No H: ")
         return refused
 
     def _not_assembled(self, _: Job) -> None:

@@ -149,7 +149,7 @@ def test_a_list_of_another_scan_than_the_project_s_brings_its_own_plan(folder: P
 )
 def test_the_window_names_no_options_of_the_command_line(text: str, said: str | None) -> None:
     shown = said_in_window(text)
-    assert "--" not in shown and "lfcal plan" not in shown and shown.startswith(text[:20])
+    assert "--" not in shown and "lfcal plan" not in shown and shown.startswith(text[:12])
     assert said is None or shown == said
 
 

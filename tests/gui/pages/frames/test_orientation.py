@@ -79,7 +79,7 @@ def test_the_page_names_it_and_turns_the_frames(
     page.open_folder(str(mirrored))
     shown(qtbot, page, "mirrored")
     assert page.notice.label.text() == "The frames are mirrored left to right."
-    assert page.notice.button.text() == "Turn them upright (mirror x)"
+    assert page.notice.button.text() == "Turn upright (mirror x)"
     page.notice.button.click()
     qtbot.waitUntil(lambda: page.opened is not None and page.found is not None, timeout=GUARD_MS)
     assert not page.notice.isVisible()
@@ -101,7 +101,7 @@ def test_no_h_is_made_of_mirrored_frames_unless_that_is_chosen(
     page.open_folder(str(mirrored))
     shown(qtbot, page, "mirrored")
     page.assemble(str(out))
-    assert page.notice.label.text() == "H was not assembled. The frames are mirrored left to right."
+    assert page.notice.label.text() == "No H: the frames are mirrored left to right."
     assert not context.jobs.jobs(), "refused before any work"
     page.notice.leave.click()
     assert FrameSettings.of(context.state).orientation == "as is"
@@ -120,7 +120,7 @@ def test_the_job_judges_by_itself_where_the_page_does_not_know_yet(
     known, page.found = page.found, None
     page.assemble(str(out))
     page.found = known
-    shown(qtbot, page, "H was not assembled. The frames are mirrored left to right.")
+    shown(qtbot, page, "No H: the frames are mirrored left to right.")
     settled(qtbot, context)
     (job,) = context.jobs.jobs()
     assert job.error.endswith("got another: the frames are mirrored left to right")
