@@ -112,11 +112,12 @@ class BasePage(QWidget):
         function: Callable[[], Any],
         on_result: Callable[[Any], None],
         discard: Callable[[Any], None] | None = None,
+        on_error: Callable[[str], None] | None = None,
     ) -> None:
         """Open ``what`` in the background; the page keeps what it shows until it is known to be good.
 
-        Errors of any kind are said on the page, and the user may stop waiting; what opens after that is handed to
-        ``discard``.
+        Errors of any kind are said on the page, or told to ``on_error``, and the user may stop waiting; what opens
+        after that is handed to ``discard``.
         """
         group = f"{self.spec.key} import"
 
@@ -126,7 +127,7 @@ class BasePage(QWidget):
 
         self.notice.wait(f"Opening {what} …", lambda: self.context.jobs.drop(group))
         self.context.jobs.drop(group)  # it may hang
-        self.context.jobs.load(group, function, opened, self.refuse, discard)
+        self.context.jobs.load(group, function, opened, on_error or self.refuse, discard)
 
     def tool_button(self, text: str, tip: str, action: Any, *, primary: bool = False) -> QPushButton:
         """Add a button to the header."""

@@ -67,10 +67,11 @@ class Context(QObject):
         path: str,
         work: Callable[[], Work[Any]],
         on_done: Callable[[Any], None] | None = None,
+        on_failed: Callable[[Job], None] | None = None,
     ) -> int:
         """Run a job that writes the H file ``path``; closed meanwhile, it is read anew when the job has ended."""
         self.forget(path)
-        number = self.jobs.start(title, page, work, on_done)
+        number = self.jobs.start(title, page, work, on_done, on_failed)
 
         def ended(job: Job) -> None:
             if job.number == number:

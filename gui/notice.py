@@ -28,11 +28,12 @@ class Notice(QFrame):
         self.button = QPushButton()
         self.button.clicked.connect(self._pressed)
         self.leave = QPushButton("Leave as it is")
-        self.leave.clicked.connect(self.clear)
+        self.leave.clicked.connect(self._leave)
         row.addWidget(self.label, 1)
         for button in (self.leave, self.button):
             row.addWidget(button, 0, Qt.AlignmentFlag.AlignTop)
         self._cancel: Callable[[], None] | None = None
+        self._left: Callable[[], None] | None = None
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(WAIT_MS)
@@ -52,10 +53,19 @@ class Notice(QFrame):
         self._cancel = None
         self.show()
 
-    def offer(self, text: str, button: str, action: Callable[[], None]) -> None:
-        """Say what was noticed, with a button that does something about it and one that leaves it."""
+    def offer(
+        self,
+        text: str,
+        button: str,
+        action: Callable[[], None],
+        leave: Callable[[], None] | None = None,
+        *,
+        stay: str = "Leave as it is",
+    ) -> None:
+        """Say what was noticed, with a button that does something about it and one (``stay``) that leaves it."""
         self._say(text, button, "error")
-        self._cancel = action
+        self._cancel, self._left = action, leave
+        self.leave.setText(stay)
         self.leave.show()
         self.show()
 
@@ -68,7 +78,7 @@ class Notice(QFrame):
     def clear(self) -> None:
         """Say nothing."""
         self._timer.stop()
-        self._cancel = None
+        self._cancel = self._left = None
         self.hide()
 
     def _say(self, text: str, button: str, role: str) -> None:
@@ -85,3 +95,9 @@ class Notice(QFrame):
         self.clear()
         if cancel is not None:
             cancel()
+
+    def _leave(self) -> None:
+        left = self._left
+        self.clear()
+        if left is not None:
+            left()

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from gui.models.words import said_in_window
 from lfcal.errors import LfcalError
 
 __all__ = ["LOG", "Workers", "keep", "start_thread", "wait_for", "words_of"]
@@ -26,7 +27,9 @@ def words_of(error: BaseException) -> str:
     text = " ".join(str(error).split())
     if isinstance(error, MemoryError):
         text = "memory: it does not suffice; close other programs, or choose something smaller"
-    elif not isinstance(error, LfcalError):
+    elif isinstance(error, LfcalError):
+        text = said_in_window(text)
+    else:
         text = f"{type(error).__name__}: {text}" if text else type(error).__name__
     return text if len(text) <= MAX_WORDS else f"{text[: MAX_WORDS - 2]} …"
 

@@ -8,10 +8,11 @@ __all__ = ["said_in_window"]
 
 BRACKETS = re.compile(r"\s*\([^()]*--[^()]*\)")
 PLANNING = re.compile(r"[:,] (?:or )?make (?:its|the) plan[^;]*lfcal plan[^;]*")
+VALUES = re.compile(r"(?<=read as )--[a-z]+ ")
 CLAUSES = re.compile(r"; |, (?=--)")
 
 
 def said_in_window(text: str) -> str:
     """Return one line of ``text`` less the clauses that name options of the command line."""
-    first, *others = CLAUSES.split(PLANNING.sub("", BRACKETS.sub("", text)))
+    first, *others = CLAUSES.split(PLANNING.sub("", BRACKETS.sub("", VALUES.sub("", text))))
     return "; ".join([first, *(part for part in others if "--" not in part)])

@@ -178,8 +178,8 @@ def _assemble(
 ) -> dict[str, Any]:
     """Correct, crop and write H; print what was made, or return it for ``json``."""
     from lfcal.cli.console import run_work
-    from lfcal.cli.orientation import check_colours, upright
-    from lfcal.frames import corrected_view, iter_undamaged
+    from lfcal.cli.orientation import upright
+    from lfcal.frames import check_turned_colours, corrected_view, iter_undamaged
     from lfcal.psf.assemble_plan import iter_assemble_plan
 
     start = time.perf_counter()
@@ -188,7 +188,7 @@ def _assemble(
     if skip_damaged:
         frames = run_work(iter_undamaged(frames, workers=settings.workers), quiet=json)
     view, lie = upright(corrected_view(frames, recipe, scan), part.plan, orientation, quiet=json)
-    check_colours(frames, scan, recipe, lie["orientation"]["applied"])
+    check_turned_colours(frames, scan, recipe, lie["orientation"]["applied"])
     report = run_work(iter_assemble_plan(view, part.plan, part.out, settings, provenance=known | lie), quiet=json)
     with report.matrix:
         return show_report(report, part.out, time.perf_counter() - start, json)

@@ -15,9 +15,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Part", "open_colour", "parts_of"]
 
-COMPONENTS = ("R", "G", "B")
-"""Components of colour images."""
-
 
 @dataclass(frozen=True)
 class Part:
@@ -36,16 +33,13 @@ class Part:
 def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) -> tuple[Frames, ScanPlan]:
     """Return frames and plan; of colour images the component that ``channel`` names, green for ``"each"``."""
     from lfcal.errors import FileFormatError
+    from lfcal.frames.components import open_component
 
     try:
-        return opened()
+        return open_component(opened, channel)
     except FileFormatError as error:
-        component = "G" if channel == "each" else channel
-        if component not in COMPONENTS:
-            # the library's word for the option is not the command's
-            raise FileFormatError(str(error).replace(' (colour="G")', ", or an H of all: --channel each")) from None
-    # grey frames that are damaged fail again, with the same words
-    return opened(colour=component)
+        # the library's word for the option is not the command's
+        raise FileFormatError(str(error).replace(' (colour="G")', ", or an H of all: --channel each")) from None
 
 
 def parts_of(channel: str, source: Frames, plan: ScanPlan, out: Path, reopen: Callable[[str], Frames]) -> list[Part]:
@@ -64,6 +58,7 @@ def parts_of(channel: str, source: Frames, plan: ScanPlan, out: Path, reopen: Ca
     """
     from lfcal.errors import InputError
     from lfcal.frames.colour_scan import ThinnedSource, colour_scan, colours_of
+    from lfcal.frames.components import COMPONENTS
 
     component = source.metadata.get("colour")
     names = COMPONENTS if component else colours_of(source, plan)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
-    from lfcal.frames import CorrectionRecipe, FrameSource
+    from lfcal.frames import FrameSource
 
-__all__ = ["check_choice", "check_colours", "upright"]
+__all__ = ["check_choice", "upright"]
 
 
 def check_choice(choice: str) -> None:
@@ -35,19 +35,3 @@ def upright(
 
     turn, record = run_work(iter_upright(view, plan, choice), quiet=quiet)
     return oriented(view, turn, plan.camera.sensor.shape), record
-
-
-def check_colours(frames: FrameSource, plan: ScanPlan, recipe: CorrectionRecipe, applied: str) -> None:
-    """Raise `InputError` where frames were turned whose colour pattern is known from the upright sensor only."""
-    from lfcal.errors import InputError
-    from lfcal.frames import AS_IS
-
-    used = recipe.channel or recipe.defects or recipe.white
-    if applied == AS_IS or not used or frames.metadata.get("cfa") or not plan.camera.sensor.cfa:
-        return
-    raise InputError.expected(
-        "colour pattern of frames that are turned",
-        "one that the frames state as they are delivered",
-        f"that of the plan's upright sensor, {plan.camera.sensor.cfa}",
-        "state it in the manifest, or turn the files themselves",
-    )

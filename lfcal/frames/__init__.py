@@ -18,7 +18,7 @@ from lfcal.frames.corrections.chain import CorrectionChain
 from lfcal.frames.corrections.corrected import CorrectedSource, corrected
 from lfcal.frames.corrections.defect_search import find_defects, iter_find_defects
 from lfcal.frames.corrections.defects import Defects
-from lfcal.frames.corrections.recipe import CorrectionRecipe, corrected_view
+from lfcal.frames.corrections.recipe import CorrectionRecipe, check_turned_colours, corrected_view
 from lfcal.frames.corrections.steps import Dark, Exposure, White, average_frames
 from lfcal.frames.damage import iter_undamaged
 from lfcal.frames.formats.opening import open_image, read_image
@@ -62,6 +62,7 @@ __all__ = [
     "average_frames",
     "balanced_source",
     "channel_source",
+    "check_turned_colours",
     "corrected",
     "corrected_view",
     "find_defects",

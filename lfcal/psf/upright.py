@@ -11,7 +11,7 @@ from lfcal.frames.source import FrameSource
 from lfcal.progress import Work
 from lfcal.psf.orientation import FoundOrientation, iter_find_orientation
 
-__all__ = ["AUTO", "CHECK", "iter_upright"]
+__all__ = ["AUTO", "CHECK", "check_found", "iter_upright"]
 
 CHECK, AUTO = "check", "auto"
 
@@ -40,7 +40,7 @@ def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work
         record: dict[str, Any] = {"applied": turn.name, "found": None}
     else:
         found = yield from iter_find_orientation(view, plan)
-        _refuse(found, choice)
+        check_found(found, choice)
         turn = ORIENTATIONS[found.name or AS_IS]
         record = {"applied": turn.name, "found": found.name or None, "cause": found.cause, "margin": found.margin}
         if not found.name or found.cause == "either":
@@ -48,8 +48,10 @@ def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work
     return turn, {"orientation": record}
 
 
-def _refuse(found: FoundOrientation, choice: str) -> None:
-    """Raise where nothing may be assembled by what was found."""
+def check_found(found: FoundOrientation, choice: str) -> None:
+    """Raise `InputError` where nothing may be assembled by what was found; ``choice`` as in `iter_upright`."""
+    if choice not in (CHECK, AUTO):
+        return
     keep = "--orientation as-is takes them as they are"
     if not found.name and choice == AUTO:
         raise InputError.expected(

@@ -229,8 +229,6 @@ class ImportDialog(QDialog):
         """Return the colours to choose from: those found, or those that were offered when one was chosen."""
         if found.colours:
             return found.colours
-        if "--channel" in found.problem:
-            return ("R", "G", "B")
         offered = tuple(str(self.channel.itemData(k)) for k in range(1, self.channel.count()))
         return offered if self.choice.channel else ()
 

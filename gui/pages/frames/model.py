@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -11,26 +12,26 @@ from numpy.typing import NDArray
 
 from gui.models.frame_view import FrameNumbers, frame_numbers
 from gui.models.settings import PageSettings
-from gui.pages.frames.orientation import lie_of, turned
+from gui.pages.frames.orientation import turned
 from lfcal.camera import ScanPlan
 from lfcal.files import read_text
-from lfcal.frames.orientation import AS_IS
+from lfcal.frames.orientation import named_orientation
 from lfcal.frames.source import FrameSource, Position
-from lfcal.progress import Work
 from lfcal.psf.cutout import INTERPOLATIONS, Cutout
+from lfcal.psf.upright import CHECK
 
 if TYPE_CHECKING:
-    from lfcal.psf import AssemblyReport
+    from lfcal.frames import CorrectionRecipe
 
 __all__ = [
     "CORRECTIONS",
     "WAYS",
+    "Delivered",
     "FrameSettings",
     "Imported",
     "Loaded",
     "Opened",
     "import_folder",
-    "iter_assembly",
     "load_frame",
     "open_imported",
 ]
@@ -65,7 +66,8 @@ class FrameSettings(PageSettings):
     interpolation
         How cutouts between pixels are taken; empty: as the plan needs.
     orientation
-        What makes the frames upright, one of `lfcal.frames.ORIENTATIONS`.
+        What makes the frames upright, one of `lfcal.frames.ORIENTATIONS`, which is not questioned; ``"check"``: they
+        are as they come, if that is not certainly wrong.
     """
 
     page: ClassVar[str] = "frames"
@@ -83,7 +85,33 @@ class FrameSettings(PageSettings):
     use_defects: bool = False
     use_background: bool = False
     interpolation: str = ""
-    orientation: str = AS_IS
+    orientation: str = CHECK
+
+    def usable(self) -> None:
+        """Raise `InputError` where the orientation has no name."""
+        if self.orientation != CHECK:
+            named_orientation(self.orientation)
+
+
+@dataclass(frozen=True, eq=False)
+class Delivered:
+    """What H is made from: the frames as they lie in their files, and what is to be done to them.
+
+    Attributes
+    ----------
+    frames, corrected
+        The frames, before and after the ``recipe``.
+    scan
+        The plan of the whole scan, of which a colour has only a part.
+    orientation
+        As in `FrameSettings`.
+    """
+
+    frames: FrameSource
+    corrected: FrameSource
+    recipe: CorrectionRecipe
+    scan: ScanPlan
+    orientation: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +121,9 @@ class Opened:
     Attributes
     ----------
     source, view
-        The frames, and the corrected, upright view of them that everything is made from.
+        The frames, and the corrected, upright view of them that is shown.
+    delivered
+        What H is made from.
     frames
         Number of the frame of each position ``(nz, ny, nx)``, -1 where there is none.
     plan
@@ -104,6 +134,7 @@ class Opened:
 
     source: FrameSource
     view: FrameSource
+    delivered: Delivered
     frames: NDArray[np.int64]
     plan: ScanPlan
     interpolation: str = ""
@@ -149,19 +180,24 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
     """Open frames and corrections as the settings say; raises what opening raises."""
     from lfcal.frames import CorrectionRecipe, corrected_view, open_frames
     from lfcal.frames.colour_scan import ThinnedSource, colour_scan
+    from lfcal.frames.components import open_component
 
-    source = open_frames(
+    opening = partial(
+        open_frames,
         folder,
         manifest=settings.manifest or None,
         pattern=settings.pattern or None,
         columns=settings.columns,
         first=int(settings.first) if settings.first else None,
         plan=plan,
-        orientation="check" if settings.orientation == "as is" else settings.orientation,
+        orientation=settings.orientation,
     )
+    source = open_component(opening, settings.channel)
+    # of a colour picture it is one colour already
+    channel = "" if source.metadata.get("colour") else settings.channel
     plan = source.metadata.get("plan", plan)
     frames, own = source, plan
-    if settings.channel and (scan := colour_scan(source, plan, settings.channel)) is not None:
+    if channel and (scan := colour_scan(source, plan, channel)) is not None:
         frames, own = ThinnedSource(source, scan), scan.plan
     recipe = CorrectionRecipe(
         dark=settings.dark if settings.use_dark else "none",
@@ -169,15 +205,17 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
         defects=settings.use_defects,
         background="border" if settings.use_background else "none",
         shift=settings.shift,
-        channel=settings.channel,
+        channel=channel,
     )
-    view = turned(corrected_view(frames, recipe, plan), plan, settings.orientation)
+    corrected = corrected_view(frames, recipe, plan)
+    delivered = Delivered(frames, corrected, recipe, plan, settings.orientation)
     # of one colour, and of samples moved down, the frames are shown as they go into the corrections
-    raw = view.source if settings.channel or settings.shift else source
+    raw = corrected.source if channel or settings.shift else source
     table = np.full(own.shape[:3], -1, np.int64)
     for index in range(len(raw)):
         table[raw.info(index).position] = index
-    return Opened(raw, view, table, own, settings.interpolation)
+    view = turned(corrected, own, settings.orientation)
+    return Opened(raw, view, delivered, table, own, settings.interpolation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +255,7 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
     from lfcal.acquire import SessionFile
 
     folder = Path(path)
-    chosen = replace(settings, dark="", white="", orientation=AS_IS)
+    chosen = replace(settings, dark="", white="", orientation=CHECK)
     if not keep:
         chosen = replace(chosen, manifest="", pattern="", columns="", first="", shift=0, channel="")
     if (folder / "session.json").is_file():
@@ -227,7 +265,9 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
         frames = folder / "frames" if inside else folder
         around = folder if inside else folder.parent
         plan = _plan_in(around, around.parent if folder.is_file() else frames) or plan
-        found = {name: str(around / name) for name in ("dark", "white") if (around / name).is_dir()}
+        # beside the frames, or among them
+        places = [place / name for place in (frames, around) for name in ("dark", "white")]
+        found = {place.name: str(place) for place in places if place.is_dir()}
         chosen = replace(chosen, dark=found.get("dark", ""), white=found.get("white", ""))
     opened = None if plan is None else open_imported(str(frames), chosen, plan)
     return Imported(str(frames), chosen, plan, opened)
@@ -243,7 +283,7 @@ def load_frame(opened: Opened, position: Position) -> Loaded:
     """Read one frame, correct it, count every pixel of it, and say where its cutout is."""
     index = int(opened.frames[position])
     info = opened.view.info(index)
-    raw = turned(opened.source, opened.plan, lie_of(opened.view)).read(index)
+    raw = turned(opened.source, opened.plan, opened.delivered.orientation).read(index)
     fixed = opened.view.samples(index)
     cutout = Cutout.for_plan(opened.plan)
     corner = cutout.window(position)
@@ -259,10 +299,3 @@ def load_frame(opened: Opened, position: Position) -> Loaded:
         (row - top, column - left),
         info.origin,
     )
-
-
-def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
-    """Return the work that assembles H from the corrected frames; its result is the report."""
-    from lfcal.psf import AssemblySettings, iter_assemble_plan
-
-    return iter_assemble_plan(opened.view, opened.plan, path, AssemblySettings(interpolation=opened.interpolation))

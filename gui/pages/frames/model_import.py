@@ -7,12 +7,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from gui.models.words import said_in_window
 from gui.pages.frames.model import FrameSettings, Imported, Loaded, Opened, import_folder, load_frame, open_imported
+from gui.pages.frames.orientation import other_sensor
 from lfcal.camera import Camera, ScanPlan
-from lfcal.errors import InputError, LfcalError, StorageError
+from lfcal.errors import FileFormatError, InputError, LfcalError, StorageError
 from lfcal.files import read_text
 from lfcal.frames.aligned import find_shift
 from lfcal.frames.colour_scan import colours_of
+from lfcal.frames.components import COMPONENTS
 from lfcal.frames.lists.columns import Column, clear_columns, find_columns, parse_columns
 from lfcal.frames.lists.derived import plan_of_list
 from lfcal.frames.lists.entries import located
@@ -132,6 +135,11 @@ def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -
         if found.problem:
             return found
         return _with_any_plan(found, plan, camera)
+    except FileFormatError as error:
+        # only colour pictures have components; the window has a box where the command line has an option
+        colours = COMPONENTS if "--channel" in str(error) else ()
+        more = "; choose a colour above" if colours and not choice.channel else ""
+        return replace(found, problem=f"{said_in_window(str(error))}{more}", colours=colours)
     except LfcalError as error:
         return replace(found, problem=str(error))
 
@@ -215,6 +223,10 @@ def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Surv
             notes.append(f"samples: left-aligned, moved down by {shift}")
         opened = imported.opened
         assert opened is not None
+        beside = [Path(path) for path in (imported.settings.dark, imported.settings.white) if path]
+        notes += [f"{place.name} frames: those of the folder {place.name} in {place.parent.name}" for place in beside]
+        if odd := other_sensor(opened.delivered.corrected, opened.plan):
+            notes.append(odd)
         notes = [*notes, *opened.source.metadata.get("notes", ())]
         shown = tuple(load_frame(opened, position) for position in _three(opened))
     except BaseException:

@@ -4,52 +4,85 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gui.models.words import said_in_window
 from lfcal.camera import ScanPlan
-from lfcal.frames.orientation import AS_IS, ORIENTATIONS
-from lfcal.frames.oriented import OrientedSource, oriented
+from lfcal.errors import InputError
+from lfcal.frames.orientation import AS_IS, ORIENTATIONS, named_orientation
+from lfcal.frames.oriented import oriented
 from lfcal.frames.source import FrameSource
-from lfcal.psf.orientation import FoundOrientation, find_orientation
+from lfcal.psf.orientation import FoundOrientation
+from lfcal.psf.upright import CHECK, check_found
 
-__all__ = ["CHOICES", "Advice", "advice", "lie_of", "look", "turned"]
+__all__ = ["CHOICES", "Advice", "advice", "other_sensor", "refusal", "turned"]
 
-CHOICES = tuple(
-    (one.name, "upright as they are" if one.name == AS_IS else f"{one.name}: {one.words}")
-    for one in ORIENTATIONS.values()
+TURNS = [one for one in ORIENTATIONS.values() if one.name != AS_IS]
+CHOICES = (
+    (CHECK, "check: upright, or refused"),
+    (AS_IS, "as is: without a check"),
+    *((one.name, one.words) for one in TURNS),
 )
-"""Orientations, with the words shown."""
+"""What may be said of the frames, with the words shown."""
 
 
 @dataclass(frozen=True)
 class Advice:
-    """What to say of the frames, and the orientation to offer; empty where turning them is no help."""
+    """What to say of the frames, and what to offer.
+
+    Attributes
+    ----------
+    words
+        How they lie.
+    apply
+        The orientation that makes them upright; empty where turning them is no help.
+    leave
+        What is chosen by leaving them; empty: what was chosen before.
+    chosen
+        Whether they lie so because the user said so: nothing is to be asked.
+    """
 
     words: str
-    apply: str
+    apply: str = ""
+    leave: str = ""
+    chosen: bool = False
 
 
 def turned(source: FrameSource, plan: ScanPlan, name: str) -> FrameSource:
-    """Return the frames as orientation ``name`` turns them."""
-    return oriented(source, ORIENTATIONS[name], plan.camera.sensor.shape)
-
-
-def lie_of(view: FrameSource) -> str:
-    """Return the orientation that a view was turned by."""
-    known = view.metadata.get("orientation")
-    return AS_IS if known is None else str(known["applied"])
-
-
-def look(view: FrameSource, plan: ScanPlan) -> FoundOrientation:
-    """Return which way the frames behind a turned or upright ``view`` lie as they are delivered."""
-    return find_orientation(view.source if isinstance(view, OrientedSource) else view, plan)
+    """Return the frames as orientation ``name`` turns them; those that are to be checked as they are."""
+    return source if name == CHECK else oriented(source, named_orientation(name), plan.camera.sensor.shape)
 
 
 def advice(found: FoundOrientation, chosen: str) -> Advice | None:
     """Return what to say where frames turned by ``chosen`` certainly do not lie as was ``found``, else None."""
-    if found.name in ("", chosen):
+    if found.name in ("", AS_IS if chosen == CHECK else chosen):
         return None
     if found.name == AS_IS:
-        return Advice("The frames lie upright as they are delivered, but are turned", AS_IS)
+        return Advice("The frames lie upright as they are delivered, but are turned", CHECK)
     words = found.words[0].upper() + found.words[1:]
+    if chosen == AS_IS:
+        return Advice(f"{words}; they are taken as they are, as was chosen", chosen=True)
+    leave = AS_IS if chosen == CHECK else ""
     if found.cause == "scan":
-        return Advice(f"{words}: correct the positions, or the plan's stage axes", "")
-    return Advice(words, found.name)
+        return Advice(f"{words}: correct the positions, or the plan's stage axes", leave=leave)
+    return Advice(words, found.name, leave)
+
+
+def other_sensor(source: FrameSource, plan: ScanPlan) -> str:
+    """Return a line where whole frames, however turned, are not of the sensor that the plan is for, else nothing."""
+    whole = all(source.info(k).origin == (0, 0) for k in range(len(source)))
+    sensor = plan.camera.sensor.shape
+    if not whole or sensor in (source.shape, source.shape[::-1]):
+        return ""
+    (rows, columns), (known_rows, known_columns) = source.shape, sensor
+    return (
+        f"frames: {columns} × {rows} px, but the plan's sensor has {known_columns} × {known_rows} px: "
+        "they are cropped, binned or of another camera"
+    )
+
+
+def refusal(found: FoundOrientation, chosen: str) -> str:
+    """Return why no H is made of frames that lie as was ``found``, in a line; empty where one is made."""
+    try:
+        check_found(found, chosen)
+    except InputError as error:
+        return said_in_window(str(error))
+    return ""

@@ -11,8 +11,10 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
+from gui.jobs import Job
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
+from gui.pages.frames.assembly import iter_assembly, notes_of
 from gui.pages.frames.import_dialog import ImportDialog
 from gui.pages.frames.model import (
     FrameSettings,
@@ -20,17 +22,17 @@ from gui.pages.frames.model import (
     Loaded,
     Opened,
     import_folder,
-    iter_assembly,
     load_frame,
     open_imported,
 )
 from gui.pages.frames.model_import import open_choice
-from gui.pages.frames.orientation import advice, look
+from gui.pages.frames.orientation import advice, other_sensor, refusal
 from gui.pages.frames.panel import FramesPanel
 from gui.saving import ask_target
 from lfcal.frames.lists.table import TABLE_SUFFIXES
+from lfcal.frames.orientation import ORIENTATIONS
 from lfcal.frames.source import Position
-from lfcal.psf.orientation import FoundOrientation
+from lfcal.psf.orientation import FoundOrientation, find_orientation
 
 __all__ = ["Page"]
 
@@ -43,6 +45,8 @@ class Page(BasePage):
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
         self.opened: Opened | None = None
+        self.found: FoundOrientation | None = None
+        """Which way the frames lie, as soon as that is known."""
         self._ready: Imported | None = None
         """Frames that are open already when the project takes them."""
         self.loaded: Loaded | None = None
@@ -123,7 +127,14 @@ class Page(BasePage):
     def open_folder(self, path: str) -> None:
         """Take the frames of a folder, once they are known to be good; dark, white and plan beside it are found."""
         settings, plan = self.settings, self.context.state.plan
-        self.load(Path(path).name, lambda: import_folder(path, settings, plan), self._imported, Imported.close)
+
+        def failed(words: str) -> None:
+            # the dialog has the choices that frames of others may need
+            self.context.message.emit(words)
+            self.notice.offer(words, "Import …", lambda: self.start_import(path), stay="Dismiss")
+
+        name = Path(path).name
+        self.load(name, lambda: import_folder(path, settings, plan), self._imported, Imported.close, failed)
 
     def start_import(self, frames: str = "", listed: str = "") -> None:
         """Ask what frames that others recorded are, with what was found of them."""
@@ -162,7 +173,8 @@ class Page(BasePage):
     def _open(self) -> None:
         state, settings = self.context.state, self.settings
         self.panel.show_settings(settings)
-        self.opened = None
+        self.opened = self.found = None
+        self.hint.setText(self.spec.hint)
         self.assemble_button.setEnabled(False)
         if not state.frames:
             self.show_empty(
@@ -215,20 +227,38 @@ class Page(BasePage):
         self.go_to(self.position)
         self.context.jobs.compute(
             "frames orientation",
-            lambda: look(opened.view, opened.plan),
-            lambda found: self._show_advice(opened, found),
+            lambda: find_orientation(opened.delivered.corrected, opened.plan),
+            lambda found: self._take_orientation(opened, found),
             self.context.message.emit,
         )
 
-    def _show_advice(self, opened: Opened, found: FoundOrientation) -> None:
-        advised = advice(found, self.settings.orientation)
-        if opened is not self.opened or advised is None:
+    def _take_orientation(self, opened: Opened, found: FoundOrientation) -> None:
+        if opened is self.opened:
+            self.found = found
+            self._offer_turn()
+
+    def _offer_turn(self, before: str = "") -> None:
+        """Say which way the frames lie, where that is not as was chosen, and offer what helps."""
+        advised = None if self.found is None else advice(self.found, self.settings.orientation)
+        if advised is None and self.opened is not None:
+            if words := other_sensor(self.opened.delivered.corrected, self.opened.plan):
+                self.context.message.emit(words)
+                self.notice.tell(words)
+        if advised is None:
             return
-        self.context.message.emit(advised.words)
+        said = advised.words
+        words = f"{before}{said[0].lower()}{said[1:]}." if before else f"{said}."
+        self.context.message.emit(words)
+        if advised.chosen:
+            self.notice.tell(words)
+            return
+        leave = (lambda: self._set("orientation", advised.leave)) if advised.leave else None
         if advised.apply:
-            self.notice.offer(f"{advised.words}.", "Turn them upright", lambda: self._set("orientation", advised.apply))
+            turning = advised.apply in ORIENTATIONS
+            button = f"Turn upright ({advised.apply})" if turning else "Do not turn them"
+            self.notice.offer(words, button, lambda: self._set("orientation", advised.apply), leave)
         else:
-            self.notice.offer(f"{advised.words}.", "Plan", lambda: self.context.go.emit("plan", None))
+            self.notice.offer(words, "Plan", lambda: self.context.go.emit("plan", None), leave)
 
     # -- stepping --------------------------------------------------------------------------------------
     def go_to(self, position: Position) -> None:
@@ -269,19 +299,34 @@ class Page(BasePage):
 
     # -- assembly --------------------------------------------------------------------------------------
     def assemble(self, path: str = "") -> None:
-        """Assemble H as a job."""
+        """Assemble H as a job, unless the frames are known not to lie as the plan says."""
         if self.opened is None:
+            return
+        if self._refused():
             return
         path = path or ask_target(self, "Assemble H", "H.h5", "H file (*.h5)")
         if not path:
             return
         opened, title = self.opened, f"Assemble {Path(path).name}"
-        self.context.start_writing(title, "frames", path, lambda: iter_assembly(opened, path), self._assembled)
+        self.context.start_writing(
+            title, "frames", path, lambda: iter_assembly(opened, path), self._assembled, self._not_assembled
+        )
+
+    def _refused(self) -> bool:
+        """Return whether the frames lie as no H is made of; say so, and offer what helps."""
+        refused = self.found is not None and bool(refusal(self.found, self.settings.orientation))
+        if refused:
+            self._offer_turn("No H: ")
+        return refused
+
+    def _not_assembled(self, _: Job) -> None:
+        self._refused()
 
     def _assembled(self, report: Any) -> None:
         path = report.matrix.path
+        notes = notes_of(report)
         report.matrix.close()
-        for note in report.notes or ("complete: every position once, no saturated pixel",):
+        for note in notes:
             self.context.message.emit(f"{Path(path).name}: {note}")
         self.context.attention.emit("frames", bool(report.missing or report.saturated))
         self.context.project.update("assembly", psf=path)

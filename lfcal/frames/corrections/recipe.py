@@ -23,9 +23,10 @@ from lfcal.frames.corrections.corrected import CorrectedSource
 from lfcal.frames.corrections.steps import Dark, DarkSet, Exposure, White, average_frames
 from lfcal.frames.described import DescribedSource
 from lfcal.frames.formats.opening import image_suffixes, open_image
+from lfcal.frames.orientation import AS_IS
 from lfcal.frames.source import FrameSource
 
-__all__ = ["CorrectionRecipe", "build_chain", "corrected_view", "read_average"]
+__all__ = ["CorrectionRecipe", "build_chain", "check_turned_colours", "corrected_view", "read_average"]
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,31 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
     if recipe.channel:
         view = channel_source(view, recipe.channel)
     return CorrectedSource(view, build_chain(view, recipe))
+
+
+def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: CorrectionRecipe, applied: str) -> None:
+    """Raise `InputError` where frames were turned whose colour pattern is known from the upright sensor only.
+
+    Parameters
+    ----------
+    frames
+        As delivered, before their corrections.
+    plan
+        Its sensor may have a colour filter.
+    recipe
+        The corrections; some look at single colours.
+    applied
+        Name of what makes the frames upright.
+    """
+    used = recipe.channel or recipe.defects or recipe.white
+    if applied == AS_IS or not used or frames.metadata.get("cfa") or not plan.camera.sensor.cfa:
+        return
+    raise InputError.expected(
+        "colour pattern of frames that are turned",
+        "one that the frames state as they are delivered",
+        f"that of the plan's upright sensor, {plan.camera.sensor.cfa}",
+        "state it in the manifest, or turn the files themselves",
+    )
 
 
 def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shift: int = 0) -> NDArray[np.float32]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import tifffile
@@ -142,16 +144,114 @@ def test_a_list_of_another_scan_than_the_project_s_brings_its_own_plan(folder: P
             None,
         ),
         ("list: expected 2, got 3; correct --first", "list: expected 2, got 3"),
+        ("names: read as --pattern 'y{y}_x{x}.png'", "names: read as 'y{y}_x{x}.png'"),
     ],
 )
 def test_the_window_names_no_options_of_the_command_line(text: str, said: str | None) -> None:
     shown = said_in_window(text)
-    assert "--" not in shown and "lfcal plan" not in shown and shown.startswith(text[:20])
+    assert "--" not in shown and "lfcal plan" not in shown and shown.startswith(text[:12])
     assert said is None or shown == said
 
 
 def test_frames_imported_after_turned_ones_are_upright_until_told(folder: Path) -> None:
     found = survey(ImportChoice(str(folder / "tiffs"), columns="file=1"), plan(scan()), None)
     kept = open_choice(found, FrameSettings(orientation="mirror x", use_background=True)).settings
-    assert kept.orientation == "as is" and kept.use_background
+    assert kept.orientation == "check" and kept.use_background
     found.close()
+
+
+def written(folder: Path, frames: str, suffix: str, change: Any) -> Path:
+    """Write a scan of one plane with positions in the names, and its plan; return the folder of the frames."""
+    own = plan_of()
+    (folder / frames).mkdir(parents=True)
+    for y, x in np.ndindex(PERIOD):
+        frame = mosaic((ANCHOR[0] + y, ANCHOR[1] + x)) // 16 + np.arange(SENSOR[1]) % 40
+        cv2.imwrite(str(folder / frames / f"y{y}_x{x}.{suffix}"), change(frame.astype(np.uint16)))
+    (folder / "plan.json").write_text(own.to_json())
+    return folder / frames
+
+
+def coloured(frame: np.ndarray) -> np.ndarray:
+    """Return blue, green and red, in the order of the writer."""
+    return np.stack([frame, 2 * frame, 3 * frame], -1)
+
+
+@pytest.mark.parametrize("suffix", ["tif", "png"])
+def test_colour_pictures_ask_for_a_colour_and_open_with_it(tmp_path: Path, suffix: str) -> None:
+    place = written(tmp_path, "frames", suffix, coloured)
+    asked = survey(ImportChoice(str(place)), None, None)
+    assert asked.imported is None and asked.colours == ("R", "G", "B")
+    assert asked.problem.endswith("; choose a colour above") and "--" not in asked.problem
+    brightest = {}
+    for colour in asked.colours:
+        found = survey(ImportChoice(str(place), channel=colour, shift="0"), None, None)
+        assert found.problem == "" and found.imported is not None and found.shown[0].raw.shape == SENSOR
+        again = open_imported(found.imported.folder, found.imported.settings, plan_of())
+        np.testing.assert_array_equal(load_frame(again, found.shown[0].position).raw, found.shown[0].raw)
+        brightest[colour] = float(found.shown[0].raw.max())
+        again.view.close()
+        found.close()
+    assert brightest["R"] == 3 * brightest["B"] and brightest["G"] == 2 * brightest["B"]
+
+
+def test_frames_of_eight_bits_open(tmp_path: Path) -> None:
+    place = written(tmp_path, "frames", "png", lambda frame: np.minimum(frame >> 4, 255).astype(np.uint8))
+    found = survey(ImportChoice(str(place)), None, None)
+    assert found.problem == "" and found.shown[0].raw.dtype == np.uint8
+    assert "names: read as 'y{y}_x{x}.png'" in {said_in_window(note) for note in found.notes}
+    found.close()
+
+
+def test_a_folder_of_darks_among_the_frames_is_used_and_said(tmp_path: Path) -> None:
+    place = written(tmp_path, "frames", "tif", lambda frame: frame)
+    (place / "dark").mkdir()
+    tifffile.imwrite(place / "dark" / "d.tif", np.full(SENSOR, 7, np.uint16))
+    found = survey(ImportChoice(str(place), shift="0"), None, None)
+    assert found.imported is not None and found.imported.settings.dark == str(place / "dark")
+    assert "dark frames: those of the folder dark in frames" in found.notes
+    loaded = found.shown[0]
+    np.testing.assert_allclose(loaded.fixed, loaded.raw - 7.0)
+    assert found.imported.opened is not None and (found.imported.opened.frames >= 0).all()
+    found.close()
+
+
+def test_frames_of_another_camera_than_the_plan_s_are_named(
+    qtbot: QtBot, context: Context, open_page: Any, tmp_path: Path
+) -> None:
+    place = written(tmp_path, "frames", "tif", lambda frame: frame)
+    own = plan_of()
+    (tmp_path / "plan.json").unlink()
+    sensor = replace(own.camera.sensor, shape=(100, 120), cfa="")
+    other = replace(own, camera=replace(own.camera, sensor=sensor))
+    line = f"{SENSOR[1]} × {SENSOR[0]} px, but the plan's sensor has 120 × 100 px"
+    found = survey(ImportChoice(str(place)), other, None)
+    assert any(line in note for note in found.notes)
+    found.close()
+    same = survey(ImportChoice(str(place)), own, None)
+    assert not any("another camera" in note for note in same.notes)
+    same.close()
+    context.project.update("plan", plan=other, camera=other.camera)
+    page = open_page("frames")
+    page.open_folder(str(place))
+    qtbot.waitUntil(lambda: page.notice.isVisible() and line in page.notice.label.text(), timeout=GUARD_MS)
+    assert context.state.plan == other and page.opened is not None
+
+
+def test_a_folder_that_does_not_open_is_offered_to_the_import(
+    qtbot: QtBot, context: Context, open_page: Any, tmp_path: Path
+) -> None:
+    place = written(tmp_path, "frames", "tif", coloured)
+    page, before = open_page("frames"), context.state
+    page.open_folder(str(place))
+    qtbot.waitUntil(lambda: page.notice.isVisible() and "expected grey" in page.notice.label.text(), timeout=GUARD_MS)
+    assert "--" not in page.notice.label.text() and context.state == before
+    assert (page.notice.button.text(), page.notice.leave.text()) == ("Import …", "Dismiss")
+    page.notice.button.click()
+    qtbot.waitUntil(lambda: page.dialog.survey is not None and page.dialog.channel.isEnabled(), timeout=GUARD_MS)
+    page.dialog.channel.setCurrentIndex(page.dialog.channel.findData("G"))
+    qtbot.waitUntil(page.dialog.open_button.isEnabled, timeout=GUARD_MS)
+    page.dialog.open_button.click()
+    qtbot.waitUntil(lambda: page.loaded is not None, timeout=GUARD_MS)
+    assert page.hint.text().startswith("24 frames of")
+    context.project.undo()
+    assert page.hint.text() == page.spec.hint, "no numbers of frames that are gone"

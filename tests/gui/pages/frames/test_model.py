@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from gui.pages.frames.model import FrameSettings, Opened, iter_assembly, load_frame, open_imported
+from gui.pages.frames.assembly import iter_assembly
+from gui.pages.frames.model import FrameSettings, Opened, load_frame, open_imported
 from gui.pages.plan.model import default_plan
 from lfcal.camera import preset
 from lfcal.cli.sample import sample_recording
@@ -15,7 +16,7 @@ from lfcal.progress import drain
 
 def opened(shape: tuple[int, int, int]) -> Opened:
     source: Any = None
-    return Opened(source, source, np.zeros(shape, np.int64), default_plan(preset("bench")))
+    return Opened(source, source, source, np.zeros(shape, np.int64), default_plan(preset("bench")))
 
 
 def test_positions_stay_within_the_frames_there_are() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,15 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
-from gui.pages.frames.model import FrameSettings, iter_assembly, load_frame, open_imported
-from gui.pages.frames.orientation import advice
-from lfcal.frames import open_frames
+from gui.pages.frames.assembly import iter_assembly
+from gui.pages.frames.model import FrameSettings, load_frame, open_imported
+from gui.pages.frames.orientation import CHOICES, advice, refusal
+from lfcal.cli.app import build_app
+from lfcal.errors import InputError
+from lfcal.frames import ORIENTATIONS, open_frames
 from lfcal.frames.source import Position
 from lfcal.progress import drain
+from lfcal.psf import open_psf
 from lfcal.psf.orientation import FoundOrientation
 from tests.frames.test_orientation import NUMPY
 from tests.gui.waiting import GUARD_MS
@@ -42,23 +47,122 @@ def mirrored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def shown(qtbot: QtBot, page: Any, words: str) -> None:
+    qtbot.waitUntil(lambda: page.notice.isVisible() and words in page.notice.label.text(), timeout=GUARD_MS)
+
+
+def settled(qtbot: QtBot, context: Context) -> None:
+    qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
+
+
+def assembled(qtbot: QtBot, context: Context, page: Any, out: Path) -> dict[str, Any]:
+    """Assemble on the page, and return what H keeps of the orientation."""
+    page.assemble(str(out))
+    qtbot.waitUntil(lambda: context.state.psf == str(out), timeout=GUARD_MS)
+    settled(qtbot, context)
+    with open_psf(out) as matrix:
+        return dict(matrix.provenance["orientation"])
+
+
+def commanded(folder: Path, out: Path, choice: str) -> dict[str, Any]:
+    """Assemble as the command does, and return what H keeps of the orientation."""
+    arguments = ["assemble", folder / "frames", "--dark", folder / "dark", "-o", out, "--orientation", choice]
+    build_app()([str(part) for part in arguments], standalone_mode=False)
+    with open_psf(out) as matrix:
+        return dict(matrix.provenance["orientation"])
+
+
 def test_the_page_names_it_and_turns_the_frames(
     qtbot: QtBot, context: Context, open_page: Any, mirrored: Path, tmp_path: Path
 ) -> None:
     page = open_page("frames")
     page.open_folder(str(mirrored))
-    qtbot.waitUntil(lambda: page.notice.isVisible() and "mirrored" in page.notice.label.text(), timeout=GUARD_MS)
-    assert page.notice.label.text().startswith("The frames are mirrored left to right")
-    assert page.notice.button.text() == "Turn them upright"
+    shown(qtbot, page, "mirrored")
+    assert page.notice.label.text() == "The frames are mirrored left to right."
+    assert page.notice.button.text() == "Turn upright (mirror x)"
     page.notice.button.click()
-    qtbot.waitUntil(lambda: page.opened is not None and page.opened.view.shape == (60, 72), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: page.opened is not None and page.found is not None, timeout=GUARD_MS)
+    assert not page.notice.isVisible()
     assert FrameSettings.of(context.state).orientation == "mirror x"
     assert page.panel.orientation.currentData() == "mirror x"
-    report = drain(iter_assembly(page.opened, str(tmp_path / "H.h5")))
-    assert report.matrix.provenance["orientation"] == {"applied": "mirror x"}
-    report.matrix.close()
+    assert assembled(qtbot, context, page, tmp_path / "H.h5") == {"applied": "mirror x", "found": None}
+    assert commanded(mirrored, tmp_path / "C.h5", "mirror-x") == {"applied": "mirror x", "found": None}
+    with open_psf(tmp_path / "H.h5") as ours, open_psf(tmp_path / "C.h5") as theirs:
+        assert np.array_equal(np.asarray(ours), np.asarray(theirs))
     context.project.undo()
+    context.project.undo()
+    assert FrameSettings.of(context.state).orientation == "check"
+
+
+def test_no_h_is_made_of_mirrored_frames_unless_that_is_chosen(
+    qtbot: QtBot, context: Context, open_page: Any, mirrored: Path, tmp_path: Path
+) -> None:
+    page, out = open_page("frames"), tmp_path / "H.h5"
+    page.open_folder(str(mirrored))
+    shown(qtbot, page, "mirrored")
+    page.assemble(str(out))
+    assert page.notice.label.text() == "No H: the frames are mirrored left to right."
+    assert not context.jobs.jobs(), "refused before any work"
+    page.notice.leave.click()
     assert FrameSettings.of(context.state).orientation == "as is"
+    shown(qtbot, page, "taken as they are, as was chosen")
+    assert not page.notice.leave.isVisible(), "nothing is asked again"
+    assert assembled(qtbot, context, page, out) == {"applied": "as is", "found": None}
+
+
+def test_the_job_judges_by_itself_where_the_page_does_not_know_yet(
+    qtbot: QtBot, context: Context, open_page: Any, mirrored: Path, tmp_path: Path
+) -> None:
+    page, out = open_page("frames"), tmp_path / "H.h5"
+    page.open_folder(str(mirrored))
+    shown(qtbot, page, "mirrored")
+    page.notice.clear()
+    known, page.found = page.found, None
+    page.assemble(str(out))
+    page.found = known
+    shown(qtbot, page, "No H: the frames are mirrored left to right.")
+    settled(qtbot, context)
+    (job,) = context.jobs.jobs()
+    assert job.error.endswith("got another: the frames are mirrored left to right")
+    assert "--" not in job.error and not out.exists() and context.state.psf == ""
+
+
+def test_upright_frames_pass_with_what_was_found(
+    qtbot: QtBot, context: Context, open_page: Any, mirrored: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(mirrored, tmp_path / "upright")
+    for file in (folder / "frames").glob("*.npy"):
+        np.save(file, np.fliplr(np.load(file)))
+    page = open_page("frames")
+    page.open_folder(str(folder))
+    qtbot.waitUntil(lambda: page.found is not None, timeout=GUARD_MS)
+    record = assembled(qtbot, context, page, tmp_path / "H.h5")
+    assert record["found"] == "as is" and record == commanded(folder, tmp_path / "C.h5", "check")
+    page._set("orientation", "mirror x")
+    shown(qtbot, page, "The frames lie upright as they are delivered, but are turned.")
+    page.notice.button.click()
+    assert FrameSettings.of(context.state).orientation == "check"
+
+
+def test_what_cannot_be_told_is_said_with_h(qtbot: QtBot, context: Context, open_page: Any, tmp_path: Path) -> None:
+    plan = a_plan((60, 60), (1, 1), (29.0, 29.0), 2, (25, 25))
+    frames, places = upright(plan, width=5.0, noise=2.0)
+    (tmp_path / "frames").mkdir()
+    rows = ["file,z,y,x"]
+    for frame, place in zip(frames, places, strict=True):
+        np.save(tmp_path / "frames" / f"{place.z}.npy", frame.astype(np.uint16))
+        rows.append(f"{place.z}.npy,{place.z},{place.y},{place.x}")
+    (tmp_path / "frames" / "list.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "plan.json").write_text(plan.to_json())
+    said: list[str] = []
+    context.message.connect(said.append)
+    page = open_page("frames")
+    page.open_folder(str(tmp_path / "frames"))
+    qtbot.waitUntil(lambda: page.found is not None, timeout=GUARD_MS)
+    page._set("use_background", True)
+    qtbot.waitUntil(lambda: page.found is not None, timeout=GUARD_MS)
+    record = assembled(qtbot, context, page, tmp_path / "H.h5")
+    assert "cannot be told" in record["note"] and f"H.h5: {record['note']}" in said
 
 
 def test_a_frame_is_shown_upright_before_and_after_its_correction(mirrored: Path) -> None:
@@ -72,15 +176,59 @@ def test_a_frame_is_shown_upright_before_and_after_its_correction(mirrored: Path
 
 
 def test_upright_frames_and_what_cannot_be_told_are_no_news() -> None:
+    assert advice(FoundOrientation(name="as is"), "check") is None
     assert advice(FoundOrientation(name="as is"), "as is") is None
-    assert advice(FoundOrientation(reason="light in 0 of 20 frames"), "as is") is None
+    assert advice(FoundOrientation(reason="light in 0 of 20 frames"), "check") is None
     assert advice(FoundOrientation(name="rot90", cause="frames"), "rot90") is None
     undone = advice(FoundOrientation(name="as is"), "mirror x")
     assert undone is not None
-    assert undone.apply == "as is"
-    scan = advice(FoundOrientation(name="mirror x", cause="scan"), "as is")
+    assert (undone.apply, undone.leave) == ("check", "")
+    scan = advice(FoundOrientation(name="mirror x", cause="scan"), "check")
     assert scan is not None
-    assert scan.apply == ""
+    assert (scan.apply, scan.leave) == ("", "as is")
+
+
+@pytest.mark.parametrize("cause", ["frames", "scan", "either"])
+def test_a_refusal_is_one_line_without_options_of_the_command_line(cause: str) -> None:
+    found = FoundOrientation(name="mirror x", cause=cause)
+    words = refusal(found, "check")
+    assert words and "--" not in words and "\n" not in words
+    assert refusal(found, "as is") == refusal(found, "mirror x") == "", "chosen by the user"
+    assert refusal(FoundOrientation(name="as is"), "check") == ""
+
+
+def test_every_orientation_can_be_chosen_and_others_are_not_taken_from_a_project() -> None:
+    assert {name for name, _ in CHOICES} == {"check", *ORIENTATIONS}
+    assert FrameSettings.from_dict({"orientation": "rot90"}).orientation == "rot90"
+    assert FrameSettings.from_dict({"orientation": "sideways"}).orientation == "check"
+
+
+def test_turned_frames_of_a_colour_are_shown_before_their_correction(tmp_path: Path) -> None:
+    sensor = replace(PLAN.camera.sensor, cfa="RGGB")
+    plan = replace(PLAN, camera=replace(PLAN.camera, sensor=sensor))
+    frame = np.arange(np.prod(sensor.shape), dtype=np.uint16).reshape(sensor.shape)
+    even = replace(plan, period=(8, 10))
+    for place in even.positions():
+        np.save(tmp_path / f"z{place.z}_y{place.y}_x{place.x}.npy", np.fliplr(frame))
+    settings = FrameSettings(orientation="mirror x", channel="R", use_background=True)
+    opened = open_imported(str(tmp_path), settings, even)
+    loaded = load_frame(opened, Position(0, 1, 1))
+    assert loaded.raw.max() > loaded.fixed.max() + 100, "the background is still in it"
+    assert np.array_equal(loaded.raw - np.median(loaded.raw - loaded.fixed), loaded.fixed)
+
+
+def test_colours_of_the_upright_sensor_are_refused_for_turned_frames(mirrored: Path, tmp_path: Path) -> None:
+    sensor = replace(PLAN.camera.sensor, cfa="RGGB")
+    plan = replace(PLAN, camera=replace(PLAN.camera, sensor=sensor))
+    dark = str(mirrored / "dark")
+    for defects in (True, False):
+        settings = FrameSettings(dark=dark, orientation="mirror x", use_defects=defects)
+        opened = open_imported(str(mirrored / "frames"), settings, plan)
+        if defects:
+            with pytest.raises(InputError, match="the plan's upright sensor, RGGB"):
+                drain(iter_assembly(opened, str(tmp_path / "H.h5")))
+        else:
+            drain(iter_assembly(opened, str(tmp_path / "H.h5"))).matrix.close()
 
 
 def test_a_new_folder_starts_upright(qtbot: QtBot, context: Context, open_page: Any, mirrored: Path) -> None:
@@ -91,4 +239,4 @@ def test_a_new_folder_starts_upright(qtbot: QtBot, context: Context, open_page: 
     copy = mirrored.parent / "again"
     shutil.copytree(mirrored, copy, dirs_exist_ok=True)
     page.open_folder(str(copy))
-    qtbot.waitUntil(lambda: FrameSettings.of(context.state).orientation == "as is", timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: FrameSettings.of(context.state).orientation == "check", timeout=GUARD_MS)
