@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -32,6 +33,8 @@ class Field:
         For ``"choice"``: pairs of stored value and shown text.
     optional
         An empty entry is None.
+    endless
+        Numbers may be infinite; they are never NaN.
     """
 
     key: str
@@ -42,6 +45,7 @@ class Field:
     scale: float = 1.0
     choices: tuple[tuple[str, str], ...] = ()
     optional: bool = False
+    endless: bool = False
 
 
 def text_of(field: Field, value: Any) -> str:
@@ -71,9 +75,17 @@ def parse(field: Field, text: str) -> Any:
         raise InputError.expected(field.label, wanted, repr(text), "write 2.5 instead of 2,5")
     try:
         if field.kind == "float":
-            return float(text) * field.scale
+            return _number(field, text)
         if field.kind == "int":
             return int(text)
-        return tuple(float(part) * field.scale for part in text.replace(";", ",").split(",") if part.strip())
+        return tuple(_number(field, part) for part in text.replace(";", ",").split(",") if part.strip())
     except ValueError:
         raise InputError.expected(field.label, _WANTED[field.kind], repr(text), "correct it") from None
+
+
+def _number(field: Field, text: str) -> float:
+    """Return the stored number; raise `ValueError` for one that no project file could hold."""
+    value = float(text) * field.scale
+    if math.isnan(value) or (math.isinf(value) and not field.endless):
+        raise ValueError
+    return value

@@ -226,7 +226,7 @@ SAFE = (
 )
 
 
-TEXTS = ("", "0", "-1", "1", "1e9", "nan", "inf", "3, 4", "3,4", "abc", "0.5", "17")
+TEXTS = ("", "0", "-1", "1", "1e9", "nan", "inf", "1e400", "1, nan", "3, 4", "3,4", "abc", "0.5", "17")
 
 
 def use(widget: QWidget, rng: random.Random) -> None:

@@ -82,6 +82,7 @@ LATTICE = (
         "",
         "Virtual depths in focus, one or three; inf: focused at infinity (f = gap)",
         kind="floats",
+        endless=True,
     ),
     Field(
         "lattice.distortion",

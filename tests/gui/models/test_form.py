@@ -42,7 +42,22 @@ def test_a_decimal_comma_is_refused_everywhere_in_one_line(field: Field, text: s
 
 
 @pytest.mark.parametrize(
-    ("field", "text"), [(NUMBER, "abc"), (NUMBER, ""), (COUNT, "2.5"), (LIST, "2, x"), (NUMBER, "1, 2")]
+    ("field", "text"),
+    [
+        (NUMBER, "abc"),
+        (NUMBER, ""),
+        (COUNT, "2.5"),
+        (LIST, "2, x"),
+        (NUMBER, "1, 2"),
+        (NUMBER, "nan"),
+        (NUMBER, "inf"),
+        (NUMBER, "1e400"),
+        (COUNT, "inf"),
+        (LIST, "1, nan"),
+        (LIST, "-inf"),
+        (Field("f", "Depths", kind="floats", endless=True), "nan"),
+        (Field("o", "Saturation", optional=True), "inf"),
+    ],
 )
 def test_what_is_no_number_is_said(field: Field, text: str) -> None:
     with pytest.raises(InputError, match="number") as error:
@@ -51,7 +66,13 @@ def test_what_is_no_number_is_said(field: Field, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("field", "value"), [(NUMBER, 0.0123), (COUNT, 7), (LIST, (2.0, 2.5, 1e6)), (LIST, (math.inf,))]
+    ("field", "value"),
+    [
+        (NUMBER, 0.0123),
+        (COUNT, 7),
+        (LIST, (2.0, 2.5, 1e6)),
+        (Field("f", "Depths", kind="floats", endless=True), (math.inf,)),
+    ],
 )
 def test_what_is_shown_is_read_back(field: Field, value: Any) -> None:
     assert parse(field, text_of(field, value)) == pytest.approx(value)
