@@ -18,8 +18,8 @@ from lfcal.cli.options import CompressionOption, ForceOption, JsonOption, Worker
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.frames import CorrectionRecipe, Frames
-    from lfcal.psf.assemble import AssemblyReport
     from lfcal.psf.assemble_plan import AssemblySettings
+    from lfcal.psf.assembly_report import AssemblyReport
 
 
 LISTED = 20

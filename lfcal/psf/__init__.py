@@ -14,8 +14,9 @@
 - ``mat_import``, ``rearranged``, ``lfc_import``, ``plain_pickle``: theirs for lfcal
 """
 
-from lfcal.psf.assemble import AssemblyReport, assemble, iter_assemble
+from lfcal.psf.assemble import assemble, iter_assemble
 from lfcal.psf.assemble_plan import AssemblySettings, assemble_plan, iter_assemble_plan
+from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.compare import Comparison, compare, iter_compare
 from lfcal.psf.cutout import Cutout, find_cutout
 from lfcal.psf.export import export, iter_export

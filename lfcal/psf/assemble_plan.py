@@ -12,7 +12,8 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.frames.source import FrameSource
 from lfcal.progress import Work, drain
-from lfcal.psf.assemble import AssemblyReport, iter_assemble
+from lfcal.psf.assemble import iter_assemble
+from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout, find_cutout
 from lfcal.psf.gather import Gatherer
 from lfcal.psf.pedestal import check_pedestal
