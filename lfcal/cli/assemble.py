@@ -151,7 +151,8 @@ def command(
         source, scan = open_colour(opened, channel)
         stack.enter_context(source)
         tell_assumed(scan.camera, "plan", quiet=json)
-        tell_size(source.shape, scan.camera, folder=str(frames), channel=channel)
+        if "plan" not in source.metadata:  # a session knows which part of the sensor it recorded
+            tell_size(source.shape, scan.camera, folder=str(frames), channel=channel)
         report_notes(source.metadata.get("notes", ()))
         bits, note = chosen_shift(shift, source)
         report_notes([note] if note else [])
