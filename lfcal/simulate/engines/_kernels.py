@@ -79,6 +79,7 @@ class Optics(NamedTuple):
     rays: float  # 2 pi B'/lambda (rad) for rays at exact angles; 0: paraxial
     source_rate: float  # sine of a ray per µm of c - X0: 1/a'
     point_rate: float  # sine of a ray per µm on the lenslet: 1/a' + 1/f
+    gap: float  # B' (µm)
 
 
 class Target(NamedTuple):
@@ -164,31 +165,46 @@ def mask_from_table(aperture: Aperture, dx: float, x0: float, y0: float, mask: S
 
 @njit(fastmath={"contract", "nnan", "ninf", "nsz"})
 def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -> None:
-    """Write the mask times the phase by which exact propagation differs from Fresnel's, ray by ray.
+    """Write the mask times a phase by which rays of the Fresnel integral land where exact ones do.
 
-    A ray that leaves the lenslet's point x with sine s = -(c - X0)/a' - x (1/a' + 1/f) is behind its parabola by
-    (2 pi B/lambda) (1 - s^2/2 - sqrt(1 - s^2)) = (2 pi B/lambda) (s^4/8 + s^6/16 + 5 s^8/128 + ...): the series
-    keeps the digits that the difference loses. Polynomials in one precision throughout let the loop run in vectors.
+    A ray that leaves the lenslet's point x with sines s = -(c - X0)/a' - kappa x, kappa = 1/a' + 1/f, lands B tan away,
+    in the integral B times its slope away. The phase's gradient is therefore (2 pi/lambda) (tan - sin): with
+    G(v) = 1 - v/2 - sqrt(1 - v) = v^2/8 + v^3/16 + 5 v^4/128 + ... it is -(2 pi/lambda) (G(s^2) - G(s0^2))/kappa, s0
+    that of the chief ray. As s^2 - s0^2 = kappa w, w = 2 (c - X0).x/a' + kappa x^2, nothing is divided by kappa but
+    by s^2 - s0^2, in closed form. The chief ray itself is behind its parabola by 1/cos - 1 - tan^2/2. Series keep the
+    digits that the differences lose, and polynomials in one precision let the loop run in vectors.
     """
     n = mask.re.shape[0]
     real = mask.re.dtype.type
-    # coefficients of the series over s^2, in units of s^4/8; of sine and cosine by Taylor, good for |t| <= pi/2
-    k0, k1, k2, k3, k4 = real(1), real(1 / 2), real(5 / 16), real(7 / 32), real(21 / 128)
+    ux, uy, rate = spot.lx * optics.source_rate, spot.ly * optics.source_rate, optics.point_rate
+    # coefficients of 8 (G(v) - G(v0))/(v - v0) over v; of sine and cosine by Taylor, good for |t| <= pi/2
+    v0 = ux * ux + uy * uy
+    e5 = 21 / 128
+    e4 = 7 / 32 + e5 * v0
+    e3 = 5 / 16 + e4 * v0
+    e2 = 1 / 2 + e3 * v0
+    e1 = 1 + e2 * v0
+    k0, k1, k2, k3, k4, k5 = real(e1 * v0), real(e1), real(e2), real(e3), real(e4), real(e5)
     s3, s5, s7, s9 = real(-1 / 6), real(1 / 120), real(-1 / 5040), real(1 / 362880)
     c2, c4, c6, c8 = real(-1 / 2), real(1 / 24), real(-1 / 720), real(1 / 40320)
     one, pi = real(1), real(math.pi)
     # adding and taking away 1.5 times 2 to the digits of the mantissa rounds to whole numbers
     nearest = real(1.5 * 2.0 ** (23 if mask.re.itemsize == 4 else 52))
-    gap = real(optics.rays / (16 * math.pi))
-    tilt = np.empty(n, mask.re.dtype)
+    # half the phase in half turns, of the chief ray and per 8 (G(v) - G(v0))/kappa
+    chief = optics.rays / (2 * math.pi) * v0 * v0 * (1 / 8 + v0 * (3 / 16 + v0 * (29 / 128 + v0 * (65 / 256))))
+    chief = real(chief - math.floor(chief))
+    scale = optics.rays / (16 * math.pi * optics.gap)
+    tilt, excess = np.empty(n, mask.re.dtype), np.empty(n, mask.re.dtype)
     for j in range(n):
-        tilt[j] = spot.lx * optics.source_rate + ((j - n // 2) * dx + spot.x0) * optics.point_rate
+        x = (j - n // 2) * dx + spot.x0
+        tilt[j], excess[j] = ux + rate * x, scale * x * (2 * ux + rate * x)
     for i in range(n):
-        sy = real(spot.ly * optics.source_rate + ((i - n // 2) * dx + spot.y0) * optics.point_rate)
+        y = (i - n // 2) * dx + spot.y0
+        sy, wy = real(uy + rate * y), real(scale * y * (2 * uy + rate * y))
         out_re, out_im, in_re, in_im = bent.re[i], bent.im[i], mask.re[i], mask.im[i]
         for j in range(n):
             v = tilt[j] * tilt[j] + sy * sy
-            turns = gap * v * v * (k0 + v * (k1 + v * (k2 + v * (k3 + v * k4))))
+            turns = chief + (excess[j] + wy) * (k0 + v * (k1 + v * (k2 + v * (k3 + v * (k4 + v * k5)))))
             t = (turns - ((turns + nearest) - nearest)) * pi  # half the phase
             u = t * t
             s = t * (one + u * (s3 + u * (s5 + u * (s7 + u * s9))))
