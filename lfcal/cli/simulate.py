@@ -187,14 +187,34 @@ def _write_h(task: _Task, out: Path, workers: int | None) -> dict[str, Any]:
     )
     with run_work(work, quiet=task.quiet) as matrix:
         shape = matrix.shape
+        errors = [float(error) for error in matrix.facts.known()["error"]]
+    _tell_error(errors, task)
     return {
         "path": out,
         "what": f"H {shape}",
         "shape": shape,
         "level": task.found.level,
+        "tolerance": task.tolerance,
+        "error": errors,
         "predicted_seconds": predicted,
         "effects": [e.name for e in task.found.effects],
     }
+
+
+def _tell_error(errors: Sequence[float], task: _Task) -> None:
+    """Say what every plane reached: what is left out, as estimated, and the computation, as a few positions show."""
+    asked = f"{100 * task.tolerance:.3g} % asked for"
+    over = [z for z, error in enumerate(errors) if error > task.tolerance]
+    if not task.quiet:
+        lowest, highest = 100 * min(errors), 100 * max(errors)
+        reached = f"{highest:.2g} %" if highest < 1.1 * lowest else f"{lowest:.2g} to {highest:.2g} %"
+        report(f"error of what is left out and of the computation: {reached} ({asked})")
+    if over:
+        worst = max(over, key=lambda z: errors[z])
+        report(
+            f"warning: {len(over)} of {len(errors)} planes miss the {asked}; plane {worst} at "
+            f"{task.planned.depths_um[worst]:g} µm reaches {100 * errors[worst]:.2g} %, and nothing finer is computed"
+        )
 
 
 def _write_frames(task: _Task, folder: Path, seed: int, peak: float) -> dict[str, Any]:

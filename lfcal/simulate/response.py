@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import ScanPlan
-from lfcal.simulate.accuracy.sampling import RETRIES, checked_engine, finer, sampling_for
+from lfcal.simulate.accuracy.probe import RETRIES, balanced, settle
+from lfcal.simulate.accuracy.sampling import finer, sampling_for
 from lfcal.simulate.effects.base import Effect, LightSample
 from lfcal.simulate.engines.base import Certificate, EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
@@ -34,8 +36,10 @@ class PlaneResponse:
     effects
         Those on scene, light and response; others are ignored here.
     level, tolerance, sampling
-        As in `simulate_psf`; a sampling that is given is taken as it is, else it is refined until the energy
-        balances, at any position and at any time: what was computed by then keeps its own, coarser sampling.
+        Level and sampling as in `simulate_psf`; ``tolerance`` is the computation's share of it. A sampling that is
+        given is taken as it is. Else the first engine is settled by a probe (`lfcal.simulate.accuracy.probe`), and
+        refined further until the energy balances, at any position and at any time: what was computed by then keeps
+        its own, coarser sampling.
     cutout
         Pixels ``(nt, ns)`` where they are not the plan's.
     depth_error_um
@@ -43,6 +47,12 @@ class PlaneResponse:
     on_sensor
         Compute on the sensor's pixels where the plan resamples its frames: what `point` needs. Positions of `rows`
         are then a sensor pixel apart, not a resampled one.
+
+    Attributes
+    ----------
+    reached
+        Relative L1 error of the computation by the probe; NaN before the first engine is made, and where the sampling
+        was given.
     """
 
     def __init__(
@@ -67,7 +77,8 @@ class PlaneResponse:
         self.scene, self.level = resolve_level(scene, level)
         self.cutout, self.halo, self.sampling = window, halo, sampling
         outlook = outlook_of(plan, z)
-        self.wanted, self.tolerance = sampling_for(outlook, self.level, tolerance), tolerance
+        self.tolerance, self._escalate = tolerance, level == "auto"
+        self.wanted, self.reached = sampling, math.nan
         samples = light_samples(effects, outlook)
         self.samples = merged(samples, scene.wavelength_um) if self.level == "geometric" else samples
         self._engines: dict[float, PlaneEngine] = {}
@@ -97,6 +108,11 @@ class PlaneResponse:
             if wave not in self._engines:
                 self._engines[wave] = self._made(at_wavelength(self.scene, wave))
             return self._engines[wave]
+
+    def adopt(self, other: PlaneResponse) -> None:
+        """Compute as finely as ``other`` found necessary, without a probe of one's own."""
+        other.engine()
+        self.level, self.wanted, self.reached = other.level, other.wanted, other.reached
 
     def rows(self, ys: ArrayLike, xs: ArrayLike, workers: int | None = None) -> NDArray[np.float32]:
         """Return the responses ``(len(ys), len(xs), nt, ns)`` of positions ys x xs (whole numbers)."""
@@ -161,7 +177,7 @@ class PlaneResponse:
             except EnergyError:
                 if self.sampling is not None:
                     raise
-                # The reference's sampling follows from the tolerance alone.
+                # The reference's grid is as fine as the light's angles need: more changes nothing.
                 if self.level == "reference" or attempt == RETRIES:
                     balance = f"no more of it out than in at level {self.level!r}"
                     remedy = "choose another level, or a smaller tolerance"
@@ -173,6 +189,7 @@ class PlaneResponse:
         """Return a finer engine of the same scene, in the place of ``engine``."""
         with self._lock:
             self._spent.append(engine.certificate)
+            assert self.wanted is not None  # an engine was made with it
             self.wanted = finer(self.wanted)
             made = self._made(engine.scene)
             self._engines = {wave: made if held is engine else held for wave, held in self._engines.items()}
@@ -188,10 +205,17 @@ class PlaneResponse:
         return self._made(scene)
 
     def _made(self, scene: Scene) -> PlaneEngine:
-        if self.sampling is not None or self.level == "reference":
-            return engine_for(scene, self.level, self.sampling or self.wanted)
-        engine, self.wanted = checked_engine(scene, self.level, self.wanted, self.tolerance)
-        return engine
+        if self.sampling is not None:
+            return engine_for(scene, self.level, self.sampling)
+        if self.wanted is not None:  # other wavelengths and source points need what the first needed
+            engine, _, self.wanted = balanced(scene, self.level, self.wanted)
+            return engine
+        if self.level == "reference":  # what others are judged by is not judged itself
+            self.wanted = sampling_for(scene, self.level, self.tolerance)
+            return engine_for(scene, self.level, self.wanted)
+        found = settle(scene, self.level, self.tolerance, escalate=self._escalate)
+        self.level, self.wanted, self.reached = found.level, found.sampling, found.error
+        return found.engine
 
     def point(self, y_px: float, x_px: float) -> list[tuple[int, int, NDArray[np.float32]]]:
         """Return windows ``(row, column, values)`` of the light of a source whose chief ray is at (y, x).

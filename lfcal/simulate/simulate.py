@@ -15,15 +15,17 @@ from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Progress, Work, drain
 from lfcal.psf import PSFMatrix, open_psf
+from lfcal.psf.facts import Facts
 from lfcal.psf.store import PSFWriter
-from lfcal.simulate.accuracy.planner import EffectSelection, plan_effects
+from lfcal.simulate.accuracy.planner import FOR_EFFECTS, EffectSelection, plan_effects
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.staging import outlook_of
 from lfcal.threads import worker_count
 from lfcal.units import format_bytes
 
-__all__ = ["effects_of", "iter_simulate_psf", "simulate_psf"]
+__all__ = ["budgeted", "iter_simulate_psf", "simulate_psf"]
 
 MEMORY_LIMIT = 6 << 30
 """Largest H that is built in memory (bytes); a file has no such limit."""
@@ -34,19 +36,24 @@ BLOCK_BYTES = 64 << 20
 EffectsLike = Iterable[Effect] | EffectSelection | str
 
 
-def effects_of(effects: EffectsLike, plan: ScanPlan, tolerance: float) -> tuple[Effect, ...]:
-    """Return a tuple of effects: as given, those a selection has on, or those that ``"auto"`` finds necessary."""
-    if isinstance(effects, EffectSelection):
-        return effects.effects
+def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float) -> tuple[tuple[Effect, ...], float]:
+    """Return the effects, and the share of ``tolerance`` that what is left out leaves to the computation.
+
+    Effects are as given, those a selection has on, or those that ``"auto"`` finds necessary. Nothing is known to be
+    left out beside effects that are given.
+    """
     if isinstance(effects, str):
         if effects != "auto":
             raise InputError.expected("effects", "effects, an EffectSelection or 'auto'", repr(effects), "correct it")
-        return plan_effects(plan.camera, plan, tolerance).effects
+        effects = plan_effects(plan.camera, plan, tolerance)
+    if isinstance(effects, EffectSelection):
+        # a selection made for another tolerance must not use this one up
+        return effects.effects, max(tolerance - effects.left_out, (1 - FOR_EFFECTS) * tolerance)
     chosen = tuple(effects)
     for effect in chosen:
         if not isinstance(effect, Effect):
             raise InputError.expected("effects", "effect objects", type(effect).__name__, "see lfcal.simulate")
-    return chosen
+    return chosen, tolerance
 
 
 def describe(effects: Iterable[Effect]) -> list[dict[str, Any]]:
@@ -70,7 +77,7 @@ def iter_simulate_psf(
 ) -> Work[PSFMatrix]:
     """Simulate H as `simulate_psf`; yields progress in rows, and closing it leaves nothing half-written."""
     _check_plan(camera, plan)
-    chosen = effects_of(effects, plan, tolerance)
+    chosen, share = budgeted(effects, plan, tolerance)
     # Kept in the file, so that H can be simulated again.
     details: dict[str, Any] = {
         "simulated": {"effects": describe(chosen), "level": level, "tolerance": tolerance},
@@ -82,7 +89,13 @@ def iter_simulate_psf(
     names = [f"simulate plane {z + 1} of {len(planes)}" for z in planes]
 
     def response(z: int) -> PlaneResponse:
-        return PlaneResponse(plan, z, chosen, level=level, tolerance=tolerance, sampling=sampling)
+        return PlaneResponse(plan, z, chosen, level=level, tolerance=share, sampling=sampling)
+
+    def stated(z: int, response: PlaneResponse) -> float:
+        """Return the plane's whole error: of what is left out, as estimated, and of the computation, as measured."""
+        outlook, rays = outlook_of(plan, z), response.level == "geometric"
+        lost = sum(e.estimate(outlook).error for e in chosen if rays and e.needs_waves)
+        return response.reached + (tolerance - share) + lost
 
     common: dict[str, Any] = {"depths": plan.depths_um, "camera": camera, "anchor": plan.anchor}
     if out is None:
@@ -91,9 +104,13 @@ def iter_simulate_psf(
             limit = f"at most {format_bytes(MEMORY_LIMIT)}"
             raise InputError.expected("H in memory", limit, format_bytes(need), "name a file with out=")
         whole = np.zeros(plan.shape, np.float32)
+        errors = []
         for z in planes:
-            yield from _plane(whole[z], response(z), names[z], count)
-        return PSFMatrix(whole, **common, provenance=details)
+            computed = response(z)
+            yield from _plane(whole[z], computed, names[z], count)
+            errors.append(stated(z, computed))
+        facts = Facts.of(plan.shape[:3], plan.cutout, error=errors)
+        return PSFMatrix(whole, **common, provenance=details, facts=facts)
     with PSFWriter(
         out, plan.shape, **common, dtype=dtype, compression=compression, provenance=details, workers=workers
     ) as writer:
@@ -101,8 +118,9 @@ def iter_simulate_psf(
         for z in planes:
             # The buffer of one plane is used for all: a file of any size takes the memory of one.
             plane[:] = 0
-            yield from _plane(plane, response(z), names[z], count)
-            writer.write_plane(z, plane)
+            computed = response(z)
+            yield from _plane(plane, computed, names[z], count)
+            writer.write_plane(z, plane, facts=Facts.of(plan.period, plan.cutout, error=stated(z, computed)))
     return open_psf(Path(out))
 
 
@@ -140,7 +158,8 @@ def simulate_psf(
         ``"geometric"``, ``"wave"``, ``"microscope"``, ``"reference"``, or ``"auto"``: rays unless an effect calls
         for waves.
     tolerance
-        Relative L1 error allowed for what is left out, and for the sampling.
+        Relative L1 error allowed, of what is left out and of the computation together. What each plane reached, by a
+        probe of a few positions, is stated in its facts.
     sampling
         How finely to compute; None: what the tolerance needs.
     out

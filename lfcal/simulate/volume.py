@@ -17,7 +17,7 @@ from lfcal.psf import PSFMatrix
 from lfcal.simulate._scatter import Row, scatter
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.simulate import EffectsLike, effects_of
+from lfcal.simulate.simulate import EffectsLike, budgeted
 from lfcal.threads import worker_count
 
 __all__ = ["iter_light_field", "light_field", "plume", "points", "vesicle"]
@@ -54,8 +54,8 @@ class _Simulated:
 
     def __init__(self, plan: ScanPlan, effects: EffectsLike, level: str, tolerance: float, sampling: Sampling | None):
         self.plan = plan
-        self.options: dict[str, Any] = {"level": level, "tolerance": tolerance, "sampling": sampling}
-        self.effects = effects_of(effects, plan, tolerance)
+        self.effects, share = budgeted(effects, plan, tolerance)
+        self.options: dict[str, Any] = {"level": level, "tolerance": share, "sampling": sampling}
         self.shape = plan.shape
         self._kept: tuple[int, PlaneResponse] | None = None
 

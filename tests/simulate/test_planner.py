@@ -80,7 +80,7 @@ def test_r29_plan_reads_like_the_table() -> None:
 
 def test_a_loose_tolerance_leaves_all_out_and_a_tight_one_nothing() -> None:
     plan = small_plan()
-    none = plan_effects(plan.camera, plan, 2.0)
+    none = plan_effects(plan.camera, plan, 4.0)
     assert none.effects == () and none.level == "geometric"
     assert none.seconds == pytest.approx(none.ideal_seconds)
     all_of_it = plan_effects(plan.camera, plan, 1e-9)
@@ -95,15 +95,16 @@ def test_what_is_left_out_adds_up_to_less_than_the_tolerance() -> None:
         out = [
             r.estimate.error for r in found.rows if not r.on and not r.effect.deviation and r.effect.acts_on.enters_h
         ]
-        assert sum(out) <= tolerance
+        assert sum(out) == pytest.approx(found.left_out)
+        assert found.left_out <= tolerance / 2
 
 
 def test_costly_effects_are_left_out_first() -> None:
     plan = small_plan()
     source, gap = FiniteSource(20.0), LensletGap(0.8)
     errors = [e.estimate(plan_effects_outlook(plan)).error for e in (source, gap)]
-    tolerance = 1.05 * max(errors)
-    assert sum(errors) > tolerance
+    tolerance = 2.1 * max(errors)
+    assert 2 * sum(errors) > tolerance
     found = plan_effects(plan.camera, plan, tolerance, effects=(source, gap))
     assert not found.row("finite_source").on and found.row("lenslet_gap").on
     assert found.row("finite_source").seconds > found.row("lenslet_gap").seconds == 0

@@ -12,7 +12,7 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.psf import open_psf
 from lfcal.simulate import iter_simulate_psf, plan_effects, simulate_psf
-from lfcal.simulate.accuracy.sampling import STEPS, sampling_for
+from lfcal.simulate.accuracy.sampling import sampling_for, steps_for
 from lfcal.simulate.effects import Bandwidth, Crosstalk, PositioningError, ReadNoise
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
@@ -130,8 +130,9 @@ def test_sampling_keeps_the_tolerance() -> None:
     for tolerance in (0.12, 0.05, 0.03, 0.015):
         found = PlaneResponse(plan, 0, BASE, tolerance=tolerance)
         assert difference(found.rows([4], [5]), fine) <= tolerance
-    assert sampling_for(outlook, "wave", 10.0) == STEPS[0][0]
-    assert sampling_for(outlook, "wave", 1e-9) == STEPS[-1][0]
+    steps = steps_for(outlook, "wave")
+    assert sampling_for(outlook, "wave", 10.0) == steps[0].sampling
+    assert sampling_for(outlook, "wave", 1e-9) == steps[-1].sampling
 
 
 def test_bad_input() -> None:

@@ -38,7 +38,13 @@ def test_against_the_reference(v, bound):
 
 
 @pytest.mark.parametrize(
-    ("v", "fast", "bound"), [(2.0, True, 0.065), (-2.0, True, 0.065), (4.0, True, 0.055), (4.0, False, 0.008)]
+    ("v", "fast", "bound"),
+    [
+        (2.0, True, 0.07),
+        (4.0, False, 0.009),
+        pytest.param(-2.0, True, 0.07, marks=pytest.mark.long),
+        pytest.param(4.0, True, 0.06, marks=pytest.mark.long),
+    ],
 )
 def test_exact_rays_land_where_the_propagated_field_does(v, fast, bound):
     """Square f/2.8 lenslets behind F/2.2, and f/5 behind F/5; without exact angles 20 to 27 and 3 %."""
@@ -46,11 +52,11 @@ def test_exact_rays_land_where_the_propagated_field_does(v, fast, bound):
     lattice = LensletLattice("square", 47.3, gap, (LensType(gap),))
     change = {"wavelength_um": 0.45, "pixel_um": 3.45, "image_um": v * gap, "lattice": lattice, "f_number": 2.172}
     scene = camera_scene(v, exact_rays=True, exact_defocus=True, **(change | {"aperture": "cell"} if fast else {}))
-    sampling = Sampling(nodes_per_px=8 if fast else 5, margin_px=20, energy_floor=1e-3, coherent=True)
+    sampling = Sampling(nodes_per_px=8 if fast else 5, margin_px=12, coherent=True)
     found, wanted = at_both(scene, sampling, samples=10.0 if fast else 5.0)
     assert relative_error(found, wanted) < bound
     plain = WavePlane(replace(scene, exact_rays=False, exact_defocus=False), sampling).point(2 * PIXEL, -3 * PIXEL)
-    assert relative_error(plain, wanted) > 3 * bound
+    assert relative_error(plain, wanted) > 2.5 * bound
 
 
 def test_default_sampling_is_good_to_a_few_percent():

@@ -13,8 +13,9 @@ from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy.cost import engine_seconds
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines.base import PlaneEngine, Sampling
+from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.simulate import EffectsLike, effects_of
+from lfcal.simulate.simulate import EffectsLike, budgeted
 from lfcal.simulate.staging import outlook_of
 from lfcal.simulate.symmetry import mirrored_rows
 
@@ -39,18 +40,22 @@ def predict_seconds(
 
     The middle plane is measured; the others follow from the cost estimated from their description.
     """
-    chosen = effects_of(effects, plan, tolerance)
+    chosen, share = budgeted(effects, plan, tolerance)
     z = len(plan.depths_um) // 2
+    response = PlaneResponse(plan, z, chosen, level=level, tolerance=share, sampling=sampling)
+    start = time.thread_time()
+    response.engine()
+    probe = time.thread_time() - start
     setup = plane = math.inf
     for _ in range(2):  # the first of a session may compile and fill caches; another program may take turns
         start = time.thread_time()
-        response = PlaneResponse(plan, z, chosen, level=level, tolerance=tolerance, sampling=sampling)
-        engine = response.engine()
+        engine = engine_for(response.scene, response.level, response.wanted)
         setup = min(setup, time.thread_time() - start)
         plane = min(plane, plane_seconds(engine))
     shares = whole_of(plan, z, chosen, response.level, response.runs)
     nz, ny, nx, nt, ns = plan.shape
-    return shares.seconds(setup, plane) + nz * (PER_PLANE + PER_BYTE * 4 * ny * nx * nt * ns)
+    # each plane is probed once, whatever its light is made of
+    return shares.seconds(setup, plane) + nz * (probe + PER_PLANE + PER_BYTE * 4 * ny * nx * nt * ns)
 
 
 @dataclass(frozen=True, slots=True)

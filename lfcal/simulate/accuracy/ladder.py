@@ -15,17 +15,20 @@ from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError, LfcalError
 from lfcal.progress import Clock, Work, drain
 from lfcal.simulate.accuracy.forecast import Whole, own_rows, whole_of
-from lfcal.simulate.accuracy.sampling import DEBYE_NODES, STEPS
+from lfcal.simulate.accuracy.sampling import steps_for
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.simulate import EffectsLike, effects_of
+from lfcal.simulate.simulate import EffectsLike, budgeted
 from lfcal.simulate.staging import resolve_level, scene_for
 
 __all__ = ["Ladder", "Rung", "draw_ladder", "iter_ladder", "ladder"]
 
 REFERENCE_SAMPLES = (12, 10, 8, 6, 4)
 """Samples per pixel of the reference, the most that its grid holds."""
+
+DEBYE_SHOWN, WIDEST_SHOWN = 6, 40
+"""Finest nodes per pixel, and margin (px), that are measured: finer ones take longer than the rest together."""
 
 LARGEST_GRID = 3200
 """Side of the reference's grid that is still quick enough to be measured at a few positions."""
@@ -119,10 +122,10 @@ def iter_ladder(
     z = len(plan.depths_um) // 2 if z is None else z
     if not 0 <= z < len(plan.depths_um):
         raise InputError.expected("plane", f"0 … {len(plan.depths_um) - 1}", z, "choose one of the plan")
-    chosen = effects_of(effects, plan, tolerance)
+    chosen, _ = budgeted(effects, plan, tolerance)
     scene, level = _with_waves(scene_for(plan, z, chosen))
     places = _places(scene.period, positions)
-    tasks = [("geometric", None), *((level, s) for s in (samplings or _samplings(level)))]
+    tasks = [("geometric", None), *((level, s) for s in (samplings or _samplings(scene, level)))]
     clock = Clock("accuracy against time", len(tasks) + 1)
     yield clock.at(0, "reference")
     # One scene for all rungs: what differs is how it is computed.
@@ -208,12 +211,10 @@ def _places(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
     return [(int(ny * ((0.1 + k * steps[0]) % 1)), int(nx * ((0.2 + k * steps[1]) % 1))) for k in range(max(1, count))]
 
 
-def _samplings(level: str) -> list[Sampling]:
+def _samplings(scene: Scene, level: str) -> list[Sampling]:
     if level == "debye":
-        return [Sampling(nodes_per_px=n) for n, _ in DEBYE_NODES] + [Sampling(nodes_per_px=6)]
-    plain = [s for s, _ in STEPS if not s.coherent]
-    fine = Sampling(nodes_per_px=5, margin_px=12)
-    return [*plain, fine, *(replace(s, coherent=True) for s in (*plain, fine))]
+        return [step.sampling for step in steps_for(scene, level) if step.sampling.nodes_per_px <= DEBYE_SHOWN]
+    return [step.sampling for step in steps_for(scene, level) if step.sampling.margin_px <= WIDEST_SHOWN]
 
 
 def _label(level: str, sampling: Sampling | None) -> str:

@@ -18,6 +18,9 @@ __all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]
 
 SETTINGS = ("auto", "on", "off")
 
+FOR_EFFECTS = 0.5
+"""Share of the tolerance that the effects left out may take together; the computation takes what they leave of it."""
+
 NOTHING = 1e-5
 """Estimates below this share of the image are as good as none."""
 
@@ -74,6 +77,8 @@ class EffectSelection:
         CPU-seconds for the whole plan with everything that is on, predicted within a factor of about 2.
     ideal_seconds
         CPU-seconds of the ideal camera.
+    left_out
+        Sum of the estimates of the effects that are left out (relative L1), at most half the tolerance.
     """
 
     rows: tuple[PlannedEffect, ...]
@@ -81,6 +86,7 @@ class EffectSelection:
     level: str
     seconds: float
     ideal_seconds: float
+    left_out: float
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -112,8 +118,9 @@ def plan_effects(
     """Return which effects a scene calls for.
 
     Effects are left out, the costly ones first and then the smallest, as long as their estimates add up to less
-    than the tolerance. Errors of build and use (a gap error, a loose stage) are simulated only where they are
-    given in ``effects`` or switched on: their typical size says nothing about this camera.
+    than half the tolerance: the rest is for the computation. Errors of build and use (a gap error, a loose stage) are
+    simulated only where they are given in ``effects`` or switched on: their typical size says nothing about this
+    camera.
 
     Parameters
     ----------
@@ -122,7 +129,7 @@ def plan_effects(
     region
         A scan plan, or the outlooks of its depth planes.
     tolerance
-        Relative L1 error of the image allowed for all that is left out.
+        Relative L1 error of the image allowed, for all that is left out and for the computation together.
     overrides
         Effect name to ``"auto"``, ``"on"`` or ``"off"``.
     effects
@@ -137,7 +144,7 @@ def plan_effects(
     InputError
         For an unknown name or setting, a tolerance out of range, or a plan of another camera.
     """
-    check_number("tolerance", tolerance, above=0, at_most=2, remedy="0.03 is usual")
+    check_number("tolerance", tolerance, above=0, at_most=4, remedy="0.03 is usual")
     planes = _outlooks(camera, region, peak)
     # A given effect takes the place, and the order, of the catalogue's of its name.
     candidates = tuple({e.name: e for e in (*catalogue(), *effects)}.values())
@@ -145,18 +152,18 @@ def plan_effects(
     known = {effect.name for effect in effects}
     costs = _Costs(planes, "debye" if isinstance(camera.optics, Microscope) else "wave", tolerance)
     drafts = [_draft(effect, settings[effect.name], planes, costs) for effect in candidates]
-    left = tolerance
+    allowed = left = FOR_EFFECTS * tolerance
     rows: dict[str, PlannedEffect] = {}
     # False before True: what costs a fifth of the whole simulation or more comes first, then the smallest errors.
     for draft in sorted(drafts, key=lambda d: (d.seconds < 0.2 * costs.full, d.estimate.error)):
-        row = _decide(draft, known=draft.name in known, frames=frames, tolerance=tolerance, left=left)
+        row = _decide(draft, known=draft.name in known, frames=frames, allowed=allowed, left=left)
         if not row.on and row.setting == "auto" and _counts(row.effect, draft.name in known, frames):
             left -= row.estimate.error
         rows[row.name] = row
     ordered = tuple(rows[e.name] for e in candidates)
     chosen = [row.effect for row in ordered if row.on]
     level = costs.level_of(chosen)
-    return EffectSelection(ordered, tolerance, level, costs.total(chosen), costs.rays)
+    return EffectSelection(ordered, tolerance, level, costs.total(chosen), costs.rays, allowed - left)
 
 
 def _outlooks(camera: Camera, region: ScanPlan | Iterable[Outlook], peak: float) -> tuple[Outlook, ...]:
@@ -220,7 +227,7 @@ def _counts(effect: Effect, known: bool, frames: bool) -> bool:
     return (known or not effect.deviation) and (frames or effect.acts_on.enters_h)
 
 
-def _decide(draft: PlannedEffect, *, known: bool, frames: bool, tolerance: float, left: float) -> PlannedEffect:
+def _decide(draft: PlannedEffect, *, known: bool, frames: bool, allowed: float, left: float) -> PlannedEffect:
     """Return the row with on or off and the reason."""
     effect, e = draft.effect, draft.estimate
     size = f"{e.size:.3g} {e.unit}"
@@ -238,9 +245,10 @@ def _decide(draft: PlannedEffect, *, known: bool, frames: bool, tolerance: float
         return replace(draft, on=True, reason=f"frames hold whole numbers: {size}, {share}")
     if e.error < NOTHING:
         return replace(draft, reason=f"changes nothing here: {size}")
-    if e.error > tolerance:
-        return replace(draft, on=True, reason=f"{size}: {share}, above the tolerance of {100 * tolerance:.3g} %{cost}")
+    within = f"the {100 * allowed:.3g} % that may be left out"
+    if e.error > allowed:
+        return replace(draft, on=True, reason=f"{size}: {share}, above {within}{cost}")
     if e.error > left:
-        taken = 100 * (tolerance - left)
+        taken = 100 * (allowed - left)
         return replace(draft, on=True, reason=f"{size}: {share}, too much beside {taken:.2g} % left out already{cost}")
-    return replace(draft, reason=f"{size}: {share}, within the tolerance of {100 * tolerance:.3g} %")
+    return replace(draft, reason=f"{size}: {share}, within {within}")

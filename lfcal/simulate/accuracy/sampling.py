@@ -1,111 +1,153 @@
-"""How finely an engine must compute for a tolerance, and what to do where that proves too coarse."""
+"""How finely an engine computes: steps from coarse to fine, with the error each is expected to leave."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lfcal.errors import InputError
 from lfcal.simulate.effects.outlook import Outlook
-from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
-from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.scene import Scene
 
-__all__ = ["MOST_NODES", "STEPS", "checked_engine", "finer", "incoherent_floor", "sampling_for"]
+__all__ = ["Fringes", "Step", "finer", "sampling_for", "steps_for"]
 
-STEPS: tuple[tuple[Sampling, float], ...] = (
-    (Sampling(nodes_per_px=2, margin_px=3), 0.10),
-    (Sampling(nodes_per_px=3, margin_px=4), 0.03),
-    (Sampling(nodes_per_px=4, margin_px=5), 0.012),
-    (Sampling(nodes_per_px=4, margin_px=8), 0.008),
-    (Sampling(nodes_per_px=4, margin_px=8, coherent=True), 0.014),
-    (Sampling(nodes_per_px=5, margin_px=12, coherent=True), 0.009),
+WINDOWS: tuple[tuple[float, float, float], ...] = ((3, 1.0, 0.10), (4, 1.5, 0.03), (5, 2.0, 0.012), (8, 2.0, 0.008))
+"""Steps that add intensities of neighbouring lenslets: margin (px), nodes per cycle of the light's band, and the
+relative L1 error that they leave (measured) beside that of the sum; see `Fringes.incoherent`."""
+
+COHERENT: tuple[tuple[float, int, float, float], ...] = (
+    (8, 0, 3e-3, 0.017),
+    (11, 0, 3e-3, 0.0125),
+    (14, 0, 3e-3, 0.009),
+    (17, 0, 3e-3, 0.0065),
+    (24, 0, 3e-3, 0.0035),
+    (34, 1, 1e-3, 0.002),
+    (48, 1, 5e-4, 0.001),
 )
-"""Samplings of the wave engine, cheapest first, with the relative L1 error that its sampling makes (measured)."""
+"""Steps that add fields: margin (px), nodes beyond those the fringes need, energy floor, and the error left."""
 
-DEBYE_NODES = ((1, 0.12), (2, 0.015), (3, 0.005), (4, 0.0))
-"""Nodes per pixel of the Debye path, and the tolerance from which each is tried first; `checked_engine` measures."""
+AIRY_PX = 0.5
+"""lambda B/d, in pixels, up to which margins hold: they grow with larger spots."""
+
+SPARE = 0.6
+"""Nodes per pixel beyond the band of the light: aliases then fall where pixels see nothing."""
+
+DEBYE_NODES: tuple[tuple[int, float], ...] = ((1, 0.12), (2, 0.015), (3, 0.005), (4, 0.0025))
+"""Nodes per pixel of the Debye path, and the error each is expected to leave."""
 
 MOST_NODES = 12
 """Nodes per pixel up to which the Debye path is refined."""
 
-SHARE = 0.5
-"""Share of the tolerance that the sampling may take; the rest is for the effects that are left out."""
+DEBYE_GAIN = 2.5
+"""What a node more per pixel divides the Debye path's error by, at least (measured: 2.6 to 5)."""
 
-SUMMED = 2.5
-"""What a node more per pixel divides the error of the sum over lenslets by, at least (measured: 2.6 to 4.4)."""
-
-RETRIES = 4
+REFERENCE = ((1.0, 0.03), (1.25, 0.006), (1.6, 0.002), (2.4, 0.0005))
+"""Samples of the reference over the fewest that hold the light's angles, and the error each is expected to leave."""
 
 
-def incoherent_floor(outlook: Outlook) -> float:
-    """Return the error of adding intensities of neighbouring lenslets instead of fields: 0.4 px over the pitch."""
-    return 0.4 / outlook.camera.pitch_px
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One fineness: an engine's level, its sampling, and the relative L1 error it is expected to leave."""
+
+    level: str
+    sampling: Sampling
+    expected: float
 
 
-def sampling_for(outlook: Outlook, level: str, tolerance: float) -> Sampling:
-    """Return the cheapest sampling of a level that keeps ``tolerance``, or the finest."""
+@dataclass(frozen=True, slots=True)
+class Fringes:
+    """How fine the light on the sensor is.
+
+    Attributes
+    ----------
+    band
+        Highest frequency behind one lenslet, d/(lambda B) (cycles per pixel).
+    between
+        What neighbouring lenslets add to it, p/(lambda B) (cycles per pixel).
+    pitch_px
+        Lenslet pitch (pixels).
+    angle
+        Samples per pixel that hold every angle of the light between lenslets and sensor.
+    """
+
+    band: float
+    between: float
+    pitch_px: float
+    angle: float
+
+    @classmethod
+    def of(cls, described: Scene | Outlook) -> Fringes:
+        """Return those of a scene, or of an outlook (apart from cells that are turned)."""
+        if isinstance(described, Outlook):
+            lattice = described.camera.lattice
+            width, pitch, px = described.clear_um, lattice.pitch_um, described.pixel_um
+            wave, gap = described.wavelength_um, described.gap_um
+            types, cone = lattice.types, 1 / (2 * described.f_number)
+        else:
+            width, pitch, px = 2 * described.clear_radius_um, described.lattice.pitch_um, described.reduced_pixel_um
+            if described.aperture == "cell":
+                from lfcal.simulate.engines.tables import aperture_outline  # compiled code: loaded when it is needed
+
+                width = float(np.ptp(aperture_outline(described), axis=0).max())
+            wave, gap = described.wavelength_um, described.reduced_gap_um
+            types, cone = described.lattice.types, 1 / (2 * described.f_number)
+        spread = wave * gap
+        steepest = cone + width / 2 / min(abs(kind.focal_length_um) for kind in types)
+        return cls(width * px / spread, pitch * px / spread, pitch / px, 2 * px * min(steepest, 1.0) / wave)
+
+    @property
+    def nodes(self) -> int:
+        """Nodes per pixel that the fringes between neighbouring lenslets need."""
+        return math.ceil(self.band + self.between + SPARE)
+
+    @property
+    def spot(self) -> float:
+        """By how much margins exceed those of lenslets whose spots are `AIRY_PX`."""
+        return max(1.0, 1 / (max(self.band, 1e-6) * AIRY_PX))
+
+    @property
+    def incoherent(self) -> float:
+        """Relative L1 error of adding intensities of neighbouring lenslets instead of fields (measured)."""
+        return 0.4 / self.pitch_px
+
+
+def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
+    """Return the steps of a level, cheapest first."""
+    fringes = Fringes.of(described)
     if level == "debye":
-        return Sampling(nodes_per_px=next(n for n, error in DEBYE_NODES if tolerance >= error))
+        known = [Step(level, Sampling(nodes_per_px=n), error) for n, error in DEBYE_NODES]
+        more = range(len(known) + 1, MOST_NODES + 1)
+        return (*known, *(Step(level, Sampling(nodes_per_px=n), 0.04 / n**2) for n in more))
     if level == "reference":
-        return Sampling(samples_per_px=12 if tolerance < 0.01 else 8)
-    floor = incoherent_floor(outlook)
-    for sampling, error in STEPS:
-        if error + (0.0 if sampling.coherent else floor) <= tolerance:
-            return sampling
-    return STEPS[-1][0]
+        counts = [(max(3, math.ceil(share * fringes.angle)), error) for share, error in REFERENCE]
+        return tuple(Step(level, Sampling(samples_per_px=n), error) for n, error in counts)
+    if level != "wave":
+        return (Step(level, Sampling(), 0.0),)
+    steps = []
+    for margin, per_cycle, error in WINDOWS:
+        nodes = max(round(2 * per_cycle), math.ceil(per_cycle * fringes.band))
+        sampling = Sampling(nodes_per_px=nodes, margin_px=_wide(margin, fringes))
+        steps.append(Step(level, sampling, error + fringes.incoherent))
+    for margin, extra, floor, error in COHERENT:
+        sampling = Sampling(
+            nodes_per_px=fringes.nodes + extra, margin_px=_wide(margin, fringes), energy_floor=floor, coherent=True
+        )
+        steps.append(Step(level, sampling, error))
+    return tuple(steps)
+
+
+def _wide(margin: float, fringes: Fringes) -> int:
+    return math.ceil(margin * fringes.spot)
+
+
+def sampling_for(described: Scene | Outlook, level: str, tolerance: float) -> Sampling:
+    """Return the cheapest sampling of a level that is expected to keep ``tolerance``, or the finest."""
+    steps = steps_for(described, level)
+    return next((step.sampling for step in steps if step.expected <= tolerance), steps[-1].sampling)
 
 
 def finer(sampling: Sampling) -> Sampling:
     """Return the next finer sampling: a node more per pixel, and samples for a window a quarter wider."""
     return replace(sampling, nodes_per_px=min(32, sampling.nodes_per_px + 1), margin_px=sampling.margin_px + 3)
-
-
-def checked_engine(
-    scene: Scene, level: str, sampling: Sampling, tolerance: float = 0.03
-) -> tuple[PlaneEngine, Sampling]:
-    """Return an engine, refined until four positions spread over the period are right, and how finely.
-
-    Their energy must balance. The Debye path, whose nodes are cheap, must also agree with itself at a node more per
-    pixel to half of ``tolerance``: a node more divides its error by about five, so what changes is the error. Of
-    arrays that are summed lenslet by lenslet it divides the error by `SUMMED` only, and what changes is raised by that.
-
-    Raises
-    ------
-    EnergyError
-        If the energy does not balance after four refinements.
-    InputError
-        If the Debye path does not reach ``tolerance`` with `MOST_NODES`.
-    """
-    engine, found, sampling = _balanced(scene, level, sampling)
-    left = 1.0 if engine.level == "debye" else 1 - 1 / SUMMED
-    # a microscope's array that is not square and upright is computed by the wave engine
-    while level == "debye":
-        following, better, next_sampling = _balanced(scene, level, finer(sampling))
-        error = float((np.abs(found - better).sum(axis=(2, 3)) / better.sum(axis=(2, 3))).max()) / left
-        if error <= SHARE * tolerance:
-            break
-        if next_sampling.nodes_per_px > MOST_NODES:
-            z, least = scene.z_um, f"at least {error / SHARE:.1g} at a depth of {scene.z_um:g} µm"
-            raise InputError.expected("tolerance", least, tolerance, f"raise it, or leave out the plane at {z:g} µm")
-        engine, found, sampling = following, better, next_sampling
-    return engine, sampling
-
-
-def _balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine, NDArray[np.float64], Sampling]:
-    """Return an engine whose energy balances, its responses at four positions, and how finely it samples."""
-    ny, nx = scene.period
-    for attempt in range(RETRIES + 1):
-        engine = engine_for(scene, level, sampling)
-        try:
-            # Four positions spread over the period stand for all; every response is certified again later.
-            found = engine.rows(sorted({0, ny // 2}), sorted({nx // 4, (3 * nx) // 4}), workers=1)
-        except EnergyError:
-            if attempt == RETRIES:
-                raise
-            sampling = finer(sampling)
-        else:
-            break
-    return engine, found.astype(np.float64), sampling

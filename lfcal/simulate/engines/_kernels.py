@@ -165,35 +165,27 @@ def mask_from_table(aperture: Aperture, dx: float, x0: float, y0: float, mask: S
 
 @njit(fastmath={"contract", "nnan", "ninf", "nsz"})
 def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -> None:
-    """Write the mask times a phase by which rays of the Fresnel integral land where exact ones do.
+    """Write the mask times a phase by which rays of the Fresnel integral land where exact ones do, B tan away.
 
-    A ray that leaves the lenslet's point x with sines s = -(c - X0)/a' - kappa x, kappa = 1/a' + 1/f, lands B tan away,
-    in the integral B times its slope away. The phase's gradient is therefore (2 pi/lambda) (tan - sin): with
-    G(v) = 1 - v/2 - sqrt(1 - v) = v^2/8 + v^3/16 + 5 v^4/128 + ... it is -(2 pi/lambda) (G(s^2) - G(s0^2))/kappa, s0
-    that of the chief ray. As s^2 - s0^2 = kappa w, w = 2 (c - X0).x/a' + kappa x^2, nothing is divided by kappa but
-    by s^2 - s0^2, in closed form. The chief ray itself is behind its parabola by 1/cos - 1 - tan^2/2. Series keep the
-    digits that the differences lose, and polynomials in one precision let the loop run in vectors.
+    A ray leaves the lenslet's point x with sines s = -(c - X0)/a' - kappa x, kappa = 1/a' + 1/f; the integral lands it
+    B times its slope away. So the phase is -(2 pi/lambda) (G(s^2) - G(s0^2))/kappa, G(v) = 1 - v/2 - sqrt(1 - v), s0 of
+    the chief ray. With 8 G as a series and s^2 - s0^2 = kappa w, w = 2 (c - X0).x/a' + kappa x^2, nothing is divided
+    by kappa. The chief ray is behind its parabola by 1/cos - 1 - tan^2/2.
     """
-    n = mask.re.shape[0]
-    real = mask.re.dtype.type
+    n, real = mask.re.shape[0], mask.re.dtype.type
     ux, uy, rate = spot.lx * optics.source_rate, spot.ly * optics.source_rate, optics.point_rate
     # coefficients of 8 (G(v) - G(v0))/(v - v0) over v; of sine and cosine by Taylor, good for |t| <= pi/2
-    v0 = ux * ux + uy * uy
-    e5 = 21 / 128
+    v0, e5 = ux * ux + uy * uy, 21 / 128
     e4 = 7 / 32 + e5 * v0
     e3 = 5 / 16 + e4 * v0
     e2 = 1 / 2 + e3 * v0
-    e1 = 1 + e2 * v0
-    k0, k1, k2, k3, k4, k5 = real(e1 * v0), real(e1), real(e2), real(e3), real(e4), real(e5)
+    k0, k1, k2, k3, k4, k5 = real(v0 + e2 * v0 * v0), real(1 + e2 * v0), real(e2), real(e3), real(e4), real(e5)
     s3, s5, s7, s9 = real(-1 / 6), real(1 / 120), real(-1 / 5040), real(1 / 362880)
-    c2, c4, c6, c8 = real(-1 / 2), real(1 / 24), real(-1 / 720), real(1 / 40320)
-    one, pi = real(1), real(math.pi)
-    # adding and taking away 1.5 times 2 to the digits of the mantissa rounds to whole numbers
-    nearest = real(1.5 * 2.0 ** (23 if mask.re.itemsize == 4 else 52))
-    # half the phase in half turns, of the chief ray and per 8 (G(v) - G(v0))/kappa
-    chief = optics.rays / (2 * math.pi) * v0 * v0 * (1 / 8 + v0 * (3 / 16 + v0 * (29 / 128 + v0 * (65 / 256))))
-    chief = real(chief - math.floor(chief))
-    scale = optics.rays / (16 * math.pi * optics.gap)
+    c2, c4, c6, c8, one, pi = real(-1 / 2), real(1 / 24), real(-1 / 720), real(1 / 40320), real(1), real(math.pi)
+    nearest = real(1.5 * 2.0 ** (23 if mask.re.itemsize == 4 else 52))  # added and taken away it rounds to integers
+    half = optics.rays / (2 * math.pi)
+    behind = half * v0 * v0 * (1 / 8 + v0 * (3 / 16 + v0 * (29 / 128 + v0 * (65 / 256))))
+    chief, scale = real(behind - math.floor(behind)), half / (8 * optics.gap)
     tilt, excess = np.empty(n, mask.re.dtype), np.empty(n, mask.re.dtype)
     for j in range(n):
         x = (j - n // 2) * dx + spot.x0

@@ -31,6 +31,9 @@ __all__ = ["SWITCH", "FieldTable", "choose_mode", "field_table", "wavefront_wave
 
 SWITCH = 12.0
 """Fresnel number of the iris's shadow from which on the E-mode is used."""
+SWITCH_EXACT = 8.0
+"""The same where rays have exact angles, which the E-mode alone follows: it errs less than they differ."""
+
 MOST_SAMPLES = 8192
 """Largest side of a table: 0.5 GB in single precision."""
 
@@ -65,7 +68,7 @@ def choose_mode(scene: Scene) -> str:
     """Return ``"E"`` or ``"U"`` by the Fresnel number |a'| / (4 Nw^2 lambda) of the plane; ``"D"`` for a microscope."""
     if scene.objective is not None:
         return "D"
-    return "E" if scene.fresnel_number >= SWITCH else "U"
+    return "E" if scene.fresnel_number >= (SWITCH_EXACT if scene.exact_rays else SWITCH) else "U"
 
 
 def wavefront_waves(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float64]) -> NDArray[np.float64] | None:

@@ -23,13 +23,13 @@ from lfcal.frames.regions import Region, check_region
 from lfcal.frames.source import FrameInfo, Frames
 from lfcal.frames.sources.base import FrameOptions, SourceKind
 from lfcal.simulate.accuracy.planner import plan_effects
-from lfcal.simulate.effects.base import Effect, FrameEffect, MotionEffect
+from lfcal.simulate.effects.base import FrameEffect, MotionEffect
 from lfcal.simulate.effects.light import FiniteSource
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers, sample_type, temporal_noise
 from lfcal.simulate.sensor.white import white_light, white_tile
-from lfcal.simulate.simulate import EffectsLike, describe, effects_of
+from lfcal.simulate.simulate import EffectsLike, budgeted, describe
 from lfcal.simulate.staging import origin_of
 
 __all__ = ["SOURCE", "SimulatedCamera"]
@@ -84,7 +84,7 @@ class SimulatedCamera(Frames):
         if effects == "auto":
             effects = plan_effects(plan.camera, plan, tolerance, frames=True, peak=peak)
         self.plan, self.camera = plan, plan.camera
-        self.effects: tuple[Effect, ...] = effects_of(effects, plan, tolerance)
+        self.effects, self.share = budgeted(effects, plan, tolerance)
         self.level, self.tolerance, self.sampling = level, tolerance, sampling
         self.peak, self.seed = peak, seed
         self._frame_effects = [e for e in self.effects if isinstance(e, FrameEffect)]
@@ -244,12 +244,14 @@ class SimulatedCamera(Frames):
                     z,
                     self.effects,
                     level=self.level,
-                    tolerance=self.tolerance,
+                    tolerance=self.share,
                     sampling=self.sampling,
                     cutout=(cutout[0], cutout[1]),
                     depth_error_um=depth_error_um,
                     on_sensor=True,
                 )
+                if depth_error_um:  # a little away from the plane its light is as fine
+                    self._responses[key].adopt(self._response(z, 0.0))
             return self._responses[key]
 
     def _kept_row(self, z: int, y: int) -> NDArray[np.float32]:

@@ -1,0 +1,198 @@
+"""The fineness that a plane needs, by computing a few of its positions more finely."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, Step, finer, steps_for
+from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
+from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.scene import Scene
+
+__all__ = ["RETRIES", "Settled", "balanced", "settle"]
+
+RETRIES = 4
+"""Refinements until the energy balances."""
+
+MARGIN = 1.1
+"""What a few positions may fall short of a plane by."""
+
+LEFT_COHERENT, LEFT_SUMMED = 0.65, 0.5
+"""Share of a step's error that shows against one with a window twice as wide, which errs itself (measured)."""
+
+STUCK = 0.8
+"""Share of the error left by the step before from which on it is the engine's own, and no sampling lowers it."""
+
+WIDER = (1.9, 1.4, 1.1)
+"""Margin of the step that another is judged by, over its own: tails fall off with the window's width or faster. The
+first that memory allows is taken."""
+
+LARGEST_GRID = 3200
+"""Side of the reference's grid up to which it judges."""
+
+Responses = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """A fineness that was measured.
+
+    Attributes
+    ----------
+    engine
+        The engine of the undisplaced source.
+    level, sampling
+        What it computes with.
+    error
+        Relative L1 error over the positions probed, against a finer computation.
+    """
+
+    engine: PlaneEngine
+    level: str
+    sampling: Sampling
+    error: float
+
+
+def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) -> Settled:
+    """Return the cheapest fineness of a level that leaves at most ``share``, or the finest there is.
+
+    Steps are tried from the cheapest that is expected to do. Each is judged by one that is finer in everything: a wider
+    window, more nodes, fields added and not intensities; where rays have exact angles, which the wave level follows
+    to their first order, by the reference. A smaller ``share`` never takes a coarser step.
+
+    Parameters
+    ----------
+    scene
+        The plane.
+    level
+        ``"wave"``, ``"debye"`` or ``"reference"``; rays have no fineness.
+    share
+        Relative L1 error that the computation may have.
+    escalate
+        Whether the reference may take over where the wave level does not get there.
+
+    Raises
+    ------
+    EnergyError
+        If the energy of no step balances.
+    """
+    if level == "geometric":
+        return Settled(engine_for(scene, level), level, Sampling(), 0.0)
+    judge = _Judge(scene, level)
+    steps = list(judge.steps)
+    if escalate and judge.by_reference:
+        steps += steps_for(scene, "reference")
+    first = next((k for k, step in enumerate(steps) if step.expected <= share), len(steps) - 1)
+    settled: Settled | None = None
+    stuck = False
+    for step in steps[first:]:
+        if stuck and step.level == level:
+            continue
+        try:
+            found = judge.measured(step)
+        except (InputError, EnergyError):
+            if settled is None:
+                raise
+            break  # a grid too large: what was reached before is what there is
+        stuck = judge.by_reference and settled is not None and found.error > STUCK * settled.error
+        if settled is None or found.error < settled.error:
+            settled = found
+        if settled.error <= share:
+            break
+    assert settled is not None  # there is a step at least
+    return settled
+
+
+def balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine, Responses, Sampling]:
+    """Return an engine whose energy balances, its responses at four positions, and how finely it samples."""
+    ny, nx = scene.period
+    for attempt in range(RETRIES + 1):
+        engine = engine_for(scene, level, sampling)
+        try:
+            # Four positions spread over the period stand for all; every response is certified again later.
+            found = engine.rows(sorted({0, ny // 2}), sorted({nx // 4, (3 * nx) // 4}), workers=1)
+        except EnergyError:
+            if attempt == RETRIES:
+                raise
+            if level == "reference":
+                sampling = replace(sampling, samples_per_px=(sampling.samples_per_px or 8) + 1)
+            else:
+                sampling = finer(sampling)
+        else:
+            break
+    return engine, found.astype(np.float64), sampling
+
+
+class _Judge:
+    """Measures steps of one scene; the responses that it computed are kept."""
+
+    def __init__(self, scene: Scene, level: str) -> None:
+        self.scene, self.level = scene, level
+        self.steps = steps_for(scene, level)
+        self.by_reference = level == "wave" and scene.exact_rays and self._grid() <= LARGEST_GRID
+        self._known: dict[tuple[str, Sampling], Responses] = {}
+
+    def _grid(self) -> float:
+        """Return about the side of the reference's coarsest grid."""
+        scene = self.scene
+        samples = steps_for(scene, "reference")[0].sampling.samples_per_px or 8
+        across = 2 * scene.shadow_radius_um + 4 * scene.lattice.pitch_um
+        return samples * max(across / scene.reduced_pixel_um, max(scene.cutout))
+
+    def measured(self, step: Step) -> Settled:
+        """Return a step with its error; the expected one where nothing finer can be computed."""
+        engine, found, sampling = balanced(self.scene, step.level, step.sampling)
+        self._known[step.level, sampling] = found
+        for level, finer_sampling in self._judges(step.level, sampling):
+            try:
+                truth = self._responses(level, finer_sampling)
+            except (InputError, EnergyError):  # a grid too large
+                continue
+            # what changes from a step to a finer one is the error less that of the finer one
+            left = 1.0
+            if level == "wave":
+                left = LEFT_COHERENT if sampling.coherent else LEFT_SUMMED
+            elif level == "debye" and engine.level != "debye":
+                left = 1 - 1 / DEBYE_GAIN
+            light = float(truth.sum())
+            error = float(np.abs(found - truth).sum()) / light if light > 0 else 0.0
+            return Settled(engine, step.level, sampling, MARGIN * error / left)
+        return Settled(engine, step.level, sampling, step.expected)
+
+    def _responses(self, level: str, sampling: Sampling) -> Responses:
+        if (level, sampling) not in self._known:
+            self._known[level, sampling] = balanced(self.scene, level, sampling)[1]
+        return self._known[level, sampling]
+
+    def _judges(self, level: str, sampling: Sampling) -> Iterator[tuple[str, Sampling]]:
+        """Yield what a step may be judged by, the best first."""
+        if level == "debye":
+            yield level, finer(sampling)
+            return
+        if level == "reference":
+            for more in (3, 1):
+                yield level, replace(sampling, samples_per_px=(sampling.samples_per_px or 8) + more)
+            return
+        if self.by_reference:
+            yield "reference", steps_for(self.scene, "reference")[1].sampling
+        for wider in WIDER:
+            yield level, self._wider(sampling, wider)
+
+    def _wider(self, sampling: Sampling, by: float) -> Sampling:
+        """Return the coherent step with a window that much wider; beyond the last, one made for the purpose."""
+        wanted = by * sampling.margin_px
+        for step in self.steps:
+            if step.sampling.coherent and step.sampling.margin_px >= wanted:
+                return replace(step.sampling, nodes_per_px=max(step.sampling.nodes_per_px, sampling.nodes_per_px + 1))
+        last = self.steps[-1].sampling
+        return replace(
+            last,
+            nodes_per_px=max(last.nodes_per_px, sampling.nodes_per_px) + 1,
+            margin_px=round(wanted),
+            energy_floor=min(last.energy_floor, sampling.energy_floor / 2),
+        )

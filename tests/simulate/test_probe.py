@@ -1,0 +1,112 @@
+"""The fineness a plane needs: what is asked is kept, against the full coherent reference."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from lfcal.camera import LensletLattice, LensType, ScanPlan
+from lfcal.simulate import simulate_psf
+from lfcal.simulate.accuracy.probe import settle
+from lfcal.simulate.accuracy.sampling import Fringes, Step, steps_for
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines.reference import ReferencePlane
+from lfcal.simulate.scene import Scene
+from tests.simulate.common import BASE, small_camera
+from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, relative_error
+
+PLACES = ((3, 5), (14, 31))
+
+
+def truth(scene: Scene, samples: float) -> np.ndarray:
+    return np.concatenate([ReferencePlane(scene, Sampling(samples)).rows([y], [x]) for y, x in PLACES])
+
+
+def fast_scene(**changes: object) -> Scene:
+    """Return square f/2.8 lenslets on 3.45 µm pixels behind F/2.2: fringes between lenslets lie beyond their own."""
+    gap = 132.46
+    lattice = LensletLattice("square", 47.3, gap, (LensType(gap),))
+    values = {"wavelength_um": 0.45, "pixel_um": 3.45, "image_um": 2 * gap, "lattice": lattice, "f_number": 2.172}
+    return camera_scene(2.0, aperture="cell", **(values | changes))
+
+
+@pytest.mark.parametrize("v", [4.0, 2.0, -3.0, 0.4])
+def test_what_is_asked_is_kept_and_more_is_never_worse(v: float) -> None:
+    scene = camera_scene(v, cutout=(45, 45))
+    wanted = truth(scene, 6.0)
+    errors = []
+    for share in (0.05, 0.02, 0.01):
+        found = settle(scene, "wave", share)
+        computed = np.concatenate([found.engine.rows([y], [x]) for y, x in PLACES])
+        errors.append(relative_error(computed, wanted))
+        assert errors[-1] <= share
+        assert 0.4 * errors[-1] < found.error < 2.5 * errors[-1]
+    assert errors[0] >= 0.8 * errors[1] >= 0.6 * errors[2]
+
+
+@pytest.mark.parametrize("share", [0.03, pytest.param(0.01, marks=pytest.mark.long)])
+def test_fringes_between_fast_lenslets_are_sampled(share: float) -> None:
+    """Nodes for the light of single lenslets would take fringes between them for light: 12 to 23 % off."""
+    scene = fast_scene(cutout=(45, 45))
+    found = settle(scene, "wave", share)
+    computed = np.concatenate([found.engine.rows([y], [x]) for y, x in PLACES])
+    assert relative_error(computed, truth(scene, 12.0)) <= 1.1 * share
+    assert found.sampling.nodes_per_px >= Fringes.of(scene).nodes == 7
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("share", [0.03, 0.01])
+def test_rays_too_steep_for_the_wave_level_go_to_the_reference(share: float) -> None:
+    scene = fast_scene(cutout=(45, 45), exact_rays=True, exact_defocus=True)
+    found = settle(scene, "wave", share, escalate=True)
+    computed = np.concatenate([found.engine.rows([y], [x]) for y, x in PLACES])
+    assert found.level == "reference"
+    assert relative_error(computed, truth(scene, 14.0)) <= share
+    # asked for by name the wave level stays, and says how far it gets
+    named = settle(scene, "wave", share)
+    assert named.level == "wave" and 0.03 < named.error < 0.08
+
+
+@pytest.mark.parametrize("scene", [camera_scene(4.0), fast_scene(), camera_scene(4.0, pixel_um=2.2)])
+def test_steps_become_finer_and_dearer(scene: Scene) -> None:
+    steps = steps_for(scene, "wave")
+    for before, after in pairwise(steps):
+        assert finer_or_equal(after, before)
+    assert all(s.sampling.nodes_per_px >= Fringes.of(scene).nodes for s in steps if s.sampling.coherent)
+
+
+def finer_or_equal(after: Step, before: Step) -> bool:
+    a, b = after.sampling, before.sampling
+    grown = a.nodes_per_px >= b.nodes_per_px and a.margin_px >= b.margin_px and a.energy_floor <= b.energy_floor
+    return grown or (a.coherent is True and b.coherent is None)
+
+
+def test_spots_larger_than_pixels_need_wider_windows() -> None:
+    """Margins follow the spots: a third of the pixel has three times the margin."""
+    coarse, fine = camera_scene(4.0), camera_scene(4.0, pixel_um=PIXEL / 6)
+    widths = [steps_for(scene, "wave")[0].sampling.margin_px for scene in (coarse, fine)]
+    assert widths[1] > 3 * widths[0]
+
+
+def test_the_microscope_settles_by_nodes() -> None:
+    found = settle(microscope_scene(5.0), "debye", 0.01)
+    assert found.level == "debye" and found.error <= 0.01
+    finer = settle(microscope_scene(5.0), "debye", 0.001)
+    assert finer.sampling.nodes_per_px > found.sampling.nodes_per_px and finer.error <= 0.001
+
+
+def test_h_states_what_each_plane_reached() -> None:
+    camera = small_camera(96, 96)
+    plan = ScanPlan.for_camera(camera, virtual_depths=[3.0, 4.0], cutout=31)
+    plan = replace(plan, period=(4, 5))
+    H = simulate_psf(camera, plan, BASE, tolerance=0.05)
+    errors = H.facts.known()["error"]
+    assert errors.shape == (2,) and (errors > 0.001).all() and (errors <= 0.05).all()
+    rays = simulate_psf(camera, plan, BASE, "geometric", tolerance=0.05)
+    assert (rays.facts.known()["error"] > 0.2).all()
+    fixed = simulate_psf(camera, plan, BASE, sampling=Sampling(nodes_per_px=3))
+    assert all(math.isnan(e) for e in fixed.facts.known()["error"])
