@@ -26,6 +26,7 @@ from gui.models.words import said_in_window
 from gui.pages.frames.columns_table import ColumnsTable
 from gui.pages.frames.import_previews import ImportPreviews
 from gui.pages.frames.model_import import ImportChoice, Survey, survey
+from gui.pages.frames.orientation import CHOICES
 from gui.widgets.cards import choice_box, clear
 from lfcal.camera import Camera, ScanPlan
 
@@ -35,6 +36,7 @@ WELCOME = "Choose a folder of frames, or the list that a stage program wrote."
 GROUP = "frames import survey"
 WORDS_HEIGHT = 92
 """Pixels on the screen for what was found: five lines."""
+LIES = (("", "checked"), *CHOICES[1:])
 FIRST = (("", "found"), ("0", "counted from 0"), ("1", "counted from 1"))
 SHIFTS = (("auto", "found"), ("0", "as they are"), *((str(n), f"{16 - n} of 16 bits") for n in (2, 4, 6, 8)))
 
@@ -111,20 +113,28 @@ class ImportDialog(QDialog):
         self.shift = choice_box(SHIFTS, "Samples that fill 16 bits from the top are moved down")
         self.channel = choice_box((("", "all light"),), "One colour of a mosaic or a colour picture")
         self.channel.setMinimumContentsLength(10)
+        self.orientation = choice_box(LIES, "What makes the frames upright: rows and columns as the camera has them")
+        # its words are long, and patterns of names are longer
+        self.orientation.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.orientation.setMinimumContentsLength(12)
         row = QHBoxLayout()
         for title, widget in (
             ("Names", self.pattern),
             ("Positions", self.first),
             ("Samples", self.shift),
             ("Colour", self.channel),
+            ("Orientation", self.orientation),
         ):
             form = QFormLayout()
             form.addRow(title, widget)
             widget.setAccessibleName(title)
             row.addLayout(form, 2 if widget is self.pattern else 1)
-        for key, box in (("first", self.first), ("shift", self.shift), ("channel", self.channel)):
+        for key, box in self._boxes().items():
             box.currentIndexChanged.connect(lambda _, key=key, box=box: self._say(**{key: box.currentData()}))
         return row
+
+    def _boxes(self) -> dict[str, QComboBox]:
+        return {"first": self.first, "shift": self.shift, "channel": self.channel, "orientation": self.orientation}
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
@@ -197,7 +207,7 @@ class ImportDialog(QDialog):
     # -- showing ---------------------------------------------------------------------------------------
     def _show_choice(self) -> None:
         choice = self.choice
-        boxes = ((self.first, choice.first), (self.shift, choice.shift), (self.channel, choice.channel))
+        boxes = [(box, getattr(choice, key)) for key, box in self._boxes().items()]
         blockers = [QSignalBlocker(box) for box, _ in boxes]
         for box, value in boxes:
             box.setCurrentIndex(max(0, box.findData(value)))

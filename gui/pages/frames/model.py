@@ -248,16 +248,17 @@ class Imported:
 def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, keep: bool = False) -> Imported:
     """Open a folder of frames or a recorded session; dark, white and plan beside it are found.
 
-    What the settings say of positions, samples and colour belongs to other frames, unless it is to be ``keep``t.
+    What the settings say of positions, samples, colour and orientation belongs to other frames, unless it is to be
+    ``keep``t.
 
     Raises what opening raises: then nothing of it is to be used.
     """
     from lfcal.acquire import SessionFile
 
     folder = Path(path)
-    chosen = replace(settings, dark="", white="", orientation=CHECK)
+    chosen = replace(settings, dark="", white="")
     if not keep:
-        chosen = replace(chosen, manifest="", pattern="", columns="", first="", shift=0, channel="")
+        chosen = replace(chosen, manifest="", pattern="", columns="", first="", shift=0, channel="", orientation=CHECK)
     if (folder / "session.json").is_file():
         plan, frames = SessionFile.read(folder).plan, folder
     else:

@@ -21,6 +21,7 @@ from lfcal.frames.lists.derived import plan_of_list
 from lfcal.frames.lists.entries import located
 from lfcal.frames.lists.open_table import any_listing, is_plain, reader
 from lfcal.frames.lists.table import TABLE_SUFFIXES, Table, read_table
+from lfcal.frames.orientation import named_orientation
 from lfcal.frames.source import Position
 
 __all__ = ["HOLDS", "UNITS", "ImportChoice", "Survey", "columns_text", "open_choice", "survey"]
@@ -58,6 +59,8 @@ class ImportChoice:
         ``"auto"`` or a number of bits.
     channel
         Colour.
+    orientation
+        What makes the frames upright, one of `lfcal.frames.ORIENTATIONS`; empty: they are checked.
     """
 
     frames: str
@@ -67,6 +70,7 @@ class ImportChoice:
     first: str = ""
     shift: str = "auto"
     channel: str = ""
+    orientation: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +145,9 @@ def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -
         more = "; choose a colour above" if colours and not choice.channel else ""
         return replace(found, problem=f"{said_in_window(str(error))}{more}", colours=colours)
     except LfcalError as error:
-        return replace(found, problem=str(error))
+        # frames on their side do not fit a sensor; the window has a box where the command line has an option
+        turned = "; choose what makes them upright above" if "--orientation" in str(error) else ""
+        return replace(found, problem=f"{said_in_window(str(error))}{turned}" if turned else str(error))
 
 
 def _with_any_plan(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Survey:
@@ -195,6 +201,7 @@ def settings_of(choice: ImportChoice, shift: int) -> Callable[[FrameSettings], F
             first=choice.first,
             shift=shift,
             channel=choice.channel,
+            orientation=choice.orientation or settings.orientation,
         )
 
     return apply
@@ -256,7 +263,8 @@ def _derived(choice: ImportChoice, camera: Camera) -> tuple[ScanPlan | None, lis
     place = Path(choice.frames)
     root = place if place.is_dir() else place.parent
     listing = located(listing, root)
-    plan, notes = plan_of_list(listing, camera, read=reader(listing, root))
+    turn = named_orientation(choice.orientation) if choice.orientation else None
+    plan, notes = plan_of_list(listing, camera, read=reader(listing, root, turn=turn))
     return plan, [f"plan: made from {path.name}", *notes]
 
 

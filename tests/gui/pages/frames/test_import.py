@@ -160,6 +160,25 @@ def test_frames_imported_after_turned_ones_are_upright_until_told(folder: Path) 
     found.close()
 
 
+def test_frames_on_their_side_are_turned_before_a_plan_is_made(tmp_path: Path) -> None:
+    found = scan()
+    names = [f"shot{k:03d}.tif" for k in range(len(found.stage))]
+    write_frames(tmp_path / "s", found, names)
+    for name in names:
+        path = tmp_path / "s" / name
+        tifffile.imwrite(path, np.rot90(tifffile.imread(path), -1).copy())
+    foreign_list(tmp_path / "s" / "stage.csv", found, names)
+    choice = ImportChoice(str(tmp_path / "s"), columns="file=1")
+    refused = survey(choice, None, found.camera)
+    assert refused.imported is None and refused.problem.endswith("; choose what makes them upright above")
+    assert "--" not in refused.problem
+    told = survey(replace(choice, orientation="rot90"), None, found.camera)
+    assert told.problem == "" and told.imported is not None
+    assert told.imported.plan is not None and told.imported.plan.anchor == START
+    assert open_choice(told, FrameSettings()).settings.orientation == "rot90"
+    told.close()
+
+
 def written(folder: Path, frames: str, suffix: str, change: Any) -> Path:
     """Write a scan of one plane with positions in the names, and its plan; return the folder of the frames."""
     own = plan_of()
