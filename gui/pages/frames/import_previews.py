@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
 
 from gui.jobs import Jobs
 from gui.pages.frames.model import Loaded
@@ -12,6 +13,7 @@ from gui.widgets.frame_view import FrameView
 __all__ = ["ImportPreviews"]
 
 SHOWN = ("first frame", "middle frame", "last frame")
+NONE = "no frame yet"
 HEIGHT = 200
 """Pixels on the screen, at least: lower ones show axes only."""
 
@@ -23,14 +25,20 @@ class ImportPreviews(QWidget):
         super().__init__()
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
-        self.views, self.labels = [], []
+        self.views, self.labels, self.stacks = [], [], []
         for k, title in enumerate(SHOWN):
             part, label, view = QVBoxLayout(), heading(title), FrameView(jobs, f"frames import {k}")
             view.setMinimumHeight(HEIGHT)
+            empty, stack = QLabel(NONE), QStackedLayout()
+            empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
+            empty.setProperty("role", "hint")
+            stack.addWidget(empty)
+            stack.addWidget(view)
             self.views.append(view)
             self.labels.append(label)
+            self.stacks.append(stack)
             part.addWidget(label)
-            part.addWidget(view, 1)
+            part.addLayout(stack, 1)
             row.addLayout(part)
 
     def show_frames(self, shown: tuple[Loaded, ...]) -> None:
@@ -40,6 +48,8 @@ class ImportPreviews(QWidget):
 
     def _show_frame(self, k: int, view: FrameView, loaded: Loaded | None) -> None:
         label = self.labels[k]
+        # axes around nothing would be read as a picture
+        self.stacks[k].setCurrentIndex(0 if loaded is None else 1)
         if loaded is None:
             label.setText(SHOWN[k])
             view.set_frame(None, (0, 1))

@@ -95,11 +95,13 @@ def test_the_dialog_opens_the_frames(qtbot: QtBot, context: Context, open_page: 
     dialog = page.dialog
     qtbot.waitUntil(lambda: dialog.survey is not None, timeout=GUARD_MS)
     assert "column of file" in dialog.words.text() and not dialog.open_button.isEnabled()
+    assert [stack.currentIndex() for stack in dialog.previews.stacks] == [0, 0, 0], "no axes around nothing"
     box, _ = dialog.columns.boxes[0]
     box.setCurrentIndex(box.findData("file"))
     qtbot.waitUntil(lambda: dialog.survey is not None, timeout=GUARD_MS)
     assert dialog.survey.problem == "" and "columns: file=Bild" in dialog.words.text()
     assert dialog.previews.labels[2].text() == "last frame: z 1, y 0, x 0"
+    assert [stack.currentIndex() for stack in dialog.previews.stacks] == [1, 1, 1]
     dialog.open_button.click()
     qtbot.waitUntil(lambda: page.loaded is not None, timeout=GUARD_MS)
     assert (page.opened.frames >= 0).all()
