@@ -14,7 +14,7 @@ from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy.probe import RETRIES, balanced, settle
 from lfcal.simulate.accuracy.sampling import finer, sampling_for
 from lfcal.simulate.effects.base import Effect, LightSample
-from lfcal.simulate.engines.base import Certificate, EnergyError, PlaneEngine, Sampling
+from lfcal.simulate.engines.base import Certificate, Displaceable, EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, light_samples, outlook_of, resolve_level, scene_for
@@ -201,8 +201,10 @@ class PlaneResponse:
         # Offsets displace the source on the sensor's scale: the pixels stay where they are.
         shift = np.array([sample.rows, sample.columns]) * self.sensor_um
         planned = np.zeros((*self.scene.period, 2)) if self.scene.offsets_um is None else self.scene.offsets_um
-        scene = replace(at_wavelength(self.scene, sample.wavelength_um), offsets_um=planned + shift)
-        return self._made(scene)
+        undisplaced = self.engine(sample.wavelength_um)
+        if isinstance(undisplaced, Displaceable):
+            return undisplaced.displaced(planned + shift)
+        return self._made(replace(undisplaced.scene, offsets_um=planned + shift))
 
     def _made(self, scene: Scene) -> PlaneEngine:
         if self.sampling is not None:

@@ -39,6 +39,7 @@ from lfcal.simulate.effects import (
     Zernike,
 )
 from lfcal.simulate.effects.aberrations import wavefront_rms
+from lfcal.simulate.effects.base import LightSample
 from lfcal.simulate.effects.field import overlap
 from lfcal.simulate.effects.light import disc_rule
 from lfcal.simulate.effects.outlook import share_moved, share_widened
@@ -304,10 +305,11 @@ def test_the_catalogue_lacks_no_effect_and_follows_the_light() -> None:
 # -- oracles of the pieces -----------------------------------------------------------------------------------
 
 
-def test_disc_rule_integrates_polynomials() -> None:
-    rule = np.array(disc_rule())
-    for i in range(6):
-        for j in range(6 - i):
+@pytest.mark.parametrize("degree", [5, 6, 11, 40])
+def test_disc_rule_integrates_polynomials(degree: int) -> None:
+    rule = np.array(disc_rule(degree))
+    for i in range(degree + 1):
+        for j in range(degree + 1 - i):
             if i % 2 or j % 2:
                 exact = 0.0
             else:  # mean of y^i x^j over the unit disc
@@ -318,6 +320,38 @@ def test_disc_rule_integrates_polynomials() -> None:
                     / (math.pi * (i + j + 2) * math.gamma((i + j + 2) / 2))
                 )
             assert float((rule[:, 2] * rule[:, 0] ** i * rule[:, 1] ** j).sum()) == pytest.approx(exact, abs=1e-14)
+
+
+@pytest.mark.parametrize(("v", "diameter"), [(2.0, 200.0), (4.0, 500.0)])
+def test_a_large_source_is_no_ring_of_seven_points(v: float, diameter: float) -> None:
+    """Against a spiral of equal weights; seven points would be seven spots, up to twice the light off."""
+    plan = small_plan(v)
+    source = FiniteSource(diameter)
+    found = PlaneResponse(plan, 0, (*BASE, source), sampling=FAST)
+    places = some_positions(plan, 2, 2)
+    radius, count = source.image_px(outlook_of(plan, 0)) / 2, 200
+    k = np.arange(count)
+    r, turn = radius * np.sqrt((k + 0.5) / count), k * math.pi * (3 - math.sqrt(5))
+    found_h = found.rows(*places)
+    found.samples = tuple(
+        LightSample(float(a * np.sin(b)), float(a * np.cos(b)), plan.camera.wavelength_um, 1 / count)
+        for a, b in zip(r, turn, strict=True)
+    )
+    spiral = found.rows(*places)
+    assert difference(found_h, spiral) < 0.02
+    found.samples = tuple(LightSample(radius * y, radius * x, plan.camera.wavelength_um, w) for y, x, w in disc_rule(5))
+    assert difference(found.rows(*places), spiral) > 0.1
+
+
+def test_displaced_sources_share_the_plane_s_tables(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing of a plane's tables depends on where its sources are: they are built once."""
+    from lfcal.simulate.engines import wave
+
+    built: list[object] = []
+    tables = wave.build_tables
+    monkeypatch.setattr(wave, "build_tables", lambda *given: built.append(given) or tables(*given))
+    responses(small_plan(), (*BASE, FiniteSource(100.0)))
+    assert len(built) == 1
 
 
 def test_gaussian_shares_against_quadrature() -> None:

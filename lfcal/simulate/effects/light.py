@@ -14,6 +14,12 @@ from lfcal.simulate.effects.outlook import Outlook
 
 __all__ = ["Bandwidth", "FiniteSource"]
 
+DEGREE_PER_WIDTH = 3.0
+"""Degree of the rule per radius of the source's image in spot widths."""
+
+MOST_DEGREE = 150
+"""5738 points: a source a hundred spots wide, of which nobody waits for more."""
+
 
 @dataclass(frozen=True, slots=True)
 class FiniteSource(LightEffect):
@@ -48,10 +54,20 @@ class FiniteSource(LightEffect):
         edge = outlook.shadow_moved(0.4 * image / 4)
         return Estimate(spot, "px", min(2.0, outlook.blurred(spot / 4) + edge), "D |M|/v; 0.74 (s/w)² + edge, s = D/4")
 
-    def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
-        """Return points and weights that integrate polynomials of degree 5 over the disc (7 points)."""
+    def degree(self, outlook: Outlook) -> int:
+        """Return the degree up to which polynomials must be integrated over the source's disc.
+
+        A spot that moves by R over the disc is a function exp(i k x), |k| up to about 2/w; a rule of degree D holds it
+        up to k R of about D/2. The shadow's edge moves over lenslets in the same way.
+        """
         radius = self.image_px(outlook) / 2
-        points = disc_rule()
+        moved = max(radius / outlook.depth / min(outlook.widths_px), 2 * radius / outlook.camera.pitch_px)
+        return min(MOST_DEGREE, max(5, math.ceil(DEGREE_PER_WIDTH * moved) + 3))
+
+    def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
+        """Return points and weights over the disc: 7, and more where the source's image is larger than a spot."""
+        radius = self.image_px(outlook) / 2
+        points = disc_rule(self.degree(outlook))
         return tuple(
             LightSample(s.rows + radius * y, s.columns + radius * x, s.wavelength_um, s.weight * w)
             for s in samples
@@ -59,13 +75,25 @@ class FiniteSource(LightEffect):
         )
 
 
-def disc_rule() -> list[tuple[float, float, float]]:
-    """Return ``(y, x, weight)`` of 7 points on the unit disc, exact for polynomials up to degree 5; weights sum to 1.
+def disc_rule(degree: int = 5) -> list[tuple[float, float, float]]:
+    """Return ``(y, x, weight)`` of points on the unit disc, exact for polynomials up to ``degree``; weights sum to 1.
 
-    Abramowitz & Stegun 25.4.61.
+    Up to 5 the 7 points of Abramowitz & Stegun 25.4.61; else rings at Gauss-Legendre nodes of the squared radius, each
+    of ``degree`` + 1 points.
     """
-    radius, turns = math.sqrt(2 / 3), 2 * math.pi * np.arange(6) / 6
-    return [(0.0, 0.0, 1 / 4), *((radius * math.sin(t), radius * math.cos(t), 1 / 8) for t in turns)]
+    if degree <= 5:
+        radius, turns = math.sqrt(2 / 3), 2 * math.pi * np.arange(6) / 6
+        return [(0.0, 0.0, 1 / 4), *((radius * math.sin(t), radius * math.cos(t), 1 / 8) for t in turns)]
+    # what is left of a polynomial after the mean over the angle is one of the squared radius, of half the degree
+    nodes, weights = np.polynomial.legendre.leggauss(degree // 4 + 1)
+    count = degree + 1
+    rule = []
+    for k, (node, weight) in enumerate(zip(nodes.tolist(), weights.tolist(), strict=True)):
+        radius = math.sqrt((node + 1) / 2)
+        for turn in range(count):
+            angle = 2 * math.pi * (turn + 0.5 * (k % 2)) / count
+            rule.append((radius * math.sin(angle), radius * math.cos(angle), weight / 2 / count))
+    return rule
 
 
 @dataclass(frozen=True, slots=True)

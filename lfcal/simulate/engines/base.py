@@ -14,7 +14,7 @@ from lfcal.checks import check_number
 from lfcal.errors import LfcalError
 from lfcal.simulate.scene import Scene
 
-__all__ = ["LEVELS", "Certificate", "EnergyError", "PlaneEngine", "Sampling"]
+__all__ = ["LEVELS", "Certificate", "Displaceable", "EnergyError", "PlaneEngine", "Sampling"]
 
 LEVELS = ("geometric", "wave", "debye", "reference")
 """Levels of accuracy: G0, W2, the microscope's Debye path, W3."""
@@ -142,6 +142,15 @@ class PlaneEngine(Protocol):
 
     def predicted_seconds(self, n_positions: int) -> float:
         """Return the CPU-seconds that ``n_positions`` will take, from a short measurement on this machine."""
+        ...
+
+
+@runtime_checkable
+class Displaceable(Protocol):
+    """An engine whose tables serve displaced sources too."""
+
+    def displaced(self, offsets_um: NDArray[np.float64]) -> PlaneEngine:
+        """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)`` as (dy, dx) (µm)."""
         ...
 
 

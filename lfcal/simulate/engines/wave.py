@@ -13,6 +13,8 @@ steep phases have cancelled, so single precision holds. Between lenslets intensi
 from __future__ import annotations
 
 import math
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -67,6 +69,14 @@ class WavePlane:
             return True
         apart = abs(1 - self.tables.ratio) * self.scene.lattice.pitch_um
         return apart < 0.5 * max(lens.width for lens in self.tables.kinds) * self.scene.reduced_pixel_um
+
+    def displaced(self, offsets_um: NDArray[np.float64]) -> WavePlane:
+        """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``: its tables are shared."""
+        other = copy(self)
+        other.scene = replace(self.scene, offsets_um=offsets_um)
+        other._ledger = Ledger()
+        other._pilot = Pilot(other)
+        return other
 
     @property
     def certificate(self) -> Certificate:
