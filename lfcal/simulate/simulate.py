@@ -80,7 +80,11 @@ def iter_simulate_psf(
     chosen, share = budgeted(effects, plan, tolerance)
     # Kept in the file, so that H can be simulated again.
     details: dict[str, Any] = {
-        "simulated": {"effects": describe(chosen), "level": level, "tolerance": tolerance},
+        "simulated": {
+            "effects": describe(e for e in chosen if e.acts_on.enters_h),
+            "level": level,
+            "tolerance": tolerance,
+        },
         **(provenance or {}),
     }
     if plan.resample:

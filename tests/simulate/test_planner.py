@@ -28,7 +28,7 @@ from lfcal.simulate.effects import (
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.simulate import simulate_psf
-from tests.simulate.common import FAST, difference, small_camera, small_plan, some_positions
+from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan, some_positions
 
 
 class Called(Exception):
@@ -108,6 +108,23 @@ def test_costly_effects_are_left_out_first() -> None:
     found = plan_effects(plan.camera, plan, tolerance, effects=(source, gap))
     assert not found.row("finite_source").on and found.row("lenslet_gap").on
     assert found.row("finite_source").seconds > found.row("lenslet_gap").seconds == 0
+
+
+def test_what_cannot_show_in_h_stays_off_though_asked_for() -> None:
+    plan = small_plan(cutout=31)
+    asked = {"read_noise": "on", "zernike": "on", "backlash": "on"}
+    found = plan_effects(plan.camera, plan, 0.2, asked)
+    for name, words in (
+        ("read_noise", "acts on the sensor frame, not on H"),
+        ("backlash", "acts on the stage, not on H"),
+        ("zernike", "no typical size"),
+    ):
+        row = found.row(name)
+        assert not row.on and row.reason.startswith("asked for, but") and words in row.reason
+    frames = plan_effects(plan.camera, plan, 0.2, asked, frames=True)
+    assert frames.row("read_noise").on and frames.row("backlash").on and not frames.row("zernike").on
+    H = simulate_psf(plan.camera, replace(plan, period=(1, 2)), (*BASE, ReadNoise(3.0)), sampling=FAST)
+    assert "read_noise" not in [effect["name"] for effect in H.provenance["simulated"]["effects"]]
 
 
 def plan_effects_outlook(plan: ScanPlan) -> Outlook:

@@ -233,12 +233,15 @@ def _decide(draft: PlannedEffect, *, known: bool, frames: bool, allowed: float, 
     size = f"{e.size:.3g} {e.unit}"
     share = f"{'at most ' if e.upper_bound else ''}{100 * e.error:.2g} % of the image"
     cost = f", {format_seconds(draft.seconds)}" if draft.seconds else ", free"
-    if draft.setting == "on":
-        return replace(draft, on=True, reason=f"asked for: {size}, {share}{cost}")
     if draft.setting == "off":
         return replace(draft, reason=f"switched off: {size}, {share} is missing")
     if not frames and not effect.acts_on.enters_h:
-        return replace(draft, reason=f"acts on the {effect.acts_on.value}, not on H ({size})")
+        asked = "asked for, but " if draft.setting == "on" else ""
+        return replace(draft, reason=f"{asked}acts on the {effect.acts_on.value}, not on H ({size})")
+    if draft.setting == "on":
+        if e.size == 0 and effect.deviation and not known:
+            return replace(draft, reason=f"asked for, but has no typical size: {size}, give its own")
+        return replace(draft, on=True, reason=f"asked for: {size}, {share}{cost}")
     if effect.deviation and not known:
         return replace(draft, reason=f"not known of this camera; a typical {size} would be {share}")
     if isinstance(effect, FrameEffect) and effect.whole_numbers:
