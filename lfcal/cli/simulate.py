@@ -34,7 +34,12 @@ def command(
     virtual_depths: VirtualDepthsOption = "",
     cutout: CutoutOption = "",
     *,
-    effects: list[str] = typer.Option([], help="NAME=on, NAME=off or NAME=auto; may be repeated."),
+    effects: list[str] = typer.Option(
+        [],
+        "--effect",
+        "--effects",
+        help="NAME=on, off, auto or a magnitude (coma=0.3@40deg, lenslet_gap=5um), or a JSON file; may be repeated.",
+    ),
     tolerance: float = typer.Option(0.03, help="Relative L1 error allowed for what is left out."),
     level: str = typer.Option("auto", help="auto, geometric, wave, microscope or reference."),
     out: Path | None = typer.Option(None, "-o", "--out", help="H file to write."),
@@ -52,6 +57,7 @@ def command(
     """
     from lfcal.simulate import effects as known
     from lfcal.simulate import plan_effects
+    from lfcal.simulate.effects.described import parse_effects
 
     for reason in known.CATALOGUE.failures().values():
         report(f"left out: {reason}")
@@ -59,7 +65,9 @@ def command(
     if out is not None and not plan_only:
         check_output(out, camera, force=force)
     planned = _plan(camera, depths, virtual_depths, cutout, json=json)
-    found = plan_effects(planned.camera, planned, tolerance, _settings(effects), frames=frames is not None, peak=peak)
+    settings, given = parse_effects(effects)
+    making = frames is not None
+    found = plan_effects(planned.camera, planned, tolerance, settings, effects=given, frames=making, peak=peak)
     if plan_only:
         _show(found, planned, json)
         return
@@ -114,18 +122,6 @@ def _ready_plan(path: Path) -> ScanPlan | None:
     # A camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
     text = read_text(path)
     return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None
-
-
-def _settings(effects: Sequence[str]) -> dict[str, str]:
-    settings = {}
-    for item in effects:
-        name, sign, setting = item.partition("=")
-        if not sign:
-            raise InputError.expected(
-                "effect", "NAME=on, NAME=off or NAME=auto", repr(item), "for example bandwidth=on"
-            )
-        settings[name.strip()] = setting.strip()
-    return settings
 
 
 def _show(found: EffectSelection, planned: ScanPlan, json: bool) -> None:

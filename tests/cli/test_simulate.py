@@ -115,3 +115,17 @@ def test_accuracy_bench(lfcal: Lfcal, tmp_path: Path) -> None:
     run = lfcal("bench", "accuracy", "bench", "--virtual-depth", "2.2", "--positions", "1", "-o", tmp_path / "c.png")
     assert run.code == 0, run.err
     assert "picked" in run.out and "reference" in run.out and (tmp_path / "c.png").exists()
+
+
+def test_magnitudes_of_effects(lfcal: Callable[..., Run], tmp_path: Path) -> None:
+    planning = ("simulate", "bench", "--virtual-depths", "4", "--plan-only", "--json")
+    file = tmp_path / "effects.json"
+    file.write_text('[{"name": "spherical", "waves": 0.4}]')
+    done = lfcal(*planning, "--effect", "coma=0.3@40deg", "--effects", file, "--effect", "bandwidth=off")
+    assert done.code == 0, done.err
+    rows = {row["name"]: row for row in done.json["effects"]}
+    assert rows["coma"]["on"] and rows["coma"]["size"] == pytest.approx(0.3)
+    assert rows["spherical"]["on"] and rows["spherical"]["size"] == pytest.approx(0.4)
+    assert rows["bandwidth"]["setting"] == "off"
+    wrong = lfcal(*planning, "--effect", "coma=wide")
+    assert wrong.code == 2 and "expected a number" in wrong.err and len(wrong.err.splitlines()) == 1

@@ -1,0 +1,114 @@
+"""Effects in words and in files."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from lfcal.errors import FileFormatError, InputError
+from lfcal.simulate.effects import (
+    Coma,
+    Drift,
+    Effect,
+    FiniteSource,
+    IrisShape,
+    LensletGap,
+    PitchError,
+    Spherical,
+    Zernike,
+    catalogue,
+)
+from lfcal.simulate.effects.described import effect_from, parse_effects, read_effects
+from lfcal.simulate.simulate import describe
+
+
+@pytest.mark.parametrize(
+    ("words", "effect"),
+    [
+        ("coma=0.3@40deg", Coma(0.3, math.radians(40))),
+        ("coma=.3", Coma(0.3)),
+        ("coma=waves:0.3,angle:10mrad", Coma(0.3, 0.01)),
+        ("spherical=-0.25", Spherical(-0.25)),
+        ("lenslet_gap=5um", LensletGap(5.0)),
+        ("lenslet_gap=0.005 mm", LensletGap(5.0)),
+        ("finite_source=200", FiniteSource(200.0)),
+        ("pitch_error=0.02%", PitchError(2e-4)),
+        ("drift=rows:2um,columns:500nm", Drift(2.0, 0.5)),
+        ("iris_shape=7", IrisShape(7)),
+        ("zernike=4,0,0.1;3,-1,0.05", Zernike(((4, 0, 0.1), (3, -1, 0.05)))),
+    ],
+)
+def test_words_and_what_they_mean(words: str, effect: Effect) -> None:
+    settings, (found,) = parse_effects([words])
+    assert settings == {} and type(found) is type(effect)
+    for key, value in describe([effect])[0].items():
+        assert describe([found])[0][key] == (pytest.approx(value) if isinstance(value, float) else value)
+
+
+def test_settings_files_and_the_last_word(tmp_path: Path) -> None:
+    path = tmp_path / "effects.json"
+    path.write_text(json.dumps(describe([Coma(0.2), Spherical(0.1), Zernike(((2, 2, 0.1),))])))
+    settings, given = parse_effects([str(path), "bandwidth=on", "coma=0.3", "cos4=off"])
+    assert settings == {"bandwidth": "on", "cos4": "off"}
+    assert given == (Coma(0.3), Spherical(0.1), Zernike(((2, 2, 0.1),)))
+    path.write_text(json.dumps({"effects": [{"name": "coma", "waves": 1}]}))
+    assert read_effects(path) == (Coma(1),)
+
+
+def test_every_effect_of_the_catalogue_survives_its_description(tmp_path: Path) -> None:
+    path = tmp_path / "effects.json"
+    path.write_text(json.dumps(describe(catalogue())))
+    assert read_effects(path) == catalogue()
+
+
+@pytest.mark.parametrize(
+    ("words", "match"),
+    [
+        ("coma", "NAME=on, off, auto or a magnitude"),
+        ("comma=0.3", "expected .*coma"),
+        ("coma=large", "expected a number, with % or no unit"),
+        ("coma=0.3um", "expected a number"),
+        ("coma=0.3@40um", "expected a number, with rad, mrad, deg"),
+        ("coma=size:3", "expected waves or angle_rad"),
+        ("spherical=0.1@3", "expected waves"),
+        ("cos4=0.3", "no magnitude of its own"),
+        ("crosstalk=0.9", "0.25"),
+        ("zernike=4,0", "n,m,waves"),
+        ("lenslet_gap=1e400", "got inf"),
+    ],
+)
+def test_what_is_no_effect_is_one_line(words: str, match: str) -> None:
+    with pytest.raises(InputError, match=match) as caught:
+        parse_effects([words])
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "3", "[3]", '[{"waves": 1}]', '{"effects": 3}', "[" * 100000], ids=lambda t: t[:12]
+)
+def test_files_that_hold_no_effects(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "effects.json"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match="a list of effects"):
+        read_effects(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "magnitudes"),
+    [
+        ("coma", {"waves": "large"}),
+        ("coma", {"waves": True}),
+        ("coma", {"waves": None}),
+        ("coma", {"waves": [1]}),
+        ("coma", {"size": 1}),
+        ("zernike", {"terms": [[1, 2]]}),
+        ("zernike", {"terms": 3}),
+        ("colour_filter", {"cfa": 3}),
+    ],
+)
+def test_magnitudes_of_files_are_checked(name: str, magnitudes: dict[str, object]) -> None:
+    with pytest.raises(InputError):
+        effect_from(name, magnitudes)
