@@ -53,7 +53,9 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
     """Return CPU-seconds of one whole plane at a level of `lfcal.simulate.engines.base.LEVELS`, tables included."""
     positions = outlook.period[0] * outlook.period[1]
     if level == "geometric":
-        return _slower() * (0.005 + positions * (2.5e-6 * outlook.lenslets + 1e-9 * outlook.pixels + 1e-5))
+        widest = math.ceil(max(outlook.geometric_px))
+        seen = _lenslets_seen(outlook, widest)
+        return _slower() * (0.005 + positions * (2.5e-6 * seen + 1e-9 * outlook.pixels + 1e-5))
     # The reference has no sampling of its own here: it is taken as a multiple of the wave engine.
     sampling = sampling_for(outlook, "wave" if level == "reference" else level, tolerance)
     if level == "debye":
@@ -64,16 +66,26 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
 
 def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
     """Return the seconds of one position: per lenslet, per sample on it, per node of its window and of the cutout."""
-    nodes = 0.0
+    nodes, widest = 0.0, 0
     for spot in outlook.geometric_px:
         half = math.ceil(spot + sampling.margin_px)
+        widest = max(widest, half)
         # Samples per pixel on a lenslet that its window on the sensor needs (Nyquist), in steps of a half.
         need = 2 * (half + 0.5) * outlook.pixel_um**2 / (outlook.wavelength_um * outlook.gap_um)
         samples = 2 * outlook.lit_px * max(1.0, math.ceil(2 * need) / 2) + 3
         window = (2 * half + 1) * sampling.nodes_per_px + 2
         nodes += (samples**2 + window**2) / len(outlook.defocus)
     coherent = PER_COHERENT_NODE * outlook.pixels * sampling.nodes_per_px**2 if sampling.coherent else 0.0
-    return outlook.lenslets * (PER_LENSLET + PER_NODE * nodes) + coherent
+    return _lenslets_seen(outlook, widest) * (PER_LENSLET + PER_NODE * nodes) + coherent
+
+
+def _lenslets_seen(outlook: Outlook, half_px: int) -> float:
+    """Return how many lenslets have a window of ``half_px`` on either side that reaches into the cutout."""
+    rows, columns = (n + 2 * half_px for n in outlook.cutout)
+    # spots lie 1 - B/a times as far apart as their lenslets
+    apart = abs(1 - 1 / outlook.virtual_depth) if abs(outlook.virtual_depth) > 1e-3 else math.inf
+    cell = outlook.camera.pitch_px * outlook.camera.lattice.row_step_um / outlook.pixel_um
+    return min(outlook.lenslets, max(1.0, rows * columns / max(cell * apart * apart, 1e-9)))
 
 
 def table_seconds(outlook: Outlook) -> float:
