@@ -207,9 +207,10 @@ def _tell_error(errors: Sequence[float], task: _Task) -> None:
         report(f"error of what is left out and of the computation: {reached} ({asked})")
     if over:
         worst = max(over, key=lambda z: errors[z])
+        more = "nothing finer is computed" if task.level == "auto" else "--level auto takes what they need"
         report(
             f"warning: {len(over)} of {len(errors)} planes miss the {asked}; plane {worst} at "
-            f"{task.planned.depths_um[worst]:g} µm reaches {100 * errors[worst]:.2g} %, and nothing finer is computed"
+            f"{task.planned.depths_um[worst]:g} µm reaches {100 * errors[worst]:.2g} %; {more}"
         )
 
 

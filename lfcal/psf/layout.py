@@ -121,7 +121,8 @@ class MatrixGroup:
         known = facts.known()
         stated = known.pop("error", None)
         errors = [e for e in (rounding, np.nan if stated is None else float(stated)) if np.isfinite(e)]
-        if errors and (rounding > 0 or stated is not None):
+        # an error that nobody knows is not that of the rounding alone, where there is none
+        if errors and (rounding > 0 or (stated is not None and np.isfinite(stated))):
             self._error[z] = sum(errors)
         known.setdefault("recorded", np.ones(self._header.shape[1:3], np.uint16))
         self._facts[z] = Facts(**known)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy.probe import RETRIES, balanced, settle
-from lfcal.simulate.accuracy.sampling import finer, sampling_for
+from lfcal.simulate.accuracy.sampling import finer, step_for
 from lfcal.simulate.effects.base import Effect, LightSample
 from lfcal.simulate.engines.base import Certificate, Displaceable, EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
@@ -51,8 +51,8 @@ class PlaneResponse:
     Attributes
     ----------
     reached
-        Relative L1 error of the computation by the probe; NaN before the first engine is made, and where the sampling
-        was given.
+        Relative L1 error of the computation by the probe, of the reference the one expected; NaN before the first
+        engine is made, and where the sampling was given.
     """
 
     def __init__(
@@ -213,7 +213,8 @@ class PlaneResponse:
             engine, _, self.wanted = balanced(scene, self.level, self.wanted)
             return engine
         if self.level == "reference":  # what others are judged by is not judged itself
-            self.wanted = sampling_for(scene, self.level, self.tolerance)
+            step = step_for(scene, self.level, self.tolerance)
+            self.wanted, self.reached = step.sampling, step.expected
             return engine_for(scene, self.level, self.wanted)
         found = settle(scene, self.level, self.tolerance, escalate=self._escalate)
         self.level, self.wanted, self.reached = found.level, found.sampling, found.error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -99,7 +100,7 @@ def test_the_microscope_settles_by_nodes() -> None:
     assert finer.sampling.nodes_per_px > found.sampling.nodes_per_px and finer.error <= 0.001
 
 
-def test_h_states_what_each_plane_reached() -> None:
+def test_h_states_what_each_plane_reached(tmp_path: Path) -> None:
     camera = small_camera(96, 96)
     plan = ScanPlan.for_camera(camera, virtual_depths=[3.0, 4.0], cutout=31)
     plan = replace(plan, period=(4, 5))
@@ -110,3 +111,8 @@ def test_h_states_what_each_plane_reached() -> None:
     assert (rays.facts.known()["error"] > 0.2).all()
     fixed = simulate_psf(camera, plan, BASE, sampling=Sampling(nodes_per_px=3))
     assert all(math.isnan(e) for e in fixed.facts.known()["error"])
+    # of what nobody measured a file says nothing, and not that it is right
+    stored = simulate_psf(camera, plan, BASE, sampling=Sampling(nodes_per_px=3), out=tmp_path / "H.h5")
+    assert "error" not in stored.facts.known() or np.isnan(stored.facts.known()["error"]).all()
+    reference = simulate_psf(camera, plan, BASE, "reference", tolerance=0.05)
+    assert (reference.facts.known()["error"] == 0.03).all()

@@ -15,6 +15,7 @@ from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError, LfcalError
 from lfcal.progress import Clock, Work, drain
 from lfcal.simulate.accuracy.forecast import Whole, own_rows, whole_of
+from lfcal.simulate.accuracy.probe import LARGEST_GRID
 from lfcal.simulate.accuracy.sampling import steps_for
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
@@ -29,9 +30,6 @@ REFERENCE_SAMPLES = (12, 10, 8, 6, 4)
 
 DEBYE_SHOWN, WIDEST_SHOWN = 6, 40
 """Finest nodes per pixel, and margin (px), that are measured: finer ones take longer than the rest together."""
-
-LARGEST_GRID = 3200
-"""Side of the reference's grid that is still quick enough to be measured at a few positions."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,12 +11,11 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.simulate.accuracy.cost import engine_times
 from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, Outlook, catalogue
+from lfcal.simulate.effects.described import SETTINGS
 from lfcal.simulate.staging import outlook_of
 from lfcal.units import format_seconds
 
 __all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]
-
-SETTINGS = ("auto", "on", "off")
 
 FOR_EFFECTS = 0.5
 """Share of the tolerance that the effects left out may take together; the computation takes what they leave of it."""

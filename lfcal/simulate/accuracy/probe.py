@@ -14,7 +14,7 @@ from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.scene import Scene
 
-__all__ = ["RETRIES", "Settled", "balanced", "settle"]
+__all__ = ["LARGEST_GRID", "RETRIES", "Settled", "balanced", "settle"]
 
 RETRIES = 4
 """Refinements until the energy balances."""
@@ -33,7 +33,7 @@ WIDER = (1.9, 1.4, 1.1)
 first that memory allows is taken."""
 
 LARGEST_GRID = 3200
-"""Side of the reference's grid up to which it judges."""
+"""Side of the reference's grid that is still quick enough at a few positions."""
 
 Responses = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.scene import Scene
 
-__all__ = ["Fringes", "Step", "finer", "sampling_for", "steps_for"]
+__all__ = ["Fringes", "Step", "finer", "sampling_for", "step_for", "steps_for"]
 
 WINDOWS: tuple[tuple[float, float, float], ...] = ((3, 1.0, 0.10), (4, 1.5, 0.03), (5, 2.0, 0.012), (8, 2.0, 0.008))
 """Steps that add intensities of neighbouring lenslets: margin (px), nodes per cycle of the light's band, and the
@@ -142,10 +142,15 @@ def _wide(margin: float, fringes: Fringes) -> int:
     return math.ceil(margin * fringes.spot)
 
 
-def sampling_for(described: Scene | Outlook, level: str, tolerance: float) -> Sampling:
-    """Return the cheapest sampling of a level that is expected to keep ``tolerance``, or the finest."""
+def step_for(described: Scene | Outlook, level: str, tolerance: float) -> Step:
+    """Return the cheapest step of a level that is expected to keep ``tolerance``, or the finest."""
     steps = steps_for(described, level)
-    return next((step.sampling for step in steps if step.expected <= tolerance), steps[-1].sampling)
+    return next((step for step in steps if step.expected <= tolerance), steps[-1])
+
+
+def sampling_for(described: Scene | Outlook, level: str, tolerance: float) -> Sampling:
+    """Return the sampling of `step_for`."""
+    return step_for(described, level, tolerance).sampling
 
 
 def finer(sampling: Sampling) -> Sampling:
