@@ -73,6 +73,9 @@ def command(
         return
     if (out is None) == (frames is None):
         raise InputError("output: give -o H.h5 for the matrix or --frames DIR for a session, or --plan-only")
+    for row in found.rows:
+        if row.setting == "on" and not row.on:  # what was asked for by name is not left out without a word
+            report(f"note: {row.name}: {row.reason}")
     task = _Task(planned, found, level, tolerance, json)
     if out is not None:
         made = _write_h(task, out, workers)

@@ -129,3 +129,13 @@ def test_magnitudes_of_effects(lfcal: Callable[..., Run], tmp_path: Path) -> Non
     assert rows["bandwidth"]["setting"] == "off"
     wrong = lfcal(*planning, "--effect", "coma=wide")
     assert wrong.code == 2 and "expected a number" in wrong.err and len(wrong.err.splitlines()) == 1
+
+
+def test_what_is_asked_for_and_cannot_show_is_said(lfcal: Callable[..., Run], tmp_path: Path) -> None:
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0], cutout=11)
+    (tmp_path / "plan.json").write_text(replace(plan, period=(1, 2)).to_json())
+    asked = ("--effect", "zernike=on", "--effect", "read_noise=on", "--level", "geometric")
+    done = lfcal("simulate", tmp_path / "plan.json", *asked, "-o", tmp_path / "H.h5")
+    assert done.code == 0, done.err
+    assert "note: zernike: asked for, but has no typical size" in done.err
+    assert "note: read_noise: asked for, but acts on the sensor frame" in done.err
