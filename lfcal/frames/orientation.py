@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.errors import InputError
 from lfcal.frames.regions import Region
 
-__all__ = ["AS_IS", "ORIENTATIONS", "Orientation", "named_orientation", "nearest_orientation"]
+__all__ = ["AS_IS", "AUTO", "CHECK", "ORIENTATIONS", "Orientation", "named_orientation", "nearest_orientation"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +81,9 @@ class Orientation:
 def _reversed(part: slice, count: int) -> slice:
     return slice(count - part.stop, count - part.start)
 
+
+CHECK, AUTO = "check", "auto"
+"""Choices besides the names: refuse frames that are certainly turned, or turn them."""
 
 AS_IS = "as is"
 

@@ -6,8 +6,7 @@ from typing import Any
 
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
-from lfcal.frames.lists.lie import AUTO, CHECK
-from lfcal.frames.orientation import AS_IS, ORIENTATIONS, Orientation, named_orientation
+from lfcal.frames.orientation import AS_IS, AUTO, CHECK, ORIENTATIONS, Orientation, named_orientation
 from lfcal.frames.source import FrameSource
 from lfcal.progress import Work
 from lfcal.psf.orientation import FoundOrientation, iter_find_orientation

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.frames.lists.motion import Motion
-from lfcal.frames.orientation import AS_IS, ORIENTATIONS, Orientation
+from lfcal.frames.orientation import AS_IS, AUTO, CHECK, ORIENTATIONS, Orientation
 
 __all__ = ["AUTO", "CHECK", "Lie", "stage_and_lie", "turn_of"]
-
-CHECK, AUTO = "check", "auto"
 
 
 @dataclass(frozen=True, slots=True)
