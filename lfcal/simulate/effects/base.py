@@ -177,6 +177,8 @@ class Effect(ABC):
     """Whether rays cannot show the effect: it switches lenslet diffraction on."""
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Least and largest value of magnitudes that cannot be any number."""
+    units: ClassVar[Mapping[str, str]] = {}
+    """Units of magnitudes whose names do not end in one (``_um``, ``_rad``, ``_s``): waves, pupil radii, a share."""
 
     def __post_init__(self) -> None:
         """Check that every magnitude is a finite number within its limits; None is taken from the camera later."""
