@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from lfcal.simulate.staging import outlook_of
 from lfcal.threads import worker_count
 from lfcal.units import format_bytes
 
-__all__ = ["budgeted", "iter_simulate_psf", "simulate_psf"]
+__all__ = ["Budget", "budgeted", "iter_simulate_psf", "simulate_psf"]
 
 MEMORY_LIMIT = 6 << 30
 """Largest H that is built in memory (bytes); a file has no such limit."""
@@ -36,29 +37,64 @@ BLOCK_BYTES = 64 << 20
 EffectsLike = Iterable[Effect] | EffectSelection | str
 
 
-def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float) -> tuple[tuple[Effect, ...], float]:
-    """Return the effects, and the share of ``tolerance`` that what is left out leaves to the computation.
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """How a tolerance is split at each depth.
 
-    Effects are as given, those a selection has on, or those that ``"auto"`` finds necessary. Nothing is known to be
-    left out beside effects that are given.
+    Attributes
+    ----------
+    effects
+        All that are on at any depth.
+    tolerance
+        Relative L1 error allowed in all.
+    selection
+        Which are on at which depth and what they leave out; None: the same effects everywhere, nothing left out.
+    """
+
+    effects: tuple[Effect, ...]
+    tolerance: float
+    selection: EffectSelection | None = None
+
+    def at(self, z_um: float) -> tuple[tuple[Effect, ...], float]:
+        """Return the effects at a depth, and the share of the tolerance that they leave to the computation."""
+        chosen = self.selection
+        if chosen is None:
+            return self.effects, self.tolerance
+        # a selection made for another tolerance must not use this one up
+        left = max(self.tolerance - chosen.left_out[chosen.plane(z_um)], (1 - FOR_EFFECTS) * self.tolerance)
+        return chosen.at(z_um), left
+
+
+def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float) -> Budget:
+    """Return the budget of effects as given, of those a selection has on, or of those that ``"auto"`` finds necessary.
+
+    Nothing is known to be left out beside effects that are given.
     """
     if isinstance(effects, str):
         if effects != "auto":
             raise InputError.expected("effects", "effects, an EffectSelection or 'auto'", repr(effects), "correct it")
         effects = plan_effects(plan.camera, plan, tolerance)
     if isinstance(effects, EffectSelection):
-        # a selection made for another tolerance must not use this one up
-        return effects.effects, max(tolerance - effects.left_out, (1 - FOR_EFFECTS) * tolerance)
+        return Budget(effects.effects, tolerance, effects)
     chosen = tuple(effects)
     for effect in chosen:
         if not isinstance(effect, Effect):
             raise InputError.expected("effects", "effect objects", type(effect).__name__, "see lfcal.simulate")
-    return chosen, tolerance
+    return Budget(chosen, tolerance)
 
 
 def describe(effects: Iterable[Effect]) -> list[dict[str, Any]]:
     """Return the effects with their magnitudes as plain JSON types, for provenance."""
     return [{"name": e.name, **dataclasses.asdict(e)} for e in effects]  # type: ignore[call-overload]
+
+
+def _provenance(budget: Budget, plan: ScanPlan) -> dict[str, Any]:
+    """Return the effects that H shows, and for those that are not on at all planes, at which (by name)."""
+    on = [budget.at(z_um)[0] for z_um in plan.depths_um]
+    planes = {e: [z for z, effects in enumerate(on) if e in effects] for e in budget.effects if e.acts_on.enters_h}
+    partly = {e.name: found for e, found in planes.items() if 0 < len(found) < len(on)}
+    shown = {"effects": describe(e for e, found in planes.items() if found)}
+    return shown | ({"planes": partly} if partly else {})
 
 
 def iter_simulate_psf(
@@ -77,14 +113,10 @@ def iter_simulate_psf(
 ) -> Work[PSFMatrix]:
     """Simulate H as `simulate_psf`; yields progress in rows, and closing it leaves nothing half-written."""
     _check_plan(camera, plan)
-    chosen, share = budgeted(effects, plan, tolerance)
+    budget = budgeted(effects, plan, tolerance)
     # Kept in the file, so that H can be simulated again.
     details: dict[str, Any] = {
-        "simulated": {
-            "effects": describe(e for e in chosen if e.acts_on.enters_h),
-            "level": level,
-            "tolerance": tolerance,
-        },
+        "simulated": {**_provenance(budget, plan), "level": level, "tolerance": tolerance},
         **(provenance or {}),
     }
     if plan.resample:
@@ -93,11 +125,13 @@ def iter_simulate_psf(
     names = [f"simulate plane {z + 1} of {len(planes)}" for z in planes]
 
     def response(z: int) -> PlaneResponse:
+        chosen, share = budget.at(plan.depths_um[z])
         return PlaneResponse(plan, z, chosen, level=level, tolerance=share, sampling=sampling)
 
     def stated(z: int, response: PlaneResponse) -> float:
         """Return the plane's whole error: of what is left out, as estimated, and of the computation, as measured."""
         outlook, rays = outlook_of(plan, z), response.level == "geometric"
+        chosen, share = budget.at(plan.depths_um[z])
         lost = sum(e.estimate(outlook).error for e in chosen if rays and e.needs_waves)
         return response.reached + (tolerance - share) + lost
 

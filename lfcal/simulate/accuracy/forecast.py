@@ -40,8 +40,8 @@ def predict_seconds(
 
     The middle plane is measured; the others follow from the cost estimated from their description.
     """
-    chosen, share = budgeted(effects, plan, tolerance)
     z = len(plan.depths_um) // 2
+    chosen, share = budgeted(effects, plan, tolerance).at(plan.depths_um[z])
     response = PlaneResponse(plan, z, chosen, level=level, tolerance=share, sampling=sampling)
     start = time.thread_time()
     response.engine()

@@ -120,7 +120,7 @@ def iter_ladder(
     z = len(plan.depths_um) // 2 if z is None else z
     if not 0 <= z < len(plan.depths_um):
         raise InputError.expected("plane", f"0 … {len(plan.depths_um) - 1}", z, "choose one of the plan")
-    chosen, _ = budgeted(effects, plan, tolerance)
+    chosen, _ = budgeted(effects, plan, tolerance).at(plan.depths_um[z])
     scene, level = _with_waves(scene_for(plan, z, chosen))
     places = _places(scene.period, positions)
     tasks = [("geometric", None), *((level, s) for s in (samplings or _samplings(scene, level)))]

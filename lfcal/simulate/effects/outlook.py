@@ -110,6 +110,11 @@ class Outlook:
         return max(1.2, abs(self.virtual_depth))
 
     @property
+    def regular(self) -> bool:
+        """Whether formulas hold: a lens's image is so far from the array that every lenslet makes a spot of its own."""
+        return self.has_lens and abs(self.virtual_depth) >= 0.6 and self.fresnel_main >= 3.0
+
+    @property
     def fresnel_main(self) -> float:
         """Fresnel number of the main iris' shadow, |a| / (4 Nw² lambda)."""
         return abs(self.shift_um) / (4.0 * self.f_number**2 * self.wavelength_um)
