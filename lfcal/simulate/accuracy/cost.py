@@ -53,7 +53,7 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
     """Return CPU-seconds of one whole plane at a level of `lfcal.simulate.engines.base.LEVELS`, tables included."""
     positions = outlook.period[0] * outlook.period[1]
     if level == "geometric":
-        widest = math.ceil(max(outlook.geometric_px))
+        widest = math.ceil(max(_spots_px(outlook)))
         seen = _lenslets_seen(outlook, widest)
         return _slower() * (0.005 + positions * (2.5e-6 * seen + 1e-9 * outlook.pixels + 1e-5))
     # The reference has no sampling of its own here: it is taken as a multiple of the wave engine.
@@ -67,7 +67,7 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
 def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
     """Return the seconds of one position: per lenslet, per sample on it, per node of its window and of the cutout."""
     nodes, widest = 0.0, 0
-    for spot in outlook.geometric_px:
+    for spot in _spots_px(outlook):
         half = math.ceil(spot + sampling.margin_px)
         widest = max(widest, half)
         # Samples per pixel on a lenslet that its window on the sensor needs (Nyquist), in steps of a half.
@@ -77,6 +77,18 @@ def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
         nodes += (samples**2 + window**2) / len(outlook.defocus)
     coherent = PER_COHERENT_NODE * outlook.pixels * sampling.nodes_per_px**2 if sampling.coherent else 0.0
     return _lenslets_seen(outlook, widest) * (PER_LENSLET + PER_NODE * nodes) + coherent
+
+
+def _spots_px(outlook: Outlook) -> tuple[float, ...]:
+    """Return the radius of each type's spot (pixels); near the native plane that of the pupil's image."""
+    cone, gap = 1 / (2 * outlook.f_number), outlook.gap_um
+    spots = []
+    for kind, spot in zip(outlook.camera.lattice.types, outlook.geometric_px, strict=True):
+        own = abs(1 - gap / kind.focal_length_um)
+        pupil = own * outlook.clear_um / 2 + gap * cone
+        whole = abs((1 - gap / kind.focal_length_um) * outlook.shift_um - gap) * cone
+        spots.append(min(spot, pupil / outlook.pixel_um, whole / outlook.pixel_um))
+    return tuple(spots)
 
 
 def _lenslets_seen(outlook: Outlook, half_px: int) -> float:
