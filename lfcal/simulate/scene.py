@@ -26,7 +26,7 @@ from lfcal.camera import Camera, LensletLattice, Microscope
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 from lfcal.simulate.pupil import Iris, Wavefront, seidel
-from lfcal.simulate.specimen import Specimen
+from lfcal.simulate.specimen import Specimen, cone_radius_um
 
 __all__ = ["Iris", "ScanGrid", "Scene", "Wavefront", "scene_of", "seidel"]
 
@@ -193,7 +193,9 @@ class Scene:
 
     @property
     def shadow_radius_um(self) -> float:
-        """Radius of the disc that the cone f/Nw cuts from the array, |a'| / (2 Nw)."""
+        """Radius of the disc that the cone f/Nw cuts from the array, |a'| / (2 Nw); a microscope's by its rays."""
+        if self.objective is not None:
+            return cone_radius_um(self.objective, self.z_um, self.specimen)
         return abs(self.reduced_image_um) / (2 * self.f_number)
 
     @property

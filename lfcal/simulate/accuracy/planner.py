@@ -10,7 +10,7 @@ from lfcal.camera import Camera, Microscope, ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.simulate.accuracy.cost import engine_times
-from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, Outlook, catalogue
+from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, LensletDiffraction, Outlook, catalogue
 from lfcal.simulate.effects.described import SETTINGS
 from lfcal.simulate.staging import outlook_of
 from lfcal.units import format_seconds
@@ -210,8 +210,8 @@ class _Costs:
         for outlook, engine in self.planes:
             runs = math.prod(effect.runs(outlook) for effect in effects)
             engines += runs * (engine.rays if by_rays else engine.waves)
-        # Waves and further runs are in the engines' seconds already.
-        rest = [e for e in effects if not e.needs_waves and e.acts_on is not ActsOn.LIGHT]
+        # The step from rays to waves and further runs are in the engines' seconds already.
+        rest = [e for e in effects if not isinstance(e, LensletDiffraction) and e.acts_on is not ActsOn.LIGHT]
         return engines + sum(self.of(effect) for effect in rest)
 
 

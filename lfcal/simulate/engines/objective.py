@@ -9,14 +9,10 @@ intensities: of order m = 0, and of m = 1 and 2 by cosine and sine of m phi, wit
 
 so that the pupil is as bright as that of a scalar point, whose one field has a0 = 1.
 
-Behind a plane interface, n2 sin t2 = n1 sin t, each plane wave arrives with Fresnel's coefficients
-
-    s = 2 n1 cos t / (n1 cos t + n2 cos t2),   p = 2 n1 cos t / (n2 cos t + n1 cos t2)
-
-(amplitude per solid angle of the immersion medium, so they are those of a wave on its way in; Török et al. 1995), a
-scalar one with s, and with the phase k (d n2 cos t2 - D n1 cos t), d and D the depths of source and focal plane (Gibson
-and Lanni 1991). Beyond total reflection cos t2 is imaginary: what a source so near the interface still sends there is
-attenuated by exp(-k d n2 |cos t2|).
+Behind a plane interface, n2 sin t2 = n1 sin t, each plane wave arrives with Fresnel's coefficients (`Specimen.crossing`;
+Török et al. 1995), a scalar one with that of waves polarised along the interface, and with the phase k (d n2 cos t2 -
+D n1 cos t), d and D the depths of source and focal plane (Gibson and Lanni 1991). Beyond total reflection cos t2 is
+imaginary: what a source so near the interface still sends there is attenuated by exp(-k d n2 |cos t2|).
 """
 
 from __future__ import annotations
@@ -91,12 +87,6 @@ def _sections(scene: Scene, count: int) -> tuple[F8, F8]:
     return np.concatenate([inner[0], outer[0]]), np.concatenate([inner[1], outer[1]])
 
 
-def _axial(index: float, transverse: F8) -> C16:
-    """Return n cos t = sqrt(n^2 - (n sin t)^2), positive imaginary beyond total reflection."""
-    root: C16 = np.sqrt(((index - transverse) * (index + transverse)).astype(np.complex128))
-    return root
-
-
 def _phase(scene: Scene, theta: F8) -> C16:
     """Return the phase at ``theta``, 0 on the axis; its imaginary part attenuates.
 
@@ -110,7 +100,7 @@ def _phase(scene: Scene, theta: F8) -> C16:
         phase = (-2 * k * n1 * scene.z_um * np.sin(theta / 2) ** 2).astype(np.complex128)
     else:
         n2, q, first = specimen.index, n1 * np.sin(theta), n1 * np.cos(theta)
-        second = _axial(n2, q)
+        second = specimen.crossing(n1, theta).axial
         fall = q * q / (n2 + second)  # n2 (1 - cos t2)
         apart = (n2 - n1) * (1 + (n2 + n1) / (second + first)) / (n1 + first)
         phase = k * fall * (specimen.depth_um * apart - scene.z_um)
@@ -127,9 +117,8 @@ def _amplitudes(scene: Scene, theta: F8) -> C16:
     if specimen is None:
         fields = np.stack([1 - half, sine / math.sqrt(2), half]) if scene.vectorial else np.ones((1, theta.size))
         return fields.astype(np.complex128)
-    n2, first = specimen.index, n1 * np.cos(theta)
-    second = _axial(n2, n1 * sine)
-    s, p = 2 * first / (first + second), 2 * first / (n2 * np.cos(theta) + n1 * second / n2)
+    n2 = specimen.index
+    second, s, p = specimen.crossing(n1, theta)
     if not scene.vectorial:
         return s[None, :]
     # s - p cos t2 over one denominator, where what cancels for equal indices is gone
