@@ -72,9 +72,9 @@ class Specimen:
     def crossing(self, medium_index: float, theta: F8) -> Crossing:
         """Return what the interface does to waves at angles ``theta`` in the medium, per solid angle of the medium.
 
-        With n2 sin t2 = n1 sin t: s = 2 n1 cos t / (n1 cos t + n2 cos t2), p = 2 n1 cos t / (n2 cos t + n1 cos t2). They
-        are the coefficients of a wave on its way in: those of the way out times n1 cos t / (n2 cos t2), which turns
-        plane waves of the specimen into amplitudes per solid angle of the medium (reciprocity).
+        With n2 sin t2 = n1 sin t: s = 2 n1 cos t / (n1 cos t + n2 cos t2), p = 2 n1 cos t / (n2 cos t + n1 cos t2).
+        They are the coefficients of a wave on its way in: those of the way out times n1 cos t / (n2 cos t2), which
+        turns plane waves of the specimen into amplitudes per solid angle of the medium (reciprocity).
         """
         n1, n2 = medium_index, self.index
         across, first = n1 * np.sin(theta), n1 * np.cos(theta)
@@ -92,7 +92,8 @@ def ray_heights(optics: Microscope, z_um: float, specimen: Specimen | None, thet
     across = optics.medium_index / specimen.index * np.sin(theta)
     within = np.where(across < STEEPEST, across, np.nan)
     slope = within / np.sqrt(1 - within * within)
-    return optics.magnification * (specimen.source_um(z_um) * slope - specimen.depth_um * np.tan(theta))
+    heights: F8 = optics.magnification * (specimen.source_um(z_um) * slope - specimen.depth_um * np.tan(theta))
+    return heights
 
 
 def cone_radius_um(optics: Microscope, z_um: float, specimen: Specimen | None) -> float:

@@ -42,19 +42,24 @@ def product(a: Array, b: Array) -> Array:
 
 
 @njit()
-def fold_rows(wide: Array, first: int, per_node: int, start: int, per_sample: int, sign: int, out: Array) -> None:
-    """Add the responses to a coarse sample and to its mirror image: rows ``first``, ``first + per_sample`` ... of out.
+def fold_rows(wide: Array, first: int, per_node: int, start: int, per_sample: int, out: Array) -> None:
+    """Fill rows ``first``, ``first + per_sample`` ... of the matrices for even and, where there is one, odd fields.
 
-    ``wide`` (3, rows, distances) holds row r's response to sample k at ``start + per_node r -+ k``. The field is even
-    (``sign`` 1) or odd (-1), so a sample and its mirror image have one column of A: out[:, r, k] = wide(-k) + sign
-    wide(+k), the middle one once, where nothing is odd.
+    ``wide`` (3, rows, distances) holds row r's response to sample k at ``start + per_node r -+ k``. A sample and its
+    mirror image have one column of A, in ``out`` (parities, 3, nodes, n): out[0, :, r, k] = wide(-k) + wide(+k) for an
+    even field, out[1, :, r, k] = wide(-k) - wide(+k) for an odd one; the middle one once, where nothing is odd.
     """
     for part in range(3):
         for r in range(wide.shape[1]):
             middle, row = start + per_node * r, first + per_sample * r
-            out[part, row, 0] = wide[part, r, middle] if sign > 0 else 0
-            for k in range(1, out.shape[2]):
-                out[part, row, k] = wide[part, r, middle - k] + sign * wide[part, r, middle + k]
+            out[0, part, row, 0] = wide[part, r, middle]
+            for k in range(1, out.shape[3]):
+                out[0, part, row, k] = wide[part, r, middle - k] + wide[part, r, middle + k]
+            if out.shape[0] == 1:
+                continue
+            out[1, part, row, 0] = 0
+            for k in range(1, out.shape[3]):
+                out[1, part, row, k] = wide[part, r, middle - k] - wide[part, r, middle + k]
 
 
 @njit()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,15 +22,16 @@ Maker = Callable[[Scene], PlaneEngine]
 
 def wave_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
     """Return the engine of level ``"wave"``; of a vectorial scene the sum over its fields."""
-    return _plane(scene, [lambda s, mode=mode: WavePlane(s, sampling, mode) for mode in field_modes(scene)])
+    return _plane(scene, sampling, WavePlane)
 
 
 def reference_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
     """Return the engine of level ``"reference"``; of a vectorial scene the sum over its fields."""
-    return _plane(scene, [lambda s, mode=mode: ReferencePlane(s, sampling, mode) for mode in field_modes(scene)])
+    return _plane(scene, sampling, ReferencePlane)
 
 
-def _plane(scene: Scene, makers: list[Maker]) -> PlaneEngine:
+def _plane(scene: Scene, sampling: Sampling, kind: type[WavePlane] | type[ReferencePlane]) -> PlaneEngine:
+    makers: list[Maker] = [partial(kind, sampling=sampling, mode=mode) for mode in field_modes(scene)]
     return makers[0](scene) if len(makers) == 1 else FieldsSum(scene, makers)
 
 

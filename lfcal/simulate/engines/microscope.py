@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import scipy.fft as sf
@@ -45,6 +46,7 @@ SPARE_ORDERS = 20
 KEPT = 256
 """Matrices and responses held for reuse."""
 
+T = TypeVar("T")
 Matrix = NDArray[np.float32]
 Phase = tuple[float, float, float, int]
 """A lenslet's place from the source, the nodes' shift, the pitch (µm), and the pixels of the cutout, along an axis."""
@@ -116,7 +118,7 @@ class DebyePlane:
         self._ledger = Ledger()
         self._pilot = Pilot(self)
         self._lock = threading.Lock()
-        self._matrices: dict[Phase, tuple[Matrix, ...]] = {}
+        self._matrices: dict[Phase, Matrix] = {}
         self._lefts: dict[Phase, tuple[Matrix, ...]] = {}
         self._pulses: dict[tuple[float, float], Matrix] = {}
         self._responses: dict[Pair, NDArray[np.float32]] = {}
@@ -140,7 +142,8 @@ class DebyePlane:
         r = np.hypot(x[None, :], x[:, None])
         edge = taper(x, self._half - fade, self._half)  # a hard end would ring all over the sensor
         weight = np.where(x == 0, 1.0, 2.0)
-        radial = {order: radial_field(self.scene, float(r.max()), order)(r) for order in {f.order for f in self._fields}}
+        orders = {field.order for field in self._fields}
+        radial = {order: radial_field(self.scene, float(r.max()), order)(r) for order in orders}
         quarters, energy = [], 0.0
         for one in self._fields:
             field = radial[one.order] * edge[:, None] * edge[None, :]
@@ -150,10 +153,10 @@ class DebyePlane:
             quarters.append(_parts(field))
         return quarters, energy
 
-    def _matrix(self, phase: Phase) -> tuple[Matrix, ...]:
-        """Return A ``(3, nodes, n)`` (real, imaginary, sum): a lenslet at ``place`` from the source, nodes moved.
+    def _matrix(self, phase: Phase) -> Matrix:
+        """Return A ``(parities, 3, nodes, n)`` (real, imaginary, sum): a lenslet at ``place``, nodes moved.
 
-        One for even fields, and one for odd ones where there are such.
+        The first is for even fields, the second for odd ones where there are such.
 
         The lenslets' phase is periodic, sum_m t_m exp(2 pi i m (x - place)/p), and order m of a band-limited
         sample psi at x_k arrives as exp(-i pi L m^2/p^2 + 2 pi i m s/p) psi_L(s - x_k - L m/p), L = lambda B.
@@ -174,15 +177,13 @@ class DebyePlane:
         pulses = self._carried(s[0] - reach * px / steps, px / steps, per_node * (s.size - 1) + 2 * reach + 1, pitch, m)
         turn = t * np.exp(1j * np.pi * (2 * m * (s[:, None] - place) / pitch - spread * (m / pitch) ** 2))
         turns = _parts(turn * math.sqrt(px))
-        signs = (1, -1) if any(any(field.odd) for field in self._fields) else (1,)
-        made = tuple(np.empty((3, s.size, self._count), np.float32) for _ in signs)
+        parities = 2 if any(any(field.odd) for field in self._fields) else 1
+        made = np.empty((parities, 3, s.size, self._count), np.float32)
         # nodes whose distances from the samples fall on the same points of the even grid go together
         for first in range(min(per_sample, s.size)):
             rows = np.ascontiguousarray(turns[:, first::per_sample])
             wide = product(rows, np.ascontiguousarray(pulses[:, :, per_node * first % per_sample :: per_sample]))
-            start = self._count - 1 + per_node * first // per_sample
-            for sign, matrix in zip(signs, made, strict=True):
-                fold_rows(wide, first, per_node, start, per_sample, sign, matrix)
+            fold_rows(wide, first, per_node, self._count - 1 + per_node * first // per_sample, per_sample, made)
         self._keep(self._matrices, phase, made)
         return made
 
@@ -218,7 +219,7 @@ class DebyePlane:
             return known
         matrices = self._matrix(phase)
         made = tuple(
-            in_blocks(product(matrices[field.odd[0]], quarter))
+            in_blocks(product(matrices[int(field.odd[0])], quarter))
             for field, quarter in zip(self._fields, self._quarters, strict=True)
         )
         for left in made:
@@ -226,7 +227,7 @@ class DebyePlane:
         self._keep(self._lefts, phase, made)
         return made
 
-    def _keep(self, store: dict[Phase, tuple[Matrix, ...]], key: Phase, value: tuple[Matrix, ...]) -> None:
+    def _keep(self, store: dict[Phase, T], key: Phase, value: T) -> None:
         with self._lock:
             if len(store) >= KEPT // len(self._fields):
                 store.clear()
@@ -306,9 +307,9 @@ class DebyePlane:
     def _compute(self, y: Phase, x: Phase) -> NDArray[np.float32]:
         image = np.empty((y[3], x[3]), np.float32)
         lefts, matrices = self._left(y), self._matrix(x)
-        light = np.zeros((matrices[0].shape[1], lefts[0].shape[1] * lefts[0].shape[3]), np.float32)
+        light = np.zeros((matrices.shape[2], lefts[0].shape[1] * lefts[0].shape[3]), np.float32)
         for field, left in zip(self._fields, lefts, strict=True):
-            node_light(left, matrices[field.odd[1]], light)
+            node_light(left, matrices[int(field.odd[1])], light)
         pixel_sums(light[:, : self.rule.count(y[3])], self.rule.weights.astype(np.float32), self.rule.per_px, image)
         energy_out = float(image.sum(dtype=np.float64))
         ratio = energy_out / self._energy

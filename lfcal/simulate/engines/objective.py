@@ -9,8 +9,8 @@ intensities: of order m = 0, and of m = 1 and 2 by cosine and sine of m phi, wit
 
 so that the pupil is as bright as that of a scalar point, whose one field has a0 = 1.
 
-Behind a plane interface, n2 sin t2 = n1 sin t, each plane wave arrives with Fresnel's coefficients (`Specimen.crossing`;
-Török et al. 1995), a scalar one with that of waves polarised along the interface, and with the phase k (d n2 cos t2 -
+Behind a plane interface, n2 sin t2 = n1 sin t, each plane wave arrives with Fresnel's coefficients (Török et al. 1995;
+`Specimen.crossing`), a scalar one with that of waves polarised along the interface, and with the phase k (d n2 cos t2 -
 D n1 cos t), d and D the depths of source and focal plane (Gibson and Lanni 1991). Beyond total reflection cos t2 is
 imaginary: what a source so near the interface still sends there is attenuated by exp(-k d n2 |cos t2|).
 """
@@ -31,7 +31,7 @@ from lfcal.simulate.engines.zernike import zernike_radial
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.specimen import Specimen
 
-__all__ = ["PupilLight", "field_shares", "objective_of", "pupil_light", "pupil_nodes"]
+__all__ = ["PupilLight", "field_shares", "objective_of", "pupil_light", "pupil_nodes", "pupil_phase"]
 
 PHASE_SAMPLES = 512
 """Samples of the phase over the pupil from which its whole variation is taken."""
@@ -87,7 +87,7 @@ def _sections(scene: Scene, count: int) -> tuple[F8, F8]:
     return np.concatenate([inner[0], outer[0]]), np.concatenate([inner[1], outer[1]])
 
 
-def _phase(scene: Scene, theta: F8) -> C16:
+def pupil_phase(scene: Scene, theta: F8) -> C16:
     """Return the phase at ``theta``, 0 on the axis; its imaginary part attenuates.
 
     d n2 cos t2 - D n1 cos t less its value on the axis is z n2 (cos t2 - 1) + D (n2 cos t2 - n1 cos t - n2 + n1), and
@@ -139,7 +139,7 @@ def pupil_nodes(scene: Scene, r_um: float) -> int:
         phase = 2 * k * abs(scene.z_um) * math.sin(alpha / 2) ** 2
         phase += sum(2 * math.pi * abs(w) * (n + 1) for n, _, w in scene.wavefront)
     else:
-        steps = np.diff(_phase(scene, np.sort(_sections(scene, PHASE_SAMPLES)[0])).real)
+        steps = np.diff(pupil_phase(scene, np.sort(_sections(scene, PHASE_SAMPLES)[0])).real)
         phase = float(np.abs(steps).sum())
     return int((phase + k * math.sin(alpha) * r_um / optics.magnification) / 2) + SPARE_NODES
 
@@ -158,7 +158,7 @@ def pupil_light(scene: Scene, nodes: int) -> PupilLight:
             "microscope's wavefront", "rotationally symmetric terms (m = 0)", scene.wavefront, "leave the others out"
         )
     theta, weight = _sections(scene, nodes)
-    sine, turn = np.sin(theta), np.exp(1j * _phase(scene, theta))
+    sine, turn = np.sin(theta), np.exp(1j * pupil_phase(scene, theta))
     fields = _amplitudes(scene, theta) * turn
     k, alpha = 2 * math.pi * optics.medium_index / scene.wavelength_um, optics.half_angle_rad
     passed = 2 * math.sin(alpha / 2) ** 2  # integral of sin t over the pupil
@@ -171,6 +171,6 @@ def pupil_light(scene: Scene, nodes: int) -> PupilLight:
 def field_shares(scene: Scene) -> tuple[float, ...]:
     """Return the share of the light in the fields of each order; they sum to 1."""
     theta, weight = _sections(scene, SHARE_NODES)
-    fields = _amplitudes(scene, theta) * np.exp(-np.maximum(_phase(scene, theta).imag, 0))
+    fields = _amplitudes(scene, theta) * np.exp(-np.maximum(pupil_phase(scene, theta).imag, 0))
     energy = (np.abs(fields) ** 2) @ (weight * np.sin(theta))
     return tuple(float(e) for e in energy / energy.sum())

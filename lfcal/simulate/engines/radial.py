@@ -24,7 +24,8 @@ SMALL = 0.02
 def bessel(order: int, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the Bessel function J_order(x) for order 0, 1 or 2 and x >= 0: five times as quick as for any order."""
     if order < 2:
-        return (j0, j1)[order](x)  # type: ignore[no-any-return]
+        plain: NDArray[np.float64] = (j0, j1)[order](x)
+        return plain
     small = x < SMALL
     x2 = x * x
     # 9.1.27 and 9.1.10 of Abramowitz and Stegun; the series is exact to rounding below SMALL
