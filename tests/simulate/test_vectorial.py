@@ -73,7 +73,7 @@ def test_dipoles_on_the_array_against_sums_over_the_pupil(na, index, specimen, z
 
 @pytest.mark.parametrize(
     ("z", "na", "specimen", "position"),
-    [(0.0, 0.8, None, (2, 3)), (1.0, 0.8, None, (0, 1)), (0.0, 0.8, Specimen(WATER, 1.0), (2, 3))],
+    [(0.0, 0.8, None, (2, 3)), (1.0, 0.8, None, (0, 1)), (0.0, 0.8, Specimen(WATER, 1.0), (7, 1))],
 )
 def test_responses_against_sums_over_the_pupil(z, na, specimen, position):
     scene = scene_of(z, na, 1.0, cutout=(21, 21), specimen=specimen)
@@ -84,20 +84,18 @@ def test_responses_against_sums_over_the_pupil(z, na, specimen, position):
     assert relative_error(scalar, wanted) > 0.015
 
 
-@pytest.mark.parametrize(("z", "position"), [(0.0, (16, 5)), (2.0, (5, 2))])
-def test_the_sum_keeps_the_symmetries_of_the_array(z, position):
+def test_the_sum_keeps_the_symmetries_of_the_array():
     """Mirrored and transposed responses against the reference, which computes each for itself."""
     lattice = LensletLattice("square", 144.0, 1440.0, (LensType(1440.0),))
-    scene = scene_of(z, 0.9, 1.0, lattice=lattice, period=(18, 18), cutout=(25, 25))
+    scene = scene_of(2.0, 0.9, 1.0, lattice=lattice, period=(18, 18), cutout=(25, 25))
     engine = DebyePlane(scene, Sampling(nodes_per_px=4))
     engine.rows(range(0, 18, 4), range(0, 18, 4))  # 0, 4, 8 from a lenslet's centre, and 6 and 2 of the mirrored ones
     assert engine.certificate.responses == 15
     reference = engine_for(scene, "reference", Sampling(6))
     assert isinstance(reference, FieldsSum)
-    y, x = position
-    wanted = reference.rows([y], [x], workers=1)[0, 0]
-    assert relative_error(engine.rows([y], [x])[0, 0], wanted) < 0.01
-    assert relative_error(engine.rows([x], [y])[0, 0], wanted) > 0.05
+    wanted = reference.rows([16], [5], workers=1)[0, 0]
+    assert relative_error(engine.rows([16], [5])[0, 0], wanted) < 0.01
+    assert relative_error(engine.rows([5], [16])[0, 0], wanted) > 0.05
 
 
 def test_other_arrays_add_the_fields_lenslet_by_lenslet():
