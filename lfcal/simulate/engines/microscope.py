@@ -224,12 +224,12 @@ class DebyePlane:
         )
         for left in made:
             left[np.abs(left) < 1e-12 * np.abs(left).max()] = 0
-        self._keep(self._lefts, phase, made)
+        self._keep(self._lefts, phase, made, KEPT // len(made))
         return made
 
-    def _keep(self, store: dict[Phase, T], key: Phase, value: T) -> None:
+    def _keep(self, store: dict[Phase, T], key: Phase, value: T, most: int = KEPT) -> None:
         with self._lock:
-            if len(store) >= KEPT // len(self._fields):
+            if len(store) >= most:
                 store.clear()
             store[key] = value
 
