@@ -89,8 +89,9 @@ def test_estimate_of_the_mismatch(objective, lenslet, mismatch, z):
 def test_the_planner_switches_the_vector_field_on_where_it_shows():
     camera = preset("lfm_60x12")
     near, far = (ScanPlan.for_camera(camera, depths_um=[z], cutout=39) for z in (0.0, 40.0))
-    row = plan_effects(camera, near, 0.03).row("vectorial")
-    assert row.on and "above" in row.reason and row.seconds > 0
+    found = plan_effects(camera, near, 0.03)
+    row, scalar = found.row("vectorial"), plan_effects(camera, near, 0.03, {"vectorial": "off"})
+    assert row.on and "above" in row.reason and found.seconds > 2 * scalar.seconds > 0
     assert not plan_effects(camera, far, 0.03).row("vectorial").on
     bench = preset("bench")
     plan = ScanPlan.for_camera(bench, virtual_depths=[4.0])
