@@ -11,7 +11,7 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.simulate.accuracy.cost import engine_times
 from lfcal.simulate.accuracy.estimates import estimates_of
-from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, Outlook, catalogue
+from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, LensletDiffraction, Outlook, catalogue
 from lfcal.simulate.effects.described import SETTINGS
 from lfcal.simulate.staging import outlook_of
 from lfcal.units import format_seconds
@@ -235,8 +235,8 @@ class _Costs:
             by_rays = self.level_of(effects) == "geometric"
             runs = math.prod(effect.runs(outlook) for effect in effects)
             seconds += runs * (engine.rays if by_rays else engine.waves)
-            # Waves and further runs are in the engines' seconds already.
-            rest = (e for e in effects if not e.needs_waves and e.acts_on is not ActsOn.LIGHT)
+            # The step from rays to waves and further runs are in the engines' seconds already.
+            rest = (e for e in effects if not isinstance(e, LensletDiffraction) and e.acts_on is not ActsOn.LIGHT)
             seconds += sum(effect.seconds(outlook, engine) for effect in rest)
         return seconds
 
