@@ -202,3 +202,12 @@ def test_effects(bench: Bench, scene: int, kind: str, names: set[str]) -> None:
     (judged,) = found["scenes"]
     assert judged["scene"].startswith(f"scene {scene}, {kind}") and 0 < judged["error"] <= 0.05
     assert {name for name, *_ in judged["pairs"]} >= names
+
+
+def test_forecast(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lfcal.bench.forecast.CUTOUTS", (21,))
+    monkeypatch.setattr("lfcal.bench.forecast.DEPTHS_UM", (0.0, 5.0))
+    found = bench.json("forecast", "lfm_20x05", "--tolerance", "0.1", "--rows", "3")
+    assert [(one["depth_um"], one["cutout"]) for one in found] == [(0.0, 21), (5.0, 21)]
+    assert all(one[key] > 0 for one in found for key in ("planned", "predicted", "taken"))
+    assert "description/taken" in bench("forecast", "lfm_20x05", "--rows", "1")
