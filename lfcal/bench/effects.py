@@ -160,7 +160,7 @@ def _others(plan: ScanPlan) -> tuple[list[int], list[int]]:
 def _pairs(
     plan: ScanPlan, selection: EffectSelection, counting: tuple[Effect, ...]
 ) -> Iterator[tuple[str, float, bool, float]]:
-    from lfcal.simulate.effects.base import LightEffect
+    from lfcal.simulate.effects import LensletDiffraction, LightEffect
     from lfcal.simulate.staging import outlook_of
 
     outlook = outlook_of(plan, 0)
@@ -174,7 +174,10 @@ def _pairs(
         if isinstance(effect, LightEffect):
             truth = _difference(beside, _wave(plan, (*still, effect), ys, xs))
         else:
-            truth = _difference(_wave(plan, tuple(e for e in still if e is not effect), ys, xs), beside)
+            # without diffraction rays are followed, and nothing that calls for waves is seen
+            rays = isinstance(effect, LensletDiffraction)
+            others = tuple(e for e in still if e is not effect and not (rays and e.needs_waves))
+            truth = _difference(_wave(plan, others, ys, xs), beside)
         yield effect.name, estimate.error, estimate.measured, truth
 
 

@@ -198,6 +198,14 @@ def test_estimates_near_the_native_plane(v: float, effect: Effect) -> None:
     assert found.on == (found.estimate.error > 0.015) or found.estimate.error > 0.005
 
 
+def test_waves_are_not_left_out_because_another_effect_brings_them() -> None:
+    """A vectorial pupil switches diffraction on: that it is on anyway does not make diffraction small."""
+    plan = ScanPlan.for_camera(preset("lfm_60x12"), depths_um=[0.5], cutout=31)
+    found = plan_effects(plan.camera, plan, 0.2)
+    assert found.row("lenslet_diffraction").estimate.measured
+    assert found.row("lenslet_diffraction").estimate.error > 0.2 and found.level == "debye"
+
+
 def test_a_plan_of_many_planes_runs_effects_at_a_few() -> None:
     plan = ScanPlan.for_camera(small_camera(), virtual_depths=np.linspace(-0.5, 0.5, 23), cutout=21)
     planes = [outlook_of(plan, z) for z in range(23)]

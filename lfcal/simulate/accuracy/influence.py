@@ -12,6 +12,7 @@ from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError
 from lfcal.simulate.accuracy.sampling import finer, step_for
 from lfcal.simulate.effects.base import Effect, FrameEffect, LightEffect, MotionEffect
+from lfcal.simulate.effects.optics import LensletDiffraction
 from lfcal.simulate.engines.base import EnergyError, Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import filter_kernel, outlook_of, resolve_level, scene_for
@@ -59,6 +60,8 @@ class Influence:
             return None
         others = tuple(e for e in self._still if e.name != effect.name)
         present = len(others) < len(self._still)
+        if isinstance(effect, LensletDiffraction):  # rays show none of what calls for waves
+            others = tuple(e for e in others if not e.needs_waves)
         if isinstance(effect, LightEffect):
             if effect.runs(self._outlook) > MOST_RUNS:
                 return None
