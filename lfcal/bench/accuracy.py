@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from lfcal.checks import check_number
 from lfcal.cli.console import print_json, print_table, run_work
 from lfcal.cli.options import CameraArgument, ForceOption, JsonOption
 from lfcal.units import format_seconds
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from lfcal.camera import ScanPlan
     from lfcal.simulate.accuracy.ladder import Ladder
+    from lfcal.simulate.engines.base import PlaneEngine
 
 __all__ = ["register"]
 
@@ -32,6 +39,7 @@ def command(
     tolerance: float = typer.Option(0.03, help="Relative L1 error for which a level is picked."),
     positions: int = typer.Option(3, min=1, help="Positions compared with the reference."),
     figure: Path | None = typer.Option(None, "-o", "--out", help="Draw the curve into this PNG."),
+    asked: str = typer.Option("3,1,0.3", help="Tolerances (%) that are asked for, to see what comes of them."),
     check: bool = typer.Option(
         False, "--check", help="Also simulate the whole H and compare its time with the forecast."
     ),
@@ -44,9 +52,12 @@ def command(
     """
     from lfcal.camera import ScanPlan
     from lfcal.cli.outputs import check_output
-    from lfcal.cli.plan import load_camera
+    from lfcal.cli.plan import load_camera, parse_depths
     from lfcal.simulate.accuracy.ladder import draw_ladder, iter_ladder
 
+    wanted = parse_depths(asked, lengths=False)
+    for share in wanted:
+        check_number("tolerance asked for (%)", share, above=0, at_most=400)
     if figure is not None:
         check_output(figure, camera, force=force)
     described = load_camera(camera)
@@ -57,11 +68,13 @@ def command(
     if figure is not None:
         draw_ladder(found, figure, f"{title}, {plan.cutout[0]} x {plan.cutout[1]} px, v = {found.virtual_depth:.3g}")
     timing = _timed(plan, tolerance) if check else None
+    reached = [_reached(plan, share / 100, positions) for share in wanted]
     if json:
         picked = found.chosen.label if found.chosen else None
-        print_json({"ladder": found, "picked": picked, "check": timing, "plan": plan.to_dict()})
+        print_json({"ladder": found, "picked": picked, "asked": reached, "check": timing, "plan": plan.to_dict()})
         return
     _show(found, f"{title}, v = {found.virtual_depth:.3g}")
+    _show_reached(reached)
     if timing is not None:
         typer.echo(
             f"whole H: predicted {timing['predicted']:.3g} s, took {timing['measured']:.3g} s of processor "
@@ -100,3 +113,89 @@ def _timed(plan: ScanPlan, tolerance: float) -> dict[str, float]:
     simulate_psf(plan.camera, plan, tolerance=tolerance)
     measured = time.process_time() - start
     return {"predicted": predicted, "measured": measured, "ratio": predicted / measured}
+
+
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """What comes of a tolerance, for the computation alone: the same effects for all.
+
+    Attributes
+    ----------
+    asked
+        Relative L1 error asked for.
+    level, label
+        What was settled on.
+    stated, true
+        Error by the probe, and against the finest reference at other positions.
+    seconds
+        CPU-seconds of a position.
+    reference_seconds
+        Those of the coherent reference at the fewest samples that reach as much.
+    """
+
+    asked: float
+    level: str
+    label: str
+    stated: float
+    true: float
+    seconds: float
+    reference_seconds: float
+
+
+def _reached(plan: ScanPlan, asked: float, positions: int) -> Reached:
+    import numpy as np
+
+    from lfcal.simulate import plan_effects
+    from lfcal.simulate.accuracy.forecast import plane_seconds
+    from lfcal.simulate.accuracy.ladder import rung_label
+    from lfcal.simulate.accuracy.sampling import steps_for
+    from lfcal.simulate.engines.choose import engine_for
+    from lfcal.simulate.response import PlaneResponse
+
+    effects = plan_effects(plan.camera, plan, asked).effects
+    response = PlaneResponse(plan, 0, effects, tolerance=asked)
+    engine = response.engine()
+    ny, nx = plan.period
+    places = [
+        (ny * (2 * k + 1) // (2 * positions + 1), nx * (3 * k + 2) // (3 * positions + 1)) for k in range(positions)
+    ]
+    scene = response.scene
+    if response.level == "debye":
+        steps = steps_for(scene, "debye")
+        truth, each = _timed_rows(engine_for(scene, "debye", steps[6].sampling), places)
+    else:
+        steps = steps_for(scene, "reference")
+        truth, _ = _timed_rows(engine_for(scene, "reference", steps[2].sampling), places)
+        enough = next((step for step in steps if step.expected <= asked), steps[-1])
+        _, each = _timed_rows(engine_for(scene, "reference", enough.sampling), places)
+    found, _ = _timed_rows(engine, places)
+    true = float(np.abs(found - truth).sum() / truth.sum())
+    fresh = engine_for(scene, response.level, response.wanted)
+    label = rung_label(response.level, response.wanted)
+    return Reached(asked, response.level, label, response.reached, true, plane_seconds(fresh) / (ny * nx), each)
+
+
+def _timed_rows(engine: PlaneEngine, places: list[tuple[int, int]]) -> tuple[NDArray[np.float64], float]:
+    """Return the responses of some positions and the CPU-seconds of one."""
+    import numpy as np
+
+    start = time.process_time()
+    rows = [engine.rows([y], [x], workers=1)[0, 0] for y, x in places]
+    return np.stack(rows).astype(np.float64), (time.process_time() - start) / len(places)
+
+
+def _show_reached(found: Sequence[Reached]) -> None:
+    rows = [
+        [
+            f"{100 * r.asked:g} %",
+            r.label,
+            f"{100 * r.stated:.2g} %",
+            f"{100 * r.true:.2g} %",
+            format_seconds(r.seconds),
+            f"{r.seconds / found[0].seconds:.2g}",
+            f"{r.reference_seconds / r.seconds:.3g}",
+        ]
+        for r in found
+    ]
+    headers = ["asked", "settled on", "stated", "true", "per position", "times the first", "reference takes, times"]
+    print_table(headers, rows, title="what comes of a tolerance: effects that it calls for, error of the computation")

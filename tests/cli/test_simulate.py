@@ -112,9 +112,12 @@ def test_bad_input_is_one_line_and_code_2(lfcal: Lfcal, arguments: tuple[str, ..
 
 
 def test_accuracy_bench(lfcal: Lfcal, tmp_path: Path) -> None:
-    run = lfcal("bench", "accuracy", "bench", "--virtual-depth", "2.2", "--positions", "1", "-o", tmp_path / "c.png")
+    arguments = ("--virtual-depth", "2.2", "--positions", "1", "--asked", "30,10", "-o", tmp_path / "c.png")
+    run = lfcal("bench", "accuracy", "bench", *arguments)
     assert run.code == 0, run.err
     assert "picked" in run.out and "reference" in run.out and (tmp_path / "c.png").exists()
+    asked = run.out.split("what comes of a tolerance")[1]
+    assert "30 %" in asked and "10 %" in asked and "px" in asked
 
 
 def test_magnitudes_of_effects(lfcal: Callable[..., Run], tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from lfcal.simulate.scene import Scene
 from lfcal.simulate.simulate import EffectsLike, budgeted
 from lfcal.simulate.staging import resolve_level, scene_for
 
-__all__ = ["Ladder", "Rung", "draw_ladder", "iter_ladder", "ladder"]
+__all__ = ["Ladder", "Rung", "draw_ladder", "iter_ladder", "ladder", "rung_label"]
 
 REFERENCE_SAMPLES = (12, 10, 8, 6, 4)
 """Samples per pixel of the reference, the most that its grid holds."""
@@ -133,7 +133,7 @@ def iter_ladder(
     rungs: list[Rung] = []
     refused: list[str] = []
     for done, (kind, sampling) in enumerate(tasks, 1):
-        label = _label(kind, sampling)
+        label = rung_label(kind, sampling)
         yield clock.at(done, label)
         try:
             rungs.append(_measure(scene, kind, sampling, places, truth, shares))
@@ -216,11 +216,14 @@ def _samplings(scene: Scene, level: str) -> list[Sampling]:
     return [step.sampling for step in steps_for(scene, level) if step.sampling.margin_px <= WIDEST_SHOWN]
 
 
-def _label(level: str, sampling: Sampling | None) -> str:
+def rung_label(level: str, sampling: Sampling | None) -> str:
+    """Return a level and its sampling in words."""
     if sampling is None:
         return level
     if level == "debye":
         return f"{level}, {sampling.nodes_per_px} nodes/px"
+    if level == "reference":
+        return f"{level}, {sampling.samples_per_px or 8:g} samples/px"
     how = {None: "", True: ", coherent", False: ", incoherent"}[sampling.coherent]
     return f"{level}, {sampling.nodes_per_px} nodes/px, +{sampling.margin_px} px{how}"
 
@@ -258,7 +261,7 @@ def _measure(
     error = np.abs(_respond(engine, places).astype(np.float64) - truth).sum() / truth.sum(dtype=np.float64)
     positions = scene.period[0] * scene.period[1]
     plane = engine.predicted_seconds(positions) * own_rows(engine)
-    label, whole = _label(level, sampling), shares.seconds(setup, plane)
+    label, whole = rung_label(level, sampling), shares.seconds(setup, plane)
     return Rung(level, sampling, label, float(error), setup, plane / positions, whole)
 
 
