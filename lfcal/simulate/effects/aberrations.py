@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -11,7 +12,8 @@ import numpy as np
 
 from lfcal.simulate.effects.base import EngineSeconds, Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
-from lfcal.simulate.scene import Scene, Wavefront, seidel
+from lfcal.simulate.pupil import Wavefront, check_wavefront, seidel
+from lfcal.simulate.scene import Scene
 
 __all__ = ["Coma", "Spherical", "Zernike"]
 
@@ -60,6 +62,8 @@ class Spherical(_Aberration):
     waves: float = 0.25
 
     name: ClassVar[str] = "spherical"
+    units: ClassVar[Mapping[str, str]] = {"waves": "waves"}
+    titles: ClassVar[Mapping[str, str]] = {"waves": "size W040"}
     title: ClassVar[str] = "spherical aberration"
     rank: ClassVar[int] = 70
 
@@ -89,6 +93,8 @@ class Coma(_Aberration):
     angle_rad: float = 0.0
 
     name: ClassVar[str] = "coma"
+    units: ClassVar[Mapping[str, str]] = {"waves": "waves"}
+    titles: ClassVar[Mapping[str, str]] = {"waves": "size W131", "angle_rad": "direction"}
     title: ClassVar[str] = "coma"
     rank: ClassVar[int] = 71
 
@@ -115,8 +121,13 @@ class Zernike(_Aberration):
     terms: Wavefront = ()
 
     name: ClassVar[str] = "zernike"
+    units: ClassVar[Mapping[str, str]] = {"terms": "waves"}
     title: ClassVar[str] = "measured wavefront"
     rank: ClassVar[int] = 72
+
+    def __post_init__(self) -> None:
+        """Check that every term is one."""
+        check_wavefront(self.terms)
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rms wavefront and the spot shift from three quarters of its gradient's rms over the pupil."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera
-from lfcal.frames.cfa import pattern_side
+from lfcal.frames.cfa import check_cfa, pattern_side
 from lfcal.simulate.effects.base import Estimate, FrameEffect, SensorStrip
 from lfcal.simulate.effects.outlook import Outlook
 
@@ -62,6 +62,8 @@ class StrayLight(FrameEffect):
     share: float = 0.01
 
     name: ClassVar[str] = "stray_light"
+    units: ClassVar[Mapping[str, str]] = {"share": "share"}
+    titles: ClassVar[Mapping[str, str]] = {"share": "scattered share"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (0.0, 1.0)}
     title: ClassVar[str] = "stray light"
     deviation: ClassVar[bool] = True
@@ -98,13 +100,22 @@ class ColourFilter(FrameEffect):
     leak: float = 0.03
 
     name: ClassVar[str] = "colour_filter"
+    units: ClassVar[Mapping[str, str]] = {"leak": "share"}
+    titles: ClassVar[Mapping[str, str]] = {"cfa": "letters by rows", "leak": "passed outside its band"}
+    described: ClassVar[Mapping[str, str]] = {"cfa": "sensor.cfa"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"leak": (0.0, 1.0)}
     title: ClassVar[str] = "colour filter array (Bayer)"
     rank: ClassVar[int] = 30
 
+    def __post_init__(self) -> None:
+        """Check the leak, and that every letter is that of a filter."""
+        FrameEffect.__post_init__(self)  # a plain super() does not know a class with slots
+        if self.cfa is not None:
+            check_cfa(self.cfa)
+
     def transmission(self, camera: Camera) -> NDArray[np.float32]:
         """Return the transmission of one unit of the pattern ``(side, side)``; 1 x 1 for a monochrome sensor."""
-        cfa = camera.sensor.cfa if self.cfa is None else self.cfa
+        cfa: str = self.magnitude("cfa", camera)
         side, wave = pattern_side(cfa), camera.wavelength_um
         passed = [1.0 if any(a <= wave < b for a, b in BANDS_UM[letter]) else self.leak for letter in cfa or "W"]
         return np.array(passed, np.float32).reshape(side, side)
@@ -141,6 +152,9 @@ class FixedPattern(FrameEffect):
     offset_e: float = 0.0
 
     name: ClassVar[str] = "fixed_pattern"
+    units: ClassVar[Mapping[str, str]] = {"prnu": "share", "offset_e": "e-"}
+    titles: ClassVar[Mapping[str, str]] = {"prnu": "rms of gains", "offset_e": "rms of offsets"}
+    described: ClassVar[Mapping[str, str]] = {"prnu": "sensor.prnu"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"prnu": (0.0, math.inf), "offset_e": (0.0, math.inf)}
     title: ClassVar[str] = "fixed pattern (PRNU)"
     rank: ClassVar[int] = 40
@@ -148,7 +162,8 @@ class FixedPattern(FrameEffect):
 
     def gain_rms(self, camera: Camera) -> float:
         """Return the relative rms of the pixels' gains."""
-        return camera.sensor.prnu if self.prnu is None else self.prnu
+        rms: float = self.magnitude("prnu", camera)
+        return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the gains' rms and the mean deviation 0.8 rms; offsets count on every pixel of the cutout."""
@@ -180,13 +195,16 @@ class DarkCurrent(FrameEffect):
     e_per_s: float | None = None
 
     name: ClassVar[str] = "dark_current"
+    units: ClassVar[Mapping[str, str]] = {"e_per_s": "e-/s"}
+    titles: ClassVar[Mapping[str, str]] = {"e_per_s": "rate in a pixel"}
+    described: ClassVar[Mapping[str, str]] = {"e_per_s": "sensor.dark_current_e_s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"e_per_s": (0.0, math.inf)}
     title: ClassVar[str] = "dark current"
     rank: ClassVar[int] = 50
 
     def mean_e(self, camera: Camera, exposure_s: float) -> float:
         """Return the mean number of electrons in one exposure."""
-        rate = camera.sensor.dark_current_e_s if self.e_per_s is None else self.e_per_s
+        rate: float = self.magnitude("e_per_s", camera)
         return rate * exposure_s
 
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -292,6 +310,8 @@ class ReadNoise(FrameEffect):
     rms_e: float | None = None
 
     name: ClassVar[str] = "read_noise"
+    units: ClassVar[Mapping[str, str]] = {"rms_e": "e-"}
+    described: ClassVar[Mapping[str, str]] = {"rms_e": "sensor.read_noise_e"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_e": (0.0, math.inf)}
     title: ClassVar[str] = "read noise"
     rank: ClassVar[int] = 70
@@ -300,7 +320,8 @@ class ReadNoise(FrameEffect):
 
     def rms(self, camera: Camera) -> float:
         """Return the rms (electrons)."""
-        return camera.sensor.read_noise_e if self.rms_e is None else self.rms_e
+        rms: float = self.magnitude("rms_e", camera)
+        return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rms, and its mean size over the cutout's pixels against the signal."""
