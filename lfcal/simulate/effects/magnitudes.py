@@ -87,6 +87,8 @@ class Magnitude:
         usual size, which says nothing about this camera.
     mark
         How it is known: of what is given one of `GIVEN`, of the camera's its own mark (`lfcal.camera.Marks`).
+    otherwise
+        Source and mark of what counts where it is not given.
     """
 
     field: str
@@ -101,6 +103,7 @@ class Magnitude:
     limits: tuple[float, float]
     source: str
     mark: str
+    otherwise: tuple[str, str]
 
     def text(self, value: Any) -> str:
         """Return ``value`` as people write it, without its unit; `read` reads it back."""
@@ -167,12 +170,11 @@ def _magnitude(effect: Effect, field: Any, camera: Camera, given: Mapping[str, s
     kind, name = type(effect), field.name
     value = getattr(effect, name)
     unit, scale = shown_unit(kind, name)
-    if value is not None and (name in given or value != field.default):
-        source, mark = "given", given.get(name, "stated")
-    elif value is None and kind.is_described(name, camera):
-        source, mark = "camera", camera.marks[kind.described[name]]
-    else:
-        source, mark = "typical", ""
+    otherwise = ("typical", "")
+    if field.default is None and kind.is_described(name, camera):
+        otherwise = ("camera", camera.marks[kind.described[name]])
+    told = value is not None and (name in given or value != field.default)
+    source, mark = ("given", given.get(name, "stated")) if told else otherwise
     return Magnitude(
         name,
         kind.titles.get(name) or plain_title(name),
@@ -186,6 +188,7 @@ def _magnitude(effect: Effect, field: Any, camera: Camera, given: Mapping[str, s
         kind.limits.get(name, (-math.inf, math.inf)),
         source,
         mark,
+        otherwise,
     )
 
 

@@ -311,6 +311,7 @@ class ReadNoise(FrameEffect):
 
     name: ClassVar[str] = "read_noise"
     units: ClassVar[Mapping[str, str]] = {"rms_e": "e-"}
+    titles: ClassVar[Mapping[str, str]] = {"rms_e": "rms"}
     described: ClassVar[Mapping[str, str]] = {"rms_e": "sensor.read_noise_e"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_e": (0.0, math.inf)}
     title: ClassVar[str] = "read noise"
