@@ -74,6 +74,7 @@ class EffectPanel(QWidget):
         column.setSpacing(5)
         for widget in (self.title, self.why, self.form, self.note, self.formula):
             column.addWidget(widget)
+        column.addLayout(line(self.frame_button))
         column.addStretch()
         area = QScrollArea()
         area.setWidgetResizable(True)
@@ -101,18 +102,9 @@ class EffectPanel(QWidget):
         column = QVBoxLayout(inner)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(4)
-        row = line(
-            "Plane",
-            self.plane_box,
-            "y",
-            self.row_box,
-            "x",
-            self.column_box,
-            self.stop_button,
-            self.frame_button,
-            stretch=1,
+        column.addLayout(
+            line("Plane", self.plane_box, "y", self.row_box, "x", self.column_box, self.stop_button, stretch=1)
         )
-        column.addLayout(row)
         column.addWidget(self.influence, 1)
         return inner
 

@@ -111,10 +111,10 @@ def influence_question(verdict: Verdict, row: EffectRow, position: tuple[int, in
 class Influences:
     """Answers, one at a time; the newest are kept, and so is the settled engine of what is planned."""
 
-    def __init__(self) -> None:
+    def __init__(self, bench: FrameBench) -> None:
         self._kept: OrderedDict[InfluenceQuestion, Influence] = OrderedDict()
         self._base: tuple[object, PlaneResponse, str] | None = None
-        self._bench = FrameBench()
+        self._bench = bench
         self._lock = threading.Lock()
 
     def known(self, question: InfluenceQuestion) -> Influence | None:

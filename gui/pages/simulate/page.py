@@ -35,7 +35,8 @@ class Page(BasePage):
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
         self.verdict: Verdict | None = None
-        self.influences, self.bench = Influences(), FrameBench()
+        self.bench = FrameBench()
+        self.influences = Influences(self.bench)
         self._stop = threading.Event()
         self._computing = False
         self.tool_button("Measure accuracy", "Time and error of every level and sampling for this camera", self.ladder)
@@ -47,7 +48,6 @@ class Page(BasePage):
         self._connect()
         self.set_panel(self.panel)
         context.theme_changed.connect(self._apply_theme)
-        context.on_close(self._stop_influence)
         self._show(context.state)
 
     def _connect(self) -> None:

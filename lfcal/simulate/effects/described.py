@@ -24,6 +24,7 @@ __all__ = [
     "entries_json",
     "magnitudes_of",
     "parse_effects",
+    "parse_entries",
     "read_effects",
     "read_entries",
 ]
@@ -73,9 +74,9 @@ def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, .
     for item in items:
         name, sign, text = (part.strip() for part in item.partition("="))
         if not sign and item.strip().lower().endswith(".json"):
-            entries = read_entries(item.strip())
-            given |= {entry.name: entry.effect for entry in entries if entry.effect is not None}
-            settings |= {entry.name: entry.setting for entry in entries if entry.setting != "auto"}
+            chosen, effects = parse_entries(item.strip())
+            settings |= chosen
+            given |= {effect.name: effect for effect in effects}
         elif not sign:
             raise InputError.expected(
                 "effect", "NAME=on, off, auto or a magnitude, or a JSON file", repr(item), "for example coma=0.3@40deg"
@@ -87,12 +88,22 @@ def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, .
     return settings, tuple(given.values())
 
 
+def parse_entries(path: str | os.PathLike[str]) -> tuple[dict[str, str], tuple[Effect, ...]]:
+    """Return settings by name, and effects with magnitudes, of a JSON file.
+
+    Raises as `read_entries`.
+    """
+    entries = read_entries(path)
+    settings = {entry.name: entry.setting for entry in entries if entry.setting != "auto"}
+    return settings, tuple(entry.effect for entry in entries if entry.effect is not None)
+
+
 def read_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
     """Return the effects of a JSON file: a list of ``{"name": "coma", "waves": 0.3}``, as H's provenance has them.
 
     Raises as `read_entries`.
     """
-    return tuple(entry.effect for entry in read_entries(path) if entry.effect is not None)
+    return parse_entries(path)[1]
 
 
 def read_entries(path: str | os.PathLike[str]) -> tuple[Entry, ...]:
