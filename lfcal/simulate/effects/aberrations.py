@@ -33,15 +33,17 @@ class _Aberration(SceneEffect):
 
     __slots__ = ()
     deviation: ClassVar[bool] = True
+    needs_waves: ClassVar[bool] = True
 
     @abstractmethod
     def terms_of(self) -> Wavefront:
         """Return the Zernike terms."""
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the wavefront on its pupil."""
+        """Return the scene with the wavefront on its pupil, which rays do not show; none where it has no terms."""
         del outlook
-        return replace(scene, wavefront=scene.wavefront + self.terms_of())
+        terms = self.terms_of()
+        return replace(scene, wavefront=scene.wavefront + terms, lenslet_diffraction=True) if terms else scene
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
         """Return the seconds of the table of the aberrated field."""
