@@ -296,6 +296,7 @@ class Page(BasePage):
         plan = self.context.state.plan
         if plan is not None:
             tolerance = self.settings.tolerance
+            self.panel.show_accuracy_tab()
             self.context.jobs.start(
                 "Accuracy against time",
                 "simulate",

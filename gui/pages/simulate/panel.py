@@ -204,3 +204,7 @@ class SimulatePanel(QWidget):
     def show_frame_tab(self) -> None:
         """Look at the sensor frame."""
         self.tabs.setCurrentWidget(self.frame)
+
+    def show_accuracy_tab(self) -> None:
+        """Look at error against time."""
+        self.tabs.setCurrentIndex(self.tabs.count() - 1)
