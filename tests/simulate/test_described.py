@@ -75,6 +75,7 @@ def test_every_effect_of_the_catalogue_survives_its_description(tmp_path: Path) 
         ("iris_shape=2", "3"),
         ("zernike=4.5,0,0.1", "triples"),
         ("zernike=3,0,0.1", "n - .m. even"),
+        ("zernike=900,0,0.1", "40"),
         ("colour_filter=QXYZ", "letters"),
         ("colour_filter=RGB", "letters"),
         ("coma=0.3um", "expected a number"),

@@ -29,13 +29,12 @@ class MagnitudeEditor(QWidget):
 
     given = Signal(str, object, str)
 
-    def __init__(self, magnitude: Magnitude) -> None:
+    def __init__(self, effect: str, magnitude: Magnitude) -> None:
         super().__init__()
-        self.magnitude = magnitude
-        self.effect = ""
+        self.effect, self.magnitude = effect, magnitude
         self.value: QWidget
         if magnitude.kind == "terms":
-            self.table = TermsTable()
+            self.table = TermsTable(effect, magnitude)
             self.table.changed.connect(self._terms_changed)
             self.value = self.table
         else:
@@ -55,10 +54,9 @@ class MagnitudeEditor(QWidget):
         self.error.hide()
 
     # -- showing ---------------------------------------------------------------------------------------
-    def show_magnitude(self, effect: str, magnitude: Magnitude) -> None:
+    def show_magnitude(self, magnitude: Magnitude) -> None:
         """Show value and source; what is being typed stays."""
-        same = self.effect == effect and self.magnitude == magnitude
-        self.effect, self.magnitude = effect, magnitude
+        same, self.magnitude = self.magnitude == magnitude, magnitude
         if same and not self.error.isHidden():
             return  # what was refused is still being mended
         if magnitude.kind == "terms":
@@ -130,7 +128,7 @@ class MagnitudeEditor(QWidget):
         elif self.magnitude.counts or self.magnitude.kind != "terms":
             self.given.emit(self.magnitude.field, self.magnitude.counts, mark)
         else:
-            self._say("add a term first")
+            self._say("add a row first")
             self._show_source()
 
     def _say(self, why: str) -> None:
@@ -168,7 +166,7 @@ class MagnitudeForm(QWidget):
             self._build(row)
             self._shown = shape
         for one in row.magnitudes:
-            self.editors[one.field].show_magnitude(row.name, one)
+            self.editors[one.field].show_magnitude(one)
 
     def _build(self, row: EffectRow) -> None:
         if self._body is not None:
@@ -182,7 +180,7 @@ class MagnitudeForm(QWidget):
         grid.setVerticalSpacing(4)
         self.editors = {}
         for k, one in enumerate(row.magnitudes):
-            editor = MagnitudeEditor(one)
+            editor = MagnitudeEditor(row.name, one)
             editor.setParent(self._body)
             editor.hide()  # it holds the widgets' state, not their places
             editor.given.connect(lambda field, value, mark, name=row.name: self.given.emit(name, field, value, mark))

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from gui.pages.simulate.model import SimulateSettings
 from lfcal.camera import ScanPlan
-from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.progress import Work
 from lfcal.units import format_seconds
@@ -194,32 +193,32 @@ def bar_share(share: float) -> float:
     return min(1.0, 1.0 - math.log10(share) / math.log10(LEAST))
 
 
-def read_terms(rows: Sequence[Sequence[str]]) -> tuple[tuple[int, int, float], ...]:
-    """Return the Zernike terms that rows of typed words ``(n, m, waves)`` mean; empty rows mean none.
+def read_terms(effect: str, magnitude: Magnitude, rows: Sequence[Sequence[str]]) -> tuple[tuple[int, int, float], ...]:
+    """Return the triples that rows of typed words mean, such as Zernike terms; empty rows mean none.
 
     Raises
     ------
     InputError
-        In one line that names the row, for what is no term.
+        In one line that names the row, for what the effect cannot have.
     """
+    from lfcal.simulate.effects.described import effect_from
     from lfcal.simulate.effects.magnitudes import number_in
-    from lfcal.simulate.pupil import check_wavefront
 
     terms = []
     for k, row in enumerate(rows):
         if not any(word.strip() for word in row):
             continue
         if not all(word.strip() for word in row):
-            raise InputError(f"term {k + 1}: n, m and waves are needed")
+            raise InputError(f"row {k + 1}: {', '.join(magnitude.columns)} are needed")
         try:
-            n, m, waves = (number_in(name, word, {}) for name, word in zip(("n", "m", "waves"), row, strict=True))
-            for name, index in (("n", n), ("m", m)):
-                # polynomials of a higher order are noise to every sampling of the pupil
-                check_number(name, int(index) if index == int(index) else index, at_most=60, integer=True)
-            check_wavefront([(int(n), int(m), waves)])
+            first, second, third = (
+                number_in(name, word, {}) for name, word in zip(magnitude.columns, row, strict=True)
+            )
+            # by itself, so that it is this row that is refused
+            effect_from(effect, {magnitude.field: [(first, second, third)]})
         except InputError as error:
-            raise InputError(f"term {k + 1}: {error}") from None
-        terms.append((int(n), int(m), waves))
+            raise InputError(f"row {k + 1}: {error}") from None
+        terms.append((int(first), int(second), third))
     return tuple(terms)
 
 

@@ -1,4 +1,4 @@
-"""Zernike terms as a small table: n, m and waves of each."""
+"""A list of triples as a small table, such as Zernike terms: n, m and waves of each."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from PySide6.QtWidgets import (
 
 from gui.pages.simulate.model_effects import read_terms
 from lfcal.errors import InputError
+from lfcal.simulate.effects.magnitudes import Magnitude
 
 __all__ = ["TermsTable"]
 
-COLUMNS = ("n", "m", "waves")
+TIPS = {("n", "m", "waves"): "R(n, |m|) cos(m θ), for m < 0 sin; the value at the rim of the pupil"}
 
 
 class Cells(QTableWidget):
@@ -42,7 +43,12 @@ class Cells(QTableWidget):
 
 
 class TermsTable(QWidget):
-    """Terms to edit.
+    """Rows to edit.
+
+    Parameters
+    ----------
+    effect, magnitude
+        The effect's name and the magnitude that the table holds.
 
     Signals
     -------
@@ -52,23 +58,24 @@ class TermsTable(QWidget):
 
     changed = Signal(object, str)
 
-    def __init__(self) -> None:
+    def __init__(self, effect: str, magnitude: Magnitude) -> None:
         super().__init__()
-        self.cells = Cells(0, len(COLUMNS))
-        self.cells.setHorizontalHeaderLabels(COLUMNS)
+        self._effect, self._magnitude = effect, magnitude
+        self.cells = Cells(0, len(magnitude.columns))
+        self.cells.setHorizontalHeaderLabels(magnitude.columns)
         self.cells.verticalHeader().hide()
         self.cells.setMinimumHeight(84)
         self.cells.setMaximumHeight(120)
-        self.cells.setAccessibleName("Zernike terms")
-        self.cells.setToolTip("R(n, |m|) cos(m θ), for m < 0 sin; the value at the rim of the pupil")
+        self.cells.setAccessibleName(magnitude.title)
+        self.cells.setToolTip(TIPS.get(magnitude.columns, ""))
         self.cells.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         self.cells.cellChanged.connect(lambda *_: self._edited())
         self.cells.removed.connect(self.remove)
         self.setFocusProxy(self.cells)
-        self.add_button = QPushButton("Add term")
+        self.add_button = QPushButton("Add row")
         self.add_button.clicked.connect(lambda _=False: self.add())
         self.remove_button = QPushButton("Remove")
-        self.remove_button.setToolTip("Take the selected term away (Delete)")
+        self.remove_button.setToolTip("Take the selected row away (Delete)")
         self.remove_button.clicked.connect(lambda _=False: self.remove())
         row = QHBoxLayout()
         row.addWidget(self.add_button)
@@ -82,7 +89,7 @@ class TermsTable(QWidget):
     def show_terms(self, terms: tuple[tuple[int, int, float], ...]) -> None:
         """Show terms, unless they are what the cells say already."""
         try:
-            if read_terms(self.words()) == terms and self.cells.rowCount() >= len(terms):
+            if self._read() == terms and self.cells.rowCount() >= len(terms):
                 return
         except InputError:
             pass
@@ -91,6 +98,9 @@ class TermsTable(QWidget):
         for n, m, waves in terms:
             self._append(str(n), str(m), f"{waves:.10g}")
         blocker.unblock()
+
+    def _read(self) -> tuple[tuple[int, int, float], ...]:
+        return read_terms(self._effect, self._magnitude, self.words())
 
     def words(self) -> list[tuple[str, str, str]]:
         """Return what the cells say, row by row."""
@@ -120,7 +130,7 @@ class TermsTable(QWidget):
 
     def _edited(self) -> None:
         try:
-            terms = read_terms(self.words())
+            terms = self._read()
         except InputError as error:
             self.changed.emit(None, str(error))
             return

@@ -13,7 +13,7 @@ from lfcal.checks import check_choice
 from lfcal.errors import FileFormatError, InputError
 from lfcal.files import read_text
 from lfcal.simulate.effects import CATALOGUE, Effect
-from lfcal.simulate.effects.magnitudes import GIVEN, Magnitude, kind_of, magnitudes_of, number_in, units_of
+from lfcal.simulate.effects.magnitudes import GIVEN, TRIPLES, Magnitude, kind_of, magnitudes_of, number_in, units_of
 
 __all__ = [
     "SETTINGS",
@@ -190,14 +190,15 @@ def effect_from(name: str, magnitudes: Mapping[str, Any]) -> Effect:
 
 def _frozen(what: str, kind: str, value: Any) -> Any:
     """Return a value of a file as a field of type ``kind`` holds it; raise where it is no magnitude."""
-    if kind == "Wavefront" and isinstance(value, list | tuple):
+    triples = f"triples ({TRIPLES[kind][0]})" if kind in TRIPLES else ""
+    if triples and isinstance(value, list | tuple):
         try:
             return tuple((_whole(n), _whole(m), float(w)) for n, m, w in value)
         except (TypeError, ValueError, OverflowError):
-            raise InputError.expected(what, "triples (n, m, waves)", str(value)[:60], "correct it") from None
+            raise InputError.expected(what, triples, str(value)[:60], "correct it") from None
     if isinstance(value, str) and kind.startswith("str"):
         return value
-    if isinstance(value, int | float) and not isinstance(value, bool) and not kind.startswith(("str", "Wavefront")):
+    if isinstance(value, int | float) and not isinstance(value, bool) and not (triples or kind.startswith("str")):
         if kind_of(kind) != "whole":
             return value
         try:
@@ -206,7 +207,7 @@ def _frozen(what: str, kind: str, value: Any) -> Any:
             raise InputError.expected(what, "a whole number", repr(value)[:60], "correct it") from None
     if value is None and kind.endswith("None"):
         return value
-    wanted = "a text" if kind.startswith("str") else "triples (n, m, waves)" if kind == "Wavefront" else "a number"
+    wanted = "a text" if kind.startswith("str") else triples or "a number"
     raise InputError.expected(what, wanted, repr(value)[:60], "correct it")
 
 
@@ -223,8 +224,8 @@ def _from_words(name: str, text: str) -> Effect:
     if not known:
         raise InputError.expected(f"effect {name}", "on, off or auto", repr(text), "it has no magnitude of its own")
     first = next(iter(known))
-    if known[first] == "Wavefront":
-        return effect_from(name, {first: _terms(name, text)})
+    if known[first] in TRIPLES:
+        return effect_from(name, {first: _terms(name, text, *TRIPLES[known[first]])})
     main, sign, direction = text.partition("@")
     parts = dict(_parts(main, first))
     if sign:
@@ -255,12 +256,12 @@ def _value(kind: type[Effect], key: str, text: str) -> float:
     return number_in(f"{key} of {kind.name}", text, units_of(kind, key))
 
 
-def _terms(name: str, text: str) -> list[list[float]]:
-    """Return the terms of ``n,m,waves;n,m,waves``."""
+def _terms(name: str, text: str, three: str, example: str) -> list[list[float]]:
+    """Return the terms of ``n,m,waves;n,m,waves``, or what else the ``three`` are."""
     try:
         terms = [[float(v) for v in part.split(",")] for part in text.split(";") if part.strip()]
     except ValueError:
         terms = []
     if not terms or any(len(term) != 3 for term in terms):
-        raise InputError.expected(f"terms of {name}", "n,m,waves;n,m,waves", repr(text), "for example 4,0,0.1;3,1,0.05")
+        raise InputError.expected(f"terms of {name}", f"{three};{three}", repr(text), f"for example {example}")
     return terms

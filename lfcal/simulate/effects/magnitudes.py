@@ -24,6 +24,9 @@ TIMES = {"s": 1.0, "ms": 1e-3}
 SHARES = {"%": 0.01}
 NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)")
 
+TRIPLES = {"Wavefront": ("n,m,waves", "4,0,0.1;3,1,0.05")}
+"""Kinds of magnitudes that are lists of three numbers, the first two whole: what the three are, and an example."""
+
 SHOWN = {"_um": "µm", "_rad": "°", "_s": "s"}
 """Units in which people give what the ends of names say."""
 
@@ -69,7 +72,7 @@ class Magnitude:
     title, unit
         For people: ``"direction"`` in ``"°"``.
     kind
-        ``"number"``, ``"whole"``, ``"text"`` or ``"terms"`` (Zernike terms); ``"other"``: only files can hold it.
+        ``"number"``, ``"whole"``, ``"text"`` or ``"terms"`` (a list of triples); ``"other"``: only files can hold it.
     scale
         Shown number = value / scale.
     units
@@ -89,6 +92,8 @@ class Magnitude:
         How it is known: of what is given one of `GIVEN`, of the camera's its own mark (`lfcal.camera.Marks`).
     otherwise
         Source and mark of what counts where it is not given.
+    columns
+        Of triples, what the three numbers are.
     """
 
     field: str
@@ -104,13 +109,14 @@ class Magnitude:
     source: str
     mark: str
     otherwise: tuple[str, str]
+    columns: tuple[str, ...] = ()
 
     def text(self, value: Any) -> str:
         """Return ``value`` as people write it, without its unit; `read` reads it back."""
         if value is None or isinstance(value, str):
             return value or ""
         if self.kind == "terms":
-            return "; ".join(f"{n}, {m}, {waves:g}" for n, m, waves in value)
+            return "; ".join(f"{a}, {b}, {c:g}" for a, b, c in value)
         return f"{value / self.scale:.10g}" if self.kind in ("number", "whole") else str(value)
 
     def range_text(self) -> str:
@@ -189,13 +195,16 @@ def _magnitude(effect: Effect, field: Any, camera: Camera, given: Mapping[str, s
         source,
         mark,
         otherwise,
+        tuple(TRIPLES[str(field.type)][0].split(",")) if str(field.type) in TRIPLES else (),
     )
 
 
 def kind_of(annotation: str) -> str:
     """Return the kind of a magnitude by the annotation of its field."""
     base = annotation.removesuffix(" | None").strip()
-    return {"float": "number", "int": "whole", "str": "text", "Wavefront": "terms"}.get(base, "other")
+    if base in TRIPLES:
+        return "terms"
+    return {"float": "number", "int": "whole", "str": "text"}.get(base, "other")
 
 
 def shown_unit(kind: type[Effect], field: str) -> tuple[str, float]:

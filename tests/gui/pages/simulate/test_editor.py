@@ -147,7 +147,7 @@ def test_a_measured_wavefront_is_a_table_of_terms(page: Any, qtbot: QtBot) -> No
     table.add_button.click()
     for column, text in enumerate(("4", "1", "0.1")):
         table.cells.item(0, column).setText(text)
-    assert "term 1: Zernike term" in editor.error.text() and given(page).given("zernike") == {}
+    assert "row 1: Zernike term" in editor.error.text() and given(page).given("zernike") == {}
     table.cells.item(0, 1).setText("0")
     idle(page.context.jobs, qtbot)
     assert editor.error.isHidden() and given(page).given("zernike") == {"terms": (((4, 0, 0.1),), "stated")}

@@ -168,18 +168,24 @@ def test_bars_are_logarithmic() -> None:
 
 
 def test_typed_terms() -> None:
-    assert read_terms([("4", "0", "0.1"), ("", " ", ""), ("3", "-1", "-5e-2")]) == ((4, 0, 0.1), (3, -1, -0.05))
-    for row, match in {
-        ("4", "0", ""): "term 1: n, m and waves are needed",
-        ("4", "1", "0.1"): "term 1: Zernike term: expected n",
-        ("4.5", "0", "0.1"): "term 1",
-        ("x", "0", "0.1"): "term 1: n: expected a number",
-        ("4", "0", "nan"): "term 1: waves",
-        ("900", "0", "1"): "term 1: n",
-        ("1e30", "0", "1"): "term 1: n",
+    row = verdict_of(small_plan(), SimulateSettings()).row("zernike")
+    assert row is not None
+    (terms,) = row.magnitudes
+    assert read_terms("zernike", terms, [("4", "0", "0.1"), ("", " ", ""), ("3", "-1", "-5e-2")]) == (
+        (4, 0, 0.1),
+        (3, -1, -0.05),
+    )
+    for words, match in {
+        ("4", "0", ""): "row 1: n, m, waves are needed",
+        ("4", "1", "0.1"): "row 1: Zernike term: expected n",
+        ("4.5", "0", "0.1"): "row 1",
+        ("x", "0", "0.1"): "row 1: n: expected a number",
+        ("4", "0", "nan"): "row 1: waves",
+        ("900", "0", "1"): "row 1",
+        ("1e30", "0", "1"): "row 1",
     }.items():
         with pytest.raises(InputError, match=match) as caught:
-            read_terms([row])
+            read_terms("zernike", terms, [words])
         assert "\n" not in str(caught.value)
 
 
