@@ -103,7 +103,8 @@ def frame_question(verdict: Verdict, position: tuple[int, int, int]) -> FrameQue
     """Return the question for the frame of a position with everything that the planner has on for frames."""
     from lfcal.simulate.simulate import budgeted
 
-    effects, share = budgeted(verdict.frames, verdict.plan, verdict.settings.tolerance)
+    depth = verdict.plan.depths_um[position[0]]
+    effects, share = budgeted(verdict.frames, verdict.plan, verdict.settings.tolerance).at(depth)
     return FrameQuestion(verdict.plan, position, effects, verdict.settings.level, share)
 
 

@@ -39,7 +39,7 @@ class InfluenceQuestion:
     others
         The effects that are on beside it, in the order of the light's way.
     on
-        Whether the effect is on in the plan.
+        Whether the effect is on at the position's depth.
     level, tolerance
         Level, and the computation's share of the tolerance.
     """
@@ -103,9 +103,11 @@ def influence_question(verdict: Verdict, row: EffectRow, position: tuple[int, in
     from lfcal.simulate.simulate import budgeted
 
     plan, settings = verdict.plan, verdict.settings
-    chosen, share = budgeted(verdict.found if row.enters_h else verdict.frames, plan, settings.tolerance)
+    selection = verdict.found if row.enters_h else verdict.frames
+    chosen, share = budgeted(selection, plan, settings.tolerance).at(plan.depths_um[position[0]])
     others = tuple(effect for effect in chosen if effect.name != row.name)
-    return InfluenceQuestion(plan, position, row.effect, others, row.on, settings.level, share)
+    on = len(others) < len(chosen)
+    return InfluenceQuestion(plan, position, row.effect, others, on, settings.level, share)
 
 
 class Influences:
