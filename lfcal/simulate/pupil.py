@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 
-__all__ = ["Iris", "Wavefront", "seidel"]
+__all__ = ["Iris", "Wavefront", "check_wavefront", "seidel"]
 
 Wavefront = tuple[tuple[int, int, float], ...]
 """Zernike terms ``(n, m, waves)``."""
@@ -55,6 +56,22 @@ class Iris:
     def circular(self) -> bool:
         """Whether the iris is a plain circle."""
         return (self.blades == 0 or self.curvature == 1) and self.stop is None
+
+
+MOST_ORDER = 40
+"""Largest order n of a Zernike term: beyond, its polynomial's coefficients cancel to rounding."""
+
+
+def check_wavefront(terms: Iterable[tuple[int, int, float]]) -> None:
+    """Raise `InputError` unless every term ``(n, m, waves)`` is a finite share of a Zernike polynomial."""
+    for n, m, waves in terms:
+        check_number("wavefront coefficient (waves)", waves)
+        check_number("order of a Zernike term", n, at_least=0, at_most=MOST_ORDER)
+        # Zernike radial polynomials exist for these indices only
+        if n != int(n) or m != int(m) or n < 0 or abs(m) > n or (n - abs(m)) % 2:
+            raise InputError.expected(
+                "Zernike term", "n >= |m| >= 0 with n - |m| even", f"n={n:g}, m={m:g}", "correct it"
+            )
 
 
 def seidel(*, spherical: float = 0.0, coma: float = 0.0, angle_rad: float = 0.0) -> Wavefront:

@@ -25,7 +25,7 @@ from lfcal.axes import check_cutout
 from lfcal.camera import Camera, LensletLattice, Microscope
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
-from lfcal.simulate.pupil import Iris, Wavefront, seidel
+from lfcal.simulate.pupil import Iris, Wavefront, check_wavefront, seidel
 from lfcal.simulate.specimen import Specimen, cone_radius_um
 
 __all__ = ["Iris", "ScanGrid", "Scene", "Wavefront", "scene_of", "seidel"]
@@ -132,14 +132,8 @@ class Scene:
         for n in self.period:
             check_number("period (positions)", n, at_least=1, integer=True)
         self._check_pupil()
+        check_wavefront(self.wavefront)
         object.__setattr__(self, "wavefront", tuple((int(n), int(m), float(w)) for n, m, w in self.wavefront))
-        for n, m, waves in self.wavefront:
-            check_number("wavefront coefficient (waves)", waves)
-            # Zernike radial polynomials exist for these indices only
-            if n < 0 or abs(m) > n or (n - abs(m)) % 2:
-                raise InputError.expected(
-                    "Zernike term", "n >= |m| >= 0 with n - |m| even", f"n={n}, m={m}", "correct it"
-                )
         if self.offsets_um is not None:
             self._check_offsets(np.array(self.offsets_um, np.float64))
 

@@ -13,7 +13,15 @@ from lfcal.errors import InputError
 from lfcal.psf import open_psf
 from lfcal.simulate import iter_simulate_psf, plan_effects, simulate_psf
 from lfcal.simulate.accuracy.sampling import sampling_for, steps_for
-from lfcal.simulate.effects import Bandwidth, Crosstalk, PositioningError, ReadNoise
+from lfcal.simulate.effects import (
+    Bandwidth,
+    Coma,
+    Crosstalk,
+    LensletDiffraction,
+    PositioningError,
+    ReadNoise,
+    Zernike,
+)
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
@@ -98,6 +106,23 @@ def test_frame_and_motion_effects_do_not_enter_h() -> None:
     plan = corner(small_plan(cutout=31))
     plain = simulate_psf(plan.camera, plan, ())
     assert np.array_equal(simulate_psf(plan.camera, plan, (ReadNoise(), PositioningError())).plane(0), plain.plane(0))
+
+
+def test_rays_do_not_lose_an_aberration() -> None:
+    """Rays know no wavefront: with an aberration the light is followed as waves, or its share is stated as missing."""
+    plan, coma = corner(small_plan()), Coma(0.5)
+    waves = {"lenslet_diffraction": "off"}
+    found = plan_effects(plan.camera, plan, 0.3, waves, effects=(coma,))
+    assert found.level == "wave" and found.row("coma").on
+    alone, both, none = (
+        simulate_psf(plan.camera, plan, effects, tolerance=0.3)[:]
+        for effects in ((coma,), (LensletDiffraction(), coma), (LensletDiffraction(),))
+    )
+    assert np.array_equal(alone, both) and difference(none, alone) > 0.1
+    rays = simulate_psf(plan.camera, plan, (coma,), "geometric", tolerance=0.3)
+    assert (rays.facts.known()["error"] > 0.99 * found.row("coma").estimate.error).all()
+    untouched = (simulate_psf(plan.camera, plan, effects, tolerance=0.3)[:] for effects in ((Zernike(),), ()))
+    assert np.array_equal(*untouched), "a wavefront without terms calls for nothing"
 
 
 def test_effects_may_be_planned_or_given_as_a_plan() -> None:

@@ -1,4 +1,4 @@
-"""The Simulate page: settings, the planner's verdicts as rows, previews of single positions, and H. No Qt."""
+"""The Simulate page: what the user chose and gave, and previews of single positions. No Qt."""
 
 from __future__ import annotations
 
@@ -12,25 +12,21 @@ from numpy.typing import NDArray
 from gui.models.settings import PageSettings
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
-from lfcal.progress import Work
-from lfcal.units import format_length, format_seconds
+from lfcal.units import format_length
 
 if TYPE_CHECKING:
     from lfcal.simulate.accuracy.planner import EffectSelection
+    from lfcal.simulate.effects.base import Effect
 
 __all__ = [
     "LEVELS",
     "Z_STEPS",
-    "EffectRow",
     "SimulateSettings",
-    "Verdict",
     "depth_of",
-    "iter_simulation",
     "preview",
     "preview_words",
     "tolerance_of",
     "tolerance_step",
-    "verdict_of",
 ]
 
 LEVELS = (
@@ -45,6 +41,9 @@ Z_STEPS = 200
 """Steps of the preview's depth."""
 
 CHOICES = ("auto", "on", "off")
+
+GIVEN = ("stated", "measured")
+"""How a magnitude that the user gave is known; as in `lfcal.simulate.effects.magnitudes`."""
 
 STEPS = 60
 LOW, HIGH = 0.001, 0.5
@@ -63,6 +62,9 @@ class SimulateSettings(PageSettings):
         One of `LEVELS`.
     overrides
         Pairs of effect and ``"on"`` or ``"off"``; the planner decides on the others.
+    magnitudes
+        What the user gave, as (effect, field, value, how it is known): ``"stated"`` or ``"measured"``. Those of
+        effects that are not installed are kept.
     """
 
     page: ClassVar[str] = "simulate"
@@ -70,6 +72,7 @@ class SimulateSettings(PageSettings):
     tolerance: float = 0.05
     level: str = "auto"
     overrides: tuple[tuple[str, str], ...] = ()
+    magnitudes: tuple[tuple[str, str, Any, str], ...] = ()
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -80,6 +83,13 @@ class SimulateSettings(PageSettings):
         for effect, choice in self.overrides:
             if choice not in CHOICES:
                 raise InputError.expected(f"choice for {effect}", " or ".join(CHOICES), choice, "choose one of these")
+        for effect, field, _, mark in self.magnitudes:
+            if not isinstance(effect, str) or not isinstance(field, str) or mark not in GIVEN:
+                raise InputError.expected(f"{field} of {effect}", " or ".join(GIVEN), mark, "choose one of these")
+
+    def usable(self) -> None:
+        """Raise `InputError` unless the effects can have these magnitudes."""
+        self.effects()
 
     def override(self, effect: str) -> str:
         """Return ``"auto"``, ``"on"`` or ``"off"`` for an effect."""
@@ -92,35 +102,45 @@ class SimulateSettings(PageSettings):
             rest[effect] = choice
         return replace(self, overrides=tuple(sorted(rest.items())))
 
+    def given(self, effect: str) -> dict[str, tuple[Any, str]]:
+        """Return the magnitudes given for an effect: field to value and how it is known."""
+        return {field: (value, mark) for name, field, value, mark in self.magnitudes if name == effect}
 
-@dataclass(frozen=True)
-class EffectRow:
-    """One effect as a row of the table."""
+    def with_magnitude(self, effect: str, field: str, value: Any, mark: str = "stated") -> SimulateSettings:
+        """Return the settings with a magnitude given; a value of None is given no longer.
 
-    name: str
-    on: bool
-    setting: str
-    size: str
-    error: str
-    seconds: str
-    reason: str
-    formula: str
+        Raises
+        ------
+        InputError
+            If the effect cannot have it.
+        """
+        rest = [entry for entry in self.magnitudes if entry[:2] != (effect, field)]
+        if value is not None:
+            rest.append((effect, field, value, mark))
+        changed = replace(self, magnitudes=tuple(sorted(rest, key=lambda entry: entry[:2])))
+        changed.usable()
+        return changed
 
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the effects that have magnitudes given, of those that are installed."""
+        from lfcal.simulate.effects import CATALOGUE
+        from lfcal.simulate.effects.described import effect_from
 
-@dataclass(frozen=True, eq=False)
-class Verdict:
-    """What the planner found for a plan and settings, ready to be shown."""
+        names = dict.fromkeys(entry[0] for entry in self.magnitudes if entry[0] in CATALOGUE)
+        return tuple(effect_from(n, {field: value for field, (value, _) in self.given(n).items()}) for n in names)
 
-    plan: ScanPlan
-    settings: SimulateSettings
-    rows: tuple[EffectRow, ...]
-    level: str
-    summary: str
-    effects: tuple[Any, ...]
+    def choices(self) -> dict[str, str]:
+        """Return what is chosen for effects that are installed."""
+        from lfcal.simulate.effects import CATALOGUE
 
-    def fits(self, plan: ScanPlan | None, settings: SimulateSettings) -> bool:
-        """Return whether it is the answer for this plan and these settings."""
-        return self.plan == plan and self.settings == settings
+        return {name: choice for name, choice in self.overrides if name in CATALOGUE}
+
+    def missing(self) -> tuple[str, ...]:
+        """Return the names of effects that are chosen or given and not installed."""
+        from lfcal.simulate.effects import CATALOGUE
+
+        named = [*dict(self.overrides), *(entry[0] for entry in self.magnitudes)]
+        return tuple(name for name in dict.fromkeys(named) if name not in CATALOGUE)
 
 
 def tolerance_of(step: int) -> float:
@@ -134,37 +154,9 @@ def tolerance_step(tolerance: float) -> int:
     return round(STEPS * float(np.log(tolerance / LOW) / np.log(HIGH / LOW)))
 
 
-def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> Verdict:
-    """Ask the planner and put its answer into words."""
-    from lfcal.simulate.accuracy.planner import plan_effects
-
-    found = plan_effects(plan.camera, plan, settings.tolerance, dict(settings.overrides))
-    rows = tuple(
-        EffectRow(
-            row.name,
-            row.on,
-            row.setting,
-            f"{row.estimate.size:.3g} {row.estimate.unit}".strip(),
-            f"{'≤ ' if row.estimate.upper_bound else ''}{100 * row.estimate.error:.2g} %",
-            format_seconds(row.seconds) if row.seconds > 0 else "free",
-            row.reason,
-            row.estimate.formula,
-        )
-        for row in found.rows
-    )
-    return Verdict(plan, settings, rows, found.level, summary_of(found), found.effects)
-
-
-def summary_of(found: EffectSelection) -> str:
-    """Return what the whole simulation will cost, in a line."""
-    on = len(found.effects)
-    return (
-        f"{on} of {len(found.rows)} effects on, level {found.level}: about {format_seconds(found.seconds)} of "
-        f"processor time for the whole H (ideal camera: {format_seconds(found.ideal_seconds)})"
-    )
-
-
-def preview(plan: ScanPlan, z_um: float, effects: tuple[Any, ...], level: str, tolerance: float) -> NDArray[np.float32]:
+def preview(
+    plan: ScanPlan, z_um: float, effects: EffectSelection | tuple[Effect, ...], level: str, tolerance: float
+) -> NDArray[np.float32]:
     """Return the pattern of the middle position at depth ``z_um``, ``(nt, ns)``; one preview is computed at a time."""
     from lfcal.simulate.simulate import simulate_psf
 
@@ -189,16 +181,3 @@ def preview_words(plan: ScanPlan, z_um: float, level: str) -> str:
     """Return the title of a preview; the level is empty while only rays are shown."""
     words = f"level {level}" if level else "rays …"
     return f"Preview at z = {format_length(z_um)}, v = {plan.camera.virtual_depth(z_um):.2f}: {words}"
-
-
-def iter_simulation(plan: ScanPlan, settings: SimulateSettings, path: str, verdict: Verdict | None = None) -> Work[Any]:
-    """Simulate H of ``plan`` into the file ``path``; asks the planner first unless ``verdict`` is its answer."""
-    from lfcal.simulate.simulate import iter_simulate_psf
-
-    if verdict is None or not verdict.fits(plan, settings):
-        verdict = verdict_of(plan, settings)
-    return (
-        yield from iter_simulate_psf(
-            plan.camera, plan, verdict.effects, settings.level, tolerance=settings.tolerance, out=path
-        )
-    )

@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
-from gui.pages.simulate.model import (
-    SimulateSettings,
-    Verdict,
-    depth_of,
-    iter_simulation,
-    preview,
-    preview_words,
-    verdict_of,
-)
+from gui.pages.simulate.model import SimulateSettings, depth_of, preview, preview_words
+from gui.pages.simulate.model_effects import Verdict, iter_simulation, verdict_of
+from gui.pages.simulate.model_files import read_settings, settings_text
+from gui.pages.simulate.model_frames import Frame, FrameBench, check_folder, frame_question, iter_session
+from gui.pages.simulate.model_influence import Influence, Influences, influence_question
 from gui.pages.simulate.panel import SimulatePanel
-from gui.saving import ask_target
+from gui.saving import ask_target, write_file
 from lfcal.camera import ScanPlan
+from lfcal.errors import LfcalError
 
 __all__ = ["Page"]
 
@@ -35,16 +35,37 @@ class Page(BasePage):
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
         self.verdict: Verdict | None = None
+        self.bench = FrameBench()
+        self.influences = Influences(self.bench)
+        self._stop = threading.Event()
+        self._computing = False
         self.tool_button("Measure accuracy", "Time and error of every level and sampling for this camera", self.ladder)
+        self.tool_button(
+            "Simulate frames …", "Write the frames of the whole plan to a folder, as a job", self.simulate_frames
+        )
         self.tool_button("Simulate H …", "Compute the whole H of the plan as a job", self.simulate, primary=True)
-        self.panel = SimulatePanel()
-        self.panel.tolerance_asked.connect(self._set_tolerance)
-        self.panel.level_asked.connect(self._set_level)
-        self.panel.choice_asked.connect(self._set_choice)
-        self.panel.depth_moved.connect(lambda: self._preview(fine=False))
+        self.panel = SimulatePanel(context.jobs)
+        self._connect()
         self.set_panel(self.panel)
         context.theme_changed.connect(self._apply_theme)
         self._show(context.state)
+
+    def _connect(self) -> None:
+        panel, effect = self.panel, self.panel.effect
+        panel.tolerance_asked.connect(self._set_tolerance)
+        panel.level_asked.connect(self._set_level)
+        panel.choice_asked.connect(self._set_choice)
+        panel.depth_moved.connect(lambda: self._preview(fine=False))
+        panel.import_asked.connect(lambda: self.import_magnitudes())
+        panel.export_asked.connect(lambda: self.export_magnitudes())
+        panel.reset_asked.connect(self._reset)
+        panel.table.chosen.connect(self._choose)
+        panel.tabs.currentChanged.connect(lambda _: self._look())
+        panel.frame.frame_asked.connect(self.make_frame)
+        effect.given.connect(self._give)
+        effect.place_changed.connect(self._influence)
+        effect.stop_asked.connect(self._stop_waiting)
+        effect.frame_asked.connect(self.make_frame)
 
     # -- project ---------------------------------------------------------------------------------------
     @property
@@ -53,8 +74,9 @@ class Page(BasePage):
         return SimulateSettings.of(self.context.state)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Ask the planner again if plan or settings changed."""
-        if old.plan != new.plan or SimulateSettings.of(old) != SimulateSettings.of(new):
+        """Ask the planner again if plan or settings changed, or where the camera's values come from."""
+        marks = old.camera.marks != new.camera.marks
+        if old.plan != new.plan or marks or SimulateSettings.of(old) != SimulateSettings.of(new):
             self._show(new)
 
     def _show(self, state: ProjectState) -> None:
@@ -80,14 +102,34 @@ class Page(BasePage):
         self.context.project.update("level of simulation", settings=settings.into(self.context.state))
 
     def _set_choice(self, effect: str, choice: str) -> None:
-        settings = self.settings.with_override(effect, choice)
-        self.context.project.update(f"choice for {effect}", settings=settings.into(self.context.state))
+        self._change(f"choice for {effect}", lambda: self.settings.with_override(effect, choice))
+
+    def _give(self, effect: str, field: str, value: Any, mark: str) -> None:
+        self._change(f"{field} of {effect}", lambda: self.settings.with_magnitude(effect, field, value, mark))
+
+    def _reset(self) -> None:
+        self._change("reset of effects", lambda: replace(self.settings, overrides=(), magnitudes=()))
+
+    def _change(self, label: str, make: Callable[[], SimulateSettings]) -> None:
+        """Make settings and keep them; why they cannot be is said on the page."""
+        try:
+            settings = make()
+        except LfcalError as error:
+            self.refuse(str(error))
+            return
+        self.notice.clear()
+        self.context.project.update(label, settings=settings.into(self.context.state))
 
     # -- planner and preview ---------------------------------------------------------------------------
     def _planned(self, verdict: Verdict) -> None:
         self.verdict = verdict
         self.panel.show_verdict(verdict)
+        self._look()
+
+    def _look(self) -> None:
+        """Compute what is looked at, and nothing else."""
         self._preview(fine=True)
+        self._influence()
 
     def _answer(self) -> Verdict | None:
         """Return the planner's answer to what is asked now, None while it is still at work."""
@@ -99,9 +141,12 @@ class Page(BasePage):
         plan, verdict, settings = self.context.state.plan, self._answer(), self.settings
         if plan is None or (fine and verdict is None):  # the planner's answer brings the fine preview
             return
+        if not self.panel.preview_shown:  # the tab brings it
+            return
         z = depth_of(plan, self.panel.z_slider.value())
         level = settings.level if fine else "geometric"
-        effects = verdict.effects if fine and verdict is not None else ()
+        # the selection and not its effects: what it leaves out uses its part of the tolerance
+        effects = verdict.found if fine and verdict is not None else ()
         self.panel.preview_label.setText(preview_words(plan, z, settings.level if fine else ""))
         self.context.jobs.compute(
             "simulate preview",
@@ -116,6 +161,89 @@ class Page(BasePage):
         self.panel.show_preview(image)
         if not fine:
             self._preview(fine=True)
+
+    # -- one effect, one frame ---------------------------------------------------------------------------
+    def _choose(self, name: str) -> None:
+        if self.verdict is not None:
+            self.panel.effect.show_row(self.verdict.row(name))
+            self._influence()
+
+    def _stop_influence(self) -> None:
+        self._stop.set()
+        self._stop = threading.Event()
+
+    def _stop_waiting(self) -> None:
+        self._stop.set()
+        self.panel.effect.show_influence(None, "Stopped. Choose the effect, plane or position anew to go on.")
+
+    def _influence(self) -> None:
+        """Show what the selected effect does to the position, if that is looked at."""
+        self._stop_influence()
+        verdict, panel = self._answer(), self.panel
+        row = None if verdict is None else verdict.row(panel.table.selected)
+        if verdict is None or row is None or panel.tabs.currentWidget() is not panel.effect:
+            return
+        asked = influence_question(verdict, row, panel.effect.place)
+        known = self.influences.known(asked)
+        if known is not None:
+            panel.effect.show_influence(known)
+            return
+        panel.effect.show_waiting("Computing without and with it …")
+        if self._computing:  # its end brings this one: a second would only wait, and keep the planner waiting
+            return
+        self._computing, stop = True, self._stop
+        self.context.jobs.compute(
+            "simulate influence",
+            lambda: self.influences.answer(asked, stop.is_set),
+            lambda found: self._influenced(stop, found),
+            lambda why: self._influenced(stop, None, why),
+        )
+
+    def _influenced(self, stop: threading.Event, found: Influence | None, why: str = "") -> None:
+        self._computing = False
+        if stop is not self._stop:
+            self._influence()
+        elif found is not None or why:
+            self.panel.effect.show_influence(found, why)
+
+    def make_frame(self) -> None:
+        """Make the sensor frame of the chosen position."""
+        verdict, panel = self._answer(), self.panel
+        if verdict is None:
+            return
+        asked = frame_question(verdict, panel.effect.place)
+        panel.show_frame_tab()
+        panel.frame.show_waiting()
+        self.context.jobs.compute(
+            "simulate frame",
+            lambda: self.bench.frame(asked),
+            self._framed,
+            lambda why: panel.frame.show_frame(None, why),
+        )
+
+    def _framed(self, frame: Frame | None) -> None:
+        self.panel.frame.show_frame(frame)
+
+    # -- files -------------------------------------------------------------------------------------------
+    def import_magnitudes(self, path: str = "") -> None:
+        """Take magnitudes and settings from a JSON file."""
+        path = path or QFileDialog.getOpenFileName(self, "Import magnitudes", "", "effects (*.json)")[0]
+        if path:
+            settings = self.settings
+            self.load(Path(path).name, lambda: read_settings(Path(path), settings), self._imported)
+
+    def _imported(self, found: tuple[SimulateSettings, str]) -> None:
+        settings, words = found
+        now = replace(self.settings, overrides=settings.overrides, magnitudes=settings.magnitudes)
+        self.context.project.update("import of magnitudes", settings=now.into(self.context.state))
+        self.context.message.emit(words)
+
+    def export_magnitudes(self, path: str = "") -> None:
+        """Write magnitudes and settings to a JSON file for the command line."""
+        text = settings_text(self.settings)
+        path = path or ask_target(self, "Export magnitudes", "effects.json", "effects (*.json)")
+        if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
+            self.context.message.emit(f"written: {path}; lfcal simulate … --effects {Path(path).name} reads it")
 
     # -- work --------------------------------------------------------------------------------------------
     def simulate(self, path: str = "") -> None:
@@ -141,6 +269,26 @@ class Page(BasePage):
         changes = {"reference": path} if self.context.state.psf else {"psf": path, "reference": path}
         self.context.project.update("simulation", **changes)
 
+    def simulate_frames(self, folder: str = "") -> None:
+        """Write the frames of a simulated session as a job, with plan and settings as they are now."""
+        plan, settings, verdict = self.context.state.plan, self.settings, self._answer()
+        if plan is None:
+            return
+        folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the frames (new or empty)")
+        if not folder:
+            return
+        try:
+            check_folder(Path(folder))
+        except LfcalError as error:
+            self.refuse(str(error))
+            return
+        self.context.jobs.start(
+            f"Simulate frames in {Path(folder).name}",
+            "simulate",
+            lambda: iter_session(plan, settings, folder, verdict),
+            lambda count: self.context.message.emit(f"{count} frames, dark and white frames written to {folder}"),
+        )
+
     def ladder(self) -> None:
         """Measure time and error of every level, as a job."""
         from lfcal.simulate.accuracy.ladder import iter_ladder
@@ -148,6 +296,7 @@ class Page(BasePage):
         plan = self.context.state.plan
         if plan is not None:
             tolerance = self.settings.tolerance
+            self.panel.show_accuracy_tab()
             self.context.jobs.start(
                 "Accuracy against time",
                 "simulate",

@@ -1,4 +1,4 @@
-"""Simulate: effects on the left; preview and accuracy against time on the right."""
+"""Simulate: effects on the left; the selected one, the response, a frame, and accuracy on the right."""
 
 from __future__ import annotations
 
@@ -7,40 +7,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
-    QAbstractItemView,
-    QComboBox,
     QFrame,
-    QGridLayout,
     QHBoxLayout,
-    QHeaderView,
     QLabel,
+    QPushButton,
     QSlider,
-    QTableWidget,
-    QTableWidgetItem,
+    QSplitter,
+    QTabWidget,
+    QVBoxLayout,
     QWidget,
 )
 
-from gui.pages.simulate.model import (
-    LEVELS,
-    STEPS,
-    Z_STEPS,
-    EffectRow,
-    SimulateSettings,
-    Verdict,
-    tolerance_of,
-    tolerance_step,
-)
-from gui.theme import current_theme
-from gui.widgets.cards import card, choice_box, heading
+from gui.jobs import Jobs
+from gui.pages.simulate.effect_panel import EffectPanel
+from gui.pages.simulate.effects_table import EffectsTable
+from gui.pages.simulate.frame_panel import FramePanel
+from gui.pages.simulate.model import LEVELS, STEPS, Z_STEPS, SimulateSettings, tolerance_of, tolerance_step
+from gui.pages.simulate.model_effects import Verdict
+from gui.widgets.cards import card, choice_box, heading, line
 from gui.widgets.image_view import ImageView
 from gui.widgets.plots import LinePlot
 from lfcal.units import format_seconds
 
 __all__ = ["SimulatePanel"]
-
-COLUMNS = ("Effect", "Choice", "Size", "Error if left out", "Costs")
 
 
 class SimulatePanel(QWidget):
@@ -54,26 +44,40 @@ class SimulatePanel(QWidget):
         ``"auto"``, ``"on"`` or ``"off"`` for an effect.
     depth_moved()
         The preview's depth is dragged.
+    import_asked(), export_asked(), reset_asked()
+        Magnitudes and settings from a file, to a file, or taken back.
     """
 
     tolerance_asked = Signal(float)
     level_asked = Signal(str)
     choice_asked = Signal(str, str)
     depth_moved = Signal()
+    import_asked = Signal()
+    export_asked = Signal()
+    reset_asked = Signal()
 
-    def __init__(self) -> None:
+    def __init__(self, jobs: Jobs) -> None:
         super().__init__()
-        self._rows: tuple[EffectRow, ...] = ()
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setSpacing(10)
-        grid.addWidget(self._effects_card(), 0, 0, 2, 1)
-        grid.addWidget(self._preview_card(), 0, 1)
-        grid.addWidget(self._curve_card(), 1, 1)
-        grid.setColumnStretch(0, 3)
-        grid.setColumnStretch(1, 2)
-        grid.setRowStretch(0, 1)
-        grid.setRowStretch(1, 0)
+        self.effect, self.frame = EffectPanel(), FramePanel(jobs)
+        self.tabs = QTabWidget()
+        self.tabs.setDocumentMode(True)
+        self.tabs.tabBar().setDrawBase(False)
+        self._response = self._preview()
+        titles = ((self.effect, "Effect"), (self._response, "Response"), (self.frame, "Frame"))
+        for content, title in (*titles, (self._curve(), "Accuracy")):
+            self.tabs.addTab(content, title)
+        right, column = card()
+        column.addWidget(self.tabs)
+        both = QSplitter(Qt.Orientation.Horizontal)
+        both.setChildrenCollapsible(False)
+        both.setHandleWidth(10)
+        both.setStyleSheet("QSplitter::handle { background: transparent; }")
+        both.addWidget(self._effects_card())
+        both.addWidget(right)
+        both.setSizes([585, 490])
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(both)
 
     # -- building --------------------------------------------------------------------------------------
     def _effects_card(self) -> QFrame:
@@ -90,36 +94,37 @@ class SimulatePanel(QWidget):
         row.addWidget(self.tolerance_slider, 1)
         row.addWidget(QLabel("Level"))
         row.addWidget(self.level_box)
-        self._build_table()
-        self.why = QLabel("Choose an effect to see why it is on or off.")
-        self.why.setProperty("role", "hint")
-        self.why.setWordWrap(True)
-        self.why.setMinimumHeight(54)
-        self.why.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.table = EffectsTable()
+        self.table.choice_asked.connect(self.choice_asked.emit)
+        self.table.edit_asked.connect(self.show_effect)
         self.summary = QLabel()
         self.summary.setWordWrap(True)
         column.addLayout(row)
         column.addWidget(self.table, 1)
-        column.addWidget(self.why)
         column.addWidget(self.summary)
+        column.addLayout(self._magnitude_buttons())
         return frame
 
-    def _build_table(self) -> None:
-        self.table = QTableWidget(0, len(COLUMNS))
-        self.table.setHorizontalHeaderLabels(COLUMNS)
-        self.table.verticalHeader().hide()
-        self.table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
-        self.table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.table.itemSelectionChanged.connect(self._explain)
-        self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-        self.table.setWordWrap(False)
-        header = self.table.horizontalHeader()
-        for k in range(len(COLUMNS)):
-            mode = QHeaderView.ResizeMode.Stretch if k == 2 else QHeaderView.ResizeMode.ResizeToContents
-            header.setSectionResizeMode(k, mode)
+    def _magnitude_buttons(self) -> QHBoxLayout:
+        self.import_button, self.export_button = QPushButton("Import …"), QPushButton("Export …")
+        self.reset_button = QPushButton("Reset all")
+        tips = (
+            "Take magnitudes and settings from a JSON file, as lfcal simulate --effects reads it",
+            "Write the magnitudes and settings given here to a JSON file for lfcal simulate --effects",
+            "Take back every magnitude and setting",
+        )
+        buttons = (self.import_button, self.export_button, self.reset_button)
+        for button, tip, signal in zip(
+            buttons, tips, (self.import_asked, self.export_asked, self.reset_asked), strict=True
+        ):
+            button.setToolTip(tip)
+            button.clicked.connect(lambda _=False, signal=signal: signal.emit())
+        return line("Magnitudes", *buttons)
 
-    def _preview_card(self) -> QFrame:
-        frame, column = card()
+    def _preview(self) -> QWidget:
+        inner = QWidget()
+        column = QVBoxLayout(inner)
+        column.setContentsMargins(0, 6, 0, 0)
         self.preview_label = heading("")
         self.view = ImageView(value_label="share of the light")
         self.z_slider = QSlider(Qt.Orientation.Horizontal)
@@ -132,19 +137,20 @@ class SimulatePanel(QWidget):
         row.addWidget(QLabel("z"))
         row.addWidget(self.z_slider, 1)
         column.addLayout(row)
-        return frame
+        return inner
 
-    def _curve_card(self) -> QFrame:
-        frame, column = card("What accuracy costs")
+    def _curve(self) -> QWidget:
+        inner = QWidget()
+        column = QVBoxLayout(inner)
+        column.setContentsMargins(0, 6, 0, 0)
         self.curve = LinePlot("processor time for the whole H (s)", "relative L1 error (%)", legend=True)
         self.curve.plot.setLogMode(True, True)
-        self.curve.setMaximumHeight(250)
         self.curve_hint = QLabel("Measure accuracy to see time and error of every level for this camera.")
         self.curve_hint.setProperty("role", "hint")
         self.curve_hint.setWordWrap(True)
         column.addWidget(self.curve, 1)
         column.addWidget(self.curve_hint)
-        return frame
+        return inner
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: SimulateSettings) -> None:
@@ -158,26 +164,10 @@ class SimulatePanel(QWidget):
 
     def show_verdict(self, verdict: Verdict) -> None:
         """Show the planner's answer: a row for each effect."""
-        theme = current_theme()
-        self._rows = verdict.rows
         self.summary.setText(verdict.summary)
-        self.table.setRowCount(len(verdict.rows))
-        for k, row in enumerate(verdict.rows):
-            texts = (row.name.replace("_", " "), "", row.size, row.error, row.seconds)
-            for column, text in enumerate(texts):
-                item = QTableWidgetItem(text)
-                item.setToolTip(f"{row.reason}\n{row.formula}")
-                item.setForeground(QColor(theme.text if row.on else theme.muted))
-                self.table.setItem(k, column, item)
-            self.table.setCellWidget(k, 1, self._choice(row))
-
-    def _choice(self, row: EffectRow) -> QComboBox:
-        found = f"auto ({'on' if row.on else 'off'})" if row.setting == "auto" else "auto"
-        box = choice_box((("auto", found), ("on", "on"), ("off", "off")))
-        box.setCurrentIndex(box.findData(row.setting))
-        box.setAccessibleName(f"choice for {row.name}")
-        box.activated.connect(lambda _=0, name=row.name, box=box: self.choice_asked.emit(name, box.currentData()))
-        return box
+        self.table.show_verdict(verdict)
+        self.effect.show_plan(verdict.plan)
+        self.effect.show_row(verdict.row(self.table.selected))
 
     def show_preview(self, image: NDArray[np.float32]) -> None:
         """Show the pattern of a position ``(nt, ns)``."""
@@ -198,11 +188,23 @@ class SimulatePanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.view, self.curve):
+        for widget in (self.view, self.curve, self.effect.influence, self.frame):
             widget.apply_theme()
 
-    def _explain(self) -> None:
-        row = self.table.currentRow()
-        if 0 <= row < len(self._rows):
-            chosen = self._rows[row]
-            self.why.setText(f"{chosen.name.replace('_', ' ')}: {chosen.reason}\nEstimate: {chosen.formula}")
+    @property
+    def preview_shown(self) -> bool:
+        """Whether the response is looked at."""
+        return self.tabs.currentWidget() is self._response
+
+    def show_effect(self) -> None:
+        """Look at the selected effect, with the keyboard in its magnitudes."""
+        self.tabs.setCurrentWidget(self.effect)
+        self.effect.form.focus_first()
+
+    def show_frame_tab(self) -> None:
+        """Look at the sensor frame."""
+        self.tabs.setCurrentWidget(self.frame)
+
+    def show_accuracy_tab(self) -> None:
+        """Look at error against time."""
+        self.tabs.setCurrentIndex(self.tabs.count() - 1)

@@ -72,6 +72,7 @@ class SimBackend:
     has_stage = True
     options: Mapping[str, str] = {
         "optics": "pattern (quick), or a level of the simulator: auto, geometric, wave, microscope",
+        "effects": "JSON file of effects on the optics, as lfcal simulate --effects reads it; needs a level",
         "time": "virtual (waits pass at once) or real",
         "velocity": "speed of the stage (µm/s)",
         "backlash": "backlash of each axis (µm)",
@@ -97,10 +98,18 @@ class SimBackend:
             model=_stage_model(plan, options),
             faults=_faults(options.get("faults", "")),
             axes=_axes(plan, options.get("axes")),
-            optics=None if level == "pattern" else simulated_optics(plan, level),
+            optics=_optics(plan, level, options.get("effects", "")),
             seed=int(number_option(options, "seed", 0, low=0)),
             time=SystemTime() if clock == "real" else VirtualTime(),
         )
+
+
+def _optics(plan: ScanPlan, level: str, effects: str) -> Renderer | None:
+    if level != "pattern":
+        return simulated_optics(plan, level, effects)
+    if effects:
+        raise InputError.expected("option effects", "a level of the simulator", "optics pattern", "give optics=auto")
+    return None
 
 
 def _stage_model(plan: ScanPlan, options: Mapping[str, str]) -> StageModel:

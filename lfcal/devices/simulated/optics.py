@@ -18,6 +18,10 @@ from lfcal.frames.source import FrameSource
 __all__ = ["FramesRenderer", "PatternRenderer", "simulated_optics"]
 
 
+TOLERANCE = 0.05
+"""Relative L1 error of simulated optics with effects: below a session's own noise."""
+
+
 class PatternRenderer:
     """A light, quick stand-in for plenoptic optics: a blurred disc seen through a periodic mask.
 
@@ -121,13 +125,20 @@ class FramesRenderer:
         return (self._frames.read(index) - np.float32(sensor.black_level)).clip(0)
 
 
-def simulated_optics(plan: ScanPlan, level: str) -> FramesRenderer:
-    """Return the plenoptic camera of ``plan`` at a level of the simulator, with ideal optics.
+def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRenderer:
+    """Return the plenoptic camera of ``plan`` at a level of the simulator, with ideal optics or those of a file.
 
     It is free of noise: `SimCamera` adds that of the sensor. ``level`` is ``"auto"``, ``"geometric"``, ``"wave"``
-    or ``"microscope"``; raises `InputError` where that level does not suit the plan's camera.
+    or ``"microscope"``; ``effects`` is a JSON file as `lfcal.simulate.effects.described.read_entries` reads it, of
+    which what enters H is simulated, and with it what `plan_effects` finds necessary. Raises `InputError` where the
+    level does not suit the plan's camera, or the file holds no effects.
     """
     # here, so that the quick pattern does not load the simulator
-    from lfcal.simulate import SimulatedCamera
+    from lfcal.simulate import SimulatedCamera, plan_effects
+    from lfcal.simulate.effects.described import parse_entries
 
-    return FramesRenderer(plan, SimulatedCamera(plan, (), level=level))
+    if not effects:
+        return FramesRenderer(plan, SimulatedCamera(plan, (), level=level))
+    settings, given = parse_entries(effects)
+    chosen = plan_effects(plan.camera, plan, TOLERANCE, settings, effects=given)
+    return FramesRenderer(plan, SimulatedCamera(plan, chosen, level=level, tolerance=TOLERANCE))

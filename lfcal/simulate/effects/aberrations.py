@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -11,7 +12,8 @@ import numpy as np
 
 from lfcal.simulate.effects.base import EngineSeconds, Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
-from lfcal.simulate.scene import Scene, Wavefront, seidel
+from lfcal.simulate.pupil import Wavefront, check_wavefront, seidel
+from lfcal.simulate.scene import Scene
 
 __all__ = ["Coma", "Spherical", "Zernike"]
 
@@ -31,15 +33,17 @@ class _Aberration(SceneEffect):
 
     __slots__ = ()
     deviation: ClassVar[bool] = True
+    needs_waves: ClassVar[bool] = True
 
     @abstractmethod
     def terms_of(self) -> Wavefront:
         """Return the Zernike terms."""
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the wavefront on its pupil."""
+        """Return the scene with the wavefront on its pupil, which rays do not show; none where it has no terms."""
         del outlook
-        return replace(scene, wavefront=scene.wavefront + self.terms_of())
+        terms = self.terms_of()
+        return replace(scene, wavefront=scene.wavefront + terms, lenslet_diffraction=True) if terms else scene
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
         """Return the seconds of the table of the aberrated field."""
@@ -60,6 +64,8 @@ class Spherical(_Aberration):
     waves: float = 0.25
 
     name: ClassVar[str] = "spherical"
+    units: ClassVar[Mapping[str, str]] = {"waves": "waves"}
+    titles: ClassVar[Mapping[str, str]] = {"waves": "size W040"}
     title: ClassVar[str] = "spherical aberration"
     rank: ClassVar[int] = 70
 
@@ -89,6 +95,8 @@ class Coma(_Aberration):
     angle_rad: float = 0.0
 
     name: ClassVar[str] = "coma"
+    units: ClassVar[Mapping[str, str]] = {"waves": "waves"}
+    titles: ClassVar[Mapping[str, str]] = {"waves": "size W131", "angle_rad": "direction"}
     title: ClassVar[str] = "coma"
     rank: ClassVar[int] = 71
 
@@ -115,8 +123,13 @@ class Zernike(_Aberration):
     terms: Wavefront = ()
 
     name: ClassVar[str] = "zernike"
+    units: ClassVar[Mapping[str, str]] = {"terms": "waves"}
     title: ClassVar[str] = "measured wavefront"
     rank: ClassVar[int] = 72
+
+    def __post_init__(self) -> None:
+        """Check that every term is one."""
+        check_wavefront(self.terms)
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rms wavefront and the spot shift from three quarters of its gradient's rms over the pupil."""

@@ -57,6 +57,7 @@ class LensletGap(SceneEffect):
     error_um: float = 5.0
 
     name: ClassVar[str] = "lenslet_gap"
+    titles: ClassVar[Mapping[str, str]] = {"error_um": "true minus described gap"}
     title: ClassVar[str] = "lenslet gap error"
     rank: ClassVar[int] = 80
     deviation: ClassVar[bool] = True
@@ -85,6 +86,7 @@ class ArrayRotation(SceneEffect):
     angle_rad: float = math.radians(0.05)
 
     name: ClassVar[str] = "array_rotation"
+    titles: ClassVar[Mapping[str, str]] = {"angle_rad": "turn from +x to +y"}
     title: ClassVar[str] = "array rotation error"
     rank: ClassVar[int] = 81
     deviation: ClassVar[bool] = True
@@ -114,6 +116,8 @@ class PitchError(SceneEffect):
     relative: float = 1e-4
 
     name: ClassVar[str] = "pitch_error"
+    units: ClassVar[Mapping[str, str]] = {"relative": "share"}
+    titles: ClassVar[Mapping[str, str]] = {"relative": "pitch too large by"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"relative": (-0.5, 0.5)}
     title: ClassVar[str] = "lenslet pitch error"
     rank: ClassVar[int] = 82

@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from enum import Enum
 from numbers import Real
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import Camera, MainLens
+from lfcal.camera import Camera, MainLens, quantities_of, value_at
 from lfcal.checks import check_number
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
@@ -182,6 +182,12 @@ class Effect(ABC):
     """Least and largest value of magnitudes that cannot be any number."""
     units: ClassVar[Mapping[str, str]] = {}
     """Units of magnitudes whose names do not end in one (``_um``, ``_rad``, ``_s``): waves, pupil radii, a share."""
+    titles: ClassVar[Mapping[str, str]] = {}
+    """What magnitudes are called for people, where the name of the field does not say it."""
+    described: ClassVar[Mapping[str, str]] = {}
+    """Where in the camera's description the values of magnitudes that are None stand, such as ``"sensor.prnu"``."""
+    typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    """Typical sizes of magnitudes that are None and not described: with a main lens, and in a microscope."""
 
     def __post_init__(self) -> None:
         """Check that every magnitude is a finite number within its limits; None is taken from the camera later."""
@@ -193,6 +199,20 @@ class Effect(ABC):
             low, high = (bound if math.isfinite(bound) else None for bound in bounds)
             # refuses NaN and infinity, which a file or a command line may bring
             check_number(f"{self.title}: {field.name}", value, at_least=low, at_most=high)
+
+    def magnitude(self, field: str, camera: Camera) -> Any:
+        """Return the magnitude ``field``; where it is None the camera's own value, or what is typical of its kind."""
+        value = getattr(self, field)
+        if value is None and self.is_described(field, camera):
+            value = value_at(camera, self.described[field])
+        if value is None and field in self.typical_sizes:
+            return typical(None, camera, *self.typical_sizes[field])
+        return value
+
+    @classmethod
+    def is_described(cls, field: str, camera: Camera) -> bool:
+        """Return whether the description of ``camera`` has a value for ``field``: a microscope has no iris blades."""
+        return cls.described.get(field) in {quantity.path for quantity in quantities_of(camera)}
 
     @abstractmethod
     def estimate(self, outlook: Outlook) -> Estimate:

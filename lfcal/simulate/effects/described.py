@@ -3,26 +3,55 @@
 from __future__ import annotations
 
 import json
-import math
 import os
-import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from lfcal.checks import check_choice
 from lfcal.errors import FileFormatError, InputError
 from lfcal.files import read_text
 from lfcal.simulate.effects import CATALOGUE, Effect
+from lfcal.simulate.effects.magnitudes import GIVEN, TRIPLES, Magnitude, kind_of, magnitudes_of, number_in, units_of
 
-__all__ = ["SETTINGS", "effect_from", "parse_effects", "read_effects"]
+__all__ = [
+    "SETTINGS",
+    "Entry",
+    "Magnitude",
+    "effect_from",
+    "effect_of",
+    "entries_json",
+    "magnitudes_of",
+    "parse_effects",
+    "parse_entries",
+    "read_effects",
+    "read_entries",
+]
 
 SETTINGS = ("auto", "on", "off")
 
-LENGTHS = {"": 1.0, "um": 1.0, "µm": 1.0, "nm": 1e-3, "mm": 1e3}
-ANGLES = {"": 1.0, "rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180}
-SHARES = {"": 1.0, "%": 0.01}
-NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zµ%]*)")
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """What a file says of one effect.
+
+    Attributes
+    ----------
+    effect
+        With its magnitudes; None where the file has a setting alone.
+    name
+        Its name.
+    given
+        The fields that the file gives, with how each is known: ``"stated"`` or ``"measured"``.
+    setting
+        ``"auto"``, ``"on"`` or ``"off"``.
+    """
+
+    effect: Effect | None
+    name: str
+    given: Mapping[str, str] = field(default_factory=dict)
+    setting: str = "auto"
 
 
 def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, ...]]:
@@ -45,7 +74,9 @@ def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, .
     for item in items:
         name, sign, text = (part.strip() for part in item.partition("="))
         if not sign and item.strip().lower().endswith(".json"):
-            given |= {effect.name: effect for effect in read_effects(item.strip())}
+            chosen, effects = parse_entries(item.strip())
+            settings |= chosen
+            given |= {effect.name: effect for effect in effects}
         elif not sign:
             raise InputError.expected(
                 "effect", "NAME=on, off, auto or a magnitude, or a JSON file", repr(item), "for example coma=0.3@40deg"
@@ -57,8 +88,28 @@ def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, .
     return settings, tuple(given.values())
 
 
+def parse_entries(path: str | os.PathLike[str]) -> tuple[dict[str, str], tuple[Effect, ...]]:
+    """Return settings by name, and effects with magnitudes, of a JSON file.
+
+    Raises as `read_entries`.
+    """
+    entries = read_entries(path)
+    settings = {entry.name: entry.setting for entry in entries if entry.setting != "auto"}
+    return settings, tuple(entry.effect for entry in entries if entry.effect is not None)
+
+
 def read_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
     """Return the effects of a JSON file: a list of ``{"name": "coma", "waves": 0.3}``, as H's provenance has them.
+
+    Raises as `read_entries`.
+    """
+    return parse_entries(path)[1]
+
+
+def read_entries(path: str | os.PathLike[str]) -> tuple[Entry, ...]:
+    """Return what a JSON file says of effects: a list of ``{"name": "coma", "waves": 0.3}``.
+
+    An entry may hold ``"setting"`` (on, off, auto), and ``"sources"``: how fields are known, ``{"waves": "measured"}``.
 
     Raises
     ------
@@ -79,7 +130,45 @@ def read_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
         isinstance(one, dict) and isinstance(one.get("name"), str) for one in data
     ):
         raise FileFormatError.expected(str(source), wanted, "something else", "correct the file")
-    return tuple(effect_from(one["name"], {key: value for key, value in one.items() if key != "name"}) for one in data)
+    return tuple(_entry(one) for one in data)
+
+
+def _entry(data: Mapping[str, Any]) -> Entry:
+    name, setting, sources = data["name"], data.get("setting", "auto"), data.get("sources", {})
+    check_choice(f"setting of {name}", setting, SETTINGS)
+    magnitudes = {key: value for key, value in data.items() if key not in ("name", "setting", "sources")}
+    effect = effect_from(name, magnitudes)
+    given = {key: "stated" for key, value in magnitudes.items() if value is not None}
+    if not isinstance(sources, dict) or any(sources[key] not in GIVEN or key not in given for key in sources):
+        wanted = 'magnitudes of the entry as stated or measured, {"waves": "measured"}'
+        raise InputError.expected(f"sources of {name}", wanted, str(sources)[:60], "correct them")
+    return Entry(None if "setting" in data and not magnitudes else effect, name, given | sources, setting)
+
+
+def entries_json(entries: Iterable[Entry]) -> str:
+    """Return the text of a JSON file that `read_entries` reads: the fields that are given, and settings."""
+    listed = []
+    for entry in entries:
+        one: dict[str, Any] = {"name": entry.name}
+        one |= {key: getattr(entry.effect, key) for key in entry.given}
+        measured = {key: mark for key, mark in entry.given.items() if mark != "stated"}
+        listed.append(
+            one
+            | ({"sources": measured} if measured else {})
+            | ({"setting": entry.setting} if entry.setting != "auto" else {})
+        )
+    return json.dumps(listed, indent=2, allow_nan=False) + "\n"
+
+
+def effect_of(name: str, magnitudes: Iterable[Magnitude]) -> Effect:
+    """Return the effect ``name`` with the values of ``magnitudes``: `magnitudes_of`, and what was edited of them.
+
+    Raises
+    ------
+    InputError
+        For an unknown effect or magnitude, or a value out of its limits.
+    """
+    return effect_from(name, {one.field: one.value for one in magnitudes})
 
 
 def effect_from(name: str, magnitudes: Mapping[str, Any]) -> Effect:
@@ -101,19 +190,32 @@ def effect_from(name: str, magnitudes: Mapping[str, Any]) -> Effect:
 
 def _frozen(what: str, kind: str, value: Any) -> Any:
     """Return a value of a file as a field of type ``kind`` holds it; raise where it is no magnitude."""
-    if kind == "Wavefront" and isinstance(value, list | tuple):
+    triples = f"triples ({TRIPLES[kind][0]})" if kind in TRIPLES else ""
+    if triples and isinstance(value, list | tuple):
         try:
-            return tuple((int(n), int(m), float(w)) for n, m, w in value)
-        except (TypeError, ValueError):
-            raise InputError.expected(what, "triples (n, m, waves)", str(value)[:60], "correct it") from None
+            return tuple((_whole(n), _whole(m), float(w)) for n, m, w in value)
+        except (TypeError, ValueError, OverflowError):
+            raise InputError.expected(what, triples, str(value)[:60], "correct it") from None
     if isinstance(value, str) and kind.startswith("str"):
         return value
-    if isinstance(value, int | float) and not isinstance(value, bool) and not kind.startswith(("str", "Wavefront")):
-        return value
+    if isinstance(value, int | float) and not isinstance(value, bool) and not (triples or kind.startswith("str")):
+        if kind_of(kind) != "whole":
+            return value
+        try:
+            return _whole(value)
+        except (ValueError, OverflowError):
+            raise InputError.expected(what, "a whole number", repr(value)[:60], "correct it") from None
     if value is None and kind.endswith("None"):
         return value
-    wanted = "a text" if kind.startswith("str") else "triples (n, m, waves)" if kind == "Wavefront" else "a number"
+    wanted = "a text" if kind.startswith("str") else triples or "a number"
     raise InputError.expected(what, wanted, repr(value)[:60], "correct it")
+
+
+def _whole(value: Any) -> int:
+    """Return a whole number as such; `ValueError` for any other."""
+    if value != int(value):
+        raise ValueError
+    return int(value)
 
 
 def _from_words(name: str, text: str) -> Effect:
@@ -122,8 +224,8 @@ def _from_words(name: str, text: str) -> Effect:
     if not known:
         raise InputError.expected(f"effect {name}", "on, off or auto", repr(text), "it has no magnitude of its own")
     first = next(iter(known))
-    if known[first] == "Wavefront":
-        return effect_from(name, {first: _terms(name, text)})
+    if known[first] in TRIPLES:
+        return effect_from(name, {first: _terms(name, text, *TRIPLES[known[first]])})
     main, sign, direction = text.partition("@")
     parts = dict(_parts(main, first))
     if sign:
@@ -131,7 +233,7 @@ def _from_words(name: str, text: str) -> Effect:
     found = {}
     for word, value in parts.items():
         key = _field(name, word, known)
-        found[key] = value.strip() if known[key].startswith("str") else _value(f"{key} of {name}", key, value)
+        found[key] = value.strip() if known[key].startswith("str") else _value(kind, key, value)
     return effect_from(name, found)
 
 
@@ -149,24 +251,17 @@ def _field(name: str, word: str, known: Mapping[str, str]) -> str:
     return found[0]
 
 
-def _value(what: str, key: str, text: str) -> float:
-    """Return a number in the unit of the field ``key``, which its name ends with."""
-    units = LENGTHS if key.endswith("_um") else ANGLES if key.endswith("_rad") else SHARES
-    match = NUMBER.fullmatch(text.strip())
-    if match is None or match[2] not in units:
-        allowed = ", ".join(unit for unit in units if unit)
-        raise InputError.expected(what, f"a number, with {allowed} or no unit", repr(text), "for example 0.3")
-    value = float(match[1]) * units[match[2]]
-    # whole numbers of blades stay such
-    return int(value) if key == "blades" and value == int(value) else value
+def _value(kind: type[Effect], key: str, text: str) -> float:
+    """Return a number in the unit of the field ``key``."""
+    return number_in(f"{key} of {kind.name}", text, units_of(kind, key))
 
 
-def _terms(name: str, text: str) -> list[list[float]]:
-    """Return the terms of ``n,m,waves;n,m,waves``."""
+def _terms(name: str, text: str, three: str, example: str) -> list[list[float]]:
+    """Return the terms of ``n,m,waves;n,m,waves``, or what else the ``three`` are."""
     try:
         terms = [[float(v) for v in part.split(",")] for part in text.split(";") if part.strip()]
     except ValueError:
         terms = []
     if not terms or any(len(term) != 3 for term in terms):
-        raise InputError.expected(f"terms of {name}", "n,m,waves;n,m,waves", repr(text), "for example 4,0,0.1;3,1,0.05")
+        raise InputError.expected(f"terms of {name}", f"{three};{three}", repr(text), f"for example {example}")
     return terms

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lfcal.simulate.effects.base import Estimate, LightEffect, LightSample, typical
+from lfcal.simulate.effects.base import Estimate, LightEffect, LightSample
 from lfcal.simulate.effects.outlook import Outlook
 
 __all__ = ["Bandwidth", "FiniteSource"]
@@ -34,6 +34,7 @@ class FiniteSource(LightEffect):
     diameter_um: float | None = None
 
     name: ClassVar[str] = "finite_source"
+    typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {"diameter_um": (50.0, 0.2)}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"diameter_um": (0.0, math.inf)}
     title: ClassVar[str] = "finite source size"
     rank: ClassVar[int] = 10
@@ -41,7 +42,8 @@ class FiniteSource(LightEffect):
 
     def image_px(self, outlook: Outlook) -> float:
         """Return the diameter of the source's image on the lenslets (pixels)."""
-        return typical(self.diameter_um, outlook.camera, 50.0, 0.2) / outlook.camera.step_um(outlook.z_um)
+        diameter: float = self.magnitude("diameter_um", outlook.camera)
+        return diameter / outlook.camera.step_um(outlook.z_um)
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the source's image through a lenslet, D |M| / |v|; its rms is a quarter of the diameter.
@@ -109,13 +111,16 @@ class Bandwidth(LightEffect):
     width_um: float | None = None
 
     name: ClassVar[str] = "bandwidth"
+    titles: ClassVar[Mapping[str, str]] = {"width_um": "full width"}
+    described: ClassVar[Mapping[str, str]] = {"width_um": "bandwidth_um"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"width_um": (0.0, math.inf)}
     title: ClassVar[str] = "bandwidth"
     rank: ClassVar[int] = 20
 
     def width(self, outlook: Outlook) -> float:
         """Return the spectrum's full width (µm)."""
-        return outlook.camera.bandwidth_um if self.width_um is None else self.width_um
+        width: float = self.magnitude("width_um", outlook.camera)
+        return width
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the relative width x, and what it washes out of the spots' fringes and of those between lenslets.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, Microscope
-from lfcal.simulate.effects.base import Estimate, MotionEffect, typical
+from lfcal.simulate.effects.base import Estimate, MotionEffect
 from lfcal.simulate.effects.outlook import Outlook
 
 __all__ = ["Backlash", "DepthError", "Drift", "PositioningError"]
@@ -37,13 +37,16 @@ class PositioningError(MotionEffect):
     rms_um: float | None = None
 
     name: ClassVar[str] = "stage_error"
+    titles: ClassVar[Mapping[str, str]] = {"rms_um": "rms of each lateral axis"}
+    typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_um": (2.0, 0.05)}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_um": (0.0, math.inf)}
     title: ClassVar[str] = "stage error"
     rank: ClassVar[int] = 10
 
     def rms(self, camera: Camera) -> float:
         """Return the rms error of each axis (µm)."""
-        return typical(self.rms_um, camera, 2.0, 0.05)
+        rms: float = self.magnitude("rms_um", camera)
+        return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the image's rms shift |M| e and the light its mean length moves."""
@@ -74,13 +77,16 @@ class Backlash(MotionEffect):
     play_um: float | None = None
 
     name: ClassVar[str] = "backlash"
+    titles: ClassVar[Mapping[str, str]] = {"play_um": "lost at a reversal"}
+    typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {"play_um": (10.0, 0.2)}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"play_um": (0.0, math.inf)}
     title: ClassVar[str] = "backlash"
     rank: ClassVar[int] = 20
 
     def play(self, camera: Camera) -> float:
         """Return the lost motion (µm)."""
-        return typical(self.play_um, camera, 10.0, 0.2)
+        play: float = self.magnitude("play_um", camera)
+        return play
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the image's shift |M| e; a serpentine scan lags by it in every other row."""
@@ -117,12 +123,14 @@ class Drift(MotionEffect):
     columns_um: float | None = None
 
     name: ClassVar[str] = "drift"
+    titles: ClassVar[Mapping[str, str]] = {"rows_um": "down, at the end", "columns_um": "right, at the end"}
+    typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {"rows_um": (5.0, 0.2), "columns_um": (5.0, 0.2)}
     title: ClassVar[str] = "drift over the session"
     rank: ClassVar[int] = 30
 
     def end(self, camera: Camera) -> tuple[float, float]:
         """Return the displacement ``(y, x)`` at the end (µm)."""
-        return typical(self.rows_um, camera, 5.0, 0.2), typical(self.columns_um, camera, 5.0, 0.2)
+        return self.magnitude("rows_um", camera), self.magnitude("columns_um", camera)
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the image's shift at the end; half of it in the mean."""
@@ -153,13 +161,16 @@ class DepthError(MotionEffect):
     rms_um: float | None = None
 
     name: ClassVar[str] = "depth_error"
+    titles: ClassVar[Mapping[str, str]] = {"rms_um": "rms of a plane's depth"}
+    typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_um": (10.0, 0.1)}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_um": (0.0, math.inf)}
     title: ClassVar[str] = "depth error"
     rank: ClassVar[int] = 40
 
     def rms(self, camera: Camera) -> float:
         """Return the rms error of a plane's depth (µm)."""
-        return typical(self.rms_um, camera, 10.0, 0.1)
+        rms: float = self.magnitude("rms_um", camera)
+        return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return dv = M² dz/B, and the mean spot shift dv B/(3 Nw v) that it makes."""

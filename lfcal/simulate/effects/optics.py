@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
-from lfcal.camera import Camera, MainLens
+from lfcal.camera import Camera
+from lfcal.checks import check_number
 from lfcal.simulate.effects.base import EngineSeconds, Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook, share_widened
 from lfcal.simulate.scene import Iris, Scene
@@ -117,17 +118,34 @@ class IrisShape(SceneEffect):
     rotation_rad: float | None = None
 
     name: ClassVar[str] = "iris_shape"
+    units: ClassVar[Mapping[str, str]] = {"blades": "", "curvature": ""}
+    titles: ClassVar[Mapping[str, str]] = {"curvature": "curvature of blades", "rotation_rad": "turn of blades"}
+    described: ClassVar[Mapping[str, str]] = {
+        "blades": "optics.blades",
+        "curvature": "optics.blade_curvature",
+        "rotation_rad": "optics.blade_rotation_rad",
+    }
+    # A microscope's pupil is round unless blades are given.
+    typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "blades": (0, 0),
+        "curvature": (0.0, 0.0),
+        "rotation_rad": (0.0, 0.0),
+    }
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"blades": (0, 64), "curvature": (0.0, 1.0)}
     title: ClassVar[str] = "iris blades"
     rank: ClassVar[int] = 40
 
+    def __post_init__(self) -> None:
+        """Check every value, and that the blades enclose an area."""
+        SceneEffect.__post_init__(self)  # a plain super() does not know a class with slots
+        if self.blades is not None:
+            check_number(f"{self.title}: blades", self.blades, at_least=0, integer=True)
+            if self.blades in (1, 2):
+                check_number(f"{self.title}: blades", self.blades, at_least=3, remedy="use 0 for a circular iris")
+
     def iris(self, camera: Camera) -> Iris:
         """Return the iris of ``camera`` with this effect's values in it."""
-        # A microscope's pupil is round unless blades are given.
-        lens = camera.optics if isinstance(camera.optics, MainLens) else MainLens(blades=0)
-        given = (self.blades, self.curvature, self.rotation_rad)
-        known = (lens.blades, lens.blade_curvature, lens.blade_rotation_rad)
-        blades, curvature, rotation = (k if g is None else g for g, k in zip(given, known, strict=True))
+        blades, curvature, rotation = (self.magnitude(f.name, camera) for f in fields(self))
         return Iris(int(blades), float(curvature), float(rotation))
 
     def estimate(self, outlook: Outlook) -> Estimate:

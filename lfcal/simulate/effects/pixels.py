@@ -33,13 +33,17 @@ class PixelFill(SceneEffect):
     fill_factor: float | None = None
 
     name: ClassVar[str] = "pixel_fill"
+    units: ClassVar[Mapping[str, str]] = {"fill_factor": "share"}
+    titles: ClassVar[Mapping[str, str]] = {"fill_factor": "sensitive area"}
+    described: ClassVar[Mapping[str, str]] = {"fill_factor": "sensor.fill_factor"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"fill_factor": (1e-6, 1.0)}
     title: ClassVar[str] = "pixel integration and fill factor"
     rank: ClassVar[int] = 90
 
     def share(self, camera: Camera) -> float:
         """Return the light-sensitive share of a pixel's area."""
-        return camera.sensor.fill_factor if self.fill_factor is None else self.fill_factor
+        share: float = self.magnitude("fill_factor", camera)
+        return share
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the sensitive share, and the larger of the light lost and the blur that is less."""
@@ -66,6 +70,8 @@ class Crosstalk(PsfEffect):
     share: float = 0.01
 
     name: ClassVar[str] = "crosstalk"
+    units: ClassVar[Mapping[str, str]] = {"share": "share"}
+    titles: ClassVar[Mapping[str, str]] = {"share": "to each neighbour"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (0.0, 0.25)}
     title: ClassVar[str] = "pixel crosstalk"
     deviation: ClassVar[bool] = True

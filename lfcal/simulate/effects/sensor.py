@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera
-from lfcal.frames.cfa import pattern_side
+from lfcal.frames.cfa import check_cfa, pattern_side
 from lfcal.simulate.effects.base import Estimate, FrameEffect, SensorStrip
 from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.effects.poisson import poisson_quantile
 
 __all__ = [
     "ColourFilter",
@@ -32,9 +33,6 @@ __all__ = [
 
 MEAN = math.sqrt(2.0 / math.pi)
 """Mean absolute value of a standard normal deviate."""
-
-EXACT_MEAN = 60.0
-"""Mean number of electrons up to which Poisson probabilities are added one by one."""
 
 BANDS_UM = {
     "B": ((0.0, 0.50),),
@@ -62,6 +60,8 @@ class StrayLight(FrameEffect):
     share: float = 0.01
 
     name: ClassVar[str] = "stray_light"
+    units: ClassVar[Mapping[str, str]] = {"share": "share"}
+    titles: ClassVar[Mapping[str, str]] = {"share": "scattered share"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (0.0, 1.0)}
     title: ClassVar[str] = "stray light"
     deviation: ClassVar[bool] = True
@@ -98,13 +98,22 @@ class ColourFilter(FrameEffect):
     leak: float = 0.03
 
     name: ClassVar[str] = "colour_filter"
+    units: ClassVar[Mapping[str, str]] = {"leak": "share"}
+    titles: ClassVar[Mapping[str, str]] = {"cfa": "letters by rows", "leak": "passed outside its band"}
+    described: ClassVar[Mapping[str, str]] = {"cfa": "sensor.cfa"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"leak": (0.0, 1.0)}
     title: ClassVar[str] = "colour filter array (Bayer)"
     rank: ClassVar[int] = 30
 
+    def __post_init__(self) -> None:
+        """Check the leak, and that every letter is that of a filter."""
+        FrameEffect.__post_init__(self)  # a plain super() does not know a class with slots
+        if self.cfa is not None:
+            check_cfa(self.cfa)
+
     def transmission(self, camera: Camera) -> NDArray[np.float32]:
         """Return the transmission of one unit of the pattern ``(side, side)``; 1 x 1 for a monochrome sensor."""
-        cfa = camera.sensor.cfa if self.cfa is None else self.cfa
+        cfa: str = self.magnitude("cfa", camera)
         side, wave = pattern_side(cfa), camera.wavelength_um
         passed = [1.0 if any(a <= wave < b for a, b in BANDS_UM[letter]) else self.leak for letter in cfa or "W"]
         return np.array(passed, np.float32).reshape(side, side)
@@ -141,6 +150,9 @@ class FixedPattern(FrameEffect):
     offset_e: float = 0.0
 
     name: ClassVar[str] = "fixed_pattern"
+    units: ClassVar[Mapping[str, str]] = {"prnu": "share", "offset_e": "e-"}
+    titles: ClassVar[Mapping[str, str]] = {"prnu": "rms of gains", "offset_e": "rms of offsets"}
+    described: ClassVar[Mapping[str, str]] = {"prnu": "sensor.prnu"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"prnu": (0.0, math.inf), "offset_e": (0.0, math.inf)}
     title: ClassVar[str] = "fixed pattern (PRNU)"
     rank: ClassVar[int] = 40
@@ -148,7 +160,8 @@ class FixedPattern(FrameEffect):
 
     def gain_rms(self, camera: Camera) -> float:
         """Return the relative rms of the pixels' gains."""
-        return camera.sensor.prnu if self.prnu is None else self.prnu
+        rms: float = self.magnitude("prnu", camera)
+        return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the gains' rms and the mean deviation 0.8 rms; offsets count on every pixel of the cutout."""
@@ -180,13 +193,16 @@ class DarkCurrent(FrameEffect):
     e_per_s: float | None = None
 
     name: ClassVar[str] = "dark_current"
+    units: ClassVar[Mapping[str, str]] = {"e_per_s": "e-/s"}
+    titles: ClassVar[Mapping[str, str]] = {"e_per_s": "rate in a pixel"}
+    described: ClassVar[Mapping[str, str]] = {"e_per_s": "sensor.dark_current_e_s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"e_per_s": (0.0, math.inf)}
     title: ClassVar[str] = "dark current"
     rank: ClassVar[int] = 50
 
     def mean_e(self, camera: Camera, exposure_s: float) -> float:
         """Return the mean number of electrons in one exposure."""
-        rate = camera.sensor.dark_current_e_s if self.e_per_s is None else self.e_per_s
+        rate: float = self.magnitude("e_per_s", camera)
         return rate * exposure_s
 
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -198,39 +214,6 @@ class DarkCurrent(FrameEffect):
         """Return the strip with the mean added; its noise comes with the shot noise."""
         strip += np.float32(self.mean_e(view.camera, view.exposure_s))
         return strip
-
-
-def poisson_quantile(mean: NDArray[np.floating], share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the Poisson quantiles of ``share`` in [0, 1) for each ``mean``; negative means count as 0.
-
-    One share makes one deviate, so that a pixel's noise does not depend on that of the pixels before it. Means up
-    to `EXACT_MEAN` by adding probabilities; above, the expansion of Cornish and Fisher to the third cumulant
-    (Abramowitz & Stegun 26.2.49), which is off by one in fewer than 1 % of deviates.
-    """
-    from scipy.special import ndtri
-
-    mean = np.maximum(np.asarray(mean, np.float64), 0.0)
-    out = np.zeros(mean.shape)
-    large = mean > EXACT_MEAN
-    if large.any():
-        # The normal deviate of a share of 0 is minus infinity.
-        m, z = mean[large], ndtri(np.clip(share[large], 1e-16, None))
-        third = (z * z - 1) / 6 - (z * z * z - z) / (72 * np.sqrt(m))
-        out[large] = np.maximum(np.floor(m + z * np.sqrt(m) + third + 0.5), 0.0)
-    # A share below P(0) makes 0 electrons; the others count up until their share is reached.
-    todo = np.flatnonzero(~large.ravel() & (share > np.exp(-mean)).ravel())
-    m, u, flat = mean.ravel()[todo], share.ravel()[todo], out.ravel()
-    term = np.exp(-m)
-    total, count = term.copy(), 0
-    # The sum may end a rounding below 1 and never reach the last share: 400 is far beyond any count here.
-    while todo.size and count < 400:
-        count += 1
-        term = term * m / count
-        total += term
-        flat[todo] = count
-        more = u > total
-        todo, m, u, term, total = todo[more], m[more], u[more], term[more], total[more]
-    return flat.reshape(mean.shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,6 +275,9 @@ class ReadNoise(FrameEffect):
     rms_e: float | None = None
 
     name: ClassVar[str] = "read_noise"
+    units: ClassVar[Mapping[str, str]] = {"rms_e": "e-"}
+    titles: ClassVar[Mapping[str, str]] = {"rms_e": "rms"}
+    described: ClassVar[Mapping[str, str]] = {"rms_e": "sensor.read_noise_e"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_e": (0.0, math.inf)}
     title: ClassVar[str] = "read noise"
     rank: ClassVar[int] = 70
@@ -300,7 +286,8 @@ class ReadNoise(FrameEffect):
 
     def rms(self, camera: Camera) -> float:
         """Return the rms (electrons)."""
-        return camera.sensor.read_noise_e if self.rms_e is None else self.rms_e
+        rms: float = self.magnitude("rms_e", camera)
+        return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rms, and its mean size over the cutout's pixels against the signal."""

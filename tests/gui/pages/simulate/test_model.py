@@ -1,25 +1,31 @@
 from __future__ import annotations
 
+import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gui.models.project import ProjectState
 from gui.pages.plan.model import default_plan
 from gui.pages.simulate.model import (
     Z_STEPS,
     SimulateSettings,
     depth_of,
-    iter_simulation,
     preview,
     tolerance_of,
     tolerance_step,
-    verdict_of,
 )
+from gui.pages.simulate.model_effects import bar_share, iter_simulation, read_terms, refused, verdict_of
+from gui.pages.simulate.model_files import read_settings, settings_text
 from lfcal.camera import ScanPlan, preset
-from lfcal.errors import InputError
+from lfcal.errors import FileFormatError, InputError
 from lfcal.progress import drain
+from lfcal.simulate import simulate_psf
+from lfcal.simulate.effects import Bandwidth, Coma
+from lfcal.simulate.effects.described import parse_effects
 
 
 def small_plan() -> ScanPlan:
@@ -62,9 +68,154 @@ def test_a_verdict_for_another_question_is_not_used(tmp_path: Path) -> None:
     stale = verdict_of(plan, SimulateSettings(0.3, "geometric", (("vignetting", "off"),)))
     right = verdict_of(plan, asked)
     assert right.fits(plan, asked) and not stale.fits(plan, asked) and not right.fits(None, asked)
-    assert {e.name for e in stale.effects} != {e.name for e in right.effects}
+    assert {e.name for e in stale.found} != {e.name for e in right.found}
     found = []
     for k, verdict in enumerate((stale, right, None)):
         with drain(iter_simulation(plan, asked, str(tmp_path / f"{k}.h5"), verdict)) as matrix:
             found.append([effect["name"] for effect in matrix.provenance["simulated"]["effects"]])
-    assert found[0] == found[1] == found[2] == [e.name for e in right.effects]
+    assert found[0] == found[1] == found[2] == [e.name for e in right.found]
+
+
+def with_coma() -> SimulateSettings:
+    given = SimulateSettings(0.3, "geometric").with_magnitude("coma", "waves", 0.3, "measured")
+    return given.with_magnitude("coma", "angle_rad", math.radians(40))
+
+
+def test_what_is_left_out_uses_its_part_of_the_tolerance(tmp_path: Path) -> None:
+    plan, settings = small_plan(), SimulateSettings(0.3, "geometric")
+    verdict = verdict_of(plan, settings)
+    left_out = np.array(verdict.found.left_out)
+    assert (left_out > 0).all(), "the test needs effects that are left out"
+    with drain(iter_simulation(plan, settings, str(tmp_path / "H.h5"), verdict)) as matrix:
+        stated = matrix.facts.known()["error"]
+    alone = simulate_psf(plan.camera, plan, verdict.found.effects, "geometric", tolerance=0.3)
+    # what is left out is stated beside what the computation reached
+    assert (stated > alone.facts.known()["error"] + 0.9 * left_out).all()
+
+
+def test_given_magnitudes_reach_planner_and_h(tmp_path: Path) -> None:
+    plan, settings = small_plan(), with_coma()
+    row = verdict_of(plan, settings).row("coma")
+    before = verdict_of(plan, replace(settings, magnitudes=())).row("coma")
+    assert row is not None and row.on and row.effect == Coma(0.3, math.radians(40)) and row.given
+    assert before is not None and not before.on and not before.given
+    assert {one.field: one.mark for one in row.magnitudes} == {"waves": "measured", "angle_rad": "stated"}
+    with drain(iter_simulation(plan, settings, str(tmp_path / "H.h5"))) as matrix:
+        (coma,) = [e for e in matrix.provenance["simulated"]["effects"] if e["name"] == "coma"]
+        assert coma == {"name": "coma", "waves": 0.3, "angle_rad": pytest.approx(math.radians(40))}
+        assert matrix.provenance["effect_sources"] == {"coma": {"waves": "measured", "angle_rad": "stated"}}
+
+
+def test_settings_survive_the_project_file() -> None:
+    settings = with_coma().with_magnitude("zernike", "terms", ((3, 1, 0.1), (4, 0, -0.2)))
+    state = ProjectState.from_json(replace(ProjectState(), settings=settings.into(ProjectState())).to_json())
+    assert SimulateSettings.of(state) == settings
+    assert settings.with_magnitude("coma", "waves", None).given("coma").keys() == {"angle_rad"}
+
+
+def test_projects_of_before_open_as_before() -> None:
+    data = {"tolerance": 0.1, "level": "wave", "overrides": [["coma", "on"]]}
+    assert SimulateSettings.from_dict(data) == SimulateSettings(0.1, "wave", (("coma", "on"),))
+
+
+@pytest.mark.parametrize(
+    "magnitudes",
+    [
+        [["coma", "waves", "large", "stated"]],
+        [["coma", "waves", 0.3]],
+        [["coma", "waves", 0.3, "guessed"]],
+        [["coma", "size", 0.3, "stated"]],
+        [["crosstalk", "share", 0.9, "stated"]],
+        [["zernike", "terms", [[3, 0, 0.1]], "stated"]],
+        [3],
+        "coma",
+    ],
+    ids=str,
+)
+def test_damaged_magnitudes_of_a_project_are_its_defaults(magnitudes: object) -> None:
+    assert SimulateSettings.from_dict({"tolerance": 0.1, "magnitudes": magnitudes}) == SimulateSettings()
+
+
+def test_effects_that_are_not_installed_are_kept_and_named() -> None:
+    data = {
+        "overrides": [["halo", "on"]],
+        "magnitudes": [["glare", "share", 0.1, "stated"], ["coma", "waves", 0.3, "stated"]],
+    }
+    settings = SimulateSettings.from_dict(data)
+    assert settings.effects() == (Coma(0.3),)
+    assert settings.to_dict()["magnitudes"] == data["magnitudes"]
+    assert "Not installed, and left out: halo, glare" in verdict_of(small_plan(), settings).summary
+
+
+def test_a_measured_wavefront_without_terms_says_so() -> None:
+    row = verdict_of(small_plan(), SimulateSettings().with_override("zernike", "on")).row("zernike")
+    assert row is not None and not row.on and "needs terms" in row.reason
+
+
+def test_effects_on_frames_have_the_verdict_of_frames() -> None:
+    verdict = verdict_of(small_plan(), SimulateSettings())
+    noise, types = verdict.row("shot_noise"), verdict.row("lens_types")
+    assert noise is not None and not noise.enters_h and noise.on and noise.verdict_text().startswith("on in frames")
+    assert types is not None and types.enters_h and types.verdict_text().startswith("on: ")
+    assert "shot_noise" not in {e.name for e in verdict.found}
+
+
+def test_bars_are_logarithmic() -> None:
+    assert [bar_share(share) for share in (0, 1e-6, 1, 2)] == [0, 0, 1, 1]
+    assert bar_share(0.01) == pytest.approx(0.6) and bar_share(0.1) == pytest.approx(0.8)
+
+
+def test_typed_terms() -> None:
+    row = verdict_of(small_plan(), SimulateSettings()).row("zernike")
+    assert row is not None
+    (terms,) = row.magnitudes
+    assert read_terms("zernike", terms, [("4", "0", "0.1"), ("", " ", ""), ("3", "-1", "-5e-2")]) == (
+        (4, 0, 0.1),
+        (3, -1, -0.05),
+    )
+    for words, match in {
+        ("4", "0", ""): "row 1: n, m, waves are needed",
+        ("4", "1", "0.1"): "row 1: Zernike term: expected n",
+        ("4.5", "0", "0.1"): "row 1",
+        ("x", "0", "0.1"): "row 1: n: expected a number",
+        ("4", "0", "nan"): "row 1: waves",
+        ("900", "0", "1"): "row 1",
+        ("1e30", "0", "1"): "row 1",
+    }.items():
+        with pytest.raises(InputError, match=match) as caught:
+            read_terms("zernike", terms, [words])
+        assert "\n" not in str(caught.value)
+
+
+def test_what_an_effect_cannot_have_is_refused_in_a_line() -> None:
+    row = verdict_of(small_plan(), SimulateSettings()).row("colour_filter")
+    assert row is not None
+    cfa, leak = row.magnitudes
+    assert refused("colour_filter", cfa, "GRBG") == ("GRBG", "")
+    assert "letters" in refused("colour_filter", cfa, "QQ")[1]
+    assert (
+        refused("colour_filter", leak, "5") == (0.05, "") and "0 to 100 %" in refused("colour_filter", leak, "500")[1]
+    )
+
+
+def test_export_and_import_are_the_file_of_the_command_line(tmp_path: Path) -> None:
+    path = tmp_path / "effects.json"
+    settings = with_coma().with_override("bandwidth", "off").with_magnitude("bandwidth", "width_um", 0.02)
+    path.write_text(settings_text(settings))
+    choices, effects = parse_effects([str(path)])
+    assert choices == {"bandwidth": "off"} and effects == (Bandwidth(0.02), Coma(0.3, math.radians(40)))
+    found, words = read_settings(path, SimulateSettings(0.3, "geometric"))
+    assert found == settings and words == "2 effects taken from effects.json"
+    other = SimulateSettings().with_magnitude("spherical", "waves", 0.1).with_magnitude("coma", "waves", 9.0)
+    merged, _ = read_settings(path, other)
+    assert merged.given("spherical") and merged.given("coma") == settings.given("coma")
+
+
+def test_the_effects_of_h_s_provenance_can_be_imported(tmp_path: Path) -> None:
+    path = tmp_path / "effects.json"
+    path.write_text(json.dumps([{"name": "lens_types"}, {"name": "finite_source", "diameter_um": None}]))
+    found, _ = read_settings(path, SimulateSettings())
+    assert found == SimulateSettings().with_override("finite_source", "on")
+    path.write_text("{}")
+    with pytest.raises(FileFormatError):
+        read_settings(path, SimulateSettings())

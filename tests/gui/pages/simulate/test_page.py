@@ -11,7 +11,8 @@ from pytestqt.qtbot import QtBot
 
 import gui.pages.simulate.page as simulate_page
 from gui.jobs import JobState
-from gui.pages.simulate.model import SimulateSettings, Verdict, preview, tolerance_of, verdict_of
+from gui.pages.simulate.model import SimulateSettings, preview, tolerance_of
+from gui.pages.simulate.model_effects import Verdict, verdict_of
 from gui.window import MainWindow
 from lfcal.camera import ScanPlan
 from lfcal.psf import open_psf
@@ -25,21 +26,24 @@ def test_simulate_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) ->
     window.go("simulate")
     page: Any = window.page("simulate")
     idle(window.jobs, qtbot)
-    assert page.panel.table.rowCount() == len(page.verdict.rows) > 20
+    table = page.panel.table
+    assert sum(table.topLevelItem(k).childCount() for k in range(table.topLevelItemCount())) == len(page.verdict.rows)
+    assert len(page.verdict.rows) > 20
+    assert page.panel.view.image is None, "nobody looks at the response"
+    page.panel.tabs.setCurrentIndex(1)
+    idle(window.jobs, qtbot)
     assert page.panel.view.image is not None and page.panel.view.image.shape == (41, 41)
-    names = [row.name for row in page.verdict.rows]
-    row = names.index("bandwidth")
-    box = page.panel.table.cellWidget(row, 1)
+    box = table.setting_box("bandwidth")
     box.setCurrentIndex(box.findData("on"))
     box.activated.emit(box.currentIndex())
     assert SimulateSettings.of(window.project.state).override("bandwidth") == "on"
     idle(window.jobs, qtbot)
-    assert page.verdict.rows[row].on and page.panel.table.cellWidget(row, 1).currentData() == "on"
-    page.panel.table.selectRow(row)
-    assert "bandwidth" in page.panel.why.text()
+    assert page.verdict.row("bandwidth").on and table.setting_box("bandwidth") is box and box.currentData() == "on"
+    table.select("bandwidth")
+    assert page.panel.effect.title.text() == "bandwidth" and "asked for" in page.panel.effect.why.text()
     window.project.undo()
     idle(window.jobs, qtbot)
-    assert not page.verdict.rows[row].on
+    assert not page.verdict.row("bandwidth").on
     page.panel.tolerance_slider.setValue(page.panel.tolerance_slider.minimum())
     assert SimulateSettings.of(window.project.state).tolerance == tolerance_of(0)
     page.panel.tolerance_slider.setValue(page.panel.tolerance_slider.maximum())
@@ -70,6 +74,7 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
     window.go("simulate")
     page: Any = window.page("simulate")
     page.panel.level_box.setCurrentIndex(page.panel.level_box.findData("geometric"))
+    page.panel.tabs.setCurrentIndex(1)
     idle(window.jobs, qtbot)
     asked: list[tuple[tuple[str, ...], str]] = []
 
@@ -83,7 +88,7 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
 
     monkeypatch.setattr(simulate_page, "verdict_of", slow_planner)
     monkeypatch.setattr(simulate_page, "preview", watched)
-    assert "vignetting" not in {e.name for e in page.verdict.effects}
+    assert "vignetting" not in {e.name for e in page.verdict.found}
     page.panel.choice_asked.emit("vignetting", "on")
     with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
         page.simulate(str(tmp_path / "sim.h5"))

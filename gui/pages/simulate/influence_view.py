@@ -1,0 +1,116 @@
+"""Three pictures side by side: a position without an effect, with it, and the difference."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QRectF
+from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
+
+from gui.models.display import Display, colour_table, levels_of, to_uint8
+from gui.pages.simulate.model_influence import Influence
+from gui.theme import current_theme
+from gui.widgets.image_view import bar_map
+from gui.widgets.plots import style_axes, theme_plot
+
+__all__ = ["InfluenceView"]
+
+TITLES = ("without", "with", "difference")
+MAPS = ("viridis", "viridis", "RdBu_r")
+
+
+class InfluenceView(QWidget):
+    """Pictures that pan and zoom together; the first two share their levels."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        self.graphics = pg.GraphicsLayoutWidget()
+        self.graphics.setMinimumSize(240, 150)
+        self.graphics.ci.layout.setContentsMargins(2, 2, 2, 2)
+        self.graphics.ci.layout.setHorizontalSpacing(4)
+        self.plots: list[pg.PlotItem] = []
+        self.items: list[pg.ImageItem] = []
+        self.bars: list[pg.ColorBarItem] = []
+        for k, title in enumerate(TITLES):
+            self._add_plot(k, title)
+        self.words = QLabel()
+        self.words.setWordWrap(True)
+        self.words.setProperty("role", "hint")
+        self.influence: Influence | None = None
+        column.addWidget(self.graphics, 1)
+        column.addWidget(self.words)
+        self.apply_theme()
+
+    def _add_plot(self, number: int, title: str) -> None:
+        plot: pg.PlotItem = self.graphics.addPlot(row=0, col=number)
+        plot.setAspectLocked(True)
+        plot.invertY(True)
+        plot.setMenuEnabled(False)
+        plot.hideButtons()
+        plot.setTitle(title, size="9pt")
+        item = pg.ImageItem(axisOrder="row-major")
+        plot.addItem(item)
+        if number:
+            plot.setXLink(self.plots[0])
+            plot.setYLink(self.plots[0])
+            plot.getAxis("left").setStyle(showValues=False)
+            plot.getAxis("left").setWidth(6)
+        self.plots.append(plot)
+        self.items.append(item)
+        if number == 0:
+            return
+        # one bar for the first two pictures, one for the difference
+        bar = pg.ColorBarItem(values=(0, 1), width=10, interactive=False, orientation="horizontal")
+        # prefixes for the range on screen would scale the ticks
+        bar.axis.setSIPrefixEnableRanges(())
+        bar.axis.enableAutoSIPrefix(False)
+        self.graphics.addItem(bar, row=1, col=0 if number == 1 else 2, colspan=2 if number == 1 else 1)
+        self.bars.append(bar)
+
+    def show_influence(self, influence: Influence | None, words: str = "") -> None:
+        """Show the pictures of one position; None clears them and says why."""
+        before = None if self.influence is None else self.influence.without.shape
+        self.influence = influence
+        self.words.setText(words or (influence.words if influence is not None else ""))
+        if influence is None:
+            for item in self.items:
+                item.clear()
+            return
+        pictures = (influence.without, influence.with_it, influence.difference)
+        if before is None:  # colour tables take a while to load: not before a picture is there
+            for bar, name in zip(self.bars, MAPS[1:], strict=True):
+                bar.setColorMap(bar_map(name, "linear"))
+        common = levels_of(np.stack(pictures[:2]))
+        levels = (common, common, levels_of(pictures[2], signed=True))
+        for k, (picture, ends) in enumerate(zip(pictures, levels, strict=True)):
+            self._show(k, picture, ends, influence)
+        for bar, ends, name in zip(self.bars, levels[1:], (influence.value, "difference"), strict=True):
+            bar.setLevels(values=ends)
+            bar.axis.setLabel(name)
+        if before != influence.without.shape:
+            self.plots[0].autoRange(padding=0.01)
+
+    def _show(self, k: int, picture: NDArray[Any], levels: tuple[float, float], influence: Influence) -> None:
+        display = Display(colour_map=MAPS[k])
+        data = to_uint8(picture, display, levels)
+        self.items[k].setImage(data, levels=(0, 255), lut=colour_table(MAPS[k]), autoLevels=False)
+        row, column = influence.origin
+        rows, columns = picture.shape
+        self.items[k].setRect(QRectF(column - 0.5, row - 0.5, columns, rows))
+        across, down = influence.axes
+        style_axes(self.plots[k], f"{across} (px)", f"{down} (px)" if k == 0 else "")
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        theme = current_theme()
+        theme_plot(self.graphics, *self.plots)
+        for plot in self.plots:
+            plot.titleLabel.setText(plot.titleLabel.text, color=theme.text, size="9pt")
+        for bar in self.bars:
+            bar.axis.setPen(theme.line)
+            bar.axis.setTextPen(theme.text)

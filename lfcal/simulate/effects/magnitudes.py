@@ -1,0 +1,228 @@
+"""Magnitudes of an effect one by one: what each is called, its unit for people, its value, and who says so."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from lfcal.camera import QUANTITIES, Camera
+from lfcal.checks import check_choice
+from lfcal.errors import InputError
+from lfcal.simulate.effects.base import Effect
+
+__all__ = ["GIVEN", "Magnitude", "magnitudes_of", "number_in", "units_of"]
+
+GIVEN = ("stated", "measured")
+"""How a magnitude that a user gave is known."""
+
+LENGTHS = {"um": 1.0, "µm": 1.0, "nm": 1e-3, "mm": 1e3}
+ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180}
+TIMES = {"s": 1.0, "ms": 1e-3}
+SHARES = {"%": 0.01}
+NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)")
+
+TRIPLES = {"Wavefront": ("n,m,waves", "4,0,0.1;3,1,0.05")}
+"""Kinds of magnitudes that are lists of three numbers, the first two whole: what the three are, and an example."""
+
+SHOWN = {"_um": "µm", "_rad": "°", "_s": "s"}
+"""Units in which people give what the ends of names say."""
+
+
+def units_of(kind: type[Effect], field: str) -> dict[str, float]:
+    """Return the units in which the magnitude ``field`` may be given, with what one of them is in the field's own."""
+    named = kind.units.get(field)
+    if named is not None:
+        return SHARES if named in ("share", "%") else {named: 1.0} if named else {}
+    for ending, units in (("_um", LENGTHS), ("_rad", ANGLES), ("_s", TIMES)):
+        if field.endswith(ending):
+            return units
+    return SHARES
+
+
+def number_in(what: str, text: str, units: Mapping[str, float], plain: float = 1.0) -> float:
+    """Return the number that ``text`` means, in the field's unit; ``plain`` is the factor of one without a unit.
+
+    Raises
+    ------
+    InputError
+        If it is no finite number, or has another unit.
+    """
+    match = NUMBER.fullmatch(text.strip())
+    known = {"": plain, **units}
+    value = float(match[1]) * known[match[2]] if match is not None and match[2] in known else math.nan
+    if not math.isfinite(value):
+        allowed = "".join(f"{unit}, " for unit in units if unit).rstrip(", ")
+        wanted = f"a number, with {allowed} or no unit" if allowed else "a number"
+        got = "inf" if math.isinf(value) else repr(text)
+        raise InputError.expected(what, wanted, got, "for example 0.3")
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class Magnitude:
+    """One magnitude of an effect, as it is shown and edited.
+
+    Attributes
+    ----------
+    field
+        Its field.
+    title, unit
+        For people: ``"direction"`` in ``"°"``.
+    kind
+        ``"number"``, ``"whole"``, ``"text"`` or ``"terms"`` (a list of triples); ``"other"``: only files can hold it.
+    scale
+        Shown number = value / scale.
+    units
+        Other units that may be typed, with what one of them is in the field's unit.
+    value
+        What the effect has; None: what the camera's description has, or what is typical.
+    counts
+        What counts: ``value``, or what stands for it; None where nothing does.
+    default
+        What an effect made without it has.
+    limits
+        Least and largest value, in the field's unit.
+    source
+        ``"given"`` by the user; ``"camera"``: taken from the camera's description; ``"typical"``: of a deviation's
+        usual size, which says nothing about this camera.
+    mark
+        How it is known: of what is given one of `GIVEN`, of the camera's its own mark (`lfcal.camera.Marks`).
+    otherwise
+        Source and mark of what counts where it is not given.
+    columns
+        Of triples, what the three numbers are.
+    """
+
+    field: str
+    title: str
+    unit: str
+    kind: str
+    scale: float
+    units: Mapping[str, float]
+    value: Any
+    counts: Any
+    default: Any
+    limits: tuple[float, float]
+    source: str
+    mark: str
+    otherwise: tuple[str, str]
+    columns: tuple[str, ...] = ()
+
+    def text(self, value: Any) -> str:
+        """Return ``value`` as people write it, without its unit; `read` reads it back."""
+        if value is None or isinstance(value, str):
+            return value or ""
+        if self.kind == "terms":
+            return "; ".join(f"{a}, {b}, {c:g}" for a, b, c in value)
+        return f"{value / self.scale:.10g}" if self.kind in ("number", "whole") else str(value)
+
+    def range_text(self) -> str:
+        """Return the limits in words, empty where any number is allowed."""
+        low, high = (None if math.isinf(limit) else f"{limit / self.scale:g}" for limit in self.limits)
+        words = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}" if high else ""
+        return f"{words} {self.unit}".rstrip() if words else ""
+
+    def read(self, text: str) -> Any:
+        """Return the value that ``text`` means: a number in `unit` or in one that it names.
+
+        Raises
+        ------
+        InputError
+            In one line, for what is no value or beyond the limits.
+        """
+        text = text.strip()
+        if self.kind == "text":
+            return text
+        if re.search(r"\d,\d", text):  # 2.5, or two numbers?
+            raise InputError.expected(self.title, "a decimal point", repr(text), "write 2.5 instead of 2,5")
+        value = number_in(self.title, text, self.units, self.scale)
+        low, high = self.limits
+        if not low <= value <= high:
+            raise InputError.expected(self.title, self.range_text(), f"{text} {self.unit}".rstrip(), "correct it")
+        if self.kind != "whole":
+            return value
+        if value != int(value):
+            raise InputError.expected(self.title, "a whole number", text, "correct it")
+        return int(value)
+
+
+def magnitudes_of(effect: Effect, camera: Camera, given: Mapping[str, str] | None = None) -> tuple[Magnitude, ...]:
+    """Return the magnitudes of ``effect`` in the order of its fields.
+
+    Parameters
+    ----------
+    effect
+        With its values.
+    camera
+        Its description has the values of magnitudes that are None.
+    given
+        Fields that the user gave, with one of `GIVEN`; a field that is not the default's is given anyhow.
+
+    Raises
+    ------
+    InputError
+        For a word that is not among `GIVEN`.
+    """
+    known = dict(given or {})
+    for name, mark in known.items():
+        check_choice(f"how {name} is known", mark, GIVEN)
+    return tuple(_magnitude(effect, field, camera, known) for field in fields(effect))  # type: ignore[arg-type]
+
+
+def _magnitude(effect: Effect, field: Any, camera: Camera, given: Mapping[str, str]) -> Magnitude:
+    kind, name = type(effect), field.name
+    value = getattr(effect, name)
+    unit, scale = shown_unit(kind, name)
+    otherwise = ("typical", "")
+    if field.default is None and kind.is_described(name, camera):
+        otherwise = ("camera", camera.marks[kind.described[name]])
+    told = value is not None and (name in given or value != field.default)
+    source, mark = ("given", given.get(name, "stated")) if told else otherwise
+    return Magnitude(
+        name,
+        kind.titles.get(name) or plain_title(name),
+        unit,
+        kind_of(str(field.type)),
+        scale,
+        units_of(kind, name),
+        value,
+        effect.magnitude(name, camera),
+        field.default,
+        kind.limits.get(name, (-math.inf, math.inf)),
+        source,
+        mark,
+        otherwise,
+        tuple(TRIPLES[str(field.type)][0].split(",")) if str(field.type) in TRIPLES else (),
+    )
+
+
+def kind_of(annotation: str) -> str:
+    """Return the kind of a magnitude by the annotation of its field."""
+    base = annotation.removesuffix(" | None").strip()
+    if base in TRIPLES:
+        return "terms"
+    return {"float": "number", "int": "whole", "str": "text"}.get(base, "other")
+
+
+def shown_unit(kind: type[Effect], field: str) -> tuple[str, float]:
+    """Return the unit in which people give the magnitude ``field``, and what one of it is in the field's unit.
+
+    What the camera's description has is shown as there.
+    """
+    named = kind.units.get(field)
+    if named is not None:
+        return ("%", 0.01) if named in ("share", "%") else (named, 1.0)
+    quantity = next((q for q in QUANTITIES if q.path == kind.described.get(field)), None)
+    if quantity is not None:
+        return quantity.unit, quantity.scale
+    unit = next((unit for ending, unit in SHOWN.items() if field.endswith(ending)), "")
+    return unit, ANGLES["deg"] if unit == "°" else 1.0
+
+
+def plain_title(field: str) -> str:
+    """Return the name of a field as words, without the unit it ends with."""
+    base, _, unit = field.rpartition("_")
+    return (base if f"_{unit}" in SHOWN and base else field).replace("_", " ")

@@ -1,0 +1,44 @@
+"""Poisson deviates of single pixels, each from one random number."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["poisson_quantile"]
+
+EXACT_MEAN = 60.0
+"""Mean number of electrons up to which Poisson probabilities are added one by one."""
+
+
+def poisson_quantile(mean: NDArray[np.floating], share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the Poisson quantiles of ``share`` in [0, 1) for each ``mean``; negative means count as 0.
+
+    One share makes one deviate, so that a pixel's noise does not depend on that of the pixels before it. Means up
+    to `EXACT_MEAN` by adding probabilities; above, the expansion of Cornish and Fisher to the third cumulant
+    (Abramowitz & Stegun 26.2.49), which is off by one in fewer than 1 % of deviates.
+    """
+    from scipy.special import ndtri
+
+    mean = np.maximum(np.asarray(mean, np.float64), 0.0)
+    out = np.zeros(mean.shape)
+    large = mean > EXACT_MEAN
+    if large.any():
+        # The normal deviate of a share of 0 is minus infinity.
+        m, z = mean[large], ndtri(np.clip(share[large], 1e-16, None))
+        third = (z * z - 1) / 6 - (z * z * z - z) / (72 * np.sqrt(m))
+        out[large] = np.maximum(np.floor(m + z * np.sqrt(m) + third + 0.5), 0.0)
+    # A share below P(0) makes 0 electrons; the others count up until their share is reached.
+    todo = np.flatnonzero(~large.ravel() & (share > np.exp(-mean)).ravel())
+    m, u, flat = mean.ravel()[todo], share.ravel()[todo], out.ravel()
+    term = np.exp(-m)
+    total, count = term.copy(), 0
+    # The sum may end a rounding below 1 and never reach the last share: 400 is far beyond any count here.
+    while todo.size and count < 400:
+        count += 1
+        term = term * m / count
+        total += term
+        flat[todo] = count
+        more = u > total
+        todo, m, u, term, total = todo[more], m[more], u[more], term[more], total[more]
+    return flat.reshape(mean.shape)

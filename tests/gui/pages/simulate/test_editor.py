@@ -1,0 +1,295 @@
+"""The scene editor as a person uses it: magnitudes, their influence, files of them, frames."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QLineEdit
+from pytestqt.qtbot import QtBot
+
+from gui.context import Context
+from gui.jobs import JobState
+from gui.models.project import ProjectState
+from gui.pages.simulate.model import SimulateSettings
+from gui.theme import DARK, LIGHT, apply_theme
+from lfcal.camera import Marks
+from lfcal.frames import open_frames
+from lfcal.psf import open_psf
+from lfcal.simulate.effects import Coma
+from tests.gui.pages.simulate.test_model import small_plan
+from tests.gui.waiting import GUARD_MS, idle
+
+OpenPage = Callable[..., Any]
+RAYS = SimulateSettings(0.3, "geometric")
+
+
+@pytest.fixture
+def state() -> ProjectState:
+    plan = small_plan()
+    plan = replace(plan, depths_um=plan.depths_um[:1], exposure_s=plan.exposures[0])
+    return ProjectState(camera=plan.camera, plan=plan, settings={"simulate": RAYS.to_dict()})
+
+
+@pytest.fixture
+def page(open_page: OpenPage, context: Context, qtbot: QtBot) -> Any:
+    made = open_page("simulate", 640)
+    idle(context.jobs, qtbot)
+    return made
+
+
+def given(page: Any) -> SimulateSettings:
+    return SimulateSettings.of(page.context.state)
+
+
+def choose(page: Any, name: str, qtbot: QtBot) -> dict[str, Any]:
+    """Select an effect; return its editors by field."""
+    page.panel.table.select(name)
+    idle(page.context.jobs, qtbot)
+    editors: dict[str, Any] = page.panel.effect.form.editors
+    return editors
+
+
+def type_into(edit: QLineEdit, text: str, qtbot: QtBot) -> None:
+    edit.setFocus()
+    edit.selectAll()
+    qtbot.keyClicks(edit, text)
+    qtbot.keyClick(edit, Qt.Key.Key_Return)
+
+
+def test_coma_of_0_3_waves_at_40_degrees(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
+    context, table = page.context, page.panel.table
+    editors = choose(page, "coma", qtbot)
+    assert not page.verdict.row("coma").on and table.item_of("coma").text(2).startswith("off: not known")
+    assert editors["waves"].source.currentText() == "typical" and editors["waves"].edit.text() == "0.25"
+    type_into(editors["waves"].edit, "0.3", qtbot)
+    type_into(editors["angle_rad"].edit, "40", qtbot)
+    idle(context.jobs, qtbot)
+    assert given(page).effects() == (Coma(0.3, math.radians(40)),)
+    assert page.verdict.row("coma").on and table.item_of("coma").text(2).startswith("on: 0.3 waves")
+    assert editors["waves"].source.currentData() == "stated" and editors["angle_rad"].edit.text() == "40"
+    source = editors["waves"].source
+    source.setCurrentIndex(source.findData("measured"))
+    source.activated.emit(source.currentIndex())
+    idle(context.jobs, qtbot)
+    assert given(page).given("coma")["waves"] == (0.3, "measured")
+    with qtbot.waitSignal(context.jobs.finished, timeout=GUARD_MS) as end:
+        page.simulate(str(tmp_path / "H.h5"))
+    assert end.args[0].state is JobState.DONE, end.args[0].error
+    with open_psf(tmp_path / "H.h5") as H:
+        (coma,) = [one for one in H.provenance["simulated"]["effects"] if one["name"] == "coma"]
+        assert (coma["waves"], coma["angle_rad"]) == (0.3, pytest.approx(math.radians(40)))
+        assert H.provenance["effect_sources"]["coma"] == {"waves": "measured", "angle_rad": "stated"}
+    type_into(editors["waves"].edit, " ", qtbot)
+    idle(context.jobs, qtbot)
+    assert given(page).given("coma").keys() == {"angle_rad"} and editors["waves"].edit.text() == "0.25"
+    page.panel.reset_button.click()
+    idle(context.jobs, qtbot)
+    assert not page.verdict.row("coma").on and given(page) == RAYS
+
+
+REFUSED = (
+    ("coma", "waves", "large", "a number, with waves or no unit"),
+    ("coma", "waves", "0,3", "decimal point"),
+    ("crosstalk", "share", "30", "expected 0 to 25 %, got 30 %"),
+    ("iris_shape", "blades", "2", "0 for a circular iris"),
+    ("colour_filter", "cfa", "QQQQ", "letters"),
+)
+
+
+def test_a_bad_value_is_refused_beside_its_field(page: Any, qtbot: QtBot) -> None:
+    for effect, field, text, words in REFUSED:
+        editor = choose(page, effect, qtbot)[field]
+        type_into(editor.edit, text, qtbot)
+        assert words in editor.error.text() and editor.error.isVisible() and "\n" not in editor.error.text()
+        assert editor.edit.property("invalid") and given(page).magnitudes == ()
+        page.panel.tolerance_slider.setValue(page.panel.tolerance_slider.value() - 1)
+        idle(page.context.jobs, qtbot)
+        assert editor.edit.text() == text and editor.error.isVisible(), "what is being mended stays"
+        source = editor.source
+        source.setCurrentIndex(0)
+        source.activated.emit(0)
+        idle(page.context.jobs, qtbot)
+        assert editor.error.isHidden() and editor.edit.text() == editor.magnitude.text(editor.magnitude.counts)
+
+
+def test_values_of_the_camera_bear_its_marks(page: Any, context: Context, qtbot: QtBot) -> None:
+    editor = choose(page, "read_noise", qtbot)["rms_e"]
+    assert editor.source.currentText() == "camera: stated"
+    assert float(editor.edit.text()) == context.state.camera.sensor.read_noise_e
+    camera = replace(context.state.camera, marks=Marks.of({"sensor.read_noise_e": "assumed"}))
+    assert context.state.plan is not None
+    context.project.update("camera", camera=camera, plan=replace(context.state.plan, camera=camera))
+    idle(context.jobs, qtbot)
+    assert editor.source.currentText() == "camera: assumed"
+    type_into(editor.edit, "3", qtbot)
+    idle(context.jobs, qtbot)
+    assert editor.source.currentText() == "stated" and editor.source.itemText(0) == "camera: assumed"
+
+
+def test_a_measured_wavefront_is_a_table_of_terms(page: Any, qtbot: QtBot) -> None:
+    table = choose(page, "zernike", qtbot)["terms"].table
+    editor = page.panel.effect.form.editors["terms"]
+    box = page.panel.table.setting_box("zernike")
+    box.setCurrentIndex(box.findData("on"))
+    box.activated.emit(box.currentIndex())
+    idle(page.context.jobs, qtbot)
+    assert "needs terms" in page.panel.effect.why.text() and not page.verdict.row("zernike").on
+    table.add_button.click()
+    for column, text in enumerate(("4", "1", "0.1")):
+        table.cells.item(0, column).setText(text)
+    assert "row 1: Zernike term" in editor.error.text() and given(page).given("zernike") == {}
+    table.cells.item(0, 1).setText("0")
+    idle(page.context.jobs, qtbot)
+    assert editor.error.isHidden() and given(page).given("zernike") == {"terms": (((4, 0, 0.1),), "stated")}
+    assert page.verdict.row("zernike").on and "needs terms" not in page.panel.effect.why.text()
+    table.add_button.click()
+    assert table.cells.rowCount() == 2, "an empty row is no term yet"
+    table.cells.setCurrentCell(0, 0)
+    table.cells.setFocus()
+    QTest.keyClick(table.cells, Qt.Key.Key_Delete)
+    idle(page.context.jobs, qtbot)
+    assert given(page).given("zernike") == {} and not page.verdict.row("zernike").on
+
+
+def test_the_influence_of_an_effect_on_h(page: Any, qtbot: QtBot) -> None:
+    page.panel.level_asked.emit("wave")  # rays know no aberration
+    choose(page, "coma", qtbot)
+    view, effect = page.panel.effect.influence, page.panel.effect
+    plan = page.context.state.plan
+    typical = view.influence
+    assert typical is not None and typical.without.shape == plan.cutout
+    assert "At a typical size" in view.words.text() and "% of the light differs" in view.words.text()
+    changed = np.abs(typical.difference).sum() / np.abs(typical.with_it).sum()
+    assert changed > 0.02 and f"{100 * changed:.2g} % of the light differs" in view.words.text()
+    assert typical.with_it.sum() == pytest.approx(typical.without.sum(), rel=0.05)
+    assert view.plots[0].getAxis("bottom").labelText == "column s (px)"
+    effect.row_box.setValue(0)
+    idle(page.context.jobs, qtbot)
+    moved = view.influence
+    assert moved is not typical and "position (0, 1)" in view.words.text()
+    effect.row_box.setValue(1)
+    assert view.influence is typical, "what was computed is kept"
+    choose(page, "crosstalk", qtbot)
+    light = view.influence
+    # 1 % to each of four neighbours, of two lines: the middle keeps 0.98 squared
+    assert light.with_it.sum() == pytest.approx(light.without.sum(), rel=1e-3)
+    assert light.with_it.max() < light.without.max()
+
+
+def test_waiting_for_the_influence_can_be_stopped(page: Any, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def endless(question: Any, stopped: Callable[[], bool]) -> None:
+        asked.append(question)
+        while not stopped():
+            pass
+
+    monkeypatch.setattr(page.influences, "answer", endless)
+    page.panel.table.select("coma")
+    qtbot.waitUntil(lambda: len(asked) == 1, timeout=GUARD_MS)
+    page.panel.effect.stop_button.click()
+    idle(page.context.jobs, qtbot)
+    assert "Stopped" in page.panel.effect.influence.words.text() and page.panel.effect.influence.influence is None
+    page.panel.table.select("spherical")
+    page.panel.table.select("crosstalk")
+    qtbot.waitUntil(lambda: len(asked) > 1, timeout=GUARD_MS)
+    page._stop_influence()
+    monkeypatch.undo()
+    page.panel.table.select("finite_source")
+    idle(page.context.jobs, qtbot)
+    assert page.panel.effect.influence.influence is not None, "the newest question is answered"
+
+
+def test_effects_on_frames_say_so_and_make_frames(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
+    choose(page, "read_noise", qtbot)
+    effect, panel = page.panel.effect, page.panel
+    assert "acts on sensor frames, not on H" in effect.title.text() and effect.frame_button.isVisible()
+    assert "samples differ" in effect.influence.words.text()
+    assert effect.influence.plots[0].getAxis("bottom").labelText == "sensor column (px)"
+    noisy = effect.influence.influence
+    assert noisy.difference.std() > 0
+    effect.frame_button.click()
+    idle(page.context.jobs, qtbot)
+    frame = panel.frame.frame
+    assert panel.tabs.currentWidget() is panel.frame and frame is not None
+    assert frame.samples.shape == page.context.state.camera.sensor.shape and frame.samples.dtype == np.uint16
+    assert np.array_equal(frame.cutout()[0], noisy.with_it), "the same seed gives the same frame"
+    for name in ("frame.tif", "frame.png"):
+        panel.frame.save(str(tmp_path / name))
+        read = cv2.imread(str(tmp_path / name), cv2.IMREAD_UNCHANGED)
+        assert np.array_equal(read, frame.samples)
+    assert "not rounded" not in panel.frame.words.text()
+    choose(page, "coma", qtbot)
+    assert effect.frame_button.isHidden()
+
+
+def test_frames_of_the_whole_plan(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    editors = choose(page, "read_noise", qtbot)
+    type_into(editors["rms_e"].edit, "30", qtbot)
+    with qtbot.waitSignal(page.context.jobs.finished, timeout=GUARD_MS) as end:
+        page.simulate_frames(str(folder))
+    assert end.args[0].state is JobState.DONE, end.args[0].error
+    truth = json.loads((folder / "truth.json").read_text())
+    assert {"name": "read_noise", "rms_e": 30} in truth["effects"]
+    assert len(open_frames(folder / "frames")) == page.context.state.plan.n_positions
+    page.simulate_frames(str(folder))
+    assert "new or empty folder" in page.notice.label.text()
+
+
+def test_magnitudes_go_to_a_file_and_come_back(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
+    path = tmp_path / "effects.json"
+    type_into(choose(page, "coma", qtbot)["waves"].edit, "0.3", qtbot)
+    page.panel.choice_asked.emit("bandwidth", "off")
+    page.export_magnitudes(str(path))
+    before = given(page)
+    page.panel.reset_button.click()
+    assert given(page) == RAYS
+    page.import_magnitudes(str(path))
+    idle(page.context.jobs, qtbot)
+    assert given(page) == before and page.verdict.row("coma").on
+    path.write_text('[{"name": "coma", "waves": "large"}]')
+    page.import_magnitudes(str(path))
+    idle(page.context.jobs, qtbot)
+    assert "a number" in page.notice.label.text() and given(page) == before
+
+
+def test_the_keyboard_suffices(page: Any, qtbot: QtBot) -> None:
+    table = page.panel.table
+    table.setFocus()
+    table.select("coma")
+    for choice in ("on", "off", "auto"):
+        qtbot.keyClick(table, Qt.Key.Key_Space)
+        assert given(page).override("coma") == choice
+        idle(page.context.jobs, qtbot)
+        assert table.selected == "coma" and table.setting_box("coma").currentData() == choice
+    qtbot.keyClick(table, Qt.Key.Key_Down)
+    assert table.selected == "zernike"
+    qtbot.keyClick(table, Qt.Key.Key_Down)
+    assert table.selected == "lenslet_gap"
+    qtbot.keyClick(table, Qt.Key.Key_Return)
+    editor = page.panel.effect.form.editors["error_um"]
+    assert page.focusWidget() is editor.edit
+    idle(page.context.jobs, qtbot)
+
+
+def test_both_themes_show_everything(page: Any, context: Context, qtbot: QtBot, qapp: Any) -> None:
+    choose(page, "coma", qtbot)
+    for theme in (DARK, LIGHT):
+        apply_theme(qapp, theme)
+        context.theme_changed.emit()
+        idle(context.jobs, qtbot)
+        shown = page.panel.table.item_of("coma").foreground(0).color().name()
+        assert shown == theme.muted
+        assert page.panel.effect.influence.graphics.backgroundBrush().color().name() == theme.plot
+    assert page.panel.table.horizontalScrollBar().maximum() == 0, "all columns fit into a small window"
