@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, replace
 
@@ -83,7 +84,9 @@ def _moved(
     nt, ns = plan.cutout
     response = PlaneResponse(there, z, effects, cutout=(nt + 2 * WIDE, ns + 2 * WIDE))
     response.adopt(like)
-    return _Moved(response.rows([at[0]], [at[1]], 1)[0, 0], shift)
+    # the window follows the source by whole pixels
+    rest = (shift[0] - math.ceil(shift[0] - 0.5), shift[1] - math.ceil(shift[1] - 0.5))
+    return _Moved(response.rows([at[0]], [at[1]], 1)[0, 0], rest)
 
 
 def _tried(name: str, moved: list[_Moved], true: NDArray[np.float32]) -> tuple[float, float]:
