@@ -175,4 +175,5 @@ def format_cost(cost: float, unit: str) -> str:
 
 def format_error(error: float) -> str:
     """Return a relative error for people, in per cent, however small."""
-    return f"{100 * error:.2g} %"
+    percent = 100 * error
+    return f"{percent:.0f} %" if percent >= 100 else f"{percent:.2g} %"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -64,8 +65,7 @@ def _panel(axes: Axes, curve: Curve, error: float | None) -> None:
     axes.plot(*zip(*points, strict=True), "o", ms=4, color=LINES[0])
     front = [(rung.cost, 100 * max(rung.error, FLOOR)) for rung in curve.front]
     axes.plot(*zip(*front, strict=True), "-", color=COLOURS["muted"], lw=1)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    _logarithmic(axes)
     if error is not None:
         axes.axhline(100 * error, color=COLOURS["fair"], ls="--", lw=1)
         found = curve.cheapest(error)
@@ -75,7 +75,21 @@ def _panel(axes: Axes, curve: Curve, error: float | None) -> None:
             axes.annotate(found.label, at, xytext=(6, 6), textcoords="offset points", fontsize=7)
     axes.set_title(curve.title)
     axes.set_xlabel(f"{_short(curve.cost)} ({AXES[curve.unit]})")
-    axes.set_ylabel(f"{_short(curve.error)} (%)")
+    axes.set_ylabel(textwrap.fill(f"{_short(curve.error)} (%)", 40))
+
+
+def _logarithmic(axes: Axes) -> None:
+    """Make both axes logarithmic, with numbers at 1, 2 and 5 that do not run into each other."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_data_interval()
+        few = high < 30 * low
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,), numticks=8))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
 
 
 def _short(text: str) -> str:

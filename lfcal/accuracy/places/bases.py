@@ -11,6 +11,7 @@ from lfcal.accuracy.place import Measuring, Place, Step, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Sensor
 from lfcal.multiplex import MASKS, Modulator, amplification, mask
+from lfcal.units import format_seconds
 
 __all__ = ["PLACE", "sample_noise"]
 
@@ -48,7 +49,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
             rng = np.random.default_rng([MASKS.index(kind), EXPOSURES.index(share)])
             error = sample_noise(modulator, inverse, electrons * share, sensor, rng)
             settings = {"mask": kind, "size": side, "exposure_s": exposure * share}
-            label = f"{kind.replace('_', ' ')}, {exposure * share:.3g} s"
+            label = f"{kind.replace('_', ' ')}, {format_seconds(exposure * share)}"
             others = {"signal to noise (dB)": -10 * math.log10(error), "amplification": amplification(modulator)}
             yield Rung(label, settings, error, exposure * share, "seconds", others)
 

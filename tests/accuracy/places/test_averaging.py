@@ -43,7 +43,7 @@ def test_more_light_than_the_well_holds_does_not_average_out(even: Subject) -> N
     bright = [r for r in curve.rungs if r.settings["exposure_s"] == [0.08] * 3]
     # of 4 x 0.8 full wells one is kept
     assert all(r.error == pytest.approx(1 - 1 / (4 * FULL), rel=0.01) for r in bright)
-    assert all(r.note == "1e+02 % of the pixels are saturated" for r in bright)
+    assert all(r.note == "100 % of the pixels are saturated" for r in bright)
 
 
 def test_the_model_holds_for_dim_and_bright_pixels_together(plan: ScanPlan) -> None:

@@ -43,6 +43,6 @@ def test_longer_exposures_are_better_for_every_mask(subject: Subject) -> None:
         rungs = [r for r in curve.rungs if r.settings["mask"] == kind]
         assert len(rungs) == 4 and [r.cost for r in rungs] == pytest.approx([0.02 / 64, 0.02 / 16, 0.005, 0.02])
         assert [r.error for r in rungs] == sorted((r.error for r in rungs), reverse=True)
-    lenslet = next(r for r in curve.rungs if r.label == "lenslet, 0.02 s")
+    lenslet = next(r for r in curve.rungs if r.label == "lenslet, 20 ms")
     electrons = FULL * sensor.full_well_e
     assert lenslet.error == pytest.approx(math.sqrt(electrons + sensor.read_noise_e**2) / electrons, rel=0.02)
