@@ -13,7 +13,7 @@ from gui.models.project import ProjectState
 from gui.pages.plan.model import default_plan
 from lfcal.camera import preset
 
-OWN = ("camera", "plan", "acquire", "frames", "psf", "quality", "simulate", "reconstruct", "multiplex")
+OWN = ("camera", "plan", "acquire", "frames", "psf", "quality", "simulate", "reconstruct", "multiplex", "accuracy")
 
 
 def ready(project: ProjectState) -> PageState:
