@@ -12,10 +12,13 @@ from lfcal.errors import FileFormatError
 from lfcal.plain import plain
 from lfcal.units import format_bytes, format_seconds
 
-__all__ = ["UNITS", "Curve", "Rung", "format_cost", "format_error", "marked"]
+__all__ = ["UNITS", "Curve", "Rung", "cost_axis", "format_cost", "format_error", "marked"]
 
 UNITS = ("seconds", "bytes", "frames")
 """What accuracy is paid in."""
+
+SHOWN = {"seconds": ("s", 1.0), "bytes": ("MB", 1e6), "frames": ("", 1.0)}
+"""Unit that a chart's axis shows, and how much of the cost it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +167,13 @@ def marked(rungs: Iterable[Rung]) -> tuple[Rung, ...]:
         out.append(replace(rung, efficient=rung.error < lowest))
         lowest = min(lowest, rung.error)
     return tuple(out)
+
+
+def cost_axis(curve: Curve) -> tuple[str, float]:
+    """Return the label of a chart's axis of costs, and what costs are divided by for it."""
+    unit, scale = SHOWN[curve.unit]
+    name = curve.cost.split(",")[0]  # all of it does not fit beside an axis
+    return f"{name} ({unit})" if unit else name, scale
 
 
 def format_cost(cost: float, unit: str) -> str:

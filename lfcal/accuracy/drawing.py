@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from lfcal.accuracy.base import Curve
+from lfcal.accuracy.base import Curve, cost_axis
 from lfcal.errors import InputError
 from lfcal.figures import COLOURS, LINES, figure, save_figure
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 __all__ = ["draw_curves"]
 
 COLUMNS = 3
-AXES = {"seconds": "s", "bytes": "bytes", "frames": "frames"}
 
 FLOOR = 1e-9
 """Errors of nothing at all are drawn here: a logarithm has no zero."""
@@ -61,21 +60,22 @@ def draw_curves(
 
 
 def _panel(axes: Axes, curve: Curve, error: float | None) -> None:
-    points = [(rung.cost, 100 * max(rung.error, FLOOR)) for rung in curve.rungs]
+    label, scale = cost_axis(curve)
+    points = [(rung.cost / scale, 100 * max(rung.error, FLOOR)) for rung in curve.rungs]
     axes.plot(*zip(*points, strict=True), "o", ms=4, color=LINES[0])
-    front = [(rung.cost, 100 * max(rung.error, FLOOR)) for rung in curve.front]
+    front = [(rung.cost / scale, 100 * max(rung.error, FLOOR)) for rung in curve.front]
     axes.plot(*zip(*front, strict=True), "-", color=COLOURS["muted"], lw=1)
     _logarithmic(axes)
     if error is not None:
         axes.axhline(100 * error, color=COLOURS["fair"], ls="--", lw=1)
         found = curve.cheapest(error)
         if found is not None:
-            at = found.cost, 100 * max(found.error, FLOOR)
+            at = found.cost / scale, 100 * max(found.error, FLOOR)
             axes.plot(*at, "*", ms=13, mfc="none", mec=COLOURS["good"], mew=1.4)
             axes.annotate(found.label, at, xytext=(6, 6), textcoords="offset points", fontsize=7)
     axes.set_title(curve.title)
-    axes.set_xlabel(f"{_short(curve.cost)} ({AXES[curve.unit]})")
-    axes.set_ylabel(textwrap.fill(f"{_short(curve.error)} (%)", 40))
+    axes.set_xlabel(label)
+    axes.set_ylabel(textwrap.fill(f"{curve.error.split(',')[0]} (%)", 40))
 
 
 def _logarithmic(axes: Axes) -> None:
@@ -90,8 +90,3 @@ def _logarithmic(axes: Axes) -> None:
         axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,), numticks=8))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
-
-
-def _short(text: str) -> str:
-    """Return what stands before the first comma: all of it does not fit beside an axis."""
-    return text.split(",")[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,30 @@ from gui.widgets.plots import LinePlot
 
 __all__ = ["ParetoChart"]
 
-SIZE, PICKED_SIZE = 10, 15
+SIZE, PICKED_SIZE = 10, 22
+LEFT = 64
+"""Width of the axis of errors (px): its numbers change while it is measured, the chart is not to jump."""
+
+FEW, MOST = 2.5, 8
+"""Decades up to which numbers between them are shown, and decades shown at most."""
+
+
+class DecadeAxis(pg.AxisItem):
+    """An axis of decimal logarithms with the numbers themselves: 1, 2 and 5, or decades where there are many."""
+
+    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
+        """Return where ticks are: pairs of their distance and their places."""
+        low, high = math.floor(minVal), math.ceil(maxVal)
+        if maxVal - minVal <= FEW:
+            steps = [math.log10(k) for k in (1, 2, 5)]
+            ticks = [decade + step for decade in range(low, high + 1) for step in steps]
+        else:
+            ticks = [float(d) for d in range(low, high + 1, math.ceil((high - low) / MOST))]
+        return [(1.0, [tick for tick in ticks if minVal <= tick <= maxVal])]
+
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
+        """Return the numbers."""
+        return [f"{10**value:g}" for value in values]
 
 
 class ParetoChart(LinePlot):
@@ -31,8 +55,9 @@ class ParetoChart(LinePlot):
 
     def __init__(self) -> None:
         super().__init__("cost", "error (%)")
-        for side in ("bottom", "left"):
-            self.plot.getAxis(side).setLogMode(True)
+        self.plot.setAxisItems({side: DecadeAxis(side) for side in ("bottom", "left")})
+        self.plot.getAxis("left").setWidth(LEFT)
+        self.plot.showGrid(x=True, y=True, alpha=0.15)
         self._points: tuple[Point, ...] = ()
         self.front = pg.PlotDataItem()
         self.limit = pg.InfiniteLine(angle=0, movable=False)
@@ -40,6 +65,7 @@ class ParetoChart(LinePlot):
         self.scatter.sigClicked.connect(self._clicked)
         for item in (self.front, self.limit, self.scatter):
             self.plot.addItem(item)
+        self.set_labels("cost", "error (%)")
         self.graphics.setCursor(Qt.CursorShape.ArrowCursor)
 
     def show_points(self, points: Sequence[Point], log_percent: float) -> None:
@@ -49,6 +75,8 @@ class ParetoChart(LinePlot):
         front = [point for point in points if point.efficient]
         self.front.setData([p.x for p in front], [p.y for p in front])
         theme = current_theme()
+        # what matters is drawn last: points of the same numbers hide each other
+        order = sorted(range(len(points)), key=lambda k: (points[k].picked, points[k].efficient))
         self.scatter.setData(
             [
                 {
@@ -59,7 +87,7 @@ class ParetoChart(LinePlot):
                     "brush": pg.mkBrush(self._colour(point)),
                     "pen": pg.mkPen(theme.plot, width=0.8),
                 }
-                for number, point in enumerate(points)
+                for number, point in ((k, points[k]) for k in order)
             ]
         )
         self.limit.setVisible(bool(points))

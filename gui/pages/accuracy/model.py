@@ -13,7 +13,7 @@ from gui.models.form import Field
 from gui.models.project import ProjectState
 from gui.models.settings import PageSettings
 from lfcal.accuracy import PLACES, Curve, Rung, Subject, iter_curve
-from lfcal.accuracy.base import format_cost, format_error
+from lfcal.accuracy.base import cost_axis, format_cost, format_error
 from lfcal.errors import InputError
 from lfcal.progress import Work
 
@@ -31,7 +31,7 @@ __all__ = [
     "words_of",
 ]
 
-SUBJECTS = (("plan", "the scan plan, simulated"), ("psf", "H"))
+SUBJECTS = (("plan", "Scan plan"), ("psf", "H"))
 FLOOR = 1e-9
 """Errors and costs of nothing at all are shown here: a logarithm has no zero."""
 
@@ -135,7 +135,7 @@ def _subject(project: ProjectState, settings: AccuracySettings, stack: ExitStack
 # -- showing -----------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Point:
-    """A rung in the chart: decimal logarithms of its cost and of its error in per cent, and what it is."""
+    """A rung in the chart: decimal logarithms of its cost, as the axis has it, and of its error in per cent."""
 
     x: float
     y: float
@@ -146,10 +146,10 @@ class Point:
 
 def points_of(curve: Curve, error: float) -> tuple[Point, ...]:
     """Return the rungs as points, in their order; the cheapest within ``error`` is picked."""
-    picked = curve.cheapest(error)
+    picked, (_, scale) = curve.cheapest(error), cost_axis(curve)
     return tuple(
         Point(
-            math.log10(max(rung.cost, FLOOR)),
+            math.log10(max(rung.cost / scale, FLOOR)),
             math.log10(100 * max(rung.error, FLOOR)),
             rung.efficient,
             rung is picked,
@@ -161,8 +161,7 @@ def points_of(curve: Curve, error: float) -> tuple[Point, ...]:
 
 def axis_labels(curve: Curve) -> tuple[str, str]:
     """Return the labels of cost and error with their units."""
-    units = {"seconds": "s", "bytes": "bytes", "frames": "frames"}
-    return f"{curve.cost.split(',')[0]} ({units[curve.unit]})", f"{curve.error.split(',')[0]} (%)"
+    return cost_axis(curve)[0], f"{curve.error.split(',')[0]} (%)"
 
 
 def rung_words(rung: Rung) -> str:

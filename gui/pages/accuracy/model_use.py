@@ -16,8 +16,6 @@ LEVELS = {"debye": "microscope"}
 """Levels that the window calls by another name."""
 
 NO_USE = {
-    "storage": "Nothing was changed: the window stores assembled H as uint16 and simulated H as float32, with gzip. "
-    "Other types are for the command line and for Python.",
     "lattice": "Nothing was changed: it tells how many lenslets a white image must show.",
     "aperture": "Nothing was changed: it tells how many positions a plane must have, which the array's period sets.",
     "sampling": "Nothing was changed: this sampling is taken by itself for a tolerance that it keeps.",
@@ -111,6 +109,20 @@ def _solvers(project: ProjectState, rung: Rung) -> Use:
     return Use(words, "solver", changes, "reconstruct")
 
 
+def _storage(project: ProjectState, rung: Rung) -> Use:
+    dtype, compression = str(rung.settings["dtype"]), str(rung.settings["compression"])
+    if dtype not in ("uint16", "float32") or compression not in ("gzip", "none"):
+        return Use(
+            "Nothing was changed: the window exports H as uint16 or float32, with gzip or without. "
+            "Other types are for the command line and for Python."
+        )
+    chosen = {"suffix": ".h5", "sixteen": dtype == "uint16", "compress": compression == "gzip"}
+    packed = "with gzip" if compression == "gzip" else "not compressed"
+    return Use(
+        f"PSF: Export proposes an H file of {dtype}, {packed}.", "export", _settings(project, "psf", **chosen), "psf"
+    )
+
+
 def _filters(project: ProjectState, rung: Rung) -> Use:
     if rung.settings["route"] != "spatial":
         return Use("Nothing was changed: Multiplexing always shows the Fourier route beside the spatial one.")
@@ -130,6 +142,7 @@ _USES: dict[str, Callable[[ProjectState, Rung], Use]] = {
     "planes": _planes,
     "averaging": _averaging,
     "interpolation": _interpolation,
+    "storage": _storage,
     "projection": _projection,
     "solvers": _solvers,
     "filters": _filters,

@@ -48,7 +48,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         yield Step(f"reference, position {place}")
     yield Truth(
         "the reference level with the effects that matter at 1 %: " + ", ".join(e.name for e in every.effects),
-        (f"{len(places)} positions of plane {z} (z = {plan.depths_um[z]:g} µm)",),
+        (f"{len(places)} position{'s' * (len(places) > 1)} of plane {z} (z = {plan.depths_um[z]:g} µm)",),
     )
     true = np.concatenate(truth)
     for tolerance in TOLERANCES:

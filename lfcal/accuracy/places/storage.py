@@ -90,7 +90,7 @@ PLACE = Place(
     "storage",
     "H file: stored type and compression",
     "relative L1 error of H as read from its file",
-    "bytes of H's samples in the file",
+    "size of H's samples in the file",
     "bytes",
     measure,
     rank=60,

@@ -23,6 +23,7 @@ from gui.pages.accuracy.model import (
 from gui.pages.accuracy.model_use import NO_USE, use_of
 from gui.pages.frames.model import FrameSettings
 from gui.pages.multiplex.model import MultiplexSettings
+from gui.pages.psf.export_model import ExportIntent, ExportSettings
 from gui.pages.reconstruct.model import ReconstructSettings
 from gui.pages.simulate.model import SimulateSettings
 from lfcal.accuracy import PLACES, Curve, Rung, Subject, measure_curve
@@ -117,6 +118,8 @@ def test_rungs_change_the_settings_that_pages_read() -> None:
         "rl-tv", 40, read_noise=3.0, method="sparse", threshold=0.01, double=True
     )
     state, _ = used(state, "interpolation", interpolation="cubic")
+    state, _ = used(state, "storage", dtype="uint16", compression="none")
+    assert ExportSettings.of(state).on(ExportIntent()) == ExportIntent(".h5", sixteen=True, compress=False)
     assert FrameSettings.of(state).interpolation == "cubic"
     state, _ = used(state, "filters", route="spatial", filter="lanczos", pattern="Bayer")
     state, _ = used(state, "bases", mask="MURA", size=11, exposure_s=0.02)
@@ -132,6 +135,22 @@ def test_rungs_change_the_plan() -> None:
     low, high = min(PLAN.depths_um), max(PLAN.depths_um)
     changed, _ = used(state, "planes", depths_um=list(np.linspace(low, high, 5)))
     assert changed.plan is not None and changed.plan.shape == (5, *PLAN.shape[1:])
+
+
+@pytest.mark.parametrize(("dtype", "compression"), [("uint8", "gzip"), ("float16", "gzip"), ("uint16", "zstd")])
+def test_types_that_the_window_does_not_export_say_so(dtype: str, compression: str) -> None:
+    use = use_of(ProjectState(), curve(place="storage"), rung(0.1, 1.0, dtype=dtype, compression=compression))
+    assert use.changes is None and use.words.startswith("Nothing was changed: the window exports H as uint16 or")
+
+
+def test_sizes_are_shown_in_megabytes() -> None:
+    sizes = Curve("storage", "Title", "error", "size of the file", "bytes")
+    sizes = sizes.with_rung(Rung("a", {}, 0.1, 2.5e7, "bytes"))
+    assert axis_labels(sizes)[0] == "size of the file (MB)" and points_of(sizes, 1.0)[0].x == pytest.approx(
+        np.log10(25)
+    )
+    frames = Curve("planes", "Title", "error", "frames of the scan", "frames")
+    assert axis_labels(frames)[0] == "frames of the scan"
 
 
 @pytest.mark.parametrize("place", NO_USE)
@@ -156,4 +175,4 @@ def test_every_place_can_be_used_or_says_why_not() -> None:
     for name in ("bases", "averaging", "filters", "storage"):
         found = measure_curve(PLACES.get(name), Subject("small", PLAN, workers=1), 1.0)
         use = use_of(state, found, found.rungs[0])
-        assert (use.changes is None) == (name == "storage"), use.words
+        assert (use.changes is None) == (name == "storage" and found.rungs[0].settings["dtype"] == "uint8"), use.words

@@ -46,7 +46,9 @@ def look_at(page: Page, name: str) -> None:
 
 def points(page: Page) -> list[tuple[float, float]]:
     found = page.panel.chart.scatter.data
-    return list(zip(found["x"].tolist(), found["y"].tolist(), strict=True))
+    # in the order of the rungs, whatever is drawn first
+    rows = sorted(zip(found["data"].tolist(), found["x"].tolist(), found["y"].tolist(), strict=True))
+    return [(x, y) for _, x, y in rows]
 
 
 def click(page: Page, number: int) -> None:
@@ -68,6 +70,11 @@ def test_a_place_is_measured_drawn_and_answered(page: Page, qtbot: QtBot) -> Non
     np.testing.assert_allclose(10 ** front[:, 1], [100 * r.error for r in page.curve.front])
     assert page.panel.answer.text() == page.curve.answer(0.01)
     assert page.measure_button.isEnabled() and not page.stop_button.isEnabled()
+    axis = page.panel.chart.plot.getAxis("left")
+    ((_, ticks),) = axis.tickValues(0.0, 2.0, 400)
+    assert axis.tickStrings(ticks, 1, 1) == ["1", "2", "5", "10", "20", "50", "100"]
+    ((_, ticks),) = axis.tickValues(-7.2, 1.0, 400)
+    assert axis.tickStrings(ticks, 1, 1)[-1] == "1" and 4 <= len(ticks) <= 8
     look_at(page, "storage")
     assert not points(page) and page.panel.answer.text().startswith("Not measured yet")
     look_at(page, "bases")
@@ -136,6 +143,8 @@ def test_a_rung_that_cannot_be_used_says_so_and_changes_nothing(page: Page, cont
     page.measure()
     idle(page.context.jobs, qtbot)
     before = context.state
+    assert page.curve is not None
+    assert page.curve.rungs[0].settings["dtype"] == "uint8"
     click(page, 0)
     assert context.state == before and "Nothing was changed" in page.panel.used.text()
     page.use(999)
