@@ -103,15 +103,18 @@ class Subject:
 
     @classmethod
     def of_matrix(cls, matrix: PSFMatrix, name: str, workers: int | None = None) -> Subject:
-        """Return H as subject, with the plan that its provenance or its camera tells of."""
-        plan, reason = _plan_of(matrix)
-        return cls(name, plan, matrix, reason, workers)
+        """Return H (also that of HT) as subject, with the plan that its provenance or its camera tells of."""
+        H = matrix.T if matrix.is_transposed else matrix
+        plan, reason = _plan_of(H)
+        return cls(name, plan, H, reason, workers)
 
     @property
     def planned(self) -> ScanPlan:
         """The scan plan; raises `InputError` with the reason where there is none."""
         if self.plan is None:
-            raise InputError.expected("camera", "that of the scan", self.no_plan or "none", "give a plan or camera")
+            raise InputError.expected(
+                "camera", "that of the scan", self.no_plan or "none", "measure a plan or a camera"
+            )
         return self.plan
 
     @property
@@ -130,7 +133,9 @@ class Subject:
         count = min(planes, self.shape[0])
         if count not in self._samples:
             made = self._read(count) if self.matrix is not None else self._simulated(count)
-            self._samples[count] = yield from made
+            sample = yield from made
+            _check_light(np.asarray(sample.matrix), self.name)
+            self._samples[count] = sample
         return self._samples[count]
 
     def iter_patterns(self) -> Work[Patterns]:
@@ -142,6 +147,7 @@ class Subject:
             side = max(1, math.isqrt(min(room, 64)))
             ys, xs = (np.unique(np.linspace(0, n - 1, min(side, n)).round().astype(int)) for n in (ny, nx))
             values, how = self._chosen(ys, xs)
+            _check_light(values, f"plane {self.middle} of {self.name}")
             whole = self.shape[0] * ny * nx
             note = f"{ys.size * xs.size} patterns of plane {self.middle}, {nt} x {ns} px, {how}"
             self._patterns.append(Patterns(values, whole / (ys.size * xs.size), (note,)))
@@ -198,6 +204,11 @@ class Subject:
         )
         how = f"simulated at level {level}" + ("" if waves else ", as waves take longer")
         return Sample(made, math.prod(plan.shape) / math.prod(part.shape), (_sample_note(made, plan.shape, how),))
+
+
+def _check_light(values: NDArray[np.float32], what: str) -> None:
+    if not values.max() > 0:
+        raise InputError.expected(what, "light in the middle planes", "none", "check H, or its plan")
 
 
 def _window(shape: tuple[int, int, int, int, int], planes: int) -> tuple[int, int]:

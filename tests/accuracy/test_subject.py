@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.accuracy import Subject
+from lfcal.accuracy import PLACES, Subject, measure_curve
 from lfcal.accuracy import subject as module
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
@@ -27,6 +27,19 @@ def test_a_sample_of_h_is_its_middle(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(np.asarray(sample.matrix), np.asarray(H)[1:4, :, :, 2:7, 2:7])
     assert sample.scale == H.size / sample.matrix.size and list(sample.matrix.depths) == [1, 2, 3]
     assert sample.notes == ("3 of 5 planes, 3 x 2 positions, 5 x 5 px of the cutout's 9 x 9, of H",)
+
+
+def test_ht_is_measured_as_its_h() -> None:
+    H = numbered((1, 2, 3, 5, 7))
+    np.testing.assert_array_equal(np.asarray(drain(Subject.of_matrix(H.T, "HT").iter_sample(1)).matrix), np.asarray(H))
+
+
+@pytest.mark.parametrize("place", ["storage", "projection", "solvers"])
+@pytest.mark.parametrize("level", [0.0, -1.0])
+def test_without_light_there_is_nothing_to_measure(place: str, level: float) -> None:
+    H = PSFMatrix(np.full((3, 2, 2, 5, 5), level, np.float32))
+    found = measure_curve(PLACES.get(place), Subject.of_matrix(H, "dark.h5"))
+    assert not found.rungs and "expected light in the middle planes, got none" in found.stopped
 
 
 def test_samples_are_made_once() -> None:
