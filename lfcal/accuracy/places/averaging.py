@@ -16,10 +16,10 @@ from lfcal.frames.source import Noise
 from lfcal.simulate import expose
 from lfcal.simulate.effects.base import FrameEffect
 from lfcal.simulate.effects.sensor import Quantisation, ReadNoise, Saturation, ShotNoise
-from lfcal.simulate.sensor.noise import temporal_noise
+from lfcal.simulate.sensor.noise import FrameKind, temporal_noise
 from lfcal.units import format_seconds
 
-__all__ = ["EFFECTS", "PLACE", "expected_noise"]
+__all__ = ["EFFECTS", "PLACE", "dark_level", "expected_noise"]
 
 EXPOSURES = (1.0, 0.25, 4.0)
 """Exposures over the plan's; at the plan's own the brightest pixel reaches `FULL` of the well."""
@@ -30,6 +30,7 @@ EFFECTS: tuple[FrameEffect, ...] = (ShotNoise(), Saturation(), ReadNoise(), Quan
 """What the sensor does to light, drift and fixed pattern left out."""
 
 PATTERNS = 4
+DARK_PIXELS = 200_000
 PIXELS = 40_000_000
 """Pixels exposed at one rung at most: 64 frames of large cutouts would take minutes."""
 
@@ -49,19 +50,35 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         (
             f"{len(chosen)} patterns; {plan.exposures[z]:g} s bring the brightest pixel to {100 * FULL:g} % of "
             f"{sensor.full_well_e:g} e-, read noise {sensor.read_noise_e:g} e-",
-            "photons, read-out, full well and whole sample values; no drift, no fixed pattern",
+            "photons, read-out, full well and whole sample values, the mean of dark frames taken off; no drift, no "
+            "fixed pattern",
+            *_cut_off(plan.camera),
         ),
     )
+    dark = dark_level(camera)
     for times in EXPOSURES:
         light = (chosen * np.float32(unit * times)).astype(np.float32)
         for count in FRAMES:
             if count * light.size > PIXELS:
                 break
             yield Step(f"{count} frames of {times:g} times the exposure", 0.3)
-            yield _rung(plan, camera, light, times, count)
+            yield _rung(plan, (camera, dark), light, times, count)
 
 
-def _rung(plan: ScanPlan, camera: Camera, light: NDArray[np.float32], times: float, count: int) -> Rung:
+def dark_level(camera: Camera) -> float:
+    """Return the mean sample value without light, as dark frames show it.
+
+    Where the black level lies within the noise, what is below zero is cut off: the mean lies above the black level.
+    """
+    black = np.zeros(camera.sensor.shape, np.float32)
+    frames = range(max(1, DARK_PIXELS // black.size))
+    means = [expose(black, camera, EFFECTS, exposure_s=1.0, kind=FrameKind.DARK, index=k).mean() for k in frames]
+    return float(np.mean(means))
+
+
+def _rung(plan: ScanPlan, sensor: tuple[Camera, float], light: NDArray[np.float32], times: float, count: int) -> Rung:
+    """Return the error of the mean of ``count`` frames less the dark level, of ``light`` (patterns, nt, ns)."""
+    camera, dark = sensor
     total = float(light.sum(dtype=np.float64))
     off = 0.0
     seconds = plan.exposures[0] * times
@@ -69,7 +86,7 @@ def _rung(plan: ScanPlan, camera: Camera, light: NDArray[np.float32], times: flo
         mean = np.zeros(one.shape)
         for index in range(count):
             frame = expose(one, camera, EFFECTS, exposure_s=seconds, seed=number, index=index)
-            mean += frame.astype(np.float64) - camera.sensor.black_level
+            mean += frame.astype(np.float64) - dark
         off += float(np.abs(mean / count * camera.sensor.electrons_per_count - one).sum())
     exposures = tuple(t * times for t in plan.exposures)
     scan = replace(plan, frames_averaged=count, exposure_s=exposures)
@@ -81,6 +98,16 @@ def _rung(plan: ScanPlan, camera: Camera, light: NDArray[np.float32], times: flo
     full = float((light >= camera.sensor.full_well_e).mean())
     note = f"{format_error(full)} of the pixels are saturated" if full else ""
     return Rung(label, settings, off / total, 3600 * Forecast.of(scan).hours, "seconds", others, note)
+
+
+def _cut_off(camera: Camera) -> tuple[str, ...]:
+    sensor = camera.sensor
+    if sensor.black_level * sensor.electrons_per_count >= 3 * sensor.read_noise_e:
+        return ()
+    return (
+        f"a black level of {sensor.black_level:g} lies within the read noise: what is cut off below zero does not "
+        "average out",
+    )
 
 
 def expected_noise(light_e: NDArray[np.float32], noise: Noise, electrons_per_count: float, count: int) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lfcal.accuracy import PLACES, Subject, measure_curve
-from lfcal.accuracy.places.averaging import EFFECTS, FULL, expected_noise
+from lfcal.accuracy.places.averaging import EFFECTS, FULL, dark_level, expected_noise
 from lfcal.camera import Forecast, ScanPlan
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.sensor.noise import temporal_noise
@@ -55,3 +55,22 @@ def test_the_model_holds_for_dim_and_bright_pixels_together(plan: ScanPlan) -> N
     frames = rng.poisson(light, (40_000, 1, 2)) + rng.normal(0, read, (40_000, 1, 2))
     off = np.abs(frames.reshape(10_000, 4, 1, 2).mean(axis=1) - light).mean(axis=0).sum() / light.sum()
     assert expected_noise(light, noise, gain, 4) == pytest.approx(off, rel=0.02)
+
+
+@pytest.mark.parametrize("black", [0.0, 64.0])
+def test_the_dark_level_is_what_dark_frames_show(plan: ScanPlan, black: float) -> None:
+    """Rounded and cut off at zero, by the probabilities of a normal deviate."""
+    from scipy.stats import norm
+
+    sensor = replace(plan.camera.sensor, black_level=black, read_noise_e=20.0)
+    camera = replace(plan.camera, sensor=sensor)
+    values = np.arange(0, 200)
+    edges = np.concatenate([[-np.inf], values[:-1] + 0.5, [np.inf]])
+    shares = np.diff(norm.cdf(edges, black, 20.0 / sensor.electrons_per_count))
+    assert dark_level(camera) == pytest.approx(float(shares @ values), abs=0.03)
+
+
+def test_a_black_level_within_the_noise_is_said(plan: ScanPlan) -> None:
+    low = replace(plan, camera=replace(plan.camera, sensor=replace(plan.camera.sensor, black_level=0.0)))
+    said, silent = (measure_curve(PLACES.get("averaging"), Subject("p", p), 0.1).notes for p in (low, plan))
+    assert "a black level of 0 lies within the read noise" in said[-1] and len(said) == len(silent) + 1
