@@ -9,6 +9,7 @@ from lfcal.accuracy.place import Measuring, Place, Step, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.plain import plain
 from lfcal.simulate import iter_ladder, plan_effects
+from lfcal.simulate.accuracy.ladder import DEBYE_SHOWN, WIDEST_SHOWN
 from lfcal.simulate.accuracy.ladder import Rung as LadderRung
 from lfcal.simulate.accuracy.sampling import steps_for
 from lfcal.simulate.staging import resolve_level, scene_for
@@ -21,9 +22,6 @@ TOLERANCE = 0.03
 FIRST = 2
 """Samplings measured at once at first, then one more each time: whatever is measured at once is lost together."""
 
-WIDEST, FINEST_NODES = 40, 6
-"""Margin (px), and nodes per pixel of the microscope, beyond which a sampling takes longer than the rest together."""
-
 
 def measure(subject: Subject, seconds: float) -> Measuring:
     """Measure the ladder of `lfcal.simulate.ladder` a few samplings at a time."""
@@ -32,7 +30,9 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     scene = scene_for(plan, z, effects)
     _, level = resolve_level(replace(scene, lenslet_diffraction=True, main_diffraction=True))
     samplings = [s.sampling for s in steps_for(scene, level)]
-    samplings = [s for s in samplings if s.margin_px <= WIDEST and (level != "debye" or s.nodes_per_px <= FINEST_NODES)]
+    samplings = [
+        s for s in samplings if s.margin_px <= WIDEST_SHOWN and (level != "debye" or s.nodes_per_px <= DEBYE_SHOWN)
+    ]
     seen: set[str] = set()
     size = FIRST
     while samplings:

@@ -91,10 +91,9 @@ def _responses(response: PlaneResponse, places: Sequence[tuple[int, int]]) -> ND
 
 
 def _places(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
-    """Return positions spread over the period: an additive sequence of the plastic number."""
+    """Return positions spread over the period: even in rows, by the golden ratio in columns."""
     ny, nx = period
-    steps = (0.7548776662466927, 0.5698402909980532)
-    return [(int(ny * ((0.1 + k * steps[0]) % 1)), int(nx * ((0.2 + k * steps[1]) % 1))) for k in range(count)]
+    return [(int(ny * (k + 0.5) / count), int(nx * ((k + 1) * 0.6180339887498949 % 1))) for k in range(count)]
 
 
 PLACE = Place(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPointF, Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
@@ -51,9 +51,13 @@ def points(page: Page) -> list[tuple[float, float]]:
     return [(x, y) for _, x, y in rows]
 
 
-def click(page: Page, number: int) -> None:
-    scatter = page.panel.chart.scatter
-    scatter.sigClicked.emit(scatter, [s for s in scatter.points() if s.data() == number], SimpleNamespace())
+def click(page: Page, number: int, qtbot: QtBot) -> None:
+    """Click with the mouse on the point of a rung."""
+    chart = page.panel.chart
+    QApplication.processEvents()  # the view takes its range when it is laid out
+    x, y = points(page)[number]
+    at = chart.graphics.mapFromScene(chart.plot.getViewBox().mapViewToScene(QPointF(x, y)))
+    qtbot.mouseClick(chart.graphics.viewport(), Qt.MouseButton.LeftButton, pos=at)
 
 
 def test_a_place_is_measured_drawn_and_answered(page: Page, qtbot: QtBot) -> None:
@@ -129,7 +133,7 @@ def test_a_click_uses_a_rung_and_undo_takes_it_back(page: Page, context: Context
     before = context.state.plan
     number = next(k for k, r in enumerate(page.curve.rungs) if r.settings["frames_averaged"] == 8)
     wanted = page.curve.rungs[number].settings
-    click(page, number)
+    click(page, number, qtbot)
     plan = context.state.plan
     assert plan is not None and (plan.frames_averaged, list(plan.exposures)) == (8, wanted["exposure_s"])
     assert "Plan: 8 frames averaged" in page.panel.used.text() and page.panel.used.isVisible()
@@ -145,7 +149,7 @@ def test_a_rung_that_cannot_be_used_says_so_and_changes_nothing(page: Page, cont
     before = context.state
     assert page.curve is not None
     assert page.curve.rungs[0].settings["dtype"] == "uint8"
-    click(page, 0)
+    click(page, 0, qtbot)
     assert context.state == before and "Nothing was changed" in page.panel.used.text()
     page.use(999)
     look_at(page, "bases")
