@@ -15,6 +15,7 @@ from lfcal.psf import PSFMatrix
 from lfcal.simulate import iter_simulate_psf, plan_effects
 from lfcal.simulate.accuracy.sampling import step_for
 from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.simulate import budgeted
 from lfcal.simulate.staging import resolve_level, scene_for
 
 __all__ = ["Patterns", "Sample", "Subject"]
@@ -160,8 +161,8 @@ class Subject:
             H = self.matrix
             return np.array([[H[z, int(y), int(x)] for x in xs] for y in ys], np.float32), f"of {self.name}"
         plan = self.planned
-        found = plan_effects(plan.camera, plan, TOLERANCE)
-        response = PlaneResponse(plan, z, found.effects, tolerance=TOLERANCE - found.left_out)
+        effects, share = budgeted("auto", plan, TOLERANCE).at(plan.depths_um[z])
+        response = PlaneResponse(plan, z, effects, tolerance=share)
         return response.rows(ys, xs, self.workers), f"simulated at level {response.level}"
 
     def _read(self, count: int) -> Work[Sample]:

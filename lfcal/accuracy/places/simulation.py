@@ -12,10 +12,11 @@ from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import Measuring, Place, Step, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import ScanPlan
-from lfcal.simulate import EffectSelection, plan_effects
+from lfcal.simulate import plan_effects
 from lfcal.simulate.accuracy.forecast import plane_seconds, whole_of
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.simulate import Budget, budgeted
 
 __all__ = ["PLACE", "TOLERANCES"]
 
@@ -39,15 +40,15 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     plan, z = subject.planned, subject.middle
     count = max(1, min(MOST_POSITIONS, int(seconds / POSITION_SECONDS)))
     places = _places(plan.period, count)
-    every = plan_effects(plan.camera, plan, FINEST)
+    every = plan_effects(plan.camera, plan, FINEST).at(plan.depths_um[z])
     yield Step(f"reference at {len(places)} positions")
-    finest = PlaneResponse(plan, z, every.effects, level="reference", tolerance=FINEST / 2)
+    finest = PlaneResponse(plan, z, every, level="reference", tolerance=FINEST / 2)
     truth = []
     for place in places:
         truth.append(_responses(finest, [place]))
         yield Step(f"reference, position {place}")
     yield Truth(
-        "the reference level with the effects that matter at 1 %: " + ", ".join(e.name for e in every.effects),
+        "the reference level with the effects that matter at 1 %: " + ", ".join(e.name for e in every),
         (f"{len(places)} position{'s' * (len(places) > 1)} of plane {z} (z = {plan.depths_um[z]:g} µm)",),
     )
     true = np.concatenate(truth)
@@ -60,9 +61,11 @@ def _rung(
     plan: ScanPlan, z: int, tolerance: float, places: Sequence[tuple[int, int]], truth: NDArray[np.float64]
 ) -> Rung:
     found = plan_effects(plan.camera, plan, tolerance)
+    budget = budgeted(found, plan, tolerance)
     # the computation may use what the effects left out leave of the tolerance
-    response = PlaneResponse(plan, z, found.effects, tolerance=tolerance - found.left_out)
-    cost = _whole_seconds(plan, z, found, response)
+    chosen, share = budget.at(plan.depths_um[z])
+    response = PlaneResponse(plan, z, chosen, tolerance=share)
+    cost = _whole_seconds(plan, z, budget, response)
     values = _responses(response, places)
     error = float(np.abs(values - truth).sum() / np.abs(truth).sum())
     settings = {
@@ -74,7 +77,7 @@ def _rung(
     return Rung(label, settings, error, cost, "seconds", {"error asked for (%)": 100 * tolerance})
 
 
-def _whole_seconds(plan: ScanPlan, z: int, found: EffectSelection, response: PlaneResponse) -> float:
+def _whole_seconds(plan: ScanPlan, z: int, budget: Budget, response: PlaneResponse) -> float:
     """Return the CPU-seconds of the whole H: of the probe of each plane, the tables and all positions."""
     start = time.thread_time()
     response.engine()
@@ -82,7 +85,7 @@ def _whole_seconds(plan: ScanPlan, z: int, found: EffectSelection, response: Pla
     start = time.thread_time()
     engine = engine_for(response.scene, response.level, response.wanted)
     setup = time.thread_time() - start
-    shares = whole_of(plan, z, found.effects, response.level, response.runs)
+    shares = whole_of(plan, z, budget, response.level, response.runs)
     return plan.shape[0] * probe + shares.seconds(setup, plane_seconds(engine))
 
 
