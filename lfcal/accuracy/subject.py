@@ -15,7 +15,6 @@ from lfcal.psf import PSFMatrix
 from lfcal.simulate import iter_simulate_psf, plan_effects
 from lfcal.simulate.accuracy.sampling import step_for
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.simulate import budgeted
 from lfcal.simulate.staging import resolve_level, scene_for
 
 __all__ = ["Patterns", "Sample", "Subject"]
@@ -26,8 +25,9 @@ SAMPLE_BYTES = 48 << 20
 PATTERN_BYTES = 16 << 20
 """Single patterns with their whole cutout are so many bytes at most."""
 
-TOLERANCE = 0.1
-"""Of what samples are simulated with: how they look matters, not their last per cent."""
+TOLERANCE, EFFECTS_TOLERANCE = 0.1, 0.02
+"""Of the computation of samples, and of the effects in them: how they look matters, not their last per cent, but rays
+where waves belong would leave their dark pixels empty."""
 
 LONGEST_WAVES = 6.0
 """Predicted CPU-seconds of a sample up to which it is simulated with the effects it calls for; by rays beyond."""
@@ -161,8 +161,8 @@ class Subject:
             H = self.matrix
             return np.array([[H[z, int(y), int(x)] for x in xs] for y in ys], np.float32), f"of {self.name}"
         plan = self.planned
-        effects, share = budgeted("auto", plan, TOLERANCE).at(plan.depths_um[z])
-        response = PlaneResponse(plan, z, effects, tolerance=share)
+        effects = plan_effects(plan.camera, plan, EFFECTS_TOLERANCE).at(plan.depths_um[z])
+        response = PlaneResponse(plan, z, effects, tolerance=TOLERANCE)
         return response.rows(ys, xs, self.workers), f"simulated at level {response.level}"
 
     def _read(self, count: int) -> Work[Sample]:
@@ -195,7 +195,7 @@ class Subject:
             cutout=_window(plan.shape, count),
         )
         yield Clock("sample of H", 1).at(0)
-        found = plan_effects(plan.camera, part, TOLERANCE)
+        found = plan_effects(plan.camera, part, EFFECTS_TOLERANCE)
         waves = found.seconds <= LONGEST_WAVES
         scene, level = resolve_level(scene_for(part, 0, found.effects), "auto" if waves else "geometric")
         # as fine as is expected to do, without a probe of every plane

@@ -13,7 +13,7 @@ from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, open_psf, save
-from lfcal.simulate import simulate_psf
+from lfcal.simulate import plan_effects, simulate_psf
 
 
 def numbered(shape: tuple[int, int, int, int, int]) -> PSFMatrix:
@@ -60,7 +60,8 @@ def test_a_simulated_sample_is_the_middle_of_a_simulated_h(plan: ScanPlan, monke
     monkeypatch.setattr(module, "SAMPLE_BYTES", 4 * 9 * 15 * 15)
     monkeypatch.setattr(module, "LONGEST_WAVES", 0.0)
     sample = drain(Subject("small", plan).iter_sample(1))
-    whole = simulate_psf(plan.camera, plan, level="geometric", tolerance=module.TOLERANCE)
+    effects = plan_effects(plan.camera, plan, module.EFFECTS_TOLERANCE)
+    whole = simulate_psf(plan.camera, plan, effects, level="geometric", tolerance=module.TOLERANCE)
     np.testing.assert_allclose(sample.matrix[0], whole[1][:, :, 3:18, 3:18], atol=1e-6 * float(whole[1].max()))
     assert "by rays" in sample.notes[0] or "level geometric, as waves take longer" in sample.notes[0]
 

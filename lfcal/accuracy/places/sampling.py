@@ -12,12 +12,16 @@ from lfcal.simulate import iter_ladder, plan_effects
 from lfcal.simulate.accuracy.ladder import DEBYE_SHOWN, WIDEST_SHOWN
 from lfcal.simulate.accuracy.ladder import Rung as LadderRung
 from lfcal.simulate.accuracy.sampling import steps_for
+from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.staging import resolve_level, scene_for
 
 __all__ = ["PLACE"]
 
 TOLERANCE = 0.03
 """Effects that matter at this tolerance are in the scene that all samplings compute."""
+
+QUICK_SECONDS, QUICK = 60.0, Sampling(samples_per_px=6)
+"""Below so many seconds the reference has this sampling: its own finest grid may take a minute for one position."""
 
 FIRST = 2
 """Samplings measured at once at first, then one more each time: whatever is measured at once is lost together."""
@@ -33,13 +37,16 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     samplings = [
         s for s in samplings if s.margin_px <= WIDEST_SHOWN and (level != "debye" or s.nodes_per_px <= DEBYE_SHOWN)
     ]
+    reference = QUICK if seconds < QUICK_SECONDS else None
     seen: set[str] = set()
     size = FIRST
     while samplings:
         part, samplings = samplings[:size], samplings[size:]
         size += 1
         yield Step(f"{len(part)} samplings of level {level}")
-        found = yield from iter_ladder(plan.camera, plan, TOLERANCE, effects=effects, z=z, positions=1, samplings=part)
+        found = yield from iter_ladder(
+            plan.camera, plan, TOLERANCE, effects=effects, z=z, positions=1, samplings=part, reference=reference
+        )
         if not seen:
             names = ", ".join(effect.name for effect in effects) or "none"
             yield Truth(found.reference, (f"one position of plane {z}; effects: {names}",))

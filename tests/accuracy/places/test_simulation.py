@@ -7,6 +7,7 @@ import pytest
 
 from lfcal.accuracy import PLACES, Subject, iter_curve, measure_curve
 from lfcal.accuracy.places import simulation
+from lfcal.accuracy.places.sampling import QUICK
 from lfcal.simulate import ladder, plan_effects, simulate_psf
 from lfcal.simulate.accuracy.sampling import steps_for
 from lfcal.simulate.staging import scene_for
@@ -48,7 +49,7 @@ def test_samplings_are_those_of_the_ladder(single: Subject) -> None:
     assert curve.stopped.startswith("ended after")
     effects = plan_effects(plan.camera, plan, 0.03).effects
     two = [s.sampling for s in steps_for(scene_for(plan, 0, effects), "wave")][:2]
-    found = ladder(plan.camera, plan, effects=effects, positions=1, samplings=two)
+    found = ladder(plan.camera, plan, effects=effects, positions=1, samplings=two, reference=QUICK)
     errors = {r.label: r.error for r in found.rungs}
     assert {r.label: r.error for r in curve.rungs} == {r.label: errors[r.label] for r in curve.rungs}
     assert set(errors) == {r.label for r in curve.rungs} and curve.truth == found.reference
