@@ -8,6 +8,7 @@
 - ``simulate``: the simulated camera
 - ``reconstruct``: projector pair and solvers
 - ``multiplex``: plenoptic multiplexing
+- ``accuracy``: curves of error against seconds, bytes or frames, everywhere accuracy is paid for
 - ``cli``: the command line
 """
 

@@ -19,6 +19,7 @@ ORDER = (
     "white",
     "views",
     "simulate",
+    "accuracy",
     "acquire",
     "verify",
     "assemble",

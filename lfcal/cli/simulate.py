@@ -13,6 +13,7 @@ from lfcal.checks import check_number
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.options import CutoutOption, DepthsOption, ForceOption, JsonOption, VirtualDepthsOption, WorkersOption
 from lfcal.cli.outputs import check_output
+from lfcal.cli.planned import planned_scan
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def command(
     check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1000)
     if out is not None and not plan_only:
         check_output(out, camera, force=force)
-    planned = _plan(camera, depths, virtual_depths, cutout, json=json)
+    planned = planned_scan(camera, depths, virtual_depths, cutout, quiet=json)
     settings, given = parse_effects(effects)
     making = frames is not None
 
@@ -109,34 +110,6 @@ class _Task:
     level: str
     tolerance: float
     quiet: bool
-
-
-def _plan(camera: str, depths: str, virtual_depths: str, cutout: str, *, json: bool) -> ScanPlan:
-    from lfcal.camera import ScanPlan
-    from lfcal.cli.cameras import tell_assumed
-    from lfcal.cli.plan import load_camera, parse_cutout, parse_planes
-
-    if camera.endswith(".json") and (ready := _ready_plan(Path(camera))) is not None:
-        if depths or virtual_depths or cutout:
-            raise InputError("planes and cutout: expected those of the plan, got others; leave the options out")
-        tell_assumed(ready.camera, Path(camera).name, quiet=json)
-        return ready
-    lengths, virtual = parse_planes(depths, virtual_depths)
-    return ScanPlan.for_camera(
-        load_camera(camera), depths_um=lengths, virtual_depths=virtual, cutout=parse_cutout(cutout)
-    )
-
-
-def _ready_plan(path: Path) -> ScanPlan | None:
-    """Return the scan plan in a JSON file, or None where it is something else."""
-    from lfcal.camera import ScanPlan
-    from lfcal.files import read_text
-
-    if path.suffix.lower() == ".xml":
-        return None
-    # A camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
-    text = read_text(path)
-    return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None
 
 
 def _show(found: EffectSelection, planned: ScanPlan, json: bool) -> None:

@@ -53,6 +53,7 @@ ALLOWED: dict[str, set[str]] = {
     "acquire": COMMON | {"devices", "camera", "frames", "psf"},
     "reconstruct": COMMON | {"psf"},
     "multiplex": COMMON | {"camera", "lattice", "frames"},
+    "accuracy": COMMON | {"camera", "frames", "lattice", "psf", "simulate", "acquire", "reconstruct", "multiplex"},
 }
 """Which parts of the library a part may import besides itself; a part stands on those below it."""
 

@@ -30,6 +30,7 @@ COMMANDS = (
     ("white",),
     ("views",),
     ("simulate",),
+    ("accuracy",),
     ("assemble",),
     ("acquire",),
     ("inspect",),
@@ -64,7 +65,7 @@ def test_every_command_that_takes_an_output_takes_force() -> None:
     written = {
         path
         for path, command in walk(typer.main.get_command(build_app()))
-        if any(p.name in ("out", "report", "assemble") for p in command.params)
+        if any(p.name in ("out", "report", "assemble", "draw") for p in command.params)
     }
     assert written - set(COMMANDS) == set()
     assert {
@@ -125,6 +126,7 @@ def test_force_replaces_through_a_link(lfcal: Lfcal, place: Path, name: str) -> 
         ("reconstruct H.h5 --batch frames -o frames", "frames/a.tif"),
         ("plan camera.json --virtual-depths 3 -o camera.json", "camera.json"),
         ("simulate scan.json -o scan.json", "scan.json"),
+        ("accuracy H.h5 --draw H.h5", "H.h5"),
         ("assemble session/frames -o session/frames/z0_y0_x0.png", "session/frames/z0_y0_x0.png"),
         ("assemble session/frames/manifest.csv -o session/frames/z0_y0_x0.png", "session/frames/z0_y0_x0.png"),
         ("assemble session/frames --dark session/dark -o session/dark/0.png", "session/dark/0.png"),

@@ -28,6 +28,7 @@ COMPUTING = (
     ("white",),
     ("views",),
     ("simulate",),
+    ("accuracy",),
     ("acquire",),
     ("assemble",),
     ("inspect",),

@@ -42,6 +42,7 @@ WRITERS = {
     "white": Writer("white white.tif --camera camera.json -o out", "out/camera.json", 200),
     "views": Writer("views white.tif --white white.tif --slopes 2,3 -o out", "out/focal_stack.tif", 2000),
     "simulate": Writer("simulate scan.json --level geometric -o out.h5", "out.h5", 8000),
+    "accuracy": Writer("accuracy scan.json --place bases --draw out.png", "out.png", 3000),
     "assemble": Writer("assemble session/frames --dark session/dark -o out.h5", "out.h5", 8000),
     "acquire": Writer(
         "acquire scan.json --out s --assemble out.h5 --no-check-stage --darks 0 --reference-every 0", "out.h5", 4000
@@ -68,7 +69,7 @@ WRITERS = {
     "demo": Writer("demo out", "out/H.h5", 8000),
     "bench accuracy": Writer("bench accuracy bench --positions 1 -o out.png", "out.png", 3000),
 }
-LONG = {"demo", "inspect", "white", "views", "bench accuracy"}
+LONG = {"accuracy", "demo", "inspect", "white", "views", "bench accuracy"}
 LONG |= {f"multiplex {name}" for name in ("compare", "show", "search", "filters", "figures")}
 """Those that take a second or more."""
 

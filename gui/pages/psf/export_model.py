@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
+from gui.models.settings import PageSettings
 from lfcal.psf import PSFMatrix
 from lfcal.psf.export import ExportOptions, export_files, export_notes
 from lfcal.psf.lens_centre import lens_centre_of
 
-__all__ = ["KINDS", "Choice", "ExportIntent"]
+__all__ = ["KINDS", "Choice", "ExportIntent", "ExportSettings"]
 
 KINDS = (
     (".mat", "MATLAB v7.3, for deconvolution codes"),
@@ -44,6 +45,9 @@ CHOICES = (
     Choice("include_transpose", (".mat",), "With Ht", "The back projection, ready made; doubles the file."),
     Choice("transposed", (".h5", ".npy", ".tif"), "HT in place of H", "The transposed matrix; lfcal needs no file."),
     Choice("here", (".tif",), "This position only", "A stack over depth of the position shown, in place of all."),
+    Choice(
+        "sixteen", (".h5",), "16-bit", "Whole numbers with a scale per plane: half the bytes, rounded by about 0.1 %."
+    ),
     Choice("compress", (".mat", ".h5"), "Compressed", "Smaller; without it faster to read."),
 )
 
@@ -58,7 +62,7 @@ class ExportIntent:
         Kind of file.
     position
         Position (y, x) shown.
-    lens_centred, moved, rows_first, include_transpose, transposed, here, compress
+    lens_centred, moved, rows_first, include_transpose, transposed, here, sixteen, compress
         See `CHOICES`.
     """
 
@@ -70,6 +74,7 @@ class ExportIntent:
     include_transpose: bool = True
     transposed: bool = False
     here: bool = False
+    sixteen: bool = False
     compress: bool = True
 
     def with_choice(self, name: str, on: bool) -> ExportIntent:
@@ -87,6 +92,7 @@ class ExportIntent:
         mat = self.suffix == ".mat"
         return ExportOptions(
             compress=False if not self.compress and self.suffix in (".mat", ".h5") else None,
+            dtype="uint16" if self.suffix == ".h5" and self.sixteen else None,
             include_transpose=False if mat and not self.include_transpose else None,
             rows_first=True if mat and self.rows_first else None,
             lens_centred=True if mat and self.lens_centred else None,
@@ -115,6 +121,31 @@ class ExportIntent:
     def of_path(cls, path: str) -> ExportIntent:
         """Return what a file's name asks for by itself."""
         return cls(suffix=Path(path).suffix.lower())
+
+
+@dataclass(frozen=True)
+class ExportSettings(PageSettings):
+    """How an H file is to be exported next, as the project says; whoever is asked then may change it.
+
+    Attributes
+    ----------
+    suffix
+        ``".h5"`` where the project says something, else empty.
+    sixteen, compress
+        As in `ExportIntent`.
+    """
+
+    page: ClassVar[str] = "psf"
+
+    suffix: str = ""
+    sixteen: bool = False
+    compress: bool = True
+
+    def on(self, intent: ExportIntent) -> ExportIntent:
+        """Return an intent with these choices made; the same one where the project says nothing."""
+        if self.suffix != ".h5":
+            return intent
+        return replace(intent, suffix=self.suffix, sixteen=self.sixteen, compress=self.compress)
 
 
 def _settled(intent: ExportIntent) -> ExportIntent:

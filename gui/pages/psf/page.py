@@ -14,7 +14,7 @@ from gui.context import Context
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.psf.export_dialog import ExportDialog
-from gui.pages.psf.export_model import ExportIntent
+from gui.pages.psf.export_model import ExportIntent, ExportSettings
 from gui.pages.psf.model import LoadedPlane, PlaneData, PSFIntent, place_words, read_plane, resolve, unit_of
 from gui.pages.psf.panel import PSFPanel
 from gui.saving import ask_target
@@ -41,7 +41,7 @@ class Page(BasePage):
         self.reference: PSFMatrix | None = None
         self.plane: LoadedPlane | None = None
         self.reference_plane: LoadedPlane | None = None
-        self._export_intent = ExportIntent()
+        self._export_intent = ExportSettings.of(context.state).on(ExportIntent())
         self._held = False
         self._levels = (0.0, 1.0)
         self.tool_button("Open H …", "An H file, another code's (.mat, .lfc), or an .npy array", self.choose_file)
@@ -75,6 +75,9 @@ class Page(BasePage):
         """Open what the project names now."""
         if (old.psf, old.reference) != (new.psf, new.reference):
             self._open()
+        asked = ExportSettings.of(new)
+        if asked != ExportSettings.of(old):
+            self._export_intent = asked.on(self._export_intent)
 
     def _open(self) -> None:
         """Open what the project names, in the background."""

@@ -130,6 +130,13 @@ def forecast(problem: Problem, method: str, memory_limit: int) -> ProjectionFore
             options.append((_resident(_fft(problem), problem, memory_limit), None, None))
     fitting = [o for o in options if o[0].memory_bytes <= memory_limit]
     if not fitting:
+        if not options:
+            raise InputError.expected(
+                f"period for {method}",
+                "a shorter one, whose spectra fit into memory",
+                f"{problem.grid.period[1]} x {problem.grid.period[0]} positions",
+                "choose direct, sparse or auto",
+            )
         least = min(o[0].memory_bytes for o in options)
         raise InputError.expected(
             "memory limit for the projection",

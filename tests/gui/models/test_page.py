@@ -13,7 +13,7 @@ from gui.models.project import ProjectState
 from gui.pages.plan.model import default_plan
 from lfcal.camera import preset
 
-OWN = ("camera", "plan", "acquire", "frames", "psf", "quality", "simulate", "reconstruct", "multiplex")
+OWN = ("camera", "plan", "acquire", "frames", "psf", "quality", "simulate", "reconstruct", "multiplex", "accuracy")
 
 
 def ready(project: ProjectState) -> PageState:
@@ -81,12 +81,13 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
         "simulate": PageState.READY,
         "reconstruct": PageState.NOTHING,
         "multiplex": PageState.READY,
+        "accuracy": PageState.NOTHING,
     }
     plan = default_plan(preset("bench"))
     full = ProjectState(plan=plan, psf=str(file), frames=str(tmp_path), reference="R.h5", redo=((0, 0, 0),))
     states = page_states(full, running={"simulate"}, attention={"frames", "not installed"})
     assert states["plan"] is states["psf"] is PageState.DONE
-    assert states["quality"] is states["reconstruct"] is PageState.READY
+    assert states["quality"] is states["reconstruct"] is states["accuracy"] is PageState.READY
     assert states["simulate"] is PageState.RUNNING
     assert states["frames"] is PageState.ATTENTION
     assert states["acquire"] is PageState.ATTENTION, "positions are to be recorded again"

@@ -66,3 +66,26 @@ def test_the_page_exports_what_was_asked_for(
     assert end.args[0].state is JobState.DONE, end.args[0].error
     with h5py.File(tmp_path / "H.mat") as file:
         np.testing.assert_allclose(file["lensCentre"][()], [[8.5], [8.5]])
+
+
+def test_a_choice_of_the_project_is_proposed_and_written(
+    window: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window.go("psf")
+    page: Any = window.page("psf")
+    save(matrix(), tmp_path / "H.h5")
+    window.project.update("open", psf=str(tmp_path / "H.h5"))
+    idle(window.jobs, qtbot)
+    said = {"suffix": ".h5", "sixteen": True, "compress": False}
+    window.project.update("export", settings={**window.project.state.settings, "psf": said})
+    page.export()
+    dialog = page._export_dialog
+    assert dialog.boxes["sixteen"].isChecked() and not dialog.boxes["compress"].isChecked()
+    out = tmp_path / "small.h5"
+    monkeypatch.setattr(page_module, "ask_target", lambda *_: str(out))
+    with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
+        dialog.go.click()
+    assert end.args[0].state is JobState.DONE, end.args[0].error
+    with h5py.File(out) as file:
+        assert file["H"].dtype == np.uint16 and file["H"].compression is None
+    idle(window.jobs, qtbot)

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gui.pages.psf.export_model import CHOICES, KINDS, ExportIntent
+from gui.models.project import ProjectState
+from gui.pages.psf.export_model import CHOICES, KINDS, ExportIntent, ExportSettings
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix
 from lfcal.psf.export import WRITERS
@@ -54,3 +55,12 @@ def test_files_and_matrix_are_what_is_written(tmp_path: Path) -> None:
     assert intent.files(H, tmp_path / "H.tif") == [tmp_path / "H.tif"] and intent.options.position == (1, 2)
     turned = ExportIntent(suffix=".npy").with_choice("transposed", True)
     assert turned.matrix(H).is_transposed and not ExportIntent(suffix=".mat", transposed=True).matrix(H).is_transposed
+
+
+def test_what_the_project_says_of_an_h_file_is_proposed() -> None:
+    assert ExportSettings().on(ExportIntent(".npy")) == ExportIntent(".npy")
+    said = ExportSettings(".h5", sixteen=True, compress=False)
+    assert ExportSettings.from_dict(said.to_dict()) == said
+    found = ExportSettings.of(ProjectState(settings={"psf": said.to_dict()})).on(ExportIntent(".mat"))
+    assert found.suffix == ".h5" and found.options.given() == {"dtype": "uint16", "compress": False}
+    assert "sixteen" in found.open_to(matrix())

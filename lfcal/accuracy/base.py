@@ -1,0 +1,189 @@
+"""One rung of accuracy, and the curve that the rungs of a place make."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from lfcal.checks import check_choice, check_number
+from lfcal.errors import FileFormatError
+from lfcal.plain import plain
+from lfcal.units import format_bytes, format_seconds
+
+__all__ = ["UNITS", "Curve", "Rung", "cost_axis", "format_cost", "format_error", "marked"]
+
+UNITS = ("seconds", "bytes", "frames")
+"""What accuracy is paid in."""
+
+SHOWN = {"seconds": ("s", 1.0), "bytes": ("MB", 1e6), "frames": ("", 1.0)}
+"""Unit that a chart's axis shows, and how much of the cost it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rung:
+    """One way to work, its error and its cost.
+
+    Attributes
+    ----------
+    label
+        For people.
+    settings
+        The same for programs: names and plain values of what was set.
+    error
+        Relative error, at least 0; what it is the error of, and of what it is a share, is the curve's to say.
+    cost, unit
+        What it costs, in one of `UNITS`.
+    others
+        Further figures by name, the unit in the name: ``{"read (s)": 0.2}``.
+    note
+        What else one should know of it, or empty.
+    efficient
+        Whether no other rung of the curve is both cheaper and more accurate.
+
+    Raises
+    ------
+    InputError
+        If error or cost are not finite, or are below 0.
+    """
+
+    label: str
+    settings: Mapping[str, Any]
+    error: float
+    cost: float
+    unit: str
+    others: Mapping[str, float] = field(default_factory=dict)
+    note: str = ""
+    efficient: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the numbers: one that is not finite would hide in a chart."""
+        check_choice("unit of cost", self.unit, UNITS)
+        check_number(f"error of {self.label}", self.error, at_least=0)
+        check_number(f"cost of {self.label}", self.cost, at_least=0)
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Error against cost in one place of the work.
+
+    Attributes
+    ----------
+    place, title
+        Name of the place, and the same for people.
+    error, cost
+        What the error and the cost mean, in words with units.
+    unit
+        Unit of the cost, one of `UNITS`.
+    truth
+        What the errors are measured by.
+    rungs
+        As measured, cheapest first, with the Pareto front marked.
+    notes
+        Under which conditions they were measured, a line each.
+    stopped
+        Why there are no further rungs; empty where all were measured.
+    """
+
+    place: str
+    title: str
+    error: str
+    cost: str
+    unit: str
+    truth: str = ""
+    rungs: tuple[Rung, ...] = ()
+    notes: tuple[str, ...] = ()
+    stopped: str = ""
+
+    def with_rung(self, rung: Rung) -> Curve:
+        """Return the curve with one rung more."""
+        return replace(self, rungs=marked((*self.rungs, rung)))
+
+    @property
+    def front(self) -> tuple[Rung, ...]:
+        """The efficient rungs, cheapest first: each costs more than the one before it, and errs less."""
+        return tuple(rung for rung in self.rungs if rung.efficient)
+
+    @property
+    def best(self) -> Rung | None:
+        """The most accurate rung, the cheapest of several; None without rungs."""
+        return min(self.rungs, key=lambda rung: (rung.error, rung.cost), default=None)
+
+    def cheapest(self, error: float) -> Rung | None:
+        """Return the cheapest rung that errs by at most ``error`` (a share), or None where there is none."""
+        check_number("error asked for (a share)", error, above=0, remedy="0.01 is 1 %")
+        good = (rung for rung in self.rungs if rung.error <= error)
+        return min(good, key=lambda rung: (rung.cost, rung.error), default=None)
+
+    def answer(self, error: float) -> str:
+        """Return what an error would cost, in a sentence."""
+        found, best, asked = self.cheapest(error), self.best, format_error(error)
+        if found is not None:
+            return f"{asked} costs {format_cost(found.cost, self.unit)}: {found.label} ({format_error(found.error)})"
+        if best is None:
+            return f"{asked}: nothing was measured" + (f" ({self.stopped})" if self.stopped else "")
+        return (
+            f"{asked} is reached by no rung measured; the best is {format_error(best.error)} for "
+            f"{format_cost(best.cost, self.unit)}: {best.label}"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the curve as plain JSON types."""
+        found: dict[str, Any] = plain(self)
+        return found
+
+    @classmethod
+    def from_dict(cls, data: Any) -> Curve:
+        """Return the curve described by ``data``; raise `FileFormatError` where it is none."""
+        try:
+            body = dict(data)
+            rungs = tuple(Rung(**_texts(rung, ("label", "unit", "note"))) for rung in body.pop("rungs"))
+            notes = tuple(str(note) for note in body.pop("notes"))
+            names = ("place", "title", "error", "cost", "unit", "truth", "stopped")
+            curve = cls(**_texts(body, names), notes=notes)
+            check_choice("unit of cost", curve.unit, UNITS)
+        except (TypeError, KeyError, ValueError) as error:
+            raise FileFormatError.expected("curve of accuracy", "every entry of one", error, "measure again") from None
+        return replace(curve, rungs=marked(rungs))
+
+
+def _texts(entries: Any, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return ``entries`` as keywords after checking that those called ``names`` are texts."""
+    found = dict(entries)
+    for name in names:
+        if name in found and not isinstance(found[name], str):
+            raise TypeError(f"{name}: no text")
+    for name in ("settings", "others"):
+        if name in found and not isinstance(found[name], Mapping):
+            raise TypeError(f"{name}: no entries by name")
+    return found
+
+
+def marked(rungs: Iterable[Rung]) -> tuple[Rung, ...]:
+    """Return the rungs, cheapest first, those marked as efficient that no other beats in both cost and error."""
+    lowest, out = math.inf, []
+    for rung in sorted(rungs, key=lambda r: (r.cost, r.error)):
+        out.append(replace(rung, efficient=rung.error < lowest))
+        lowest = min(lowest, rung.error)
+    return tuple(out)
+
+
+def cost_axis(curve: Curve) -> tuple[str, float]:
+    """Return the label of a chart's axis of costs, and what costs are divided by for it."""
+    unit, scale = SHOWN[curve.unit]
+    name = curve.cost.split(",")[0]  # all of it does not fit beside an axis
+    return f"{name} ({unit})" if unit else name, scale
+
+
+def format_cost(cost: float, unit: str) -> str:
+    """Return a cost for people."""
+    if unit == "seconds":
+        return format_seconds(cost)
+    return format_bytes(cost) if unit == "bytes" else f"{cost:.0f} frames"
+
+
+def format_error(error: float) -> str:
+    """Return a relative error for people, in per cent, however small."""
+    percent = 100 * error
+    return f"{percent:.0f} %" if percent >= 100 else f"{percent:.2g} %"

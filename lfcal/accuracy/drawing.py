@@ -1,0 +1,92 @@
+"""All curves of accuracy on one page."""
+
+from __future__ import annotations
+
+import math
+import os
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from lfcal.accuracy.base import Curve, cost_axis
+from lfcal.errors import InputError
+from lfcal.figures import COLOURS, LINES, figure, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["draw_curves"]
+
+COLUMNS = 3
+
+FLOOR = 1e-9
+"""Errors of nothing at all are drawn here: a logarithm has no zero."""
+
+
+def draw_curves(
+    curves: Sequence[Curve], path: str | os.PathLike[str], title: str = "", *, error: float | None = None
+) -> None:
+    """Write the curves that have rungs as one page: a panel each, logarithmic, the front as a line.
+
+    Parameters
+    ----------
+    curves
+        The curves.
+    path
+        PNG to write, or another format by its suffix.
+    title
+        Above all of them.
+    error
+        Error asked about (a share): a line in each panel, and a star at the cheapest rung.
+
+    Raises
+    ------
+    InputError
+        If none of the curves has a rung.
+    StorageError
+        If the file cannot be written.
+    """
+    shown = [curve for curve in curves if curve.rungs]
+    if not shown:
+        raise InputError.expected("curves to draw", "one or more with rungs", "none", "measure longer")
+    columns = min(COLUMNS, len(shown))
+    rows = math.ceil(len(shown) / columns)
+    with figure(4.4 * columns, 3.6 * rows) as fig:
+        if title:
+            fig.suptitle(title)
+        for k, curve in enumerate(shown):
+            _panel(fig.add_subplot(rows, columns, k + 1), curve, error)
+        save_figure(fig, path)
+
+
+def _panel(axes: Axes, curve: Curve, error: float | None) -> None:
+    label, scale = cost_axis(curve)
+    points = [(rung.cost / scale, 100 * max(rung.error, FLOOR)) for rung in curve.rungs]
+    axes.plot(*zip(*points, strict=True), "o", ms=4, color=LINES[0])
+    front = [(rung.cost / scale, 100 * max(rung.error, FLOOR)) for rung in curve.front]
+    axes.plot(*zip(*front, strict=True), "-", color=COLOURS["muted"], lw=1)
+    _logarithmic(axes)
+    if error is not None:
+        axes.axhline(100 * error, color=COLOURS["fair"], ls="--", lw=1)
+        found = curve.cheapest(error)
+        if found is not None:
+            at = found.cost / scale, 100 * max(found.error, FLOOR)
+            axes.plot(*at, "*", ms=13, mfc="none", mec=COLOURS["good"], mew=1.4)
+            axes.annotate(found.label, at, xytext=(6, 6), textcoords="offset points", fontsize=7)
+    axes.set_title(curve.title)
+    axes.set_xlabel(label)
+    axes.set_ylabel(textwrap.fill(f"{curve.error.split(',')[0]} (%)", 40))
+
+
+def _logarithmic(axes: Axes) -> None:
+    """Make both axes logarithmic, with numbers at 1, 2 and 5 that do not run into each other."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_data_interval()
+        few = high < 30 * low
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,), numticks=8))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,143 @@
+"""Places to curves, rung by rung, within seconds; what was measured is kept whenever it is stopped."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+from lfcal.accuracy.base import Curve, Rung
+from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.subject import Subject
+from lfcal.checks import check_number
+from lfcal.errors import LfcalError
+from lfcal.progress import Progress, Work, drain
+from lfcal.units import format_seconds
+
+__all__ = ["SECONDS", "CurveProgress", "iter_curve", "iter_curves", "measure_curve"]
+
+SECONDS = 10.0
+"""Seconds that a place may take unless something else is asked for."""
+
+FOR_RUNGS = 0.4
+"""Share of the seconds that the rungs have in any case, however long the truth took: a truth alone is no curve."""
+
+
+@dataclass(frozen=True, slots=True)
+class CurveProgress(Progress):
+    """How far a measurement is, and all that it has found.
+
+    Attributes
+    ----------
+    curve
+        Of the place at work, with the rungs measured so far.
+    """
+
+    curve: Curve = field(kw_only=True)
+
+
+@dataclass
+class _Run:
+    """A measurement at work: what was found, and when it has to end."""
+
+    curve: Curve
+    limit: float
+    number: int
+    total: int
+    start: float = field(default_factory=lambda: time.perf_counter())
+    rung_at: float = 0.0
+    longest: float = 0.0
+
+    @property
+    def elapsed(self) -> float:
+        return time.perf_counter() - self.start
+
+    def record(self, note: str = "") -> CurveProgress:
+        return CurveProgress(self.number, self.total, "what accuracy costs", self.elapsed, note, curve=self.curve)
+
+    def take(self, found: Truth | Step | Rung | Progress) -> str:
+        """Take what a place tells; return a word on it."""
+        if isinstance(found, Truth):
+            self.curve = replace(self.curve, truth=found.label, notes=found.notes)
+            self.rung_at = self.elapsed
+            self.limit = max(self.limit, self.rung_at + FOR_RUNGS * self.limit)
+            return f"{self.curve.title}: truth"
+        if isinstance(found, Rung):
+            self.curve = self.curve.with_rung(found)
+            now = self.elapsed
+            self.longest, self.rung_at = now - self.rung_at, now
+            return f"{self.curve.title}: {found.label}"
+        inner = found.label if isinstance(found, Step) else found.stage
+        return f"{self.curve.title}: {inner}"
+
+    def over(self, found: Truth | Step | Rung | Progress) -> bool:
+        """Return whether the seconds are spent; one rung is measured in any case."""
+        if not self.curve.rungs or isinstance(found, Truth):
+            return False
+        ahead = 0.0
+        if isinstance(found, Step):
+            # a step that says nothing takes as long as the one before
+            ahead = self.longest if found.seconds is None else found.seconds
+        return self.elapsed + ahead > self.limit
+
+
+def iter_curve(
+    place: Place, subject: Subject, seconds: float = SECONDS, *, number: int = 0, total: int = 1
+) -> Work[Curve]:
+    """Measure the curve of one place; yields `CurveProgress` with the curve so far.
+
+    Whoever closes it, at any time, has the rungs measured until then in the last record. Where the place has no curve
+    for this subject, or something ends it, the curve says why in ``stopped``.
+
+    Parameters
+    ----------
+    place
+        The place.
+    subject
+        What is measured.
+    seconds
+        About how long it may take (s): no further rung is begun that would end later.
+    number, total
+        Of the place among those measured, for the records.
+
+    Raises
+    ------
+    InputError
+        If ``seconds`` is not above 0.
+    """
+    check_number("seconds for a place", seconds, above=0)
+    run = _Run(Curve(place.name, place.title, place.error, place.cost, place.unit), seconds, number, total)
+    yield run.record(place.title)
+    try:
+        yield from _followed(place.measure(subject, seconds), run)
+    except LfcalError as error:
+        run.curve = replace(run.curve, stopped=str(error))
+    yield replace(run.record(), done=number + 1)
+    return run.curve
+
+
+def _followed(measuring: Measuring, run: _Run) -> Work[None]:
+    """Take what ``measuring`` tells until it ends or the seconds are spent."""
+    try:
+        for found in measuring:
+            note = run.take(found)
+            if run.over(found):
+                run.curve = replace(run.curve, stopped=f"ended after {format_seconds(run.elapsed)}")
+                return
+            yield run.record(note)
+    finally:
+        measuring.close()
+
+
+def iter_curves(places: Iterable[Place], subject: Subject, seconds: float = SECONDS) -> Work[tuple[Curve, ...]]:
+    """Measure place after place as `iter_curve`; ``seconds`` are for each."""
+    chosen = tuple(places)
+    curves = []
+    for number, place in enumerate(chosen):
+        curves.append((yield from iter_curve(place, subject, seconds, number=number, total=len(chosen))))
+    return tuple(curves)
+
+
+def measure_curve(place: Place, subject: Subject, seconds: float = SECONDS) -> Curve:
+    """Return the curve of one place; see `iter_curve`."""
+    return drain(iter_curve(place, subject, seconds))

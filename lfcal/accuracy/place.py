@@ -1,0 +1,65 @@
+"""A place of the work where accuracy is paid: what it measures, and how it tells of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+
+from lfcal.accuracy.base import UNITS, Rung
+from lfcal.accuracy.subject import Subject
+from lfcal.checks import check_choice
+from lfcal.progress import Progress
+
+__all__ = ["Measuring", "Place", "Step", "Truth"]
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What the errors of a curve are measured by, and under which conditions; said once, before the first rung."""
+
+    label: str
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What is done next, and about how long it takes (seconds; None: as long as what came before)."""
+
+    label: str
+    seconds: float | None = None
+
+
+Measuring = Generator[Truth | Step | Rung | Progress, None, None]
+"""A running measurement. It may be closed at any time; between two of its records little time passes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """One place where accuracy is paid; a module of `lfcal.accuracy.places` has it in ``PLACE``.
+
+    Attributes
+    ----------
+    name, title
+        What commands call it, and what people do.
+    error, cost
+        What error and cost mean, in words with units.
+    unit
+        Unit of the cost, one of `lfcal.accuracy.base.UNITS`.
+    measure
+        Given the subject and the seconds it may take, yields the truth, steps, rungs and progress. Raises `LfcalError`
+        where this subject has no such curve, with the reason.
+    rank
+        Order in lists.
+    """
+
+    name: str
+    title: str
+    error: str
+    cost: str
+    unit: str
+    measure: Callable[[Subject, float], Measuring]
+    rank: int = 100
+
+    def __post_init__(self) -> None:
+        """Check the unit."""
+        check_choice(f"unit of {self.name}", self.unit, UNITS)

@@ -1,0 +1,127 @@
+"""Aperture fit: the error of the iris seen in a depth-plane sum, against the frames that are summed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.accuracy.base import Rung
+from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.subject import Subject
+from lfcal.camera import Camera, MainLens, Sensor
+from lfcal.errors import InputError
+from lfcal.psf.aperture import fit_aperture
+from lfcal.simulate import plan_effects
+from lfcal.simulate.response import PlaneResponse
+
+__all__ = ["PLACE", "iris_diameter_px", "noisy_sum"]
+
+SIDES = (3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
+"""Positions along each axis of the period: coarse grids of the source, then every position."""
+
+FULL = 0.8
+"""Share of the full well that the brightest pixel reaches."""
+
+ROUNDS = 3
+"""Fits at each rung, with noise of their own."""
+
+TOLERANCE = 0.05
+
+
+def measure(subject: Subject, seconds: float) -> Measuring:
+    """Fit the iris to sums over ever finer grids of positions, followed by rays, with the sensor's noise."""
+    plan, z = subject.planned, subject.middle
+    camera = plan.camera
+    diameter = iris_diameter_px(camera, plan.depths_um[z])
+    effects = plan_effects(camera, plan, TOLERANCE).effects
+    response = PlaneResponse(plan, z, effects, level="geometric")
+    yield Truth(
+        f"the iris of the camera description: its shadow at plane {z} has the area of a circle of {diameter:.1f} px",
+        (
+            f"patterns by rays; brightest pixel at {100 * FULL:g} % of {camera.sensor.full_well_e:g} e-, read noise "
+            f"{camera.sensor.read_noise_e:g} e-; {ROUNDS} fits a rung",
+            "lenslets blur the sum by their own width: the error left with all positions is theirs, not the noise's",
+        ),
+    )
+    ny, nx = plan.period
+    done = (0, 0)
+    for side in SIDES:
+        grid = min(side, ny), min(side, nx)
+        if grid == done:
+            return
+        done = grid
+        yield Step(f"{grid[0]} x {grid[1]} positions")
+        ys, xs = (
+            np.unique(np.linspace(0, n - 1, k).round().astype(int)) for n, k in zip(plan.period, grid, strict=True)
+        )
+        total, brightest = np.zeros(plan.cutout), 0.0
+        for y in ys:
+            row = response.rows([y], xs, subject.workers)[0]
+            total += row.sum(axis=0, dtype=np.float64)
+            brightest = max(brightest, float(row.max()))
+            yield Step(f"{grid[0]} x {grid[1]} positions, row {y}", 0.0)
+        yield _rung(total / brightest, (len(ys), len(xs)), diameter, camera.sensor)
+
+
+def iris_diameter_px(camera: Camera, z_um: float) -> float:
+    """Return the diameter of the circle of the area that the iris's shadow has on the sensor (pixels).
+
+    A ray through pupil point p meets the sensor ``p (a - B)/(b + a)`` from the chief ray, apart from what its lenslet
+    bends it by.
+
+    Raises
+    ------
+    InputError
+        If the camera has no main lens, or light from that depth is in focus.
+    """
+    optics = camera.optics
+    if not isinstance(optics, MainLens):
+        raise InputError.expected("iris", "that of a main lens", "a microscope's", "choose another place")
+    shift = camera.image_shift_um(z_um)
+    radius = optics.focal_length_um / optics.f_number / 2
+    shadow = radius * abs(shift - camera.lattice.gap_um) / (optics.image_distance_um + shift)
+    if 2 * shadow < camera.lattice.clear_diameter_um:
+        raise InputError.expected("iris", "a shadow larger than a lenslet", "one in focus", "choose planes farther off")
+    return 2 * shadow / camera.sensor.pixel_um
+
+
+def noisy_sum(total: NDArray[np.float64], frames: int, sensor: Sensor, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return a sum of frames with the noise of photons and read-out (electrons).
+
+    Parameters
+    ----------
+    total
+        Sum of the patterns in units of the brightest pixel of a frame, which reaches `FULL` of the full well.
+    frames
+        How many frames are in it.
+    sensor, rng
+        The sensor, and the source of the noise.
+    """
+    electrons = np.maximum(total, 0) * FULL * sensor.full_well_e
+    noise: NDArray[np.float64] = rng.normal(0, math.sqrt(frames) * sensor.read_noise_e, total.shape)
+    return rng.poisson(electrons) + noise
+
+
+def _rung(total: NDArray[np.float64], grid: tuple[int, int], diameter: float, sensor: Sensor) -> Rung:
+    frames = grid[0] * grid[1]
+    found = [fit_aperture(noisy_sum(total, frames, sensor, np.random.default_rng([frames, k]))) for k in range(ROUNDS)]
+    # a sum that shows no outline tells nothing of the diameter: all of it is missing
+    errors = [abs(fit.diameter_px / diameter - 1) if fit.diameter_px > 0 else 1.0 for fit in found]
+    refused = next((fit.reason for fit in found if fit.refusal), "")
+    settings = {"rows": grid[0], "columns": grid[1]}
+    others = {"blades found": float(np.median([fit.blades for fit in found]))}
+    label = f"{grid[1]} x {grid[0]} positions"
+    return Rung(label, settings, float(np.mean(errors)), float(frames), "frames", others, refused)
+
+
+PLACE = Place(
+    "aperture",
+    "Depth-plane sum: aperture fit",
+    "relative error of the iris's diameter, mean of several fits",
+    "frames summed in one depth plane",
+    "frames",
+    measure,
+    rank=65,
+)

@@ -1,0 +1,132 @@
+"""Averaging and exposure: the noise of H, against the seconds of the recording."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.accuracy.base import Rung, format_error
+from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.subject import Subject
+from lfcal.camera import Camera, Forecast, ScanPlan
+from lfcal.frames.source import Noise
+from lfcal.simulate import expose
+from lfcal.simulate.effects.base import FrameEffect
+from lfcal.simulate.effects.sensor import Quantisation, ReadNoise, Saturation, ShotNoise
+from lfcal.simulate.sensor.noise import FrameKind, temporal_noise
+from lfcal.units import format_seconds
+
+__all__ = ["EFFECTS", "PLACE", "dark_level", "expected_noise"]
+
+EXPOSURES = (1.0, 0.25, 4.0)
+"""Exposures over the plan's; at the plan's own the brightest pixel reaches `FULL` of the well."""
+
+FRAMES = (1, 2, 4, 8, 16, 32, 64)
+FULL = 0.8
+EFFECTS: tuple[FrameEffect, ...] = (ShotNoise(), Saturation(), ReadNoise(), Quantisation())
+"""What the sensor does to light, drift and fixed pattern left out."""
+
+PATTERNS = 4
+DARK_PIXELS = 200_000
+PIXELS = 40_000_000
+"""Pixels exposed at one rung at most: 64 frames of large cutouts would take minutes."""
+
+
+def measure(subject: Subject, seconds: float) -> Measuring:
+    """Average ever more simulated frames of the sensor, and hold them against their light."""
+    plan = subject.planned
+    patterns = yield from subject.iter_patterns()
+    flat = np.maximum(patterns.values.reshape(-1, *plan.cutout), 0)
+    chosen = flat[:: max(1, len(flat) // PATTERNS)][:PATTERNS]
+    sensor = plan.camera.sensor
+    camera = replace(plan.camera, sensor=replace(sensor, shape=plan.cutout))
+    unit = FULL * sensor.full_well_e / float(flat.max())
+    z = subject.middle
+    yield Truth(
+        "the light that the frames are exposed to",
+        (
+            f"{len(chosen)} patterns; {plan.exposures[z]:g} s bring the brightest pixel to {100 * FULL:g} % of "
+            f"{sensor.full_well_e:g} e-, read noise {sensor.read_noise_e:g} e-",
+            "photons, read-out, full well and whole sample values, the mean of dark frames taken off; no drift, no "
+            "fixed pattern",
+            *_cut_off(plan.camera),
+        ),
+    )
+    dark = dark_level(camera)
+    for times in EXPOSURES:
+        light = (chosen * np.float32(unit * times)).astype(np.float32)
+        for count in FRAMES:
+            if count * light.size > PIXELS:
+                break
+            yield Step(f"{count} frames of {times:g} times the exposure", 0.3)
+            yield _rung(plan, (camera, dark), light, times, count)
+
+
+def dark_level(camera: Camera) -> float:
+    """Return the mean sample value without light, as dark frames show it.
+
+    Where the black level lies within the noise, what is below zero is cut off: the mean lies above the black level.
+    """
+    black = np.zeros(camera.sensor.shape, np.float32)
+    frames = range(max(1, DARK_PIXELS // black.size))
+    means = [expose(black, camera, EFFECTS, exposure_s=1.0, kind=FrameKind.DARK, index=k).mean() for k in frames]
+    return float(np.mean(means))
+
+
+def _rung(plan: ScanPlan, sensor: tuple[Camera, float], light: NDArray[np.float32], times: float, count: int) -> Rung:
+    """Return the error of the mean of ``count`` frames less the dark level, of ``light`` (patterns, nt, ns)."""
+    camera, dark = sensor
+    total = float(light.sum(dtype=np.float64))
+    off = 0.0
+    seconds = plan.exposures[0] * times
+    for number, one in enumerate(light):
+        mean = np.zeros(one.shape)
+        for index in range(count):
+            frame = expose(one, camera, EFFECTS, exposure_s=seconds, seed=number, index=index)
+            mean += frame.astype(np.float64) - dark
+        off += float(np.abs(mean / count * camera.sensor.electrons_per_count - one).sum())
+    exposures = tuple(t * times for t in plan.exposures)
+    scan = replace(plan, frames_averaged=count, exposure_s=exposures)
+    noise = temporal_noise(EFFECTS, camera)
+    model = expected_noise(light, noise, camera.sensor.electrons_per_count, count)
+    settings = {"frames_averaged": count, "exposure_s": list(exposures)}
+    label = f"{count} frame{'s' * (count > 1)} of {format_seconds(exposures[len(exposures) // 2])}"
+    others = {"by the noise model (%)": 100 * model, "frames": float(scan.n_positions * count)}
+    full = float((light >= camera.sensor.full_well_e).mean())
+    note = f"{format_error(full)} of the pixels are saturated" if full else ""
+    return Rung(label, settings, off / total, 3600 * Forecast.of(scan).hours, "seconds", others, note)
+
+
+def _cut_off(camera: Camera) -> tuple[str, ...]:
+    sensor = camera.sensor
+    if sensor.black_level * sensor.electrons_per_count >= 3 * sensor.read_noise_e:
+        return ()
+    return (
+        f"a black level of {sensor.black_level:g} lies within the read noise: what is cut off below zero does not "
+        "average out",
+    )
+
+
+def expected_noise(light_e: NDArray[np.float32], noise: Noise, electrons_per_count: float, count: int) -> float:
+    """Return the mean absolute error of the mean of ``count`` frames, over the mean light.
+
+    The mean of normal noise of variance v is off by ``sqrt(2 v / (pi n))`` in the mean; electrons that are few are
+    not normal.
+    """
+    counts = light_e.astype(np.float64) / electrons_per_count
+    variance = float(noise.constant) + float(noise.slope) * counts
+    return math.sqrt(2 / (math.pi * count)) * float(np.sqrt(variance).sum() / counts.sum())
+
+
+PLACE = Place(
+    "averaging",
+    "Recording: averaging and exposure",
+    "relative L1 error of H by noise, before anything takes it out",
+    "recording time of the whole scan",
+    "seconds",
+    measure,
+    rank=55,
+)

@@ -1,0 +1,91 @@
+"""Multiplexing bases: the noise of a recovered sample, against the exposure that it was recorded with."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lfcal.accuracy.base import Rung
+from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.subject import Subject
+from lfcal.camera import Sensor
+from lfcal.multiplex import MASKS, Modulator, amplification, mask
+from lfcal.units import format_seconds
+
+__all__ = ["PLACE", "sample_noise"]
+
+EXPOSURES = (1.0, 1 / 4, 1 / 16, 1 / 64)
+"""Shares of the exposure at which unmodulated light fills `FULL` of the well."""
+
+FULL = 0.8
+PRIMES = (3, 5, 7, 11, 13)
+"""Sides of super-pixels that every mask can have."""
+
+PIXELS = 400_000
+"""Pixels that are exposed at each rung."""
+
+
+def measure(subject: Subject, seconds: float) -> Measuring:
+    """Expose every light-field modulator to even light, and recover its samples by the pseudo-inverse."""
+    plan = subject.planned
+    sensor, exposure = plan.camera.sensor, max(plan.exposures)
+    side = min(PRIMES, key=lambda p: abs(p - plan.camera.pitch_px))
+    electrons = FULL * sensor.full_well_e
+    yield Truth(
+        "even light, the same in every sample",
+        (
+            f"super-pixels of {side} x {side} px for a pitch of {plan.camera.pitch_px:.3g} px",
+            f"{exposure:g} s of unmodulated light fill {100 * FULL:g} % of {sensor.full_well_e:g} e-; read noise "
+            f"{sensor.read_noise_e:g} e-",
+        ),
+    )
+    for kind in MASKS:
+        yield Step(kind)
+        modulator = mask(kind, side)
+        inverse = modulator.inverse()
+        for share in EXPOSURES:
+            yield Step(f"{kind}, exposure 1/{1 / share:g}", 0.2)
+            rng = np.random.default_rng([MASKS.index(kind), EXPOSURES.index(share)])
+            error = sample_noise(modulator, inverse, electrons * share, sensor, rng)
+            settings = {"mask": kind, "size": side, "exposure_s": exposure * share}
+            label = f"{kind.replace('_', ' ')}, {format_seconds(exposure * share)}"
+            others = {"signal to noise (dB)": -10 * math.log10(error), "amplification": amplification(modulator)}
+            yield Rung(label, settings, error, exposure * share, "seconds", others)
+
+
+def sample_noise(
+    modulator: Modulator, inverse: np.ndarray, electrons: float, sensor: Sensor, rng: np.random.Generator
+) -> float:
+    """Return the rms error of recovered samples over their value: photons by Poisson, read-out by a normal deviate.
+
+    Parameters
+    ----------
+    modulator, inverse
+        The modulator and its pseudo-inverse ``(N, K)``.
+    electrons
+        Of a pixel in unmodulated light.
+    sensor
+        Its read noise is used.
+    rng
+        Source of the noise.
+    """
+    even = np.full(modulator.count, 1 / modulator.count)
+    light = modulator.matrix @ even
+    trials = max(8, PIXELS // modulator.pixels)
+    # the light of all pixels behind a lenslet comes to one, which holds no more than the others do
+    seen = rng.poisson(np.broadcast_to(light * electrons, (trials, light.size)))
+    frames = (seen + rng.normal(0, sensor.read_noise_e, seen.shape)) / electrons
+    off = (frames - light) @ inverse.T
+    return float(np.sqrt(np.mean(off**2)) * modulator.count)
+
+
+PLACE = Place(
+    "bases",
+    "Multiplexing: masks and exposure",
+    "noise of a recovered sample over its value, rms",
+    "exposure of a frame",
+    "seconds",
+    measure,
+    rank=100,
+)

@@ -1,0 +1,69 @@
+"""Demultiplexing filters: the error of the colours or samples between pixels, against the seconds of a frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lfcal.accuracy.base import Rung
+from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.subject import Subject
+from lfcal.camera import Sensor
+from lfcal.multiplex import cfa
+from lfcal.multiplex.quality import WAYS, iter_measure_filters
+from lfcal.multiplex.scenes import zone_plate
+
+__all__ = ["PLACE"]
+
+SIDE = 256
+HIGHEST = 0.2
+"""Highest frequency of the scene (cycles per pixel)."""
+
+FULL = 0.8
+
+
+def measure(subject: Subject, seconds: float) -> Measuring:
+    """Demultiplex a scene that is known by every route and filter."""
+    sensor = _sensor(subject)
+    pattern = sensor.cfa or "Bayer"
+    modulator = cfa(pattern)
+    scene = zone_plate((SIDE, SIDE), HIGHEST)
+    # one is the full well's share; photons and read-out as rms at the mean level
+    level = FULL * sensor.full_well_e
+    rms = math.sqrt(level / 2 + sensor.read_noise_e**2) / level
+    noise = rms * np.random.default_rng(0).standard_normal((SIDE, SIDE))
+    pixels = math.prod(sensor.shape)
+    named = "the sensor's" if sensor.cfa else "the sensor has no colour filters; compared with a"
+    yield Truth(
+        f"the scene itself, a zone plate up to {HIGHEST:g} cycles per pixel",
+        (
+            f"{named} {pattern} pattern, noise of {100 * rms:.2g} %",
+            f"seconds scaled from {SIDE} x {SIDE} px to a frame",
+        ),
+    )
+    for route, name in WAYS:
+        yield Step(f"{route}, {name}")
+        work = iter_measure_filters(
+            scene, modulator, ways=((route, name),), noise=noise, rounds=2, workers=subject.workers
+        )
+        trial = (yield from work)[0]
+        cost = trial.seconds * pixels / SIDE**2
+        yield Rung(trial.name, {"route": route, "filter": name, "pattern": pattern}, trial.error, cost, "seconds")
+
+
+def _sensor(subject: Subject) -> Sensor:
+    if subject.matrix is not None and subject.matrix.camera is not None:
+        return subject.matrix.camera.sensor
+    return subject.planned.camera.sensor
+
+
+PLACE = Place(
+    "filters",
+    "Multiplexing: route and filter",
+    "rms error of the samples over the scene's range",
+    "time of a frame of the sensor",
+    "seconds",
+    measure,
+    rank=90,
+)

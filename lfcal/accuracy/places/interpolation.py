@@ -1,0 +1,116 @@
+"""Interpolation in assembly: the error of patterns that lie between pixels, against the seconds of the whole H."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.accuracy.base import Rung
+from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.subject import Subject
+from lfcal.axes import Position
+from lfcal.camera import ScanPlan
+from lfcal.psf import Cutout
+from lfcal.psf.cutout import INTERPOLATIONS
+from lfcal.simulate import plan_effects
+from lfcal.simulate.effects import Effect
+from lfcal.simulate.response import PlaneResponse
+
+__all__ = ["PLACE"]
+
+SHIFTS = ((0.5, 0.5), (0.25, -0.4), (-0.15, 0.3))
+"""By how much the image lies beside whole pixels (rows, columns): the worst case, and two others."""
+
+WIDE = 24
+"""Pixels more of the frame that is simulated: interpolations look beyond the cutout."""
+
+TOLERANCE = 0.05
+ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """A frame whose image lies beside whole pixels by ``shift`` (rows, columns)."""
+
+    frame: NDArray[np.float32]
+    shift: tuple[float, float]
+
+
+def measure(subject: Subject, seconds: float) -> Measuring:
+    """Cut patterns out of simulated frames that are moved by parts of a pixel."""
+    plan = replace(subject.planned, resample=False)
+    z, (nt, ns) = subject.middle, plan.cutout
+    effects = plan_effects(plan.camera, plan, TOLERANCE).effects
+    whole = replace(plan, anchor=(float(round(plan.anchor[0])), float(round(plan.anchor[1]))))
+    yield Step("pattern on whole pixels")
+    # one response settles how finely all are computed, so that only the place of the pixels differs
+    first = PlaneResponse(whole, z, effects, tolerance=TOLERANCE)
+    at = plan.period[0] // 2, plan.period[1] // 2
+    true = first.rows([at[0]], [at[1]], 1)[0, 0]
+    moved = []
+    for shift in SHIFTS:
+        yield Step(f"moved by {shift[0]:+g}, {shift[1]:+g} px")
+        moved.append(_moved(whole, z, effects, first, at, shift))
+    where = "; ".join(f"{y:+g}, {x:+g}" for y, x in SHIFTS)
+    yield Truth(
+        "the simulation with pixels, lenslets and source moved together",
+        (f"middle position of plane {z}, {nt} x {ns} px, image beside whole pixels by {where} px (rows, columns)",),
+    )
+    count = plan.n_positions
+    for name in INTERPOLATIONS:
+        yield Step(name)
+        error, took = _tried(name, moved, true)
+        yield Rung(name, {"interpolation": name}, error, took * count, "seconds", {"pattern (ms)": 1e3 * took})
+
+
+def _moved(
+    plan: ScanPlan,
+    z: int,
+    effects: tuple[Effect, ...],
+    like: PlaneResponse,
+    at: tuple[int, int],
+    shift: tuple[float, float],
+) -> _Moved:
+    """Return the frame about the same position with everything but the pixels moved by ``shift``."""
+    lattice, pixel = plan.camera.lattice, plan.camera.sensor.pixel_um
+    offset = (lattice.offset_um[0] + shift[1] * pixel, lattice.offset_um[1] + shift[0] * pixel)
+    camera = replace(plan.camera, lattice=replace(lattice, offset_um=offset))
+    anchor = (plan.anchor[0] + shift[0], plan.anchor[1] + shift[1])
+    there = replace(plan, camera=camera, anchor=anchor)
+    nt, ns = plan.cutout
+    response = PlaneResponse(there, z, effects, cutout=(nt + 2 * WIDE, ns + 2 * WIDE))
+    response.adopt(like)
+    # the window follows the source by whole pixels
+    rest = (shift[0] - math.ceil(shift[0] - 0.5), shift[1] - math.ceil(shift[1] - 0.5))
+    return _Moved(response.rows([at[0]], [at[1]], 1)[0, 0], rest)
+
+
+def _tried(name: str, moved: list[_Moved], true: NDArray[np.float32]) -> tuple[float, float]:
+    """Return the relative L1 error of an interpolation, and its seconds for one pattern."""
+    error, took = 0.0, float("inf")
+    for one in moved:
+        rows, columns = ((n - 1) / 2 for n in one.frame.shape)
+        # the image of the source lies beside the middle pixel of the frame by its shift
+        cutout = Cutout(true.shape, (rows + one.shift[0], columns + one.shift[1]), name)
+        for _ in range(ROUNDS):  # the first one loads what the interpolation needs
+            start = time.perf_counter()
+            window = cutout.window(Position(0, 0, 0))
+            values = cutout.resample(one.frame[cutout.region(window)], window)
+            took = min(took, time.perf_counter() - start)
+        error += float(np.abs(values.astype(np.float64) - true).sum())
+    return error / (len(moved) * float(np.abs(true).sum(dtype=np.float64))), took
+
+
+PLACE = Place(
+    "interpolation",
+    "Assembly: interpolation",
+    "relative L1 error of a pattern whose image lies between pixels",
+    "time of all patterns of H, on one processor",
+    "seconds",
+    measure,
+    rank=50,
+)

@@ -1,0 +1,125 @@
+"""Lattice fit: the error of the lenslets' places found in a white image, against the seconds of the fit."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.accuracy.base import Rung
+from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.subject import Subject
+from lfcal.camera import Camera
+from lfcal.lattice import MicroImageLattice, fit_lattice, lattice_of
+from lfcal.simulate import expose
+from lfcal.simulate.effects.base import FrameEffect
+from lfcal.simulate.effects.sensor import Quantisation, ReadNoise, Saturation, ShotNoise
+from lfcal.simulate.sensor.noise import FrameKind
+
+__all__ = ["PLACE", "white_discs"]
+
+SIDES = (8, 12, 18, 28, 42, 64, 96, 140)
+"""Sides of the part of the white image that is fitted, in lenslets."""
+
+LEVEL = 0.6
+"""Share of the full well that the brightest pixels reach."""
+
+NOISE: tuple[FrameEffect, ...] = (ShotNoise(), Saturation(), ReadNoise(), Quantisation())
+FILL, SOFT_PX = 0.95, 0.4
+"""Largest diameter of a micro-image over the pitch, and the width of its edge (pixels)."""
+
+GROWTH = 2.6
+"""By how much a rung takes longer than the one before: so much larger is the frame."""
+
+
+def measure(subject: Subject, seconds: float) -> Measuring:
+    """Fit the lattice to ever larger parts of a white image that is drawn of the camera."""
+    camera, exposure = subject.planned.camera, max(subject.planned.exposures)
+    sensor = camera.sensor
+    yield Truth(
+        "the lattice of the camera description, about whose places the micro-images are drawn",
+        (
+            f"discs of {_diameter_px(camera):.3g} px with edges of {SOFT_PX:g} px; brightest at {100 * LEVEL:g} % of "
+            f"{sensor.full_well_e:g} e-, read noise {sensor.read_noise_e:g} e-; one frame",
+            "an error of 1 % is 0.01 px",
+        ),
+    )
+    took = None
+    for side in SIDES:
+        part = _middle(camera, side)
+        yield Step(f"{side} lenslets a side", None if took is None else GROWTH * took)
+        light = white_discs(part) * np.float32(LEVEL * sensor.full_well_e)
+        frame = expose(light, part, NOISE, exposure_s=exposure, kind=FrameKind.WHITE)
+        if took is None:  # the first fit of a session compiles
+            _fitted(part, frame, subject.workers)
+        rung = _fitted(part, frame, subject.workers)
+        took = rung.cost
+        yield rung
+        if part.sensor.shape == sensor.shape:
+            return
+
+
+def _middle(camera: Camera, side: int) -> Camera:
+    """Return the camera with the middle part of its sensor, so many lenslets a side: of the sensor's parity."""
+    wanted = math.ceil(side * camera.pitch_px)
+    rows, columns = (min(n, wanted + (n - wanted) % 2) for n in camera.sensor.shape)
+    return replace(camera, sensor=replace(camera.sensor, shape=(rows, columns)))
+
+
+def _diameter_px(camera: Camera) -> float:
+    """Return the diameter of a micro-image: the iris's image, or what keeps neighbours apart (pixels)."""
+    image = camera.lattice.gap_um / camera.optics.working_f_number / camera.sensor.pixel_um
+    return min(image, FILL * camera.pitch_px)
+
+
+def white_discs(camera: Camera) -> NDArray[np.float32]:
+    """Return an evenly lit frame, 1 where it is brightest: a disc with soft edges about each lenslet's centre."""
+    true, (rows, columns) = lattice_of(camera), camera.sensor.shape
+    radius = _diameter_px(camera) / 2
+    out = np.empty((rows, columns), np.float32)
+    x = np.arange(columns, dtype=float)
+    for row in range(rows):
+        distance = _nearest(true, np.full(columns, float(row)), x)[1]
+        out[row] = 1 / (1 + np.exp(np.clip((distance - radius) / SOFT_PX, -40, 40)))
+    return out
+
+
+def _nearest(true: MicroImageLattice, y: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[Any, Any]:
+    """Return indices ``(n, 2)`` of the lenslets nearest to points, and their distances (pixels)."""
+    near = np.rint(true.lenslet_at(y, x))
+    # in an oblique basis the nearest lenslet may be a neighbour of the rounded one
+    index = near + np.array([(q, r) for q in (-1, 0, 1) for r in (-1, 0, 1)])[:, None]
+    places = true.centres_px(index[..., 0], index[..., 1])
+    distance = np.hypot(places[..., 0] - y, places[..., 1] - x)
+    best = distance.argmin(axis=0)
+    at = np.arange(best.size)
+    return index[best, at], distance[best, at]
+
+
+def _fitted(camera: Camera, frame: NDArray[np.uint16] | NDArray[np.float32], workers: int | None) -> Rung:
+    start = time.perf_counter()
+    fit = fit_lattice(frame, dark=camera.sensor.black_level, workers=workers)
+    took = time.perf_counter() - start
+    found = fit.centres_px(fit.index[:, 0], fit.index[:, 1])
+    distance = _nearest(lattice_of(camera), found[:, 0], found[:, 1])[1]
+    rows, columns = frame.shape
+    count = len(fit.index)
+    settings = {"rows": rows, "columns": columns}
+    others = {"lenslets": float(count), "pitch error (px)": abs(fit.pitch_px - camera.pitch_px)}
+    label = f"{count} lenslets, {rows} x {columns} px"
+    return Rung(label, settings, math.sqrt(float((distance**2).mean())), took, "seconds", others)
+
+
+PLACE = Place(
+    "lattice",
+    "White image: lattice fit",
+    "rms distance of the fitted from the true lenslets, in pixels",
+    "time of the fit",
+    "seconds",
+    measure,
+    rank=40,
+)

@@ -1,0 +1,92 @@
+"""Depth planes: the error of standing between two of them, against the frames of a scan with so many."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.accuracy.base import Rung
+from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.subject import Subject
+from lfcal.camera import Forecast, ScanPlan
+from lfcal.errors import InputError
+from lfcal.simulate import plan_effects
+from lfcal.simulate.accuracy.sampling import step_for
+from lfcal.simulate.effects import Effect
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.staging import resolve_level, scene_for
+
+__all__ = ["PLACE"]
+
+COUNTS = (2, 3, 5, 9, 17, 33, 65)
+"""Planes over the plan's range of depths; each count has the planes of the one before it."""
+
+PLACES = 5
+"""Depths at which the nearest plane stands in, spread over the range."""
+
+TOLERANCE = 0.05
+
+
+def measure(subject: Subject, seconds: float) -> Measuring:
+    """Hold the pattern at depths between planes against that of the nearest plane."""
+    plan = subject.planned
+    low, high = min(plan.depths_um), max(plan.depths_um)
+    if low == high:
+        raise InputError.expected("depths", "two planes or more, that bound the range", "one", "add a plane")
+    effects = plan_effects(plan.camera, plan, TOLERANCE).effects
+    # irrational shares of the range, so that none of them lies on a plane of any count
+    between = [float(low + (high - low) * ((k + 1) * 0.6180339887498949 % 1)) for k in range(PLACES)]
+    true = []
+    for depth in between:
+        yield Step(f"z = {depth:.4g} µm")
+        true.append(_pattern(plan, depth, effects))
+    yield Truth(
+        "the simulation at the depth itself", (f"middle position, {PLACES} depths between {low:g} and {high:g} µm",)
+    )
+    known: dict[float, NDArray[np.float64]] = {}
+    for count in COUNTS:
+        yield Step(f"{count} planes")
+        depths = np.linspace(low, high, count)
+        error = total = 0.0
+        for depth, pattern in zip(between, true, strict=True):
+            nearest = float(depths[int(np.argmin(np.abs(depths - depth)))])
+            if nearest not in known:
+                known[nearest] = _pattern(plan, nearest, effects)
+            error += float(np.abs(known[nearest] - pattern).sum())
+            total += float(np.abs(pattern).sum())
+            yield Step(f"{count} planes, z = {depth:.4g} µm", 0.0)
+        yield _rung(plan, tuple(depths.tolist()), error / total)
+
+
+def _pattern(plan: ScanPlan, depth: float, effects: tuple[Effect, ...]) -> NDArray[np.float64]:
+    """Return the middle position's pattern at a depth, ``(nt, ns)``."""
+    ny, nx = plan.period
+    anchor = (plan.anchor[0] + ny // 2, plan.anchor[1] + nx // 2)
+    one = replace(plan, depths_um=(depth,), exposure_s=plan.exposures[0], period=(1, 1), anchor=anchor, resample=False)
+    scene, level = resolve_level(scene_for(one, 0, effects))
+    # as fine as is expected to do, without a probe: all depths are computed alike
+    sampling = step_for(scene, level, TOLERANCE).sampling
+    response = PlaneResponse(one, 0, effects, level=level, sampling=sampling)
+    pattern: NDArray[np.float64] = response.rows([0], [0], 1)[0, 0].astype(np.float64)
+    return pattern
+
+
+def _rung(plan: ScanPlan, depths: tuple[float, ...], error: float) -> Rung:
+    scan = replace(plan, depths_um=depths, exposure_s=plan.exposures[0])
+    found = Forecast.of(scan)
+    others = {"recording (s)": 3600 * found.hours, "H, float32 (bytes)": float(found.h_float32_bytes)}
+    settings = {"depths_um": list(depths)}
+    return Rung(f"{len(depths)} planes", settings, error, float(found.frames), "frames", others)
+
+
+PLACE = Place(
+    "planes",
+    "Depth planes",
+    "relative L1 error of the nearest plane's pattern, at depths between the planes",
+    "frames of the scan",
+    "frames",
+    measure,
+    rank=30,
+)

@@ -1,0 +1,73 @@
+"""Sampling: the error of the computation alone, level by level, against the seconds of the whole H."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from lfcal.accuracy.base import Rung
+from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.subject import Subject
+from lfcal.plain import plain
+from lfcal.simulate import iter_ladder, plan_effects
+from lfcal.simulate.accuracy.ladder import DEBYE_SHOWN, WIDEST_SHOWN
+from lfcal.simulate.accuracy.ladder import Rung as LadderRung
+from lfcal.simulate.accuracy.sampling import steps_for
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.staging import resolve_level, scene_for
+
+__all__ = ["PLACE"]
+
+TOLERANCE = 0.03
+"""Effects that matter at this tolerance are in the scene that all samplings compute."""
+
+QUICK_SECONDS, QUICK = 60.0, Sampling(samples_per_px=6)
+"""Below so many seconds the reference has this sampling: its own finest grid may take a minute for one position."""
+
+FIRST = 2
+"""Samplings measured at once at first, then one more each time: whatever is measured at once is lost together."""
+
+
+def measure(subject: Subject, seconds: float) -> Measuring:
+    """Measure the ladder of `lfcal.simulate.ladder` a few samplings at a time."""
+    plan, z = subject.planned, subject.middle
+    effects = plan_effects(plan.camera, plan, TOLERANCE).effects
+    scene = scene_for(plan, z, effects)
+    _, level = resolve_level(replace(scene, lenslet_diffraction=True, main_diffraction=True))
+    samplings = [s.sampling for s in steps_for(scene, level)]
+    samplings = [
+        s for s in samplings if s.margin_px <= WIDEST_SHOWN and (level != "debye" or s.nodes_per_px <= DEBYE_SHOWN)
+    ]
+    reference = QUICK if seconds < QUICK_SECONDS else None
+    seen: set[str] = set()
+    size = FIRST
+    while samplings:
+        part, samplings = samplings[:size], samplings[size:]
+        size += 1
+        yield Step(f"{len(part)} samplings of level {level}")
+        found = yield from iter_ladder(
+            plan.camera, plan, TOLERANCE, effects=effects, z=z, positions=1, samplings=part, reference=reference
+        )
+        if not seen:
+            names = ", ".join(effect.name for effect in effects) or "none"
+            yield Truth(found.reference, (f"one position of plane {z}; effects: {names}",))
+        for rung in found.rungs:
+            if rung.label not in seen:
+                seen.add(rung.label)
+                yield _rung(rung)
+
+
+def _rung(rung: LadderRung) -> Rung:
+    settings = {"level": rung.level, "sampling": plain(rung.sampling)}
+    others = {"tables (s)": rung.setup_seconds, "position (s)": rung.position_seconds}
+    return Rung(rung.label, settings, rung.error, rung.whole_seconds, "seconds", others)
+
+
+PLACE = Place(
+    "sampling",
+    "Simulation: level and sampling",
+    "relative L1 error of the computation, the same scene for all",
+    "processor time of the whole H, predicted from this computation's own run",
+    "seconds",
+    measure,
+    rank=20,
+)

@@ -1,0 +1,110 @@
+"""Simulation: the error of what is left out and of the computation together, against the seconds of the whole H."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.accuracy.base import Rung
+from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.subject import Subject
+from lfcal.camera import ScanPlan
+from lfcal.simulate import plan_effects
+from lfcal.simulate.accuracy.forecast import plane_seconds, whole_of
+from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.simulate import Budget, budgeted
+
+__all__ = ["PLACE", "TOLERANCES"]
+
+TOLERANCES = (0.3, 0.15, 0.1, 0.06, 0.04, 0.03, 0.02, 0.01, 0.005)
+"""Tolerances asked for, coarse to fine."""
+
+FINEST = 0.01
+"""Effects of the truth are those that matter at this tolerance."""
+
+FINE, FINE_SECONDS = 0.015, 40.0
+"""Below this tolerance the reference takes over where waves do not get there; about how long that takes (s)."""
+
+POSITION_SECONDS = 8.0
+"""Another position is compared for so many seconds that may be taken, up to `MOST_POSITIONS`."""
+
+MOST_POSITIONS = 4
+
+
+def measure(subject: Subject, seconds: float) -> Measuring:
+    """Simulate some positions at tolerance after tolerance, and hold them against the reference with all effects."""
+    plan, z = subject.planned, subject.middle
+    count = max(1, min(MOST_POSITIONS, int(seconds / POSITION_SECONDS)))
+    places = _places(plan.period, count)
+    every = plan_effects(plan.camera, plan, FINEST).at(plan.depths_um[z])
+    yield Step(f"reference at {len(places)} positions")
+    finest = PlaneResponse(plan, z, every, level="reference", tolerance=FINEST / 2)
+    truth = []
+    for place in places:
+        truth.append(_responses(finest, [place]))
+        yield Step(f"reference, position {place}")
+    yield Truth(
+        "the reference level with the effects that matter at 1 %: " + ", ".join(e.name for e in every),
+        (f"{len(places)} position{'s' * (len(places) > 1)} of plane {z} (z = {plan.depths_um[z]:g} µm)",),
+    )
+    true = np.concatenate(truth)
+    for tolerance in TOLERANCES:
+        yield Step(f"tolerance {100 * tolerance:g} %", FINE_SECONDS if tolerance < FINE else None)
+        yield _rung(plan, z, tolerance, places, true)
+
+
+def _rung(
+    plan: ScanPlan, z: int, tolerance: float, places: Sequence[tuple[int, int]], truth: NDArray[np.float64]
+) -> Rung:
+    found = plan_effects(plan.camera, plan, tolerance)
+    budget = budgeted(found, plan, tolerance)
+    # the computation may use what the effects left out leave of the tolerance
+    chosen, share = budget.at(plan.depths_um[z])
+    response = PlaneResponse(plan, z, chosen, tolerance=share)
+    cost = _whole_seconds(plan, z, budget, response)
+    values = _responses(response, places)
+    error = float(np.abs(values - truth).sum() / np.abs(truth).sum())
+    settings = {
+        "tolerance": tolerance,
+        "level": response.level,
+        "effects": [effect.name for effect in found.effects],
+    }
+    label = f"tolerance {100 * tolerance:g} %, {response.level}, {len(found.effects)} effects"
+    return Rung(label, settings, error, cost, "seconds", {"error asked for (%)": 100 * tolerance})
+
+
+def _whole_seconds(plan: ScanPlan, z: int, budget: Budget, response: PlaneResponse) -> float:
+    """Return the CPU-seconds of the whole H: of the probe of each plane, the tables and all positions."""
+    start = time.thread_time()
+    response.engine()
+    probe = time.thread_time() - start
+    start = time.thread_time()
+    engine = engine_for(response.scene, response.level, response.wanted)
+    setup = time.thread_time() - start
+    shares = whole_of(plan, z, budget, response.level, response.runs)
+    return plan.shape[0] * probe + shares.seconds(setup, plane_seconds(engine))
+
+
+def _responses(response: PlaneResponse, places: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
+    return np.concatenate([response.rows([y], [x], 1)[0] for y, x in places]).astype(np.float64)
+
+
+def _places(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
+    """Return positions spread over the period: even in rows, by the golden ratio in columns."""
+    ny, nx = period
+    return [(int(ny * (k + 0.5) / count), int(nx * ((k + 1) * 0.6180339887498949 % 1))) for k in range(count)]
+
+
+PLACE = Place(
+    "simulation",
+    "Simulation: effects and computation",
+    "relative L1 error of the patterns, of what is left out and of the computation together",
+    "processor time of the whole H, predicted from this computation's own run",
+    "seconds",
+    measure,
+    rank=10,
+)

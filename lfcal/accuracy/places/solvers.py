@@ -1,0 +1,91 @@
+"""Solvers: the error of a reconstructed volume that is known, against the seconds of its iterations."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from lfcal.accuracy.base import Rung
+from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.subject import Subject
+from lfcal.camera import Sensor
+from lfcal.errors import LfcalError
+from lfcal.reconstruct import SOLVERS, Projector, SolverChoice, iter_reconstruct
+from lfcal.reconstruct.metrics import nrmse
+from lfcal.reconstruct.phantoms import phantom
+
+__all__ = ["PLACE"]
+
+SHOWN = (1, 2, 5, 10, 20, 40, 80)
+"""Iterations at which the volume is held against the truth."""
+
+PLANES, SIDE = 3, 128
+FULL = 0.8
+"""Share of the full well that the brightest pixel reaches."""
+
+SHARE = 0.2
+"""Share of the seconds that one solver may take: the next ones are to be seen, too."""
+
+
+def measure(subject: Subject, seconds: float) -> Measuring:
+    """Reconstruct the noisy image of a known volume by solver after solver."""
+    sample = yield from subject.iter_sample(PLANES)
+    H = sample.matrix
+    yield Step("projector")
+    shape = (max(SIDE, H.shape[1] + H.shape[3]), max(SIDE, H.shape[2] + H.shape[4]))
+    exact = Projector(H, shape, dtype=np.float64, workers=subject.workers)
+    truth = phantom("vesicle", exact.volume_shape)
+    clean = np.maximum(exact.forward(truth), 0)
+    sensor = Sensor() if H.camera is None else H.camera.sensor
+    # volume and image are scaled together, so that the error is in the same electrons
+    scale = FULL * sensor.full_well_e / float(clean.max())
+    rng = np.random.default_rng(1)
+    image = rng.poisson(clean * scale) + rng.normal(0, sensor.read_noise_e, clean.shape)
+    start = time.perf_counter()
+    P = Projector(H, shape, workers=subject.workers).prepare()
+    setup = time.perf_counter() - start
+    yield Truth(
+        f"the volume itself, a hollow sphere of {'x'.join(map(str, truth.shape))} voxels",
+        (
+            *sample.notes,
+            f"image of {shape[0]} x {shape[1]} px with the noise of photons and read-out, brightest pixel at "
+            f"{100 * FULL:g} % of {sensor.full_well_e:g} e-",
+        ),
+    )
+    for name in SOLVERS.names():
+        yield Step(name)
+        yield from _solved(P, image, truth * scale, name, setup, SHARE * seconds)
+
+
+def _solved(P: Projector, image: np.ndarray, truth: np.ndarray, name: str, setup: float, seconds: float) -> Measuring:
+    """Yield a rung at every iteration of `SHOWN` that one solver reaches in its time."""
+    work = iter_reconstruct(P, image, SolverChoice(name, SHOWN[-1]))
+    start = time.perf_counter()
+    try:
+        for record in work:
+            if record.iteration not in SHOWN or record.state is None:
+                continue
+            error = nrmse(record.state.volume, truth)
+            settings = {"solver": name, "iterations": record.iteration}
+            others = {"iterations": float(record.iteration), "preparing (s)": setup}
+            words = f"{name}, {record.iteration} iteration{'s' * (record.iteration > 1)}"
+            yield Rung(words, settings, error, record.seconds, "seconds", others)
+            if time.perf_counter() - start > seconds:
+                return
+            yield Step(f"{name}, further iterations", 0.0)
+    except LfcalError as error:  # a solver of another distribution may ask for more than an image
+        yield Step(f"{name}: {error}", 0.0)
+    finally:
+        work.close()
+
+
+PLACE = Place(
+    "solvers",
+    "Reconstruction: solver and iterations",
+    "rms error of the volume over its rms",
+    "time of the iterations",
+    "seconds",
+    measure,
+    rank=80,
+)

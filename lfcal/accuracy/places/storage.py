@@ -1,0 +1,97 @@
+"""Storage: the error of the stored type of H, against the bytes of its file."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.accuracy.base import Rung
+from lfcal.accuracy.place import Measuring, Place, Step, Truth
+from lfcal.accuracy.subject import Patterns, Subject
+from lfcal.h5.filters import encode_chunk
+from lfcal.psf import PSFWriter, open_psf
+
+__all__ = ["HALF", "PLACE", "relative_error"]
+
+DTYPES = ("uint16", "float32", "uint8", "float64")
+"""Stored types in the order of interest; all that an H file holds."""
+
+COMPRESSIONS = ("gzip", "zstd", "none")
+HALF = "no H file holds float16; written as it would be, to compare"
+
+
+def measure(subject: Subject, seconds: float) -> Measuring:
+    """Write patterns of H in every type and compression, and read them again."""
+    patterns = yield from subject.iter_patterns()
+    values = patterns.values
+    kind = "the values of H as they are read" if subject.matrix is not None else "the simulated values"
+    yield Truth(f"{kind}, {values.dtype}", (*patterns.notes, "bytes and seconds scaled to the whole H"))
+    with TemporaryDirectory(prefix="lfcal-accuracy-") as folder:
+        for dtype in DTYPES:
+            for compression in COMPRESSIONS:
+                yield Step(f"{dtype}, {compression}")
+                yield _stored(Path(folder) / "H.h5", patterns, dtype, compression, subject.workers)
+    yield Step("float16")
+    yield _half(patterns)
+
+
+def _stored(path: Path, patterns: Patterns, dtype: str, compression: str, workers: int | None) -> Rung:
+    values = patterns.values
+    shape = (1, *values.shape)
+    start = time.perf_counter()
+    _write(path, values, dtype, compression, workers)
+    wrote = time.perf_counter() - start
+    size = path.stat().st_size
+    start = time.perf_counter()
+    with open_psf(path) as H:
+        found = np.array(H.plane(0), np.float64)
+    read = time.perf_counter() - start
+    # what the file holds beside the samples does not grow with them
+    _write(path, values, dtype, "none", workers)
+    beside = path.stat().st_size - int(np.prod(shape)) * np.dtype(dtype).itemsize
+    others = {"write (s)": wrote * patterns.scale, "read (s)": read * patterns.scale}
+    cost = max(0.0, float(size - beside)) * patterns.scale
+    settings = {"dtype": dtype, "compression": compression}
+    return Rung(f"{dtype}, {compression}", settings, relative_error(found, values), cost, "bytes", others)
+
+
+def _write(path: Path, values: NDArray[np.float32], dtype: str, compression: str, workers: int | None) -> None:
+    with PSFWriter(path, (1, *values.shape), dtype=dtype, compression=compression, workers=workers) as writer:
+        writer.write_plane(0, values)
+
+
+def _half(patterns: Patterns) -> Rung:
+    """Return what float16 would be: scaled to its range, each pattern coded as a chunk of an H file."""
+    values = patterns.values
+    top = float(np.abs(values).max()) or 1.0
+    # half of the largest value: nothing overflows, and what is small keeps its digits longest
+    half = (values * np.float32(2.0**15 / top)).astype(np.float16)
+    start = time.perf_counter()
+    size = sum(len(encode_chunk(half[at])) for at in np.ndindex(*half.shape[:2]))
+    wrote = (time.perf_counter() - start) * patterns.scale
+    error = relative_error(half.astype(np.float64) * (top / 2.0**15), values)
+    settings = {"dtype": "float16", "compression": "gzip"}
+    return Rung("float16, gzip", settings, error, size * patterns.scale, "bytes", {"write (s)": wrote}, HALF)
+
+
+def relative_error(found: NDArray[Any], true: NDArray[Any]) -> float:
+    """Return the sum of absolute differences over the sum of absolute true values; 0 where both vanish."""
+    total = float(np.abs(true).sum(dtype=np.float64))
+    off = float(np.abs(np.asarray(found, np.float64) - true).sum())
+    return off / total if total > 0 else 0.0
+
+
+PLACE = Place(
+    "storage",
+    "H file: stored type and compression",
+    "relative L1 error of H as read from its file",
+    "size of H's samples in the file",
+    "bytes",
+    measure,
+    rank=60,
+)

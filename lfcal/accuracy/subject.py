@@ -1,0 +1,247 @@
+"""What accuracy is measured for: a scan plan or H, and samples of H that are quick to work with."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError, LfcalError
+from lfcal.progress import Clock, Work
+from lfcal.psf import PSFMatrix
+from lfcal.simulate import iter_simulate_psf, plan_effects
+from lfcal.simulate.accuracy.sampling import step_for
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.staging import resolve_level, scene_for
+
+__all__ = ["Patterns", "Sample", "Subject"]
+
+SAMPLE_BYTES = 48 << 20
+"""A sample of H over whole periods is cropped to about this size."""
+
+PATTERN_BYTES = 16 << 20
+"""Single patterns with their whole cutout are so many bytes at most."""
+
+TOLERANCE, EFFECTS_TOLERANCE = 0.1, 0.02
+"""Of the computation of samples, and of the effects in them: how they look matters, not their last per cent, but rays
+where waves belong would leave their dark pixels empty."""
+
+LONGEST_WAVES = 6.0
+"""Predicted CPU-seconds of a sample up to which it is simulated with the effects it calls for; by rays beyond."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A part of H over whole periods: some planes, the middle of the cutout.
+
+    Attributes
+    ----------
+    matrix
+        H of the sample, in memory.
+    scale
+        Entries of the whole H over those of the sample.
+    notes
+        What it is, a line each.
+    """
+
+    matrix: PSFMatrix
+    scale: float
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Patterns:
+    """Some patterns of one plane with their whole cutout.
+
+    Attributes
+    ----------
+    values
+        ``(rows, columns, nt, ns)``.
+    scale
+        Patterns of the whole H over those here.
+    notes
+        What they are, a line each.
+    """
+
+    values: NDArray[np.float32]
+    scale: float
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A scan plan, H, or H with the plan it belongs to.
+
+    Attributes
+    ----------
+    name
+        For titles.
+    plan
+        The scan plan, where it is known.
+    matrix
+        H, where there is one; else samples are simulated.
+    no_plan
+        Why there is no plan; empty where there is one.
+    workers
+        Threads; None takes every processor.
+    """
+
+    name: str
+    plan: ScanPlan | None = None
+    matrix: PSFMatrix | None = None
+    no_plan: str = ""
+    workers: int | None = None
+    _samples: dict[int, Sample] = field(default_factory=dict, repr=False)
+    _patterns: list[Patterns] = field(default_factory=list, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check that there is something to measure."""
+        if self.plan is None and self.matrix is None:
+            raise InputError.expected("subject of accuracy", "a scan plan or H", "neither", "give one of them")
+
+    @classmethod
+    def of_matrix(cls, matrix: PSFMatrix, name: str, workers: int | None = None) -> Subject:
+        """Return H (also that of HT) as subject, with the plan that its provenance or its camera tells of."""
+        H = matrix.T if matrix.is_transposed else matrix
+        plan, reason = _plan_of(H)
+        return cls(name, plan, H, reason, workers)
+
+    @property
+    def planned(self) -> ScanPlan:
+        """The scan plan; raises `InputError` with the reason where there is none."""
+        if self.plan is None:
+            raise InputError.expected(
+                "camera", "that of the scan", self.no_plan or "none", "measure a plan or a camera"
+            )
+        return self.plan
+
+    @property
+    def shape(self) -> tuple[int, int, int, int, int]:
+        """Shape of the whole H."""
+        return self.planned.shape if self.matrix is None else self.matrix.shape
+
+    @property
+    def middle(self) -> int:
+        """Number of the middle plane."""
+        return self.shape[0] // 2
+
+    # -- samples ---------------------------------------------------------------------------------------
+    def iter_sample(self, planes: int) -> Work[Sample]:
+        """Return at most ``planes`` planes of H over whole periods, made once; yields progress."""
+        count = min(planes, self.shape[0])
+        if count not in self._samples:
+            made = self._read(count) if self.matrix is not None else self._simulated(count)
+            sample = yield from made
+            _check_light(np.asarray(sample.matrix), self.name)
+            self._samples[count] = sample
+        return self._samples[count]
+
+    def iter_patterns(self) -> Work[Patterns]:
+        """Return patterns of the middle plane, spread over the period, made once; yields progress."""
+        if not self._patterns:
+            yield Clock("patterns", 1).at(0)
+            _, ny, nx, nt, ns = self.shape
+            room = max(1, PATTERN_BYTES // (4 * nt * ns))
+            side = max(1, math.isqrt(min(room, 64)))
+            ys, xs = (np.unique(np.linspace(0, n - 1, min(side, n)).round().astype(int)) for n in (ny, nx))
+            values, how = self._chosen(ys, xs)
+            _check_light(values, f"plane {self.middle} of {self.name}")
+            whole = self.shape[0] * ny * nx
+            note = f"{ys.size * xs.size} patterns of plane {self.middle}, {nt} x {ns} px, {how}"
+            self._patterns.append(Patterns(values, whole / (ys.size * xs.size), (note,)))
+        return self._patterns[0]
+
+    def _chosen(self, ys: NDArray[np.intp], xs: NDArray[np.intp]) -> tuple[NDArray[np.float32], str]:
+        """Return the patterns of positions ys x xs of the middle plane, and how they were got."""
+        z = self.middle
+        if self.matrix is not None:
+            H = self.matrix
+            return np.array([[H[z, int(y), int(x)] for x in xs] for y in ys], np.float32), f"of {self.name}"
+        plan = self.planned
+        effects = plan_effects(plan.camera, plan, EFFECTS_TOLERANCE).at(plan.depths_um[z])
+        response = PlaneResponse(plan, z, effects, tolerance=TOLERANCE)
+        return response.rows(ys, xs, self.workers), f"simulated at level {response.level}"
+
+    def _read(self, count: int) -> Work[Sample]:
+        """Read planes about the middle one, cropped, row by row."""
+        assert self.matrix is not None
+        H, (nz, ny, nx, nt, ns) = self.matrix, self.matrix.shape
+        first = (nz - count) // 2
+        rows, columns = _window(self.shape, count)
+        crop = (slice((nt - rows) // 2, (nt + rows) // 2), slice((ns - columns) // 2, (ns + columns) // 2))
+        values = np.empty((count, ny, nx, rows, columns), np.float32)
+        clock = Clock("sample of H", count * ny)
+        for k in range(count):
+            for y in range(ny):
+                yield clock.at(k * ny + y)
+                for x in range(nx):
+                    values[k, y, x] = H[first + k, y, x, crop[0], crop[1]]
+        depths = H.depths[first : first + count]
+        made = PSFMatrix(values, depths=depths, camera=H.camera, anchor=H.anchor)
+        return Sample(made, math.prod(H.shape) / values.size, (_sample_note(made, H.shape, f"of {self.name}"),))
+
+    def _simulated(self, count: int) -> Work[Sample]:
+        """Simulate planes about the middle one, cropped."""
+        plan = self.planned
+        first = (plan.shape[0] - count) // 2
+        exposures = plan.exposures[first : first + count]
+        part = replace(
+            plan,
+            depths_um=plan.depths_um[first : first + count],
+            exposure_s=exposures,
+            cutout=_window(plan.shape, count),
+        )
+        yield Clock("sample of H", 1).at(0)
+        found = plan_effects(plan.camera, part, EFFECTS_TOLERANCE)
+        waves = found.seconds <= LONGEST_WAVES
+        scene, level = resolve_level(scene_for(part, 0, found.effects), "auto" if waves else "geometric")
+        # as fine as is expected to do, without a probe of every plane
+        sampling = step_for(scene, level, TOLERANCE).sampling if level != "geometric" else None
+        made = yield from iter_simulate_psf(
+            plan.camera, part, found, level, tolerance=TOLERANCE, sampling=sampling, workers=self.workers
+        )
+        how = f"simulated at level {level}" + ("" if waves else ", as waves take longer")
+        return Sample(made, math.prod(plan.shape) / math.prod(part.shape), (_sample_note(made, plan.shape, how),))
+
+
+def _check_light(values: NDArray[np.float32], what: str) -> None:
+    if not values.max() > 0:
+        raise InputError.expected(what, "light in the middle planes", "none", "check H, or its plan")
+
+
+def _window(shape: tuple[int, int, int, int, int], planes: int) -> tuple[int, int]:
+    """Return the cutout, odd, with which so many planes of H keep to `SAMPLE_BYTES`."""
+    _, ny, nx, nt, ns = shape
+    side = math.isqrt(max(1, SAMPLE_BYTES // (4 * planes * ny * nx)))
+    odd = max(3, side - 1 + side % 2)
+    return min(nt, odd), min(ns, odd)
+
+
+def _sample_note(made: PSFMatrix, whole: tuple[int, ...], how: str) -> str:
+    nz, ny, nx, nt, ns = made.shape
+    cropped = "" if (nt, ns) == whole[3:] else f" of the cutout's {whole[3]} x {whole[4]}"
+    return f"{nz} of {whole[0]} planes, {nx} x {ny} positions, {nt} x {ns} px{cropped}, {how}"
+
+
+def _plan_of(matrix: PSFMatrix) -> tuple[ScanPlan | None, str]:
+    """Return the scan plan of H, or why there is none."""
+    told = matrix.provenance.get("plan")
+    if isinstance(told, dict):
+        try:
+            plan = ScanPlan.from_dict(told)
+        except LfcalError:
+            plan = None  # anyone may have written it: the camera may still do
+        if plan is not None and plan.shape == matrix.shape:
+            return plan, ""
+    if matrix.camera is None:
+        return None, "H of an unknown camera"
+    _, ny, nx, nt, ns = matrix.shape
+    try:
+        depths = tuple(float(z) for z in matrix.depths)
+        resample = matrix.pixel_scale != (1.0, 1.0)
+        return ScanPlan(matrix.camera, (ny, nx), (nt, ns), depths, matrix.anchor, resample=resample), ""
+    except LfcalError as error:
+        return None, f"a camera that H does not fit ({error})"

@@ -1,0 +1,195 @@
+"""``lfcal accuracy``: what accuracy costs, everywhere it is paid, for a camera, a scan plan or H."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from lfcal.cli.console import print_json, print_table, report, run_work
+from lfcal.cli.options import CutoutOption, DepthsOption, ForceOption, JsonOption, VirtualDepthsOption, WorkersOption
+from lfcal.cli.outputs import check_output
+from lfcal.errors import InputError
+
+if TYPE_CHECKING:
+    from lfcal.accuracy import Curve, Place, Subject
+    from lfcal.progress import Work
+
+__all__ = ["register"]
+
+MATRICES = (".h5", ".hdf5", ".mat", ".npy", ".lfc")
+"""Suffixes of H; everything else is a camera or a plan."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``accuracy`` to the app."""
+    app.command("accuracy")(command)
+
+
+def command(
+    subject: str = typer.Argument(..., help="H file, JSON of a scan plan, preset or camera file; list shows places."),
+    depths: DepthsOption = "",
+    virtual_depths: VirtualDepthsOption = "",
+    cutout: CutoutOption = "",
+    *,
+    place: list[str] = typer.Option([], "--place", help="Where: a name of `lfcal accuracy list`; may be repeated."),
+    error: str = typer.Option("1%", "--error", help="Error whose cost is asked for: 1% or 0.01."),
+    seconds: float = typer.Option(10.0, "--seconds", help="About how long each place may take (s)."),
+    draw: Path | None = typer.Option(None, "--draw", help="Draw all curves on one page (PNG)."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Measure curves of error against seconds, bytes or frames, and say what an error would cost.
+
+    Ctrl-C ends the measurement; what was measured until then is printed.
+
+    Example: `lfcal accuracy bench --virtual-depths 3,4,5 --place storage --place solvers --draw cost.png`
+    """
+    from lfcal.accuracy import PLACES, draw_curves
+
+    for reason in PLACES.failures().values():
+        report(f"left out: {reason}")
+    if subject == "list":
+        _list_places(json=json)
+        return
+    share = _share(error)
+    chosen = [PLACES.get(name) for name in dict.fromkeys(place)] or list(PLACES)
+    if draw is not None:
+        check_output(draw, subject, force=force)
+    with _subject(subject, (depths, virtual_depths, cutout), workers, quiet=json) as measured:
+        curves, ended = _measured(chosen, measured, seconds, share, quiet=json)
+        if json:
+            print_json(
+                {
+                    "subject": measured.name,
+                    "error": share,
+                    "seconds": seconds,
+                    "curves": curves,
+                    "answers": {curve.place: _answer(curve, share) for curve in curves},
+                }
+            )
+        if draw is not None and any(curve.rungs for curve in curves):
+            draw_curves(curves, draw, f"What accuracy costs: {measured.name}", error=share)
+            if not json:
+                typer.echo(f"drawn: {draw}")
+    if ended is not None:
+        raise ended
+    if not any(curve.rungs for curve in curves):
+        raise InputError(f"{measured.name}: nothing could be measured; {curves[0].stopped or 'choose other places'}")
+
+
+def _measured(
+    places: list[Place], subject: Subject, seconds: float, share: float, *, quiet: bool
+) -> tuple[list[Curve], BaseException | None]:
+    """Measure place after place, each shown as soon as it is done; return what ended it, if anything did."""
+    from lfcal.accuracy import iter_curve
+
+    curves: list[Curve] = []
+    for number, place in enumerate(places):
+        kept: list[Curve] = []
+        ended: BaseException | None = None
+        try:
+            work = iter_curve(place, subject, seconds, number=number, total=len(places))
+            run_work(_keeping(work, kept), quiet=quiet)
+        except Exception:
+            raise
+        except BaseException as end:  # Ctrl-C and signals: what was measured until then is shown first
+            ended = end
+        if kept:
+            curves.append(kept[-1])
+            if not quiet:
+                _show(kept[-1], share)
+        if ended is not None:
+            return curves, ended
+    return curves, None
+
+
+def _keeping(work: Work[Curve], kept: list[Curve]) -> Work[Curve]:
+    """Follow ``work``, with its newest curve in ``kept``."""
+    try:
+        while True:
+            record = next(work)
+            kept[:] = [record.curve]  # type: ignore[attr-defined]
+            yield record
+    except StopIteration as end:
+        curve: Curve = end.value
+        kept[:] = [curve]
+        return curve
+    finally:
+        work.close()
+
+
+@contextmanager
+def _subject(name: str, planes: tuple[str, str, str], workers: int | None, *, quiet: bool) -> Iterator[Subject]:
+    """Give what is measured: H, closed at the end, or a plan."""
+    from lfcal.accuracy import Subject
+    from lfcal.cli.cameras import tell_assumed
+    from lfcal.cli.planned import planned_scan
+    from lfcal.psf import open_psf
+
+    path = Path(name)
+    if path.suffix.lower() not in MATRICES:
+        plan = planned_scan(name, *planes, quiet=quiet)
+        yield Subject(f"{plan.camera.name}, {len(plan.depths_um)} planes", plan, workers=workers)
+        return
+    if any(planes):
+        raise InputError("planes and cutout: expected those of H, got others; leave the options out")
+    with open_psf(path) as matrix:
+        tell_assumed(matrix.camera, path.name, quiet=quiet)
+        yield Subject.of_matrix(matrix, path.name, workers)
+
+
+def _share(text: str) -> float:
+    """Return ``"1%"``, ``"1 %"`` or ``"0.01"`` as 0.01."""
+    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)\s*(%?)\s*", text)
+    try:
+        value = float(match[1]) / (100 if match[2] else 1) if match else 0.0
+    except ValueError:
+        value = 0.0
+    if not 0 < value <= 10:
+        raise InputError.expected("error asked for", "a share above 0 and up to 10", repr(text), "for example 1%")
+    return value
+
+
+def _answer(curve: Curve, share: float) -> dict[str, object]:
+    found = curve.cheapest(share)
+    return {"words": curve.answer(share), "rung": found}
+
+
+def _show(curve: Curve, share: float) -> None:
+    """Print one curve as a table, what it means, and what the error asked for costs."""
+    from lfcal.accuracy.base import format_cost, format_error
+
+    if not curve.rungs:
+        typer.echo(f"{curve.title}: not measured: {curve.stopped or 'stopped before the first rung'}\n")
+        return
+    names = list(dict.fromkeys(name for rung in curve.rungs for name in rung.others))
+    picked = curve.cheapest(share)
+    rows = []
+    for rung in curve.rungs:
+        mark = ("efficient" if rung.efficient else "") + (", picked" if rung is picked else "")
+        others = [f"{rung.others[name]:.4g}" if name in rung.others else "—" for name in names]
+        words = [rung.label, format_error(rung.error), format_cost(rung.cost, curve.unit), *others]
+        rows.append([*words, "; ".join(filter(None, (mark, rung.note)))])
+    print_table(["", "error", "cost", *names, " "], rows, title=curve.title)
+    typer.echo(f"error: {curve.error}; cost: {curve.cost}")
+    typer.echo(f"measured by: {curve.truth}")
+    for note in curve.notes:
+        typer.echo(f"  {note}")
+    if curve.stopped:
+        typer.echo(f"  {curve.stopped}; --seconds measures longer")
+    typer.echo(f"{curve.answer(share)}\n")
+
+
+def _list_places(*, json: bool) -> None:
+    from lfcal.accuracy import PLACES
+
+    if json:
+        print_json([{"name": p.name, "title": p.title, "error": p.error, "cost": p.cost} for p in PLACES])
+        return
+    print_table(["place", "", "error", "cost"], [[p.name, p.title, p.error, p.cost] for p in PLACES])

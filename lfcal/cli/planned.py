@@ -1,0 +1,46 @@
+"""The scan plan that a command works on: a file of one, or a camera and its planes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lfcal.errors import InputError
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+
+__all__ = ["planned_scan"]
+
+
+def planned_scan(camera: str, depths: str, virtual_depths: str, cutout: str, *, quiet: bool) -> ScanPlan:
+    """Return the plan in a JSON file, or that of a camera (preset or file) with planes; say what is assumed of it.
+
+    Raises
+    ------
+    InputError
+        If planes and cutout are given beside a plan, or no planes beside a camera.
+    """
+    from lfcal.camera import ScanPlan
+    from lfcal.cli.cameras import tell_assumed
+    from lfcal.cli.plan import load_camera, parse_cutout, parse_planes
+
+    if camera.endswith(".json") and (ready := _ready_plan(Path(camera))) is not None:
+        if depths or virtual_depths or cutout:
+            raise InputError("planes and cutout: expected those of the plan, got others; leave the options out")
+        tell_assumed(ready.camera, Path(camera).name, quiet=quiet)
+        return ready
+    lengths, virtual = parse_planes(depths, virtual_depths)
+    return ScanPlan.for_camera(
+        load_camera(camera), depths_um=lengths, virtual_depths=virtual, cutout=parse_cutout(cutout)
+    )
+
+
+def _ready_plan(path: Path) -> ScanPlan | None:
+    """Return the scan plan in a JSON file, or None where it is something else."""
+    from lfcal.camera import ScanPlan
+    from lfcal.files import read_text
+
+    # A camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
+    text = read_text(path)
+    return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None

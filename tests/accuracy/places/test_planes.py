@@ -1,0 +1,45 @@
+"""Depth planes: the error of the nearest plane, by whole simulations; frames counted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.accuracy import PLACES, Subject, measure_curve
+from lfcal.accuracy.places import planes
+from lfcal.camera import ScanPlan
+from lfcal.simulate import plan_effects, simulate_psf
+
+
+def pattern(plan: ScanPlan, depth: float) -> np.ndarray:
+    one = replace(plan, depths_um=(depth,), exposure_s=0.02)
+    effects = plan_effects(plan.camera, plan, planes.TOLERANCE)
+    return simulate_psf(plan.camera, one, effects, tolerance=planes.TOLERANCE)[0, 1, 1].astype(float)
+
+
+def test_the_nearest_plane_stands_in(subject: Subject, plan: ScanPlan, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planes, "COUNTS", (2, 5))
+    monkeypatch.setattr(planes, "PLACES", 1)
+    curve = measure_curve(PLACES.get("planes"), subject, 100)
+    low, high = min(plan.depths_um), max(plan.depths_um)
+    depths = [low + (high - low) * ((k + 1) * 0.6180339887498949 % 1) for k in range(1)]
+    for rung, count in zip(curve.rungs, (2, 5), strict=True):
+        steps = np.linspace(low, high, count)
+        near = [float(steps[np.abs(steps - depth).argmin()]) for depth in depths]
+        true = [pattern(plan, depth) for depth in depths]
+        off = sum(np.abs(pattern(plan, at) - one).sum() for at, one in zip(near, true, strict=True))
+        # each pattern is computed to 5 % only, here and there in another way
+        assert rung.error == pytest.approx(off / sum(one.sum() for one in true), abs=0.06)
+        assert rung.cost == count * 9 and len(rung.settings["depths_um"]) == count
+    assert curve.rungs[1].error < curve.rungs[0].error
+
+
+def test_one_plane_bounds_no_range(plan: ScanPlan) -> None:
+    one = replace(plan, depths_um=plan.depths_um[:1], exposure_s=0.02)
+    curve = measure_curve(PLACES.get("planes"), Subject("one", one))
+    assert (
+        not curve.rungs
+        and curve.stopped == "depths: expected two planes or more, that bound the range, got one; add a plane"
+    )

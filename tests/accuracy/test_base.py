@@ -1,0 +1,114 @@
+"""Rungs and curves: the front, the cheapest rung, words, and the way to a file and back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lfcal.accuracy import Curve, Rung, draw_curves, marked, read_curves, write_curves
+from lfcal.errors import FileFormatError, InputError
+
+PAIRS = st.lists(st.tuples(st.floats(0, 1e3), st.floats(0, 10)), min_size=1, max_size=30)
+
+
+def rung(cost: float, error: float, label: str = "") -> Rung:
+    return Rung(label or f"{cost} {error}", {"tolerance": error}, error, cost, "seconds")
+
+
+def curve(*pairs: tuple[float, float]) -> Curve:
+    made = Curve("storage", "Storage", "relative L1 error", "seconds", "seconds", "the values", notes=("a note",))
+    for cost, error in pairs:
+        made = made.with_rung(rung(cost, error))
+    return made
+
+
+@given(PAIRS)
+def test_the_front_is_what_nothing_beats(pairs: list[tuple[float, float]]) -> None:
+    rungs = marked(rung(*pair) for pair in pairs)
+    assert sorted((r.cost, r.error) for r in rungs) == sorted(pairs)
+    front = [(r.cost, r.error) for r in rungs if r.efficient]
+    # by the definition, pair by pair: nothing is at least as good in both and better in one
+    beaten = {(c, e) for c, e in pairs if any((a <= c and b < e) or (a < c and b <= e) for a, b in pairs)}
+    assert front == sorted(set(pairs) - beaten)
+    costs, errors = zip(*front, strict=True)
+    assert (np.diff(costs) > 0).all() and (np.diff(errors) < 0).all()
+
+
+@given(PAIRS, st.floats(1e-6, 10))
+def test_the_cheapest_rung_keeps_the_error_and_nothing_that_does_is_cheaper(
+    pairs: list[tuple[float, float]], error: float
+) -> None:
+    found = curve(*pairs).cheapest(error)
+    good = [c for c, e in pairs if e <= error]
+    assert (found is None) == (not good)
+    if found is not None:
+        assert found.error <= error and found.cost == min(good)
+
+
+def test_what_one_per_cent_would_cost() -> None:
+    made = curve((1.0, 0.3), (60.0, 0.009), (7200.0, 0.001))
+    assert made.answer(0.01) == "1 % costs 1 min 00 s: 60.0 0.009 (0.9 %)"
+    reached = "0.01 % is reached by no rung measured; the best is 0.1 % for 2 h 00 min: 7200.0 0.001"
+    assert made.answer(1e-4) == reached
+    assert curve().answer(0.01) == "1 %: nothing was measured"
+    with pytest.raises(InputError, match="error asked for"):
+        made.cheapest(0)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0])
+def test_what_is_no_error_and_no_cost_is_refused(value: float) -> None:
+    with pytest.raises(InputError):
+        rung(1.0, value)
+    with pytest.raises(InputError):
+        rung(value, 1.0)
+    with pytest.raises(InputError, match="unit of cost"):
+        Rung("a", {}, 1.0, 1.0, "apples")
+
+
+def test_curves_come_back_from_their_file(tmp_path: Path) -> None:
+    made = curve((2.0, 0.1), (1.0, 0.5), (3.0, 0.2))
+    write_curves([made, curve()], tmp_path / "a.json")
+    assert read_curves(tmp_path / "a.json") == (made, curve())
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d.update(format="other"),
+        lambda d: d.update(curves={}),
+        lambda d: d["curves"][0].pop("title"),
+        lambda d: d["curves"][0].update(title=3),
+        lambda d: d["curves"][0].update(unit="apples"),
+        lambda d: d["curves"][0].update(notes=4),
+        lambda d: d["curves"][0]["rungs"][0].update(error="much"),
+        lambda d: d["curves"][0]["rungs"][0].update(settings=[]),
+        lambda d: d["curves"][0]["rungs"][0].update(colour="red"),
+        lambda d: d["curves"].append(None),
+    ],
+)
+def test_what_is_no_file_of_curves_is_one_line(tmp_path: Path, change: object) -> None:
+    path = tmp_path / "a.json"
+    write_curves([curve((1.0, 0.5))], path)
+    data = json.loads(path.read_text())
+    change(data)  # type: ignore[operator]
+    path.write_text(json.dumps(data))
+    with pytest.raises(FileFormatError):
+        read_curves(path)
+
+
+def test_a_page_has_a_panel_for_each_curve_with_rungs(tmp_path: Path) -> None:
+    import cv2
+
+    # an error of nothing has no logarithm, and is drawn all the same
+    shown = curve((1.0, 0.3), (60.0, 0.0))
+    draw_curves([shown, curve()], tmp_path / "one.png", "title", error=0.01)
+    draw_curves([shown] * 4, tmp_path / "four.png")
+    one, four = (cv2.imread(str(tmp_path / name)).shape for name in ("one.png", "four.png"))
+    assert four[0] == 2 * one[0] and four[1] == 3 * one[1]
+    with pytest.raises(InputError, match="curves to draw"):
+        draw_curves([curve()], tmp_path / "none.png")

@@ -1,0 +1,30 @@
+"""The place that the documentation adds, and its list of places."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lfcal.accuracy import PLACES, Subject, measure_curve
+from lfcal.psf import PSFMatrix
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+
+
+def test_the_place_of_the_documentation_measures() -> None:
+    text = (DOCS / "adding_a_place.md").read_text(encoding="utf-8")
+    names: dict[str, Any] = {}
+    exec(re.findall(r"```python\n(.*?)```", text, re.S)[0], names)
+    H = PSFMatrix(np.random.default_rng(0).random((1, 6, 6, 3, 3)).astype(np.float32))
+    curve = measure_curve(names["MEAN_LIGHT"], Subject.of_matrix(H, "H"), 10)
+    assert curve.stopped == "" and len(curve.rungs) == 5
+    # the mean of n patterns scatters by 1/sqrt(n)
+    assert 0.15 < curve.rungs[-1].error / curve.rungs[0].error < 0.4
+
+
+def test_the_table_names_every_place() -> None:
+    text = (DOCS / "accuracy.md").read_text(encoding="utf-8")
+    assert tuple(re.findall(r"^\| `(\w+)` \|", text, re.M)) == PLACES.names()

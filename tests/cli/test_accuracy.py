@@ -1,0 +1,120 @@
+"""``lfcal accuracy``: curves of a plan, a camera and H; what an error costs; what is kept when it is stopped."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfcal.accuracy import PLACES, Place, Rung, Step, Truth
+from lfcal.psf import PSFMatrix, save
+from tests.acquire.rigs import small_plan
+from tests.cli.conftest import Run
+
+Lfcal = Callable[..., Run]
+
+
+@pytest.fixture
+def h(tmp_path: Path) -> Path:
+    rng = np.random.default_rng(0)
+    return save(PSFMatrix(rng.random((1, 3, 3, 9, 9)).astype(np.float32)), tmp_path / "H.h5")
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Path:
+    path = tmp_path / "scan.json"
+    path.write_text(small_plan((2, 2), 1).to_json())
+    return path
+
+
+def test_a_curve_of_h_as_json_and_drawn(lfcal: Lfcal, h: Path, tmp_path: Path) -> None:
+    chart = tmp_path / "a.png"
+    run = lfcal("accuracy", h, "--place", "storage", "--error", "0.5%", "--draw", chart, "--json", "--workers", 1)
+    assert run.code == 0, run.err
+    found: Any = run.json
+    assert found["subject"] == "H.h5" and found["error"] == 0.005 and chart.stat().st_size > 5000
+    (curve,) = found["curves"]
+    assert curve["place"] == "storage" and len(curve["rungs"]) == 13
+    picked = found["answers"]["storage"]["rung"]
+    good = [r["cost"] for r in curve["rungs"] if r["error"] <= 0.005]
+    assert picked["cost"] == min(good) and picked["error"] <= 0.005
+    again = lfcal("accuracy", h, "--place", "storage", "--draw", chart)
+    assert again.code == 2 and "a.png: exists; add --force" in again.err
+    assert lfcal("accuracy", h, "--place", "storage", "--draw", chart, "--force").code == 0
+
+
+def test_a_plan_as_a_table(lfcal: Lfcal, scan: Path) -> None:
+    run = lfcal("accuracy", scan, "--place", "bases", "--place", "averaging", "--seconds", 5, "--error", "20 %")
+    assert run.code == 0, run.err
+    assert run.out.index("Multiplexing: masks and exposure") < run.out.index("Recording: averaging and exposure")
+    assert "20 % costs" in run.out and "measured by: even light, the same in every sample" in run.out
+
+
+def test_a_camera_needs_planes(lfcal: Lfcal) -> None:
+    run = lfcal("accuracy", "bench", "--place", "bases")
+    assert run.code == 2 and "give --depths (µm) or --virtual-depths" in run.err
+    for planes in (("--virtual-depths", "3,4"), ("--depths", "-20mm", "--cutout", "31")):
+        assert lfcal("accuracy", "bench", *planes, "--place", "bases", "--json").code == 0
+
+
+@pytest.mark.parametrize("options", [("--depths", "1,2"), ("--virtual-depths", "3"), ("--cutout", "31")])
+def test_planes_of_h_are_its_own(lfcal: Lfcal, h: Path, options: tuple[str, str]) -> None:
+    run = lfcal("accuracy", h, *options)
+    assert (
+        run.code == 2
+        and run.err == "lfcal: planes and cutout: expected those of H, got others; leave the options out\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--error", "much"), "error asked for: expected a share above 0"),
+        (("--error", "0"), "error asked for: expected a share above 0"),
+        (("--error", "1.2.3%"), "error asked for: expected a share above 0"),
+        (("--seconds", "0"), "seconds for a place: expected a number > 0"),
+        (("--seconds", "nan"), "seconds for a place: expected a number > 0"),
+        (("--place", "moon"), "place of accuracy: expected simulation or sampling or"),
+        (("--place", "lattice"), "nothing could be measured; camera: expected that of the scan, got H of an unknown"),
+    ],
+)
+def test_bad_options_are_one_line(lfcal: Lfcal, h: Path, options: tuple[str, str], message: str) -> None:
+    run = lfcal("accuracy", h, *options)
+    assert run.code == 2 and message in run.err and run.err.count("\n") == 1, run.err
+
+
+def test_the_places_are_listed(lfcal: Lfcal) -> None:
+    run = lfcal("accuracy", "list")
+    assert run.code == 0 and all(place.title.split(":")[0] in run.out for place in PLACES)
+    found: Any = lfcal("accuracy", "list", "--json").json
+    assert [entry["name"] for entry in found] == list(PLACES.names())
+
+
+def _stopped() -> Iterator[object]:
+    yield Truth("exact")
+    yield Rung("a rung that was measured", {"k": 1}, 0.5, 1.0, "seconds")
+    os.kill(os.getpid(), signal.SIGINT)
+    yield Step("the next")
+    raise AssertionError("it went on")
+
+
+@pytest.mark.parametrize("json", [False, True])
+def test_ctrl_c_keeps_what_was_measured(
+    lfcal: Lfcal, h: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, json: bool
+) -> None:
+    place = Place("made up", "Made up", "error", "cost", "seconds", lambda s, t: _stopped())  # type: ignore[arg-type, return-value]
+    monkeypatch.setattr(type(PLACES), "get", lambda self, name: place)
+    chart = tmp_path / "a.png"
+    run = lfcal("accuracy", h, "--place", "a", "--place", "b", "--draw", chart, *(["--json"] if json else []))
+    assert run.code == 130 and run.err == "lfcal: stopped; nothing half-written stays behind\n"
+    assert chart.stat().st_size > 5000
+    if json:
+        found: Any = run.json
+        assert [r["label"] for r in found["curves"][0]["rungs"]] == ["a rung that was measured"]
+    else:
+        assert run.out.count("a rung that was measured") == 2, "in the table and as the best"

@@ -1,0 +1,178 @@
+"""What the Accuracy page measures, shows and changes, without a window."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gui.models.project import ProjectState
+from gui.pages.accuracy.model import (
+    AccuracySettings,
+    Kept,
+    axis_labels,
+    iter_measure,
+    points_of,
+    rung_words,
+    subjects,
+    words_of,
+)
+from gui.pages.accuracy.model_use import NO_USE, use_of
+from gui.pages.frames.model import FrameSettings
+from gui.pages.multiplex.model import MultiplexSettings
+from gui.pages.psf.export_model import ExportIntent, ExportSettings
+from gui.pages.reconstruct.model import ReconstructSettings
+from gui.pages.simulate.model import SimulateSettings
+from lfcal.accuracy import PLACES, Curve, Rung, Subject, measure_curve
+from lfcal.errors import InputError
+from lfcal.progress import drain
+from lfcal.psf import PSFMatrix, save
+from tests.acquire.rigs import small_plan
+
+PLAN = small_plan()
+
+
+def curve(*rungs: Rung, place: str = "storage", stopped: str = "") -> Curve:
+    made = Curve(
+        place, "Title", "relative L1 error, of all", "time, in all", "seconds", "the values", (), ("a note",), stopped
+    )
+    for rung in rungs:
+        made = made.with_rung(rung)
+    return made
+
+
+def rung(error: float, cost: float, **settings: Any) -> Rung:
+    return Rung(f"rung {cost:g}", settings, error, cost, "seconds", {"read (s)": 2.5}, "note")
+
+
+def test_points_are_logarithms_with_the_front_and_the_pick() -> None:
+    made = curve(rung(0.1, 1.0), rung(0.001, 100.0), rung(0.5, 10.0), rung(0.0, 1000.0))
+    points = points_of(made, 0.05)
+    assert [(p.x, p.y) for p in points[:3]] == [pytest.approx(v) for v in ((0, 1), (1, np.log10(50)), (2, -1))]
+    assert [p.efficient for p in points] == [True, False, True, True]
+    assert [p.picked for p in points] == [False, False, True, False]
+    assert np.isfinite(points[3].y), "an error of nothing is shown, too"
+    assert rung_words(made.rungs[0]) == "rung 1\nerror 10 %, costs 1.0 s\nread (s): 2.5\nnote"
+    assert axis_labels(made) == ("time (s)", "relative L1 error (%)")
+
+
+def test_words_say_what_to_do_and_why_there_is_nothing() -> None:
+    assert words_of(None, 0.01, running=False)[0] == "Not measured yet: press Measure."
+    assert words_of(curve(), 0.01, running=True)[0] == "measuring the truth …"
+    assert words_of(curve(stopped="no camera"), 0.01, running=False)[0] == "Not measured: no camera"
+    answer, how = words_of(curve(rung(0.1, 1.0), stopped="ended after 10 s"), 0.2, running=False)
+    assert answer == "20 % costs 1.0 s: rung 1 (10 %)"
+    assert how == "Measured by: the values.\na note\nended after 10 s"
+
+
+@pytest.mark.parametrize("change", [{"error": 0.0}, {"seconds": 0.0}, {"subject": "moon"}, {"seconds": float("nan")}])
+def test_settings_that_cannot_be_are_refused(change: dict[str, Any]) -> None:
+    with pytest.raises(InputError):
+        replace(AccuracySettings(), **change)
+
+
+def test_what_can_be_measured(tmp_path: Path) -> None:
+    state = ProjectState()
+    assert subjects(state) == ()
+    save(PSFMatrix(np.ones((1, 2, 2, 3, 3), np.float32)), tmp_path / "H.h5")
+    both = replace(state, plan=PLAN, psf=str(tmp_path / "H.h5"))
+    assert subjects(both) == ("plan", "psf")
+    assert subjects(replace(both, psf=str(tmp_path / "gone.h5"))) == ("plan",)
+
+
+def test_h_is_measured_and_closed(tmp_path: Path) -> None:
+    save(PSFMatrix(np.random.default_rng(0).random((1, 2, 2, 3, 3)).astype(np.float32)), tmp_path / "H.h5")
+    state, kept = replace(ProjectState(), psf=str(tmp_path / "H.h5")), Kept()
+    drain(iter_measure(state, AccuracySettings(subject="psf"), ("storage", "lattice"), kept))
+    assert len(kept.curves["storage"].rungs) == 13
+    assert "H of an unknown camera" in kept.curves["lattice"].stopped
+
+
+def test_closed_at_any_record_it_keeps_what_it_has() -> None:
+    state, kept = replace(ProjectState(), plan=PLAN), Kept()
+    work = iter_measure(state, AccuracySettings(), ("bases",), kept)
+    while len(kept.curves.get("bases", curve()).rungs) < 2:
+        next(work)
+    work.close()
+    assert len(kept.curves["bases"].rungs) == 2
+
+
+def used(state: ProjectState, place: str, **settings: Any) -> tuple[ProjectState, Any]:
+    use = use_of(state, curve(place=place), rung(0.1, 1.0, **settings))
+    assert use.changes is not None, use.words
+    return replace(state, **use.changes), use
+
+
+def test_rungs_change_the_settings_that_pages_read() -> None:
+    """The pages' own records read what a rung wrote; what else was set stays."""
+    state = replace(ProjectState(), plan=PLAN)
+    state = replace(state, settings=ReconstructSettings(read_noise=3.0).into(state))
+    state, use = used(state, "simulation", tolerance=0.06, level="wave", effects=["coma"])
+    assert SimulateSettings.of(state) == SimulateSettings(tolerance=0.06) and use.page == "simulate"
+    state, _ = used(state, "projection", method="sparse", double=True, threshold=0.01)
+    state, _ = used(state, "solvers", solver="rl-tv", iterations=40)
+    assert ReconstructSettings.of(state) == ReconstructSettings(
+        "rl-tv", 40, read_noise=3.0, method="sparse", threshold=0.01, double=True
+    )
+    state, _ = used(state, "interpolation", interpolation="cubic")
+    state, _ = used(state, "storage", dtype="uint16", compression="none")
+    assert ExportSettings.of(state).on(ExportIntent()) == ExportIntent(".h5", sixteen=True, compress=False)
+    assert FrameSettings.of(state).interpolation == "cubic"
+    state, _ = used(state, "filters", route="spatial", filter="lanczos", pattern="Bayer")
+    state, _ = used(state, "bases", mask="MURA", size=11, exposure_s=0.02)
+    found = MultiplexSettings.of(state)
+    assert (found.filter, found.family, found.mask, found.size) == ("lanczos", "mask", "MURA", 11)
+
+
+def test_rungs_change_the_plan() -> None:
+    state = replace(ProjectState(), plan=PLAN)
+    changed, use = used(state, "averaging", frames_averaged=4, exposure_s=[0.005] * 3)
+    assert changed.plan == replace(PLAN, frames_averaged=4, exposure_s=(0.005,) * 3)
+    assert use.words == "Plan: 4 frames averaged, exposure 5 ms."
+    low, high = min(PLAN.depths_um), max(PLAN.depths_um)
+    changed, _ = used(state, "planes", depths_um=list(np.linspace(low, high, 5)))
+    assert changed.plan is not None and changed.plan.shape == (5, *PLAN.shape[1:])
+
+
+@pytest.mark.parametrize(("dtype", "compression"), [("uint8", "gzip"), ("float16", "gzip"), ("uint16", "zstd")])
+def test_types_that_the_window_does_not_export_say_so(dtype: str, compression: str) -> None:
+    use = use_of(ProjectState(), curve(place="storage"), rung(0.1, 1.0, dtype=dtype, compression=compression))
+    assert use.changes is None and use.words.startswith("Nothing was changed: the window exports H as uint16 or")
+
+
+def test_sizes_are_shown_in_megabytes() -> None:
+    sizes = Curve("storage", "Title", "error", "size of the file", "bytes")
+    sizes = sizes.with_rung(Rung("a", {}, 0.1, 2.5e7, "bytes"))
+    assert axis_labels(sizes)[0] == "size of the file (MB)" and points_of(sizes, 1.0)[0].x == pytest.approx(
+        np.log10(25)
+    )
+    frames = Curve("planes", "Title", "error", "frames of the scan", "frames")
+    assert axis_labels(frames)[0] == "frames of the scan"
+
+
+@pytest.mark.parametrize("place", NO_USE)
+def test_a_rung_that_cannot_be_used_says_so(place: str) -> None:
+    use = use_of(replace(ProjectState(), plan=PLAN), curve(place=place), rung(0.1, 1.0, dtype="uint8"))
+    assert use.changes is None and use.words.startswith("Nothing was changed: ")
+
+
+def test_without_a_plan_and_with_a_strange_rung_it_says_so_too() -> None:
+    for place in ("planes", "averaging"):
+        use = use_of(ProjectState(), curve(place=place), rung(0.1, 1.0))
+        assert use.changes is None and use.words == "Nothing was changed: there is no scan plan."
+    foreign = use_of(ProjectState(), curve(place="mine"), rung(0.1, 1.0))
+    assert foreign.words == "Nothing was changed: the window has no setting for it."
+    for wrong in ({}, {"solver": "rl", "iterations": None}):
+        assert use_of(ProjectState(), curve(place="solvers"), rung(0.1, 1.0, **wrong)).changes is None
+
+
+def test_every_place_can_be_used_or_says_why_not() -> None:
+    """A rung as each place makes it, of those that are quick to measure."""
+    state = replace(ProjectState(), plan=PLAN)
+    for name in ("bases", "averaging", "filters", "storage"):
+        found = measure_curve(PLACES.get(name), Subject("small", PLAN, workers=1), 1.0)
+        use = use_of(state, found, found.rungs[0])
+        assert (use.changes is None) == (name == "storage" and found.rungs[0].settings["dtype"] == "uint8"), use.words
