@@ -40,7 +40,9 @@ Where lenslets abut, what is cut off would have cancelled: two nodes leave 2.5 %
 SPARE_ORDERS = 20
 """Diffraction orders of the array beyond those of its geometric cone."""
 KEPT = 256
-"""Matrices and responses held for reuse."""
+"""Matrices and responses held for reuse, at most."""
+KEPT_BYTES = 1 << 29
+"""Largest size of one kind of them."""
 
 Matrix = NDArray[np.float32]
 Phase = tuple[float, float, float, int]
@@ -208,7 +210,7 @@ class DebyePlane:
 
     def _keep(self, store: dict[Phase, Matrix], key: Phase, value: Matrix) -> None:
         with self._lock:
-            if len(store) >= KEPT:
+            if len(store) >= max(1, min(KEPT, KEPT_BYTES // value.nbytes)):
                 store.clear()
             store[key] = value
 
