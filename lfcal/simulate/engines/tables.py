@@ -106,11 +106,15 @@ def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
 
 
 def _lit_radius(energy: Lit, dx: float, floor: float) -> float:
-    rows, columns = np.nonzero(energy >= max(floor, 1e-300))
+    lit = energy >= max(floor, 1e-300)
+    rows = np.nonzero(lit.any(1))[0]
     if rows.size == 0:
         return 0.0
-    middle = energy.shape[0] // 2
-    return float(np.hypot(rows - middle, columns - middle).max() + 1) * dx
+    # of each row the lit sample farthest from the middle: a list of all of them is larger than the table
+    middle, own = energy.shape[0] // 2, lit[rows]
+    last = energy.shape[1] - 1 - own[:, ::-1].argmax(1)
+    columns = np.maximum(middle - own.argmax(1), last - middle)
+    return float(np.hypot(rows - middle, columns).max() + 1) * dx
 
 
 def ray_aberration(scene: Scene) -> float:
