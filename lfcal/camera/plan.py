@@ -150,7 +150,7 @@ class ScanPlan:
             # on whole pixels, so that cutouts need no interpolation
             row, column = camera.sensor.centre_px
             anchor = (float(round(row - (ny - 1) / 2)), float(round(column - (nx - 1) / 2)))
-        window = (cutout, cutout) if isinstance(cutout, int) else cutout
+        window = cutout if isinstance(cutout, tuple | list) else (cutout, cutout)
         return cls(
             camera,
             (ny, nx),

@@ -20,7 +20,7 @@ def depths_of(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[
     """Return object-space depths (µm) from whichever is given: themselves, or virtual depths."""
     if (depths is None) == (virtual is None):
         raise InputError.expected("depth planes", "depths in µm or virtual depths", "both or neither", "give one")
-    values: Sequence[float] = tuple(depths if depths is not None else virtual or ())
+    values: Sequence[float] = tuple(depths if depths is not None else () if virtual is None else virtual)
     for value in values:
         check_number("depth", value)
     return tuple(values) if depths is not None else tuple(camera.depth_of(v) for v in values)
@@ -46,6 +46,7 @@ def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]
 def checked_exposures(given: float | Sequence[float], planes: int) -> tuple[float, ...]:
     """Return the exposure of each of ``planes`` planes (s); one that is given is that of all."""
     # a list of one is one exposure for all planes, as JSON writes it
+    given = given.tolist() if isinstance(given, np.ndarray) else given
     several = isinstance(given, list | tuple) and len(given) != 1
     values = check_tuple(
         "exposures (s), one or one per plane",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from lfcal.errors import InputError
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.progress import Work
+    from lfcal.psf import PSFMatrix
     from lfcal.simulate import EffectSelection
 
 __all__ = ["register"]
@@ -47,6 +48,11 @@ def command(
     seed: int = typer.Option(0, help="Seed of noise and stage errors in frames."),
     peak: float = typer.Option(0.8, help="Share of the full well that the brightest pixel reaches in frames."),
     workers: WorkersOption = None,
+    progressive: bool = typer.Option(
+        False,
+        "--progressive",
+        help="In passes: H is whole after the first and better after each; Ctrl-C keeps it.",
+    ),
     plan_only: bool = typer.Option(False, "--plan-only", help="Only show which effects matter and what they cost."),
     force: ForceOption = False,
     json: JsonOption = False,
@@ -67,18 +73,24 @@ def command(
     planned = _plan(camera, depths, virtual_depths, cutout, json=json)
     settings, given = parse_effects(effects)
     making = frames is not None
-    found = plan_effects(planned.camera, planned, tolerance, settings, effects=given, frames=making, peak=peak)
+
+    def choose(error: float) -> EffectSelection:
+        return plan_effects(planned.camera, planned, error, settings, effects=given, frames=making, peak=peak)
+
+    found = choose(tolerance)
     if plan_only:
         _show(found, planned, json)
         return
     if (out is None) == (frames is None):
         raise InputError("output: give -o H.h5 for the matrix or --frames DIR for a session, or --plan-only")
+    if progressive and out is None:
+        raise InputError("--progressive: expected a matrix, got frames; frames are made once, leave it out")
     for row in found.rows:
         if row.setting == "on" and not row.on:  # what was asked for by name is not left out without a word
             report(f"note: {row.name}: {row.reason}")
     task = _Task(planned, found, level, tolerance, json)
     if out is not None:
-        made = _write_h(task, out, workers)
+        made = _write_h(task, out, workers, choose if progressive else None)
     else:
         assert frames is not None
         made = _write_frames(task, frames, seed, peak)
@@ -165,8 +177,10 @@ def _show(found: EffectSelection, planned: ScanPlan, json: bool) -> None:
     )
 
 
-def _write_h(task: _Task, out: Path, workers: int | None) -> dict[str, Any]:
-    from lfcal.simulate import iter_simulate_psf, predict_seconds
+def _write_h(
+    task: _Task, out: Path, workers: int | None, choose: Callable[[float], EffectSelection] | None
+) -> dict[str, Any]:
+    from lfcal.simulate import predict_seconds
     from lfcal.units import format_seconds
 
     plan = task.planned
@@ -174,17 +188,14 @@ def _write_h(task: _Task, out: Path, workers: int | None) -> dict[str, Any]:
     # Told before the work begins, while there is still time to choose a larger tolerance.
     if not task.quiet:
         report(f"about {format_seconds(predicted)} of processor time ahead")
-    work: Work[Any] = iter_simulate_psf(
-        plan.camera,
-        plan,
-        task.found,
-        task.level,
-        tolerance=task.tolerance,
-        out=out,
-        workers=workers,
-        provenance={"plan": plan.to_dict()},
-    )
-    with run_work(work, quiet=task.quiet) as matrix:
+    whole: list[str] = []
+    try:
+        matrix = run_work(_simulation(task, out, workers, choose, whole), quiet=task.quiet)
+    except BaseException:
+        if whole:
+            report(f"kept: {whole[-1]}")
+        raise
+    with matrix:
         shape = matrix.shape
         errors = [float(error) for error in matrix.facts.known()["error"]]
     _tell_error(errors, task)
@@ -198,6 +209,26 @@ def _write_h(task: _Task, out: Path, workers: int | None) -> dict[str, Any]:
         "predicted_seconds": predicted,
         "effects": [e.name for e in task.found.effects],
     }
+
+
+def _simulation(
+    task: _Task, out: Path, workers: int | None, choose: Callable[[float], EffectSelection] | None, whole: list[str]
+) -> Work[Any]:
+    """Return the work of writing H: in one go, or in passes, which note in ``whole`` what they have written."""
+    from lfcal.simulate import iter_refine_psf, iter_simulate_psf
+
+    plan = task.planned
+    how = {"tolerance": task.tolerance, "out": out, "workers": workers, "provenance": {"plan": plan.to_dict()}}
+    if choose is None:
+        return iter_simulate_psf(plan.camera, plan, task.found, task.level, **how)  # type: ignore[arg-type]
+
+    def tell(matrix: PSFMatrix) -> None:
+        worst = 100 * max(float(error) for error in matrix.facts.known()["error"])
+        whole.append(f"{out}, whole within {worst:.2g} %")
+        if not task.quiet:
+            report(f"{whole[-1]}; Ctrl-C keeps it")
+
+    return iter_refine_psf(plan.camera, plan, choose, task.level, on_pass=tell, **how)  # type: ignore[arg-type]
 
 
 def _tell_error(errors: Sequence[float], task: _Task) -> None:

@@ -1,11 +1,11 @@
 """What a described camera does to the light of a point: only the effects a scene calls for.
 
-- ``scene``: one depth plane as an engine needs it
+- ``scene``: one depth plane as an engine needs it; ``pupil``, ``specimen``: parts of it
 - ``engines``: from rays to the coherent reference, their sampling, and the energy they account for
 - ``effects``: physical effects as objects with their a-priori estimates, found by registry
 - ``accuracy``: what a simulation costs, which effects to simulate, how finely to compute, the ladder of levels
 - ``staging``, ``response``: effects put to work on one plane
-- ``simulate``: H, in memory or straight to a file
+- ``simulate``: H, in memory or straight to a file; ``progressive``: in passes
 - ``sensor``: sensor frames of a simulated session
 - ``volume``: light fields of extended objects through the same H
 """
@@ -13,6 +13,7 @@
 from lfcal.simulate.accuracy.forecast import predict_seconds
 from lfcal.simulate.accuracy.ladder import draw_ladder, iter_ladder, ladder
 from lfcal.simulate.accuracy.planner import EffectSelection, PlannedEffect, plan_effects
+from lfcal.simulate.progressive import iter_refine_psf
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.noise import expose
 from lfcal.simulate.sensor.session import iter_write_session, write_session
@@ -27,6 +28,7 @@ __all__ = [
     "expose",
     "iter_ladder",
     "iter_light_field",
+    "iter_refine_psf",
     "iter_simulate_psf",
     "iter_write_session",
     "ladder",

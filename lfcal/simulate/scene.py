@@ -26,6 +26,7 @@ from lfcal.camera import Camera, LensletLattice, Microscope
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 from lfcal.simulate.pupil import Iris, Wavefront, seidel
+from lfcal.simulate.specimen import Specimen, cone_radius_um
 
 __all__ = ["Iris", "ScanGrid", "Scene", "Wavefront", "scene_of", "seidel"]
 
@@ -83,6 +84,10 @@ class Scene:
         The microscope and its defocus in object space, for the Debye path; None for a main lens.
     pixel_aspect
         Height of a pixel over its width ``pixel_um``: not 1 where frames are resampled by unequal factors.
+    vectorial
+        Whether a microscope's source is a dipole of any orientation, seen by its whole vector field, or a scalar point.
+    specimen
+        What lies between a microscope's source and its immersion medium; None: nothing.
     offsets_um
         Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None. The
         pixels stay where they are.
@@ -107,6 +112,8 @@ class Scene:
     objective: Microscope | None = None
     z_um: float = 0.0
     pixel_aspect: float = 1.0
+    vectorial: bool = False
+    specimen: Specimen | None = None
     offsets_um: NDArray[np.float64] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -186,7 +193,9 @@ class Scene:
 
     @property
     def shadow_radius_um(self) -> float:
-        """Radius of the disc that the cone f/Nw cuts from the array, |a'| / (2 Nw)."""
+        """Radius of the disc that the cone f/Nw cuts from the array, |a'| / (2 Nw); a microscope's by its rays."""
+        if self.objective is not None:
+            return cone_radius_um(self.objective, self.z_um, self.specimen)
         return abs(self.reduced_image_um) / (2 * self.f_number)
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from lfcal.simulate.staging import outlook_of
 from lfcal.threads import worker_count
 from lfcal.units import format_bytes
 
-__all__ = ["budgeted", "iter_simulate_psf", "simulate_psf"]
+__all__ = ["Budget", "Simulation", "budgeted", "iter_simulate_psf", "simulate_psf"]
 
 MEMORY_LIMIT = 6 << 30
 """Largest H that is built in memory (bytes); a file has no such limit."""
@@ -36,29 +37,107 @@ BLOCK_BYTES = 64 << 20
 EffectsLike = Iterable[Effect] | EffectSelection | str
 
 
-def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float) -> tuple[tuple[Effect, ...], float]:
-    """Return the effects, and the share of ``tolerance`` that what is left out leaves to the computation.
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """How a tolerance is split at each depth.
 
-    Effects are as given, those a selection has on, or those that ``"auto"`` finds necessary. Nothing is known to be
-    left out beside effects that are given.
+    Attributes
+    ----------
+    effects
+        All that are on at any depth.
+    tolerance
+        Relative L1 error allowed in all.
+    selection
+        Which are on at which depth and what they leave out; None: the same effects everywhere, nothing left out.
+    """
+
+    effects: tuple[Effect, ...]
+    tolerance: float
+    selection: EffectSelection | None = None
+
+    def at(self, z_um: float) -> tuple[tuple[Effect, ...], float]:
+        """Return the effects at a depth, and the share of the tolerance that they leave to the computation."""
+        chosen = self.selection
+        if chosen is None:
+            return self.effects, self.tolerance
+        # a selection made for another tolerance must not use this one up
+        left = max(self.tolerance - chosen.left_out[chosen.plane(z_um)], (1 - FOR_EFFECTS) * self.tolerance)
+        return chosen.at(z_um), left
+
+
+def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float) -> Budget:
+    """Return the budget of effects as given, of those a selection has on, or of those that ``"auto"`` finds necessary.
+
+    Nothing is known to be left out beside effects that are given.
     """
     if isinstance(effects, str):
         if effects != "auto":
             raise InputError.expected("effects", "effects, an EffectSelection or 'auto'", repr(effects), "correct it")
         effects = plan_effects(plan.camera, plan, tolerance)
     if isinstance(effects, EffectSelection):
-        # a selection made for another tolerance must not use this one up
-        return effects.effects, max(tolerance - effects.left_out, (1 - FOR_EFFECTS) * tolerance)
+        return Budget(effects.effects, tolerance, effects)
     chosen = tuple(effects)
     for effect in chosen:
         if not isinstance(effect, Effect):
             raise InputError.expected("effects", "effect objects", type(effect).__name__, "see lfcal.simulate")
-    return chosen, tolerance
+    return Budget(chosen, tolerance)
 
 
 def describe(effects: Iterable[Effect]) -> list[dict[str, Any]]:
     """Return the effects with their magnitudes as plain JSON types, for provenance."""
     return [{"name": e.name, **dataclasses.asdict(e)} for e in effects]  # type: ignore[call-overload]
+
+
+class Simulation:
+    """What computes the planes of one H.
+
+    Parameters
+    ----------
+    camera, plan, effects, level, tolerance, sampling, workers
+        As in `simulate_psf`.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        plan: ScanPlan,
+        effects: EffectsLike,
+        level: str,
+        tolerance: float,
+        sampling: Sampling | None,
+        workers: int | None,
+    ) -> None:
+        _check_plan(camera, plan)
+        self.plan, self.level, self.sampling = plan, level, sampling
+        self.budget = budgeted(effects, plan, tolerance)
+        self.workers = workers
+
+    def plane(self, z: int, out: NDArray[np.float32]) -> Work[float]:
+        """Compute plane ``z`` into ``out`` ``(ny, nx, nt, ns)``, zeroed; return its whole error.
+
+        That is what is left out, as estimated, and the computation, as measured.
+        """
+        chosen, share = self.budget.at(self.plan.depths_um[z])
+        response = PlaneResponse(self.plan, z, chosen, level=self.level, tolerance=share, sampling=self.sampling)
+        name = f"simulate plane {z + 1} of {self.plan.shape[0]}"
+        yield from _plane(out, response, name, worker_count(self.workers))
+        outlook, rays = outlook_of(self.plan, z), response.level == "geometric"
+        lost = sum(e.estimate(outlook).error for e in chosen if rays and e.needs_waves)
+        return response.reached + (self.budget.tolerance - share) + lost
+
+    def provenance(self) -> dict[str, Any]:
+        """Return what H can be simulated again from."""
+        plan, budget = self.plan, self.budget
+        on = [budget.at(z_um)[0] for z_um in plan.depths_um]
+        planes = {e: [z for z, effects in enumerate(on) if e in effects] for e in budget.effects if e.acts_on.enters_h}
+        details: dict[str, Any] = {"effects": describe(e for e, found in planes.items() if found)}
+        # effects that are not on at every plane name theirs
+        if partly := {e.name: found for e, found in planes.items() if 0 < len(found) < len(on)}:
+            details["planes"] = partly
+        found: dict[str, Any] = {"simulated": {**details, "level": self.level, "tolerance": budget.tolerance}}
+        if plan.resample:
+            found["cutout"] = {"scale": list(plan.resample_factors)}
+        return found
 
 
 def iter_simulate_psf(
@@ -76,56 +155,35 @@ def iter_simulate_psf(
     provenance: Mapping[str, Any] | None = None,
 ) -> Work[PSFMatrix]:
     """Simulate H as `simulate_psf`; yields progress in rows, and closing it leaves nothing half-written."""
-    _check_plan(camera, plan)
-    chosen, share = budgeted(effects, plan, tolerance)
+    work = Simulation(camera, plan, effects, level, tolerance, sampling, workers)
     # Kept in the file, so that H can be simulated again.
-    details: dict[str, Any] = {
-        "simulated": {
-            "effects": describe(e for e in chosen if e.acts_on.enters_h),
-            "level": level,
-            "tolerance": tolerance,
-        },
-        **(provenance or {}),
-    }
-    if plan.resample:
-        details["cutout"] = {"scale": list(plan.resample_factors)}
-    planes, count = range(plan.shape[0]), worker_count(workers)
-    names = [f"simulate plane {z + 1} of {len(planes)}" for z in planes]
-
-    def response(z: int) -> PlaneResponse:
-        return PlaneResponse(plan, z, chosen, level=level, tolerance=share, sampling=sampling)
-
-    def stated(z: int, response: PlaneResponse) -> float:
-        """Return the plane's whole error: of what is left out, as estimated, and of the computation, as measured."""
-        outlook, rays = outlook_of(plan, z), response.level == "geometric"
-        lost = sum(e.estimate(outlook).error for e in chosen if rays and e.needs_waves)
-        return response.reached + (tolerance - share) + lost
-
+    details = {**work.provenance(), **(provenance or {})}
     common: dict[str, Any] = {"depths": plan.depths_um, "camera": camera, "anchor": plan.anchor}
     if out is None:
-        need = int(np.prod(plan.shape, dtype=np.int64)) * 4
-        if need > MEMORY_LIMIT:
-            limit = f"at most {format_bytes(MEMORY_LIMIT)}"
-            raise InputError.expected("H in memory", limit, format_bytes(need), "name a file with out=")
-        whole = np.zeros(plan.shape, np.float32)
+        whole = _in_memory(plan)
         errors = []
-        for z in planes:
-            computed = response(z)
-            yield from _plane(whole[z], computed, names[z], count)
-            errors.append(stated(z, computed))
+        for z in range(len(whole)):
+            errors.append((yield from work.plane(z, whole[z])))
         facts = Facts.of(plan.shape[:3], plan.cutout, error=errors)
         return PSFMatrix(whole, **common, provenance=details, facts=facts)
     with PSFWriter(
         out, plan.shape, **common, dtype=dtype, compression=compression, provenance=details, workers=workers
     ) as writer:
         plane = np.empty(plan.shape[1:], np.float32)
-        for z in planes:
+        for z in range(plan.shape[0]):
             # The buffer of one plane is used for all: a file of any size takes the memory of one.
             plane[:] = 0
-            computed = response(z)
-            yield from _plane(plane, computed, names[z], count)
-            writer.write_plane(z, plane, facts=Facts.of(plan.period, plan.cutout, error=stated(z, computed)))
+            error = yield from work.plane(z, plane)
+            writer.write_plane(z, plane, facts=Facts.of(plan.period, plan.cutout, error=error))
     return open_psf(Path(out))
+
+
+def _in_memory(plan: ScanPlan) -> NDArray[np.float32]:
+    need = int(np.prod(plan.shape, dtype=np.int64)) * 4
+    if need > MEMORY_LIMIT:
+        limit = f"at most {format_bytes(MEMORY_LIMIT)}"
+        raise InputError.expected("H in memory", limit, format_bytes(need), "name a file with out=")
+    return np.zeros(plan.shape, np.float32)
 
 
 def simulate_psf(

@@ -157,8 +157,6 @@ def filter_kernel(
     effects: Sequence[Effect], camera: Camera
 ) -> np.ndarray[tuple[int, int], np.dtype[np.float64]] | None:
     """Return the product of all response filters ``(rows, columns)``, odd; None where there is none."""
-    from scipy.signal import convolve2d
-
     kernel: NDArray[np.float64] | None = None
     for effect in effects:
         if isinstance(effect, PsfEffect):
@@ -166,5 +164,14 @@ def filter_kernel(
             # a filter that changes nothing would still cost its margin, and the margin's rounding
             if np.count_nonzero(one) == 1 and one[one.shape[0] // 2, one.shape[1] // 2] == 1:
                 continue
-            kernel = one if kernel is None else convolve2d(kernel, one)
+            kernel = one if kernel is None else _convolved(kernel, one)
     return kernel
+
+
+def _convolved(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the full convolution of two small filters; scipy.signal would take longer to load than all the rest."""
+    (rows, columns), (high, wide) = one.shape, other.shape
+    out = np.zeros((rows + high - 1, columns + wide - 1))
+    for (i, j), weight in np.ndenumerate(one):
+        out[i : i + high, j : j + wide] += weight * other
+    return out

@@ -54,14 +54,15 @@ class _Simulated:
 
     def __init__(self, plan: ScanPlan, effects: EffectsLike, level: str, tolerance: float, sampling: Sampling | None):
         self.plan = plan
-        self.effects, share = budgeted(effects, plan, tolerance)
-        self.options: dict[str, Any] = {"level": level, "tolerance": share, "sampling": sampling}
+        self.budget = budgeted(effects, plan, tolerance)
+        self.options: dict[str, Any] = {"level": level, "sampling": sampling}
         self.shape = plan.shape
         self._kept: tuple[int, PlaneResponse] | None = None
 
     def some(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
         if self._kept is None or self._kept[0] != z:
-            self._kept = (z, PlaneResponse(self.plan, z, self.effects, **self.options))
+            effects, share = self.budget.at(self.plan.depths_um[z])
+            self._kept = (z, PlaneResponse(self.plan, z, effects, tolerance=share, **self.options))
         row: NDArray[np.float32] = self._kept[1].rows([y], xs)[0]
         return row
 

@@ -185,3 +185,29 @@ def test_transpose_with_a_number_of_threads(bench: Bench) -> None:
     size = ("transpose", "--sizes", "17/3", "--quick", "--memory", 0.01, "--workers", 1)
     assert "median seconds, 1 threads" in bench(*size)
     bench(*size[:-1], 0, code=2)
+
+
+@pytest.mark.parametrize(
+    ("scene", "kind", "names"),
+    [
+        (36, "microscope", {"lenslet_diffraction", "pixel_fill", "lenslet_gap"}),
+        pytest.param(25, "photographic", {"lenslet_diffraction", "crosstalk", "spherical"}, marks=pytest.mark.long),
+    ],
+)
+def test_effects(bench: Bench, scene: int, kind: str, names: set[str]) -> None:
+    """Where no formula holds estimates are measured, and right at other positions."""
+    found = bench.json("effects", "--scenes", "1", "--first", scene, "--tolerance", "0.05")
+    assert found["within_tolerance"] == 1 and found["estimates"] >= 4
+    assert found["within_2"] >= found["estimates"] - 1
+    (judged,) = found["scenes"]
+    assert judged["scene"].startswith(f"scene {scene}, {kind}") and 0 < judged["error"] <= 0.05
+    assert {name for name, *_ in judged["pairs"]} >= names
+
+
+def test_forecast(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lfcal.bench.forecast.CUTOUTS", (21,))
+    monkeypatch.setattr("lfcal.bench.forecast.DEPTHS_UM", (0.0, 5.0))
+    found = bench.json("forecast", "lfm_20x05", "--tolerance", "0.1", "--rows", "3")
+    assert [(one["depth_um"], one["cutout"]) for one in found] == [(0.0, 21), (5.0, 21)]
+    assert all(one[key] > 0 for one in found for key in ("planned", "predicted", "taken"))
+    assert "description/taken" in bench("forecast", "lfm_20x05", "--rows", "1")

@@ -258,3 +258,11 @@ def test_a_spoilt_entry_is_one_clear_error_or_a_sound_plan(key: str, leaf: Any) 
 def test_other_text_is_refused(text: str) -> None:
     with pytest.raises(InputError):
         ScanPlan.from_json(text)
+
+
+def test_numpy_numbers_are_as_good_as_lists() -> None:
+    planes = np.linspace(2.0, 4.0, 3)
+    exposures = np.array([0.01, 0.02, 0.04])
+    plan = r29(virtual_depths=planes, cutout=np.int64(181), exposure_s=exposures)
+    assert plan == r29(virtual_depths=planes.tolist(), cutout=181, exposure_s=exposures.tolist())
+    assert plan == ScanPlan.from_json(plan.to_json())

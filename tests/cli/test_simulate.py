@@ -139,3 +139,16 @@ def test_what_is_asked_for_and_cannot_show_is_said(lfcal: Callable[..., Run], tm
     assert done.code == 0, done.err
     assert "note: zernike: asked for, but has no typical size" in done.err
     assert "note: read_noise: asked for, but acts on the sensor frame" in done.err
+
+
+def test_h_in_passes(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "H.h5"
+    run = lfcal("simulate", plan_file, "-o", out, "--tolerance", "0.1", "--progressive")
+    assert run.code == 0, run.err
+    passes = [line for line in run.err.splitlines() if "whole within" in line]
+    shares = [float(line.split("whole within")[1].split("%")[0]) for line in passes]
+    assert len(shares) == 3 and shares == sorted(shares, reverse=True) and shares[-1] <= 10
+    with open_psf(out) as matrix:
+        assert 100 * float(np.max(matrix.facts.known()["error"])) == pytest.approx(shares[-1], rel=0.1)
+    refused = lfcal("simulate", plan_file, "--frames", tmp_path / "frames", "--progressive")
+    assert refused.code == 2 and "frames are made once" in refused.err

@@ -1,4 +1,4 @@
-"""The naive form of every hard case in optics and sampling: what the case must notice."""
+"""The naive form of every hard case in optics, sampling and specimens: what the case must notice."""
 
 from __future__ import annotations
 
@@ -12,12 +12,24 @@ from scipy.special import jv
 
 from lfcal.camera import LensletLattice
 from lfcal.errors import InputError
-from lfcal.simulate.engines import base, debye, field, geometric, microscope, polygon, reference, tables, wave
-from lfcal.simulate.engines import radial as radial
+from lfcal.simulate.engines import (
+    base,
+    debye,
+    field,
+    geometric,
+    microscope,
+    objective,
+    polygon,
+    radial,
+    reference,
+    tables,
+    wave,
+)
 from lfcal.simulate.engines.base import EnergyError
 from lfcal.simulate.scene import Scene
 from tests.hard_cases import test_optics as optics
 from tests.hard_cases import test_sampling as sampling
+from tests.hard_cases import test_specimen as specimen
 from tests.hard_cases.rewrite import Mutant, rewritten
 
 __all__ = ["MUTANTS"]
@@ -140,8 +152,29 @@ MUTANTS = (
     Mutant(
         "NA within 1e-6 of the index",
         "nodes are spread evenly in the angle",
-        rewritten(optics, "debye_field", ("alpha * (1 - s * s), 2 * alpha * w * s", "alpha * s, alpha * w")),
+        rewritten(
+            objective, "_sections", ("critical * (1 - s * s), 2 * critical * w * s", "critical * s, critical * w")
+        ),
     ),
+    Mutant(
+        "Specimen's index below the NA",
+        "one section over the branch point",
+        rewritten(
+            objective,
+            "_sections",
+            ("critical = min(alpha, math.asin(specimen.index / optics.medium_index))", "critical = alpha"),
+        ),
+    ),
+    Mutant(
+        "Phase of a specimen that nearly matches",
+        "n2 cos t2 - n1 cos t as it is written",
+        rewritten(
+            specimen,
+            "pupil_phase",
+            ("(n2 - n1) * (1 + (n2 + n1) / (second + first)) / (n1 + first)", "(second - first - n2 + n1) / fall"),
+        ),
+    ),
+    Mutant("Second Bessel function next to the axis", "the recurrence everywhere", value(radial, "SMALL", 1e-300)),
     Mutant(
         "Sphere less its parabola",
         "1 - sqrt(1 - s) - s/2 as it is written",

@@ -68,7 +68,7 @@ def test_cubic_beats_linear_where_pixels_are_scaled() -> None:
 
 
 def propagated(plan: ScanPlan, z: int, y: int, x: int, per: int) -> np.ndarray:
-    """Return a microscope's response by one large FFT: field on the array, lenslets' phase, propagation, pixel sums.
+    """Return a scalar point's response by one large FFT: field on the array, lenslets' phase, propagation, pixel sums.
 
     No code of the engines but the Debye integral on the array, which has a twenty-digit oracle of its own.
     """
@@ -97,7 +97,8 @@ def propagated(plan: ScanPlan, z: int, y: int, x: int, per: int) -> np.ndarray:
 @pytest.mark.parametrize(("name", "z"), [("lfm_20x05", -12.0), ("lfm_60x12", -1.5), ("lfm_60x12", 2.0)])
 def test_against_one_large_transform(name: str, z: float) -> None:
     plan = ScanPlan.for_camera(cropped(preset(name), 120), depths_um=[z], cutout=61, resample=True)
-    found = simulate_psf(plan.camera, plan, plan_effects(plan.camera, plan, 0.02), tolerance=0.02)
+    effects = plan_effects(plan.camera, plan, 0.02, {"vectorial": "off"})
+    found = simulate_psf(plan.camera, plan, effects, tolerance=0.02)
     for y, x in ((0, 0), (4, 11)):
         wanted = propagated(plan, 0, y, x, 9)
         assert difference(found.plane(0)[y, x], wanted) < 0.02

@@ -295,9 +295,8 @@ class RecordTab(QObject):
         if job.state is JobState.DONE:
             fraction = job.result.acknowledged / max(1, job.result.total)
             words = f"{job.result.how.capitalize()}: {job.result.acknowledged} of {job.result.total} positions."
-        self.panel.show_status(words, "", fraction)
-        if job.error:
-            self.panel.why.setText(job.error)
+        # beside the status, which stays: the advice is written again once the folder was looked into
+        self.panel.show_status(words, job.error, fraction)
 
     # -- afterwards ------------------------------------------------------------------------------------
     def open_plane(self, z: int) -> None:

@@ -24,9 +24,12 @@ __all__ = ["engine_seconds", "engine_times", "machine_rate", "table_seconds"]
 FITTED_RATE = 2e10
 """Complex multiply-adds per second of the machine the constants come from."""
 
-PER_LENSLET = 2.6e-5
-PER_NODE = 1.4e-8
+PER_LENSLET = 2.2e-5
+PER_NODE = 1.2e-8
 PER_COHERENT_NODE = 7.5e-9
+SET_UP, PROBED = 0.6, 12
+"""Seconds of the tables, twice as a probe judges them, and positions that it computes, in all."""
+
 REFERENCE_OVER_WAVE = 3000.0
 
 
@@ -53,7 +56,7 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
     """Return CPU-seconds of one whole plane at a level of `lfcal.simulate.engines.base.LEVELS`, tables included."""
     positions = outlook.period[0] * outlook.period[1]
     if level == "geometric":
-        widest = math.ceil(max(outlook.geometric_px))
+        widest = math.ceil(max(_spots_px(outlook)))
         seen = _lenslets_seen(outlook, widest)
         return _slower() * (0.005 + positions * (2.5e-6 * seen + 1e-9 * outlook.pixels + 1e-5))
     # The reference has no sampling of its own here: it is taken as a multiple of the wave engine.
@@ -61,13 +64,15 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
     if level == "debye":
         return _slower() * (0.05 + positions / 6 * outlook.pixels * sampling.nodes_per_px**2 * 2.8e-8)
     wave = positions * _wave_seconds(outlook, sampling)
-    return _slower() * wave * REFERENCE_OVER_WAVE if level == "reference" else _slower() * (0.15 + wave)
+    if level == "reference":
+        return _slower() * wave * REFERENCE_OVER_WAVE
+    return _slower() * (SET_UP + wave * (1 + PROBED / positions))
 
 
 def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
     """Return the seconds of one position: per lenslet, per sample on it, per node of its window and of the cutout."""
     nodes, widest = 0.0, 0
-    for spot in outlook.geometric_px:
+    for spot in _spots_px(outlook):
         half = math.ceil(spot + sampling.margin_px)
         widest = max(widest, half)
         # Samples per pixel on a lenslet that its window on the sensor needs (Nyquist), in steps of a half.
@@ -79,13 +84,29 @@ def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
     return _lenslets_seen(outlook, widest) * (PER_LENSLET + PER_NODE * nodes) + coherent
 
 
+def _spots_px(outlook: Outlook) -> tuple[float, ...]:
+    """Return the radius of each type's spot (pixels); near the native plane that of the pupil's image."""
+    cone, gap = 1 / (2 * outlook.f_number), outlook.gap_um
+    spots = []
+    for kind, spot in zip(outlook.camera.lattice.types, outlook.geometric_px, strict=True):
+        own = abs(1 - gap / kind.focal_length_um)
+        pupil = own * outlook.clear_um / 2 + gap * cone
+        whole = abs((1 - gap / kind.focal_length_um) * outlook.shift_um - gap) * cone
+        spots.append(min(spot, pupil / outlook.pixel_um, whole / outlook.pixel_um))
+    return tuple(spots)
+
+
 def _lenslets_seen(outlook: Outlook, half_px: int) -> float:
     """Return how many lenslets have a window of ``half_px`` on either side that reaches into the cutout."""
-    rows, columns = (n + 2 * half_px for n in outlook.cutout)
+    pitch, px = outlook.camera.pitch_px, outlook.pixel_um
+    rows, columns = (n + 2 * half_px + 0.5 * pitch for n in outlook.cutout)
     # spots lie 1 - B/a times as far apart as their lenslets
     apart = abs(1 - 1 / outlook.virtual_depth) if abs(outlook.virtual_depth) > 1e-3 else math.inf
-    cell = outlook.camera.pitch_px * outlook.camera.lattice.row_step_um / outlook.pixel_um
-    return min(outlook.lenslets, max(1.0, rows * columns / max(cell * apart * apart, 1e-9)))
+    cell = pitch * outlook.camera.lattice.row_step_um / px
+    # lenslets at the shadow's edge are lit in part, and by its fringes
+    radius = outlook.shadow_px + 0.25 * pitch + 0.5 * math.sqrt(outlook.wavelength_um * abs(outlook.shift_um)) / px
+    lit = max(1.0, math.pi * radius * radius / cell)
+    return min(lit, max(1.0, rows * columns / max(cell * apart * apart, 1e-9)))
 
 
 def table_seconds(outlook: Outlook) -> float:

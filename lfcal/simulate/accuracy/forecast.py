@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lfcal.camera import ScanPlan
+from lfcal.camera import Microscope, ScanPlan
 from lfcal.simulate.accuracy.cost import engine_seconds
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines.base import PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.simulate import EffectsLike, budgeted
+from lfcal.simulate.simulate import Budget, EffectsLike, budgeted
 from lfcal.simulate.staging import outlook_of
 from lfcal.simulate.symmetry import mirrored_rows
 
@@ -38,10 +38,11 @@ def predict_seconds(
 ) -> float:
     """Return the CPU-seconds that `simulate_psf` will take, from a short run of its own engine.
 
-    The middle plane is measured; the others follow from the cost estimated from their description.
+    The plane that takes longest is measured; the others follow from the cost estimated from their description.
     """
-    chosen, share = budgeted(effects, plan, tolerance)
-    z = len(plan.depths_um) // 2
+    budget = budgeted(effects, plan, tolerance)
+    z = max(range(plan.shape[0]), key=lambda k: _expected(plan, k, budget, level))
+    chosen, share = budget.at(plan.depths_um[z])
     response = PlaneResponse(plan, z, chosen, level=level, tolerance=share, sampling=sampling)
     start = time.thread_time()
     response.engine()
@@ -52,7 +53,7 @@ def predict_seconds(
         engine = engine_for(response.scene, response.level, response.wanted)
         setup = min(setup, time.thread_time() - start)
         plane = min(plane, plane_seconds(engine))
-    shares = whole_of(plan, z, chosen, response.level, response.runs)
+    shares = whole_of(plan, z, budget, response.level, response.runs)
     nz, ny, nx, nt, ns = plan.shape
     # each plane is probed once, whatever its light is made of
     return shares.seconds(setup, plane) + nz * (probe + PER_PLANE + PER_BYTE * 4 * ny * nx * nt * ns)
@@ -60,10 +61,20 @@ def predict_seconds(
 
 @dataclass(frozen=True, slots=True)
 class Whole:
-    """How one plane's cost scales to the whole H."""
+    """How one plane's cost scales to the whole H.
+
+    Attributes
+    ----------
+    planes
+        Cost of all planes over that of the one, positions alone.
+    count
+        Tables of all planes over those of the one.
+    runs
+        Samples of the light of the one.
+    """
 
     planes: float
-    count: int
+    count: float
     runs: int
 
     def seconds(self, setup: float, plane: float) -> float:
@@ -71,13 +82,28 @@ class Whole:
         return self.runs * (setup * self.count + plane * self.planes)
 
 
-def whole_of(plan: ScanPlan, z: int, effects: Sequence[Effect], level: str, runs: int | None = None) -> Whole:
+def whole_of(plan: ScanPlan, z: int, effects: Budget | Sequence[Effect], level: str, runs: int | None = None) -> Whole:
     """Return how plane ``z`` scales to the whole plan at an engine's level, by the effects' own estimates."""
-    # Planes differ by how many lenslets they light: their ratio is estimated, one of them is measured.
-    costs = [engine_seconds(outlook_of(plan, k), level) for k in range(len(plan.depths_um))]
-    if runs is None:
-        runs = math.prod(effect.runs(outlook_of(plan, z)) for effect in effects)
-    return Whole(sum(costs) / costs[z], len(costs), runs)
+    budget = effects if isinstance(effects, Budget) else Budget(tuple(effects), 1.0)
+    # Planes differ by how many lenslets they light and by their effects: the ratio is estimated, one is measured.
+    samples = [_samples(plan, k, budget) for k in range(plan.shape[0])]
+    costs = [_expected(plan, k, budget, level) for k in range(plan.shape[0])]
+    return Whole(sum(costs) / costs[z], sum(samples) / samples[z], samples[z] if runs is None else runs)
+
+
+def _samples(plan: ScanPlan, z: int, budget: Budget) -> int:
+    outlook = outlook_of(plan, z)
+    return math.prod(effect.runs(outlook) for effect in budget.at(plan.depths_um[z])[0])
+
+
+def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
+    """Return the CPU-seconds of a plane, as estimated; ``auto`` is rays where nothing calls for waves."""
+    waves = "debye" if isinstance(plan.camera.optics, Microscope) else "wave"
+    level = {"auto": waves, "microscope": "debye"}.get(level, level)
+    chosen, _ = budget.at(plan.depths_um[z])
+    if level == waves and budget.selection is not None and not any(effect.needs_waves for effect in chosen):
+        level = "geometric"
+    return _samples(plan, z, budget) * engine_seconds(outlook_of(plan, z), level)
 
 
 def plane_seconds(engine: PlaneEngine) -> float:

@@ -120,7 +120,8 @@ def iter_ladder(
     z = len(plan.depths_um) // 2 if z is None else z
     if not 0 <= z < len(plan.depths_um):
         raise InputError.expected("plane", f"0 … {len(plan.depths_um) - 1}", z, "choose one of the plan")
-    chosen, _ = budgeted(effects, plan, tolerance)
+    budget = budgeted(effects, plan, tolerance)
+    chosen, _ = budget.at(plan.depths_um[z])
     scene, level = _with_waves(scene_for(plan, z, chosen))
     places = _places(scene.period, positions)
     tasks = [("geometric", None), *((level, s) for s in (samplings or _samplings(scene, level)))]
@@ -128,7 +129,7 @@ def iter_ladder(
     yield clock.at(0, "reference")
     # One scene for all rungs: what differs is how it is computed.
     truth, judge, each = _reference(scene, places, reference)
-    shares = whole_of(plan, z, chosen, level)
+    shares = whole_of(plan, z, budget, level)
     rungs: list[Rung] = []
     refused: list[str] = []
     for done, (kind, sampling) in enumerate(tasks, 1):

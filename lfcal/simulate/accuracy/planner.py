@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from lfcal.camera import Camera, Microscope, ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.simulate.accuracy.cost import engine_times
-from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, Outlook, catalogue
+from lfcal.simulate.accuracy.estimates import estimates_of
+from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, LensletDiffraction, Outlook, catalogue
 from lfcal.simulate.effects.described import SETTINGS
 from lfcal.simulate.staging import outlook_of
 from lfcal.units import format_seconds
@@ -32,8 +33,8 @@ class PlannedEffect:
     ----------
     effect
         The effect with its magnitudes.
-    on
-        Whether it is simulated.
+    planes
+        Whether it is simulated, for each depth plane.
     setting
         What the user asked for: ``"auto"``, ``"on"`` or ``"off"``.
     estimate
@@ -41,13 +42,13 @@ class PlannedEffect:
     z_um
         That depth (µm).
     reason
-        Why it is on or off, one sentence with numbers and units.
+        Why it is on or off there, one sentence with numbers and units.
     seconds
         What it adds, or would add, to the time of the whole plan (CPU-seconds on this machine).
     """
 
     effect: Effect
-    on: bool
+    planes: tuple[bool, ...]
     setting: str
     estimate: Estimate
     z_um: float
@@ -59,6 +60,11 @@ class PlannedEffect:
         """The effect's name."""
         return self.effect.name
 
+    @property
+    def on(self) -> bool:
+        """Whether it is simulated at any plane."""
+        return any(self.planes)
+
 
 @dataclass(frozen=True, slots=True)
 class EffectSelection:
@@ -68,6 +74,8 @@ class EffectSelection:
     ----------
     rows
         In the order of the light's way.
+    depths_um
+        Depth of each plane that was planned (µm).
     tolerance
         Relative L1 error allowed for what is left out.
     level
@@ -77,20 +85,31 @@ class EffectSelection:
     ideal_seconds
         CPU-seconds of the ideal camera.
     left_out
-        Sum of the estimates of the effects that are left out (relative L1), at most half the tolerance.
+        For each plane, the sum of the estimates of the effects that are left out (relative L1), at most half the
+        tolerance.
     """
 
     rows: tuple[PlannedEffect, ...]
+    depths_um: tuple[float, ...]
     tolerance: float
     level: str
     seconds: float
     ideal_seconds: float
-    left_out: float
+    left_out: tuple[float, ...]
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects that are on, ready for `simulate_psf` and `SimulatedCamera`."""
+        """The effects that are on at any plane."""
         return tuple(row.effect for row in self.rows if row.on)
+
+    def plane(self, z_um: float) -> int:
+        """Return the number of the planned plane nearest to a depth."""
+        return min(range(len(self.depths_um)), key=lambda k: abs(self.depths_um[k] - z_um))
+
+    def at(self, z_um: float) -> tuple[Effect, ...]:
+        """Return the effects that are on at a depth: those of the planned plane nearest to it."""
+        k = self.plane(z_um)
+        return tuple(row.effect for row in self.rows if row.planes[k])
 
     def row(self, name: str) -> PlannedEffect:
         """Return the row of the effect ``name``."""
@@ -100,7 +119,7 @@ class EffectSelection:
         raise InputError.expected("effect", " or ".join(r.name for r in self.rows), name, "choose one of these")
 
     def __iter__(self) -> Iterator[Effect]:
-        """Iterate over the effects that are on."""
+        """Iterate over the effects that are on at any plane."""
         return iter(self.effects)
 
 
@@ -150,19 +169,25 @@ def plan_effects(
     settings = _settings(overrides or {}, candidates)
     known = {effect.name for effect in effects}
     costs = _Costs(planes, "debye" if isinstance(camera.optics, Microscope) else "wave", tolerance)
-    drafts = [_draft(effect, settings[effect.name], planes, costs) for effect in candidates]
-    allowed = left = FOR_EFFECTS * tolerance
-    rows: dict[str, PlannedEffect] = {}
+    counting = tuple(e for e in candidates if _counts(e, e.name in known, frames))
+    estimates = estimates_of(candidates, counting, planes, region if isinstance(region, ScanPlan) else None)
+    drafts = [
+        _Draft(e, settings[e.name], tuple(found), costs.of(e), known=e.name in known, frames=frames)
+        for e, found in zip(candidates, estimates, strict=True)
+    ]
+    allowed = FOR_EFFECTS * tolerance
     # False before True: what costs a fifth of the whole simulation or more comes first, then the smallest errors.
-    for draft in sorted(drafts, key=lambda d: (d.seconds < 0.2 * costs.full, d.estimate.error)):
-        row = _decide(draft, known=draft.name in known, frames=frames, allowed=allowed, left=left)
-        if not row.on and row.setting == "auto" and _counts(row.effect, draft.name in known, frames):
-            left -= row.estimate.error
-        rows[row.name] = row
-    ordered = tuple(rows[e.name] for e in candidates)
-    chosen = [row.effect for row in ordered if row.on]
-    level = costs.level_of(chosen)
-    return EffectSelection(ordered, tolerance, level, costs.total(chosen), costs.rays, allowed - left)
+    decided = [
+        _decided(sorted(drafts, key=lambda d: (d.seconds < 0.2 * costs.full, d.at(k).error)), k, allowed)
+        for k in range(len(planes))
+    ]
+    rows = tuple(_row(draft, planes, [found for found, _ in decided]) for draft in drafts)
+    chosen = [[row.effect for row in rows if row.planes[k]] for k in range(len(planes))]
+    level = costs.level_of(row.effect for row in rows if row.on)
+    depths = tuple(outlook.z_um for outlook in planes)
+    return EffectSelection(
+        rows, depths, tolerance, level, costs.total(chosen), costs.rays, tuple(out for _, out in decided)
+    )
 
 
 def _outlooks(camera: Camera, region: ScanPlan | Iterable[Outlook], peak: float) -> tuple[Outlook, ...]:
@@ -203,22 +228,33 @@ class _Costs:
         """Return what one effect adds to a wave simulation of one source point."""
         return sum(effect.seconds(outlook, engine) for outlook, engine in self.planes)
 
-    def total(self, effects: Sequence[Effect]) -> float:
-        """Return the seconds of all ``effects`` together: source points and wavelengths multiply."""
-        by_rays = self.level_of(effects) == "geometric"
-        engines = 0.0
-        for outlook, engine in self.planes:
+    def total(self, chosen: Sequence[Sequence[Effect]]) -> float:
+        """Return the seconds of the effects chosen for each plane: source points and wavelengths multiply."""
+        seconds = 0.0
+        for (outlook, engine), effects in zip(self.planes, chosen, strict=True):
+            by_rays = self.level_of(effects) == "geometric"
             runs = math.prod(effect.runs(outlook) for effect in effects)
-            engines += runs * (engine.rays if by_rays else engine.waves)
-        # Waves and further runs are in the engines' seconds already.
-        rest = [e for e in effects if not e.needs_waves and e.acts_on is not ActsOn.LIGHT]
-        return engines + sum(self.of(effect) for effect in rest)
+            seconds += runs * (engine.rays if by_rays else engine.waves)
+            # The step from rays to waves and further runs are in the engines' seconds already.
+            rest = (e for e in effects if not isinstance(e, LensletDiffraction) and e.acts_on is not ActsOn.LIGHT)
+            seconds += sum(effect.seconds(outlook, engine) for effect in rest)
+        return seconds
 
 
-def _draft(effect: Effect, setting: str, planes: Sequence[Outlook], costs: _Costs) -> PlannedEffect:
-    """Return the row before the decision: the estimate of the worst plane, and the cost."""
-    estimate, worst = max(((effect.estimate(o), o) for o in planes), key=lambda pair: pair[0].error)
-    return PlannedEffect(effect, False, setting, estimate, worst.z_um, "", costs.of(effect))
+@dataclass(frozen=True, slots=True)
+class _Draft:
+    """An effect before the decision: its estimate at every plane, and the cost of all planes."""
+
+    effect: Effect
+    setting: str
+    estimates: tuple[Estimate, ...]
+    seconds: float
+    known: bool
+    frames: bool
+
+    def at(self, plane: int) -> Estimate:
+        """Return the estimate that decides at a plane: frames are alike at all of them, so there the largest does."""
+        return self.estimates[plane] if self.effect.acts_on.enters_h else max(self.estimates, key=lambda e: e.error)
 
 
 def _counts(effect: Effect, known: bool, frames: bool) -> bool:
@@ -226,31 +262,53 @@ def _counts(effect: Effect, known: bool, frames: bool) -> bool:
     return (known or not effect.deviation) and (frames or effect.acts_on.enters_h)
 
 
-def _decide(draft: PlannedEffect, *, known: bool, frames: bool, allowed: float, left: float) -> PlannedEffect:
-    """Return the row with on or off and the reason."""
-    effect, e = draft.effect, draft.estimate
+def _decided(drafts: Sequence[_Draft], plane: int, allowed: float) -> tuple[dict[str, tuple[bool, str]], float]:
+    """Return on or off with the reason for each effect at one plane, and the error left out there."""
+    found: dict[str, tuple[bool, str]] = {}
+    taken = 0.0
+    for draft in drafts:
+        on, reason = _decide(draft, draft.at(plane), allowed, taken)
+        if not on and draft.setting == "auto" and _counts(draft.effect, draft.known, draft.frames):
+            taken += draft.at(plane).error
+        found[draft.effect.name] = on, reason
+    return found, taken
+
+
+def _row(draft: _Draft, planes: Sequence[Outlook], decided: Sequence[Mapping[str, tuple[bool, str]]]) -> PlannedEffect:
+    """Return the row of an effect; its reason is that of the plane where it matters most."""
+    on = tuple(found[draft.effect.name][0] for found in decided)
+    # among the planes where it is on, if there are any: an estimate a little larger elsewhere may have found room
+    worst = max(range(len(planes)), key=lambda k: (on[k], draft.at(k).error))
+    reason = decided[worst][draft.effect.name][1]
+    if any(on) and not all(on):
+        reason += f"; on at {sum(on)} of {len(on)} planes"
+    return PlannedEffect(draft.effect, on, draft.setting, draft.at(worst), planes[worst].z_um, reason, draft.seconds)
+
+
+def _decide(draft: _Draft, e: Estimate, allowed: float, taken: float) -> tuple[bool, str]:
+    """Return on or off and the reason, where ``taken`` of what is allowed is left out already."""
+    effect = draft.effect
     size = f"{e.size:.3g} {e.unit}"
     share = f"{'at most ' if e.upper_bound else ''}{100 * e.error:.2g} % of the image"
     cost = f", {format_seconds(draft.seconds)}" if draft.seconds else ", free"
     if draft.setting == "off":
-        return replace(draft, reason=f"switched off: {size}, {share} is missing")
-    if not frames and not effect.acts_on.enters_h:
+        return False, f"switched off: {size}, {share} is missing"
+    if not draft.frames and not effect.acts_on.enters_h:
         asked = "asked for, but " if draft.setting == "on" else ""
-        return replace(draft, reason=f"{asked}acts on the {effect.acts_on.value}, not on H ({size})")
+        return False, f"{asked}acts on the {effect.acts_on.value}, not on H ({size})"
     if draft.setting == "on":
-        if e.size == 0 and effect.deviation and not known:
-            return replace(draft, reason=f"asked for, but has no typical size: {size}, give its own")
-        return replace(draft, on=True, reason=f"asked for: {size}, {share}{cost}")
-    if effect.deviation and not known:
-        return replace(draft, reason=f"not known of this camera; a typical {size} would be {share}")
+        if e.size == 0 and effect.deviation and not draft.known:
+            return False, f"asked for, but has no typical size: {size}, give its own"
+        return True, f"asked for: {size}, {share}{cost}"
+    if effect.deviation and not draft.known:
+        return False, f"not known of this camera; a typical {size} would be {share}"
     if isinstance(effect, FrameEffect) and effect.whole_numbers:
-        return replace(draft, on=True, reason=f"frames hold whole numbers: {size}, {share}")
+        return True, f"frames hold whole numbers: {size}, {share}"
     if e.error < NOTHING:
-        return replace(draft, reason=f"changes nothing here: {size}")
+        return False, f"changes nothing here: {size}"
     within = f"the {100 * allowed:.3g} % that may be left out"
     if e.error > allowed:
-        return replace(draft, on=True, reason=f"{size}: {share}, above {within}{cost}")
-    if e.error > left:
-        taken = 100 * (allowed - left)
-        return replace(draft, on=True, reason=f"{size}: {share}, too much beside {taken:.2g} % left out already{cost}")
-    return replace(draft, reason=f"{size}: {share}, within {within}")
+        return True, f"{size}: {share}, above {within}{cost}"
+    if e.error > allowed - taken:
+        return True, f"{size}: {share}, too much beside {100 * taken:.2g} % left out already{cost}"
+    return False, f"{size}: {share}, within {within}"

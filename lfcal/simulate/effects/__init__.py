@@ -10,6 +10,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``array_errors``: telecentricity; gap, rotation and pitch of the lenslet array
 - ``field``: cos^4 and mechanical vignetting
 - ``light``: finite source, bandwidth
+- ``microscope``: light as a vector field, specimens of another refractive index
 - ``pixels``: fill factor, crosstalk
 - ``motion``: positioning error, backlash, drift, depth error
 - ``sensor``: stray light, colour filter, noise, quantisation, saturation
@@ -40,6 +41,7 @@ from lfcal.simulate.effects.base import (
 )
 from lfcal.simulate.effects.field import CosFourth, MechanicalVignetting
 from lfcal.simulate.effects.light import Bandwidth, FiniteSource
+from lfcal.simulate.effects.microscope import IndexMismatch, VectorialPupil
 from lfcal.simulate.effects.motion import Backlash, DepthError, Drift, PositioningError
 from lfcal.simulate.effects.optics import (
     ExactAngles,
@@ -81,6 +83,7 @@ __all__ = [
     "FiniteSource",
     "FixedPattern",
     "FrameEffect",
+    "IndexMismatch",
     "IrisDiffraction",
     "IrisShape",
     "LensTypeDefocus",
@@ -104,6 +107,7 @@ __all__ = [
     "Spherical",
     "StrayLight",
     "Telecentricity",
+    "VectorialPupil",
     "Zernike",
     "catalogue",
     "find_effects",

@@ -91,6 +91,8 @@ class Estimate:
         How both were computed, as text.
     upper_bound
         Whether ``error`` is an upper bound (within a factor of 4) and not an estimate (within 2).
+    measured
+        Whether ``error`` comes from running the effect and not from the formula.
     """
 
     size: float
@@ -98,6 +100,7 @@ class Estimate:
     error: float
     formula: str
     upper_bound: bool = False
+    measured: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +197,10 @@ class Effect(ABC):
     @abstractmethod
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return what leaving the effect out would cost for the plane of ``outlook``."""
+
+    def holds(self, outlook: Outlook) -> bool:
+        """Return whether the estimate's formula can be trusted there; else the effect is run at a few positions."""
+        return outlook.regular
 
     def runs(self, outlook: Outlook) -> int:
         """Return how many times the engine must run for each response because of this effect."""

@@ -130,6 +130,10 @@ class Bandwidth(LightEffect):
         error = min(1.0, spots + iris + self._between(outlook, x))
         return Estimate(x, "relative", error, "x = dl/l; (0.25 + 0.13 N_F) x²/(1 + 8.3 x (1 + 0.1 N_F)) + fringes")
 
+    def holds(self, outlook: Outlook) -> bool:
+        """Return whether lenslets see enough of the iris's fringes for them to wash out alike."""
+        return outlook.regular and abs(outlook.virtual_depth) >= 1.2 and outlook.fresnel_main >= 12.0
+
     @staticmethod
     def _between(outlook: Outlook, x: float) -> float:
         """Return what is washed out of the interference of neighbouring lenslets: most - most exp(-c x²/most)."""

@@ -15,8 +15,8 @@ from lfcal.simulate.scene import Iris, Scene
 __all__ = ["ExactAngles", "IrisDiffraction", "IrisShape", "LensTypeDefocus", "LensletDiffraction"]
 
 
-INSEPARABLE = 12.0
-"""Fresnel number of the shadow below which it is computed with its fringes or not at all."""
+INSEPARABLE = 8.0
+"""Fresnel number of the shadow below which it is computed with its fringes or not at all, exact angles or not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class LensletDiffraction(SceneEffect):
 class IrisDiffraction(SceneEffect):
     """Fresnel fringes of the main iris on the lenslets: without it the iris casts a sharp shadow.
 
-    Within the iris's own depth of focus (N_F below 12), and in a microscope's Debye integral, fringes and shadow
+    Within the iris's own depth of focus (N_F below 8), and in a microscope's Debye integral, fringes and shadow
     are one: there it comes with lenslet diffraction, on or off.
     """
 
@@ -168,7 +168,10 @@ class ExactAngles(SceneEffect):
             return Estimate(0.0, "px", 0.0, "in the Debye integral")
         rim = outlook.gap_um / (2 * (2 * outlook.f_number) ** 3) / outlook.pixel_um
         near = min(1.0, abs(outlook.virtual_depth) / 1.2)  # the cone covers less than a lenslet
-        return Estimate(rim, "px", outlook.moved(0.4 * rim * near), "B/(2 (2 Nw)³); a shift of 0.4 of it")
+        share = 0.3
+        if outlook.fresnel_main >= INSEPARABLE:  # rays are followed; before the array they run apart
+            share = 0.56 if outlook.shift_um > 0 else 0.75
+        return Estimate(rim, "px", outlook.moved(share * rim * near), "B/(2 (2 Nw)³); a shift of 0.3 to 0.75 of it")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with exact defocus and exact rays."""

@@ -110,6 +110,11 @@ class Outlook:
         return max(1.2, abs(self.virtual_depth))
 
     @property
+    def regular(self) -> bool:
+        """Whether formulas hold: a lens's image is so far from the array that every lenslet makes a spot of its own."""
+        return self.has_lens and abs(self.virtual_depth) >= 0.6 and self.fresnel_main >= 3.0
+
+    @property
     def fresnel_main(self) -> float:
         """Fresnel number of the main iris' shadow, |a| / (4 Nw² lambda)."""
         return abs(self.shift_um) / (4.0 * self.f_number**2 * self.wavelength_um)
@@ -184,12 +189,17 @@ class Outlook:
         return sum(function(w) for w in self.widths_px) / len(self.widths_px)
 
     @property
+    def resolved(self) -> float:
+        """Share of a defocused spot's fringes that pixels resolve; they are 4.8 of `airy_px` apart."""
+        return 1.0 / (1.0 + (0.15 / self.airy_px) ** 2)
+
+    @property
     def structure(self) -> tuple[float, ...]:
-        """How much finer a defocused spot's fringes are than the spot, 1 + 0.35 N_F for each lens type.
+        """How much finer a defocused spot's fringes are than the spot, 1 + 0.45 N_F of what pixels resolve, per type.
 
         A Gaussian of the spot's width falls short of measured changes by this factor where N_F is large.
         """
-        return tuple(1.0 + 0.35 * n for n in self.fresnel_lenslets)
+        return tuple(1.0 + 0.45 * self.resolved * n for n in self.fresnel_lenslets)
 
     def moved(self, shift_px: float) -> float:
         """Return the relative L1 change when every spot moves by ``shift_px``."""
@@ -205,8 +215,8 @@ class Outlook:
         near = abs(self.virtual_depth) < 1  # the iris's fringes, where one lenslet sees them all
         own = (1.5 if self.has_lens else 4.0) * self.fresnel_main if near else 0.0
         for width, spot in zip(self.widths_px, self.fresnel_lenslets, strict=True):
-            w, n = math.hypot(width, floor_px), max(spot, own)
-            finer = 1.0 + 0.3 * n + 0.03 * n * n  # a blur feels the fringes' curvature
+            w, n = math.hypot(width, floor_px), max(self.resolved * spot, own)
+            finer = 1.0 + 0.4 * n + 0.05 * n * n  # a blur feels the fringes' curvature
             total += min(2.0, finer * share_widened(w, math.hypot(w, rms_px)))
         return total / len(self.widths_px)
 

@@ -43,17 +43,23 @@ def product(a: Array, b: Array) -> Array:
 
 @njit()
 def fold_rows(wide: Array, first: int, per_node: int, start: int, per_sample: int, out: Array) -> None:
-    """Add the responses to a coarse sample and to its mirror image: rows ``first``, ``first + per_sample`` ... of out.
+    """Fill rows ``first``, ``first + per_sample`` ... of the matrices for even and, where there is one, odd fields.
 
-    ``wide`` (3, rows, distances) holds row r's response to sample k at ``start + per_node r -+ k``. The field is even,
-    so a sample and its mirror image have one column of A: out[:, r, k] = wide(-k) + wide(+k), the middle one once.
+    ``wide`` (3, rows, distances) holds row r's response to sample k at ``start + per_node r -+ k``. A sample and its
+    mirror image have one column of A, in ``out`` (parities, 3, nodes, n): out[0, :, r, k] = wide(-k) + wide(+k) for an
+    even field, out[1, :, r, k] = wide(-k) - wide(+k) for an odd one; the middle one once, where nothing is odd.
     """
     for part in range(3):
         for r in range(wide.shape[1]):
             middle, row = start + per_node * r, first + per_sample * r
-            out[part, row, 0] = wide[part, r, middle]
-            for k in range(1, out.shape[2]):
-                out[part, row, k] = wide[part, r, middle - k] + wide[part, r, middle + k]
+            out[0, part, row, 0] = wide[part, r, middle]
+            for k in range(1, out.shape[3]):
+                out[0, part, row, k] = wide[part, r, middle - k] + wide[part, r, middle + k]
+            if out.shape[0] == 1:
+                continue
+            out[1, part, row, 0] = 0
+            for k in range(1, out.shape[3]):
+                out[1, part, row, k] = wide[part, r, middle - k] - wide[part, r, middle + k]
 
 
 @njit()
@@ -74,7 +80,7 @@ def in_blocks(value: Array) -> Array:
 
 @njit(fastmath=True)
 def node_light(left: Array, a: Array, light: Array) -> None:
-    """Fill ``light`` (kx, >= ky) with |sum_n a[x, n] left[n, y]|^2; ``left`` from `in_blocks`, a (3, kx, n).
+    """Add |sum_n a[x, n] left[n, y]|^2 to ``light`` (kx, >= ky); ``left`` from `in_blocks`, a (3, kx, n).
 
     Squared block by block, while the product is in the caches: the field itself is never stored.
     """
@@ -91,7 +97,7 @@ def node_light(left: Array, a: Array, light: Array) -> None:
             for i in range(b):
                 for j in range(width):
                     re, im = p[i, j] - q[i, j], s[i, j] - p[i, j] - q[i, j]
-                    light[x + i, y * width + j] = re * re + im * im
+                    light[x + i, y * width + j] += re * re + im * im
 
 
 @njit(fastmath=True)

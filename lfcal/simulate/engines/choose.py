@@ -41,9 +41,9 @@ def engine_for(scene: Scene, level: str = "wave", sampling: Sampling | None = No
             f"level '{level}'", "lenslet diffraction on", "off", "switch it on, or use level 'geometric'"
         )
     if level == "reference":
-        from lfcal.simulate.engines.reference import ReferencePlane
+        from lfcal.simulate.engines.fields_sum import reference_plane
 
-        return ReferencePlane(scene, chosen)
-    from lfcal.simulate.engines.wave import WavePlane
+        return reference_plane(scene, chosen)
+    from lfcal.simulate.engines.fields_sum import wave_plane
 
-    return WavePlane(scene, chosen)
+    return wave_plane(scene, chosen)

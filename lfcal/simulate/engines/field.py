@@ -20,14 +20,14 @@ import scipy.fft as sf
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.simulate.engines.debye import radial_field
+from lfcal.simulate.engines.debye import DIPOLE_FIELDS, DebyeField, debye_fields, radial_field
 from lfcal.simulate.engines.masks import taper
 from lfcal.simulate.engines.polygon import Points, area, clip, disc_transform, iris_outline, spectrum
-from lfcal.simulate.engines.radial import Radial, even_spline, focus_integral
+from lfcal.simulate.engines.radial import Radial, focus_integral, parity_spline
 from lfcal.simulate.engines.zernike import zernike_radial
 from lfcal.simulate.scene import Scene
 
-__all__ = ["SWITCH", "FieldTable", "choose_mode", "field_table", "wavefront_waves"]
+__all__ = ["DIPOLE_MODES", "SWITCH", "FieldTable", "choose_mode", "field_modes", "field_table", "wavefront_waves"]
 
 SWITCH = 12.0
 """Fresnel number of the iris's shadow from which on the E-mode is used."""
@@ -39,6 +39,9 @@ MOST_SAMPLES = 8192
 
 PART = 1_000_000
 """Samples of a table that are worked on at a time where that takes many arrays beside it."""
+
+DIPOLE_MODES: dict[str, DebyeField] = {f"D{f.order}{'s' if f.sine else 'c'}": f for f in DIPOLE_FIELDS}
+"""Mode to field of a vectorial scene: D0c, D1c, D1s, D2c, D2s."""
 
 _SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 
@@ -52,7 +55,8 @@ class FieldTable:
     Attributes
     ----------
     mode
-        ``"E"``, with the converging sphere taken off, ``"U"``, or ``"D"`` for the Debye field of a microscope.
+        ``"E"``, with the converging sphere taken off, ``"U"``, ``"D"`` for the Debye field of a microscope, or one of
+        `DIPOLE_MODES` for one of the fields of a vectorial scene.
     dx_um
         Sample distance.
     values
@@ -72,6 +76,14 @@ def choose_mode(scene: Scene) -> str:
     if scene.objective is not None:
         return "D"
     return "E" if scene.fresnel_number >= (SWITCH_EXACT if scene.exact_rays else SWITCH) else "U"
+
+
+def field_modes(scene: Scene) -> tuple[str, ...]:
+    """Return the modes of the fields whose intensities make a point's light: one, but for a vectorial scene."""
+    if scene.objective is None or not scene.vectorial:
+        return (choose_mode(scene),)
+    carrying = debye_fields(scene)
+    return tuple(mode for mode, field in DIPOLE_MODES.items() if field in carrying)
 
 
 def wavefront_waves(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -104,8 +116,8 @@ def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -
         within its own depth of focus.
     """
     chosen = mode or choose_mode(scene)
-    if chosen == "D":
-        return _debye(scene, dx, half)
+    if chosen[0] == "D":
+        return _debye(scene, dx, half, chosen)
     outline = iris_outline(scene.iris)
     if chosen == "U" and not scene.main_diffraction:
         raise InputError.expected(
@@ -241,12 +253,21 @@ def _round_near_field(scene: Scene, dx: float, half: float) -> FieldTable:
     steep = sum(2 * math.pi * abs(w) * n * n for n, _, w in scene.wavefront)
     nodes = int((abs(u) / 2 + float(v[-1]) + steep) / 2) + 40
     level = math.sqrt(math.pi) / (2 * lam * nw)
-    return _turned("U", even_spline(level * focus_integral(u, v, waves, nodes), step), dx, half)
+    return _turned("U", parity_spline(level * focus_integral(u, v, waves, nodes), step), dx, half)
 
 
-def _debye(scene: Scene, dx: float, half: float) -> FieldTable:
-    """D-mode: the microscope's radial field on the grid."""
-    return _turned("D", radial_field(scene, (half + 8 * dx) * math.sqrt(2)), dx, half)
+def _debye(scene: Scene, dx: float, half: float, mode: str) -> FieldTable:
+    """D-modes: the microscope's radial field on the grid, or one of its dipoles'."""
+    if scene.vectorial != (mode in DIPOLE_MODES):
+        fitting = " or ".join(DIPOLE_MODES) if scene.vectorial else "D"
+        raise InputError.expected("mode of the microscope's field", fitting, mode, "let engine_for sum the fields")
+    field = DIPOLE_MODES[mode] if scene.vectorial else DIPOLE_FIELDS[0]
+    table = _turned(mode, radial_field(scene, (half + 8 * dx) * math.sqrt(2), field.order), dx, half)
+    if field.order:
+        n = table.values.shape[0]
+        x = np.arange(n, dtype=np.float64) - n // 2
+        table.values[...] *= field.angular(x[None, :], x[:, None])
+    return table
 
 
 def _turned(mode: str, field: Radial, dx: float, half: float) -> FieldTable:

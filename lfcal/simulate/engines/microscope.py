@@ -9,6 +9,9 @@ matrices,
 whose accuracy is bought once per lattice phase, not per position: U needs only the samples of its own band, and
 its symmetry halves each matrix. Positions that mirror each other about a lenslet share their response: 36 of 225
 remain for lenslets of 15 pixels. Other arrays take the wave engine's coherent sum over lenslets, same field.
+
+The fields of a vectorial scene are even or odd in each of x and y, and so are the halved matrices of the axes; their
+intensities add. Mirrored, each field keeps its light; transposed, those of one order change places.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import scipy.fft as sf
@@ -23,10 +27,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.simulate.engines._separable import fold_rows, in_blocks, node_light, pixel_sums, product
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, PlaneEngine, Sampling
-from lfcal.simulate.engines.debye import radial_field
+from lfcal.simulate.engines.debye import debye_fields, radial_field
+from lfcal.simulate.engines.fields_sum import wave_plane
 from lfcal.simulate.engines.masks import taper
 from lfcal.simulate.engines.nodes import fitted_rule
-from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import Scene
 from lfcal.threads import for_each_chunk
 
@@ -44,6 +48,7 @@ KEPT = 256
 KEPT_BYTES = 1 << 29
 """Largest size of one kind of them."""
 
+T = TypeVar("T", bound="Matrix | tuple[Matrix, ...]")
 Matrix = NDArray[np.float32]
 Phase = tuple[float, float, float, int]
 """A lenslet's place from the source, the nodes' shift, the pitch (µm), and the pixels of the cutout, along an axis."""
@@ -78,7 +83,7 @@ def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
     if is_separable(scene):
         return DebyePlane(scene, chosen)
     margin = max(chosen.margin_px, MARGIN_PER_NODE * chosen.nodes_per_px)
-    return WavePlane(scene, replace(chosen, margin_px=margin), mode="D")
+    return wave_plane(scene, replace(chosen, margin_px=margin))
 
 
 def _parts(value: NDArray[np.complexfloating]) -> Matrix:
@@ -115,8 +120,8 @@ class DebyePlane:
         self._ledger = Ledger()
         self._pilot = Pilot(self)
         self._lock = threading.Lock()
-        self._matrices: dict[Phase, NDArray[np.float32]] = {}
-        self._lefts: dict[Phase, NDArray[np.float32]] = {}
+        self._matrices: dict[Phase, Matrix] = {}
+        self._lefts: dict[Phase, tuple[Matrix, ...]] = {}
         self._pulses: dict[tuple[float, float], Matrix] = {}
         self._responses: dict[Pair, NDArray[np.float32]] = {}
         px, lam = scene.pixel_um, scene.wavelength_um
@@ -129,21 +134,31 @@ class DebyePlane:
         self._spill = 1.1 * (light + bend) * lam * scene.gap_um
         self._half = max(scene.cutout) / 2 * px + self._spill + pitch / 2
         self._count = math.ceil(self._half / self._coarse) + 1
-        self._field, self._energy = self._quarter(pitch / 2)
+        self._fields = debye_fields(scene)
+        self._quarters, self._energy = self._tables(pitch / 2)
 
     # -- tables ------------------------------------------------------------------------------------------
-    def _quarter(self, fade: float) -> tuple[Matrix, float]:
-        """Return the field on the coarse quarter grid (real, imaginary, sum) and the energy on the whole grid."""
+    def _tables(self, fade: float) -> tuple[list[Matrix], float]:
+        """Return each field on the coarse quarter grid (real, imaginary, sum), and their energy on the whole grid."""
         x = np.arange(self._count, dtype=np.float64) * self._coarse
         r = np.hypot(x[None, :], x[:, None])
         edge = taper(x, self._half - fade, self._half)  # a hard end would ring all over the sensor
-        field = radial_field(self.scene, float(r.max()))(r) * edge[:, None] * edge[None, :]
         weight = np.where(x == 0, 1.0, 2.0)
-        energy = float(np.einsum("i,ij,j", weight, np.abs(field) ** 2, weight)) * self._coarse**2
-        return _parts(field), energy
+        orders = {field.order for field in self._fields}
+        radial = {order: radial_field(self.scene, float(r.max()), order)(r) for order in orders}
+        quarters, energy = [], 0.0
+        for one in self._fields:
+            field = radial[one.order] * edge[:, None] * edge[None, :]
+            if one.order:
+                field *= one.angular(x[None, :], x[:, None])
+            energy += float(np.einsum("i,ij,j", weight, np.abs(field) ** 2, weight)) * self._coarse**2
+            quarters.append(_parts(field))
+        return quarters, energy
 
     def _matrix(self, phase: Phase) -> Matrix:
-        """Return A ``(3, nodes, n)`` (real, imaginary, sum): a lenslet at ``place`` from the source, nodes moved.
+        """Return A ``(parities, 3, nodes, n)`` (real, imaginary, sum): a lenslet at ``place``, nodes moved.
+
+        The first is for even fields, the second for odd ones where there are such.
 
         The lenslets' phase is periodic, sum_m t_m exp(2 pi i m (x - place)/p), and order m of a band-limited
         sample psi at x_k arrives as exp(-i pi L m^2/p^2 + 2 pi i m s/p) psi_L(s - x_k - L m/p), L = lambda B.
@@ -164,7 +179,8 @@ class DebyePlane:
         pulses = self._carried(s[0] - reach * px / steps, px / steps, per_node * (s.size - 1) + 2 * reach + 1, pitch, m)
         turn = t * np.exp(1j * np.pi * (2 * m * (s[:, None] - place) / pitch - spread * (m / pitch) ** 2))
         turns = _parts(turn * math.sqrt(px))
-        made = np.empty((3, s.size, self._count), np.float32)
+        parities = 2 if any(any(field.odd) for field in self._fields) else 1
+        made = np.empty((parities, 3, s.size, self._count), np.float32)
         # nodes whose distances from the samples fall on the same points of the even grid go together
         for first in range(min(per_sample, s.size)):
             rows = np.ascontiguousarray(turns[:, first::per_sample])
@@ -197,20 +213,26 @@ class DebyePlane:
             self._pulses[key] = made
         return made
 
-    def _left(self, phase: Phase) -> Matrix:
-        """Return (A U)^T of a row phase, in blocks (see `in_blocks`)."""
+    def _left(self, phase: Phase) -> tuple[Matrix, ...]:
+        """Return (A U)^T of a row phase for each field, in blocks (see `in_blocks`)."""
         with self._lock:
             known = self._lefts.get(phase)
         if known is not None:
             return known
-        made = in_blocks(product(self._matrix(phase), self._field))
-        made[np.abs(made) < 1e-12 * np.abs(made).max()] = 0
-        self._keep(self._lefts, phase, made)
+        matrices = self._matrix(phase)
+        made = tuple(
+            in_blocks(product(matrices[int(field.odd[0])], quarter))
+            for field, quarter in zip(self._fields, self._quarters, strict=True)
+        )
+        for left in made:
+            left[np.abs(left) < 1e-12 * np.abs(left).max()] = 0
+        self._keep(self._lefts, phase, made, KEPT // len(made))
         return made
 
-    def _keep(self, store: dict[Phase, Matrix], key: Phase, value: Matrix) -> None:
+    def _keep(self, store: dict[Phase, T], key: Phase, value: T, most: int = KEPT) -> None:
         with self._lock:
-            if len(store) >= max(1, min(KEPT, KEPT_BYTES // value.nbytes)):
+            size = sum(part.nbytes for part in value)
+            if len(store) >= max(1, min(most, KEPT_BYTES // size)):
                 store.clear()
             store[key] = value
 
@@ -287,9 +309,10 @@ class DebyePlane:
 
     def _compute(self, y: Phase, x: Phase) -> NDArray[np.float32]:
         image = np.empty((y[3], x[3]), np.float32)
-        left, a = self._left(y), self._matrix(x)
-        light = np.empty((a.shape[1], left.shape[1] * left.shape[3]), np.float32)
-        node_light(left, a, light)
+        lefts, matrices = self._left(y), self._matrix(x)
+        light = np.zeros((matrices.shape[2], lefts[0].shape[1] * lefts[0].shape[3]), np.float32)
+        for field, left in zip(self._fields, lefts, strict=True):
+            node_light(left, matrices[int(field.odd[1])], light)
         pixel_sums(light[:, : self.rule.count(y[3])], self.rule.weights.astype(np.float32), self.rule.per_px, image)
         energy_out = float(image.sum(dtype=np.float64))
         ratio = energy_out / self._energy

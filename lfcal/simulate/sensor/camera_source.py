@@ -84,7 +84,8 @@ class SimulatedCamera(Frames):
         if effects == "auto":
             effects = plan_effects(plan.camera, plan, tolerance, frames=True, peak=peak)
         self.plan, self.camera = plan, plan.camera
-        self.effects, self.share = budgeted(effects, plan, tolerance)
+        self.budget = budgeted(effects, plan, tolerance)
+        self.effects = self.budget.effects
         self.level, self.tolerance, self.sampling = level, tolerance, sampling
         self.peak, self.seed = peak, seed
         self._frame_effects = [e for e in self.effects if isinstance(e, FrameEffect)]
@@ -239,12 +240,13 @@ class SimulatedCamera(Frames):
             if key not in self._responses:
                 reach = half_extent_px(self.camera, self.plan.depths_um[z]) + 2 * self.camera.pitch_px
                 cutout = tuple(max(n, 2 * int(reach) + 1) for n in self.plan.cutout)
+                effects, share = self.budget.at(self.plan.depths_um[z])
                 self._responses[key] = PlaneResponse(
                     self.plan,
                     z,
-                    self.effects,
+                    effects,
                     level=self.level,
-                    tolerance=self.share,
+                    tolerance=share,
                     sampling=self.sampling,
                     cutout=(cutout[0], cutout[1]),
                     depth_error_um=depth_error_um,

@@ -1,0 +1,166 @@
+"""Effects of a microscope's objective and specimen: the light's vector nature, another index behind an interface."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from lfcal.camera import Microscope
+from lfcal.simulate.effects.base import EngineSeconds, Estimate, SceneEffect
+from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.scene import Scene
+from lfcal.simulate.specimen import Specimen, ray_heights
+
+__all__ = ["IndexMismatch", "VectorialPupil"]
+
+RAYS = 4000
+"""Rays over the pupil from which the mismatch's estimate is taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class VectorialPupil(SceneEffect):
+    """The source as a dipole of any orientation and the light as a vector field: without it both are scalar.
+
+    A bead or a dye, averaged over orientations, sends the same light through each part of the pupil as a scalar point;
+    what differs is how the parts interfere: five fields add their intensities where a scalar point has one.
+    """
+
+    name: ClassVar[str] = "vectorial"
+    title: ClassVar[str] = "light as a vector field"
+    rank: ClassVar[int] = 62
+    needs_waves: ClassVar[bool] = True
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the light's share in other fields than the first, and a fit to runs of NA 0.1 to 1.49.
+
+        In focus fields differ by sin²(alpha), of which lenslets show the more the larger the focus is on them, and
+        pixels the less the wider they are than fringes between lenslets. Out of focus, parts of the pupil meet only
+        where they lie near each other, by N waves of defocus; or where micro-images overlap, images behind the array.
+        """
+        optics, lattice = outlook.camera.optics, outlook.camera.lattice
+        if not isinstance(optics, Microscope):
+            return Estimate(0.0, "of the light", 0.0, "cones of f/2 and slower: fields keep their direction to 1e-3")
+        sine2 = (optics.numerical_aperture / optics.medium_index) ** 2
+        cosine = math.sqrt(1 - sine2)
+        # a0² = (1 + cos)²/4, its mean over solid angle; 1 - that without cancellation
+        less = sine2 / (1 + cosine)
+        share = less / 2 - less * less / 12
+        focus = math.sqrt(0.61 * outlook.wavelength_um * outlook.f_number * 2 / lattice.pitch_um)
+        fringes = lattice.pitch_um * outlook.pixel_um / (outlook.wavelength_um * outlook.gap_um)
+        waves = abs(outlook.z_um) * optics.medium_index * less / outlook.wavelength_um
+        apart = (1 + (3.5 * waves) ** 2) ** -0.38
+        v = outlook.virtual_depth
+        overlap = 1.25 * math.exp(-((v / 1.2) ** 2)) if v > 0 and outlook.z_um < 0 else 0.0
+        met = math.sqrt(apart**2 + overlap**2 * (1 - apart**2))
+        error = 0.36 * sine2 * (1 + 0.17 * sine2**2) * focus * met / math.hypot(1.0, fringes)
+        formula = "0.36 sin²(alpha) (focus/pitch)^½ (1 + (3.5 N)²)^-0.38/(1 + (px p/(lambda B))²)^½"
+        return Estimate(share, "of the light", min(2.0, error), formula)
+
+    def holds(self, outlook: Outlook) -> bool:
+        """Return True: the formula was fitted to microscopes of every aperture, in focus and out of it."""
+        del outlook
+        return True
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with a vector field, which waves alone show; that of a photographic camera as it is."""
+        del outlook
+        return scene if scene.objective is None else replace(scene, vectorial=True, lenslet_diffraction=True)
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return what four more fields take: their tables are shared where rows and columns part (measured)."""
+        if not isinstance(outlook.camera.optics, Microscope):
+            return 0.0
+        lattice = outlook.camera.lattice
+        shared = lattice.kind == "square" and lattice.edge_to_edge and lattice.rotation_rad == 0
+        return (2.0 if shared else 4.0) * engine.waves
+
+
+@dataclass(frozen=True, slots=True)
+class IndexMismatch(SceneEffect):
+    """A specimen of another index than the immersion medium: focal shift, spherical aberration, reflected light.
+
+    Attributes
+    ----------
+    index
+        Refractive index of the specimen.
+    depth_um
+        Depth of the nominal focal plane below the interface (µm): where the focus would lie without the specimen. A
+        plane at z lies ``depth_um + z`` deep; one before the interface lies in the immersion medium.
+    """
+
+    index: float = 1.33
+    depth_um: float = 20.0
+
+    name: ClassVar[str] = "index_mismatch"
+    title: ClassVar[str] = "specimen of another index"
+    rank: ClassVar[int] = 68
+    deviation: ClassVar[bool] = True
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"index": (1.0, 4.0), "depth_um": (0.0, math.inf)}
+    units: ClassVar[Mapping[str, str]] = {"index": ""}
+
+    def specimen(self) -> Specimen:
+        """Return what the light crosses."""
+        return Specimen(self.index, self.depth_um)
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the paraxial focal shift; of every ray how far it moves on the array, X, and how bright it becomes.
+
+        A ray's light changes by 2 (1 - exp(-2.1 (X/p) / (1 + (v/2)²)^½)), and all of it where the ray enters the cutout
+        or leaves it; brightness adds in quadrature. Fitted to runs.
+        """
+        optics, specimen, z = outlook.camera.optics, self.specimen(), outlook.z_um
+        formula = "rays of Snell: 2 (1 - exp(-2.1 X/p/(1 + (v/2)²)^½)); Fresnel"
+        if not isinstance(optics, Microscope):
+            return Estimate(0.0, "µm", 0.0, "a microscope's specimen")
+        shift = specimen.focus_um(z, optics.medium_index) - z
+        deep = specimen.source_um(z)
+        if deep < 0 or self.index == optics.medium_index:
+            return Estimate(0.0, "µm", 0.0, "before the interface, or of the same index: nothing is crossed")
+        n1, n2 = optics.medium_index, self.index
+        least = math.cos(optics.half_angle_rad)
+        theta = np.arccos(least + (1 - least) * (np.arange(RAYS) + 0.5) / RAYS)  # equal solid angles
+        second, s, p = specimen.crossing(n1, theta)
+        across = n1 / n2 * np.sin(theta)
+        passed = np.abs(s) ** 2 + np.abs(p) ** 2 * (np.abs(second / n2) ** 2 + across**2)
+        passed *= np.exp(-4 * math.pi / outlook.wavelength_um * deep * second.imag)
+        bright = passed / passed.mean()
+        here, rays = ray_heights(optics, z, None, theta), ray_heights(optics, z, specimen, theta)
+        follows = np.isfinite(rays)
+        there = np.where(follows, rays, 0.0)
+        reach = math.inf
+        if abs(outlook.virtual_depth) > 2:  # nearer to the array the cutout holds all light
+            reach = 0.55 * max(outlook.cutout) * outlook.pixel_um
+        seen, seen_then = np.abs(here) < reach, follows & (np.abs(there) < reach)
+        rate = 2.1 / outlook.camera.lattice.pitch_um / math.hypot(1.0, outlook.virtual_depth / 2)
+        moved = 2 * (1 - np.exp(-rate * np.abs(there - here)))
+        changed = np.where(seen & seen_then, moved, 1.0) * (seen | seen_then) * np.where(follows, bright, 0.0)
+        light = max(float((bright * seen_then).sum()), 1e-9)
+        error = math.hypot(float(changed.sum()), float((np.abs(bright - 1) * seen).sum())) / light
+        return Estimate(shift, "µm", min(2.0, error), formula)
+
+    def holds(self, outlook: Outlook) -> bool:
+        """Return True: the formula was fitted to microscopes of every aperture, in focus and out of it."""
+        del outlook
+        return True
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the specimen, its paraxial image where rays see it; a main lens has none."""
+        del outlook
+        if scene.objective is None:
+            return scene
+        specimen, optics = self.specimen(), scene.objective
+        image = -(optics.magnification**2) * specimen.focus_um(scene.z_um, optics.medium_index) / optics.medium_index
+        return replace(scene, specimen=specimen, image_um=image)
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return the seconds of the tables: the field's integral has more nodes, the responses cost the same."""
+        del outlook, engine
+        return 0.0
+
+
+EFFECTS = (VectorialPupil, IndexMismatch)
+"""What the catalogue takes from this module; the same in every module of effects."""
