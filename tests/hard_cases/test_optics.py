@@ -18,7 +18,6 @@ from lfcal.simulate.engines.debye import debye_field, debye_nodes
 from lfcal.simulate.engines.field import wavefront_waves
 from lfcal.simulate.engines.geometric import GeometricPlane
 from lfcal.simulate.engines.microscope import DebyePlane
-from lfcal.simulate.engines.polygon import area, iris_outline, regular, transform
 from lfcal.simulate.engines.radial import focus_integral
 from lfcal.simulate.engines.reference import ReferencePlane, sensor_propagator
 from lfcal.simulate.engines.wave import WavePlane
@@ -225,18 +224,6 @@ def test_evanescent():
 
 
 @hard_case(
-    "Polygon's transform at zero frequency",
-    wrong="the edge form cancels as 1/f^2: 6e-6 of the area",
-    measure="largest error over the area for f from 0 to 1e-9",
-    bound=1e-15,
-)
-def test_polygon_at_zero():
-    outline = regular(9, 0.2)
-    f = np.array([0.0, 1e-300, 1e-12, 1e-9])
-    return float(np.abs(transform(outline, f, -f) - area(outline)).max() / area(outline))
-
-
-@hard_case(
     "Nothing passes the iris",
     wrong="normalising an empty plane is 0/0",
     measure="largest value of the response, all levels",
@@ -298,19 +285,6 @@ def test_strong_aberration():
     engine.point(*AT)
     certificate = engine.certificate
     return abs(certificate.energy_out / certificate.energy_in - 1)
-
-
-@hard_case(
-    "Blades that are almost straight, almost round",
-    wrong="a blade radius of infinity, or a circle of zero sagitta",
-    measure="distance of the outline from its limit (pupil radii)",
-    bound=2e-3,
-)
-def test_blades():
-    straight = np.hypot(*iris_outline(Iris(6, 1e-9)).T)
-    round_ = np.hypot(*iris_outline(Iris(6, 1 - 1e-9)).T)
-    corner = math.sqrt(2 * math.pi / (6 * math.sin(math.pi / 3)))
-    return worst(abs(float(straight.max()) - corner), float(np.abs(round_ - 1).max()))
 
 
 @hard_case(
