@@ -12,7 +12,8 @@ PAGE = Path(__file__).parents[2] / "docs" / "hard_cases.md"
 HEAD = """# Hard cases
 
 Each line is a test in `tests/hard_cases/`. The figure is what the test measured when this page was written by
-`python -m tests.hard_cases.table`; the test fails where the figure exceeds the bound.
+`python -m tests.hard_cases.table`; the test fails where the figure exceeds the bound. For each line
+`tests/hard_cases/mutants.py` has the naive form: put in the place of the code it makes the figure exceed the bound.
 """
 COLUMNS = ("case", "what would go wrong", "what is measured", "figure", "bound")
 

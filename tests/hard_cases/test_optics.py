@@ -11,20 +11,21 @@ import numpy as np
 from scipy.special import j1
 
 from lfcal.camera import LensletLattice, LensType, Microscope
+from lfcal.simulate.accuracy.sampling import steps_for
+from lfcal.simulate.engines import field
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.debye import debye_field, debye_nodes
 from lfcal.simulate.engines.field import wavefront_waves
 from lfcal.simulate.engines.geometric import GeometricPlane
 from lfcal.simulate.engines.microscope import DebyePlane
-from lfcal.simulate.engines.polygon import area, iris_outline, regular, transform
 from lfcal.simulate.engines.radial import focus_integral
 from lfcal.simulate.engines.reference import ReferencePlane, sensor_propagator
 from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import Iris, seidel
-from tests.hard_cases.record import hard_case
+from tests.hard_cases.record import hard_case, worst
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error
 
-FINE = Sampling(nodes_per_px=4, margin_px=12, energy_floor=1e-4, coherent=True)
+FINE = Sampling(nodes_per_px=4, margin_px=12, energy_floor=1e-4)
 QUICK = Sampling(nodes_per_px=3, margin_px=5)
 AT = (2 * PIXEL, -3 * PIXEL)
 ERROR = "relative L1 error against the coherent reference"
@@ -40,10 +41,10 @@ def reference(scene, at=AT, samples=5.0, mode=None):
     return ReferencePlane(scene, Sampling(samples), mode).point(*at)
 
 
-@hard_case("Source on the native plane", wrong="1/a is infinite", measure=ERROR, bound=0.01)
+@hard_case("Source on the native plane", wrong="1/a is infinite", measure=ERROR, bound=0.006)
 def test_native_plane():
     scene = camera_scene(0.0)
-    return relative_error(wave(scene, FINE), reference(scene))
+    return relative_error(wave(scene, FINE), reference(scene, mode="U"))
 
 
 @hard_case(
@@ -55,7 +56,7 @@ def test_native_plane():
 def test_a_nanometre_away():
     here = wave(camera_scene(0.0))
     sides = [wave(replace(camera_scene(0.0), image_um=a)) for a in (1e-3, -1e-3)]
-    return max(float(np.abs(side - here).max() / here.max()) for side in sides)
+    return worst(*(float(np.abs(side - here).max() / here.max()) for side in sides))
 
 
 @hard_case(
@@ -66,29 +67,43 @@ def test_a_nanometre_away():
 )
 def test_native_plane_geometric():
     planes = [GeometricPlane(replace(camera_scene(0.0), image_um=a)).point(*AT) for a in (0.0, 1e-3, 1e-300)]
-    return max(*(relative_error(p, planes[0]) for p in planes), float(planes[0].sum()) - 1)
+    return worst(*(relative_error(p, planes[0]) for p in planes), float(planes[0].sum()) - 1)
 
 
 @hard_case(
-    "Inside the iris's depth of focus (Fresnel number 5)",
-    wrong="with the sphere taken off, the field table is wrong by 19 %, at 1.6 by 790 %",
+    "Inside the iris's depth of focus (Fresnel number 1)",
+    wrong="with the sphere taken off the response is wrong by 6 %, at Fresnel number 0.5 by 15 %",
     measure=ERROR,
     bound=0.015,
 )
 def test_depth_of_focus():
-    scene = camera_scene(5.0 * 100 * 0.55 / camera_scene().gap_um)
+    scene = camera_scene(100 * 0.55 / camera_scene().gap_um)
+    return relative_error(wave(scene, FINE), reference(scene, mode="U"))
+
+
+@hard_case(
+    "Spots of neighbouring lenslets overlap",
+    wrong="intensities are added where fields interfere",
+    measure=ERROR + ", summed as the code chooses",
+    bound=0.02,
+)
+def test_overlapping_spots():
+    scene = camera_scene(-0.8)
     return relative_error(wave(scene, FINE), reference(scene))
 
 
 @hard_case(
     "Change from near to far field",
     wrong="a jump between neighbouring planes where the method changes",
-    measure="relative L1 difference of the two methods at Fresnel number 12",
-    bound=0.012,
+    measure="relative L1 difference of the planes on both sides of the change",
+    bound=0.006,
 )
 def test_switch():
-    scene = camera_scene(12.0 * 100 * 0.55 / camera_scene().gap_um)
-    return relative_error(wave(scene, FINE, mode="E"), wave(scene, FINE, mode="U"))
+    one = field.SWITCH * 4 * camera_scene().f_number ** 2 * camera_scene().wavelength_um
+    near, far = (replace(camera_scene(), image_um=one * (1 + side)) for side in (-1e-9, 1e-9))
+    engines = [WavePlane(scene, FINE) for scene in (near, far)]
+    assert [engine.mode for engine in engines] == ["U", "E"]
+    return relative_error(*(engine.point(*AT) for engine in engines))
 
 
 @hard_case(
@@ -99,7 +114,7 @@ def test_switch():
 )
 def test_focus_geometric():
     light = [float(GeometricPlane(camera_scene(2.0 * (1 + d))).point(*AT).sum()) for d in (1e-3, 0.0, 1e-16, -1e-16)]
-    return max(abs(value - light[1]) for value in light[2:]) + max(0.0, abs(light[0] - light[1]) - 1e-2)
+    return worst(*(abs(value - light[1]) for value in light[2:]), abs(light[0] - light[1]) - 1e-2)
 
 
 @hard_case(
@@ -116,12 +131,16 @@ def test_focus_wave():
 @hard_case(
     "Iris smaller than a lenslet",
     wrong="windows follow the lenslet's centre and miss the light",
-    measure=ERROR,
-    bound=0.02,
+    measure=ERROR + ", with the narrowest windows that are ever chosen, far from the lenslet's centre",
+    bound=0.08,
 )
 def test_small_iris():
-    scene = camera_scene(3.0, f_number=30.0)
-    return relative_error(wave(scene, Sampling(nodes_per_px=4, margin_px=20, coherent=True)), reference(scene))
+    pitch = 22 * PIXEL
+    types = tuple(LensType.focused_at(depth, 5 * pitch) for depth in (2.0, 3.0, 5.0))
+    lattice = LensletLattice("hexagonal", pitch, 5 * pitch, types, clear_um=21.5 * PIXEL)
+    scene = camera_scene(image_um=15 * pitch, lattice=lattice, f_number=20.0, cutout=(41, 41))
+    at = (0.0, 8 * PIXEL)
+    return relative_error(wave(scene, steps_for(scene, "wave")[0].sampling, at), reference(scene, at))
 
 
 @hard_case(
@@ -145,7 +164,7 @@ def test_null():
 )
 def test_lommel():
     v = np.array([1e-12, 1e-6, 1.0, 10.0])
-    return max(float(np.abs(focus_integral(u, v) - 2 * j1(v) / v).max()) for u in (0.0, 1e-12))
+    return worst(*(float(np.abs(focus_integral(u, v) - 2 * j1(v) / v).max()) for u in (0.0, 1e-12)))
 
 
 @hard_case(
@@ -166,7 +185,7 @@ def test_debye_nodes():
     "NA within 1e-6 of the index",
     wrong="the apodisation has a branch point at 90 degrees",
     measure="relative change of the field when the nodes are doubled",
-    bound=1e-9,
+    bound=1e-12,
 )
 def test_aperture_near_index():
     scene = microscope_scene(1.0, objective=Microscope(20.0, 1.0 - 1e-6, 1.0), f_number=10.0)
@@ -205,18 +224,6 @@ def test_evanescent():
 
 
 @hard_case(
-    "Polygon's transform at zero frequency",
-    wrong="the edge form cancels as 1/f^2: 6e-6 of the area",
-    measure="largest error over the area for f from 0 to 1e-9",
-    bound=1e-15,
-)
-def test_polygon_at_zero():
-    outline = regular(9, 0.2)
-    f = np.array([0.0, 1e-300, 1e-12, 1e-9])
-    return float(np.abs(transform(outline, f, -f) - area(outline)).max() / area(outline))
-
-
-@hard_case(
     "Nothing passes the iris",
     wrong="normalising an empty plane is 0/0",
     measure="largest value of the response, all levels",
@@ -227,7 +234,7 @@ def test_empty_plane():
     for v in (3.0, 0.1):
         scene = camera_scene(v, iris=Iris(9, stop=(9.0, 0.0, 1.0)))
         values += [float(np.abs(p).max()) for p in (wave(scene), GeometricPlane(scene).point(*AT), reference(scene))]
-    return max(values)
+    return worst(*values)
 
 
 @hard_case(
@@ -281,19 +288,6 @@ def test_strong_aberration():
 
 
 @hard_case(
-    "Blades that are almost straight, almost round",
-    wrong="a blade radius of infinity, or a circle of zero sagitta",
-    measure="distance of the outline from its limit (pupil radii)",
-    bound=2e-3,
-)
-def test_blades():
-    straight = np.hypot(*iris_outline(Iris(6, 1e-9)).T)
-    round_ = np.hypot(*iris_outline(Iris(6, 1 - 1e-9)).T)
-    corner = math.sqrt(2 * math.pi / (6 * math.sin(math.pi / 3)))
-    return max(abs(float(straight.max()) - corner), float(np.abs(round_ - 1).max()))
-
-
-@hard_case(
     "Denormal inputs",
     wrong="5e-324 squared is 0 and its reciprocal infinite",
     measure="relative change of the response",
@@ -308,7 +302,7 @@ def test_denormal_inputs():
     focus = relative_error(
         DebyePlane(microscope_scene(tiny)).point(0.0, 0.0), DebyePlane(microscope_scene(0.0)).point(0.0, 0.0)
     )
-    return max(focus, *(relative_error(f, w) for f, w in zip(found, wanted, strict=True)))
+    return worst(focus, *(relative_error(f, w) for f, w in zip(found, wanted, strict=True)))
 
 
 @hard_case(
@@ -341,4 +335,4 @@ def test_centring():
         reference(scene, (0.0, 0.0), 5.0),
         DebyePlane(microscope_scene(5.0)).point(0.0, 0.0),
     ]
-    return max(abs(value) for image in images for value in moments(image))
+    return worst(*(abs(value) for image in images for value in moments(image)))

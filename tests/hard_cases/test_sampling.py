@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from lfcal.simulate.engines.masks import disc_table
 from lfcal.simulate.engines.microscope import DebyePlane
 from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import Iris
-from tests.hard_cases.record import hard_case
+from tests.hard_cases.record import hard_case, worst
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, relative_error
 
 QUICK = Sampling(nodes_per_px=3, margin_px=4)
@@ -53,7 +55,7 @@ def test_aperture_area():
         r2 = (x[None, :] - place) ** 2 + (x[:, None] + place / 2) ** 2
         mask = np.interp(r2, step * np.arange(table.size), table) * (r2 < 99.0**2)
         errors.append(abs(mask.sum() * dx**2 / (math.pi * radius**2) - 1))
-    return max(errors)
+    return worst(*errors)
 
 
 @hard_case(
@@ -76,8 +78,10 @@ def test_single_far():
     bound=1e-5,
 )
 def test_far_from_origin():
-    scene = camera_scene(3.0)
-    here, there = WavePlane(scene, QUICK).rows([0], [0, 45 * 22222])[0]
+    px = 5.4321  # no whole number of it is exact in single precision
+    lattice = replace(camera_scene().lattice, pitch_um=15 * px, clear_um=14.5 * px)
+    engine = WavePlane(camera_scene(3.0, pixel_um=px, lattice=lattice), QUICK)
+    here, there = (engine.rows([0], [x])[0, 0] for x in (0, 45 * 22222))
     return relative_error(there, here)
 
 
@@ -109,7 +113,14 @@ def test_small_products():
     a, b = rng.random((300, 90), np.float32), rng.random((90, 200), np.float32)
     out = np.empty((300, 200), np.float32)
     kernels._product(a, b, out)
-    return max(kernels._SMALL / (1 << 18) - 1, relative_error(out, a.astype(float) @ b.astype(float)))
+    wrong = relative_error(out, a.astype(float) @ b.astype(float))
+    sizes = []
+    plain = inspect.unwrap(getattr(kernels._product, "py_func", kernels._product))
+    with pytest.MonkeyPatch.context() as patch:  # the same function, not compiled: each of its products is seen
+        dot = np.dot
+        patch.setattr(np, "dot", lambda a, b, out: sizes.append(a.size * b.shape[1]) or dot(a, b, out))
+        plain(a, b, out)
+    return worst(max(sizes) / (1 << 18) - 1, wrong)
 
 
 @hard_case(
@@ -120,11 +131,12 @@ def test_small_products():
 )
 def test_one_pixel():
     small, large = camera_scene(3.0, cutout=(1, 1)), camera_scene(3.0, cutout=(41, 41))
+    between = (8.0, 2.0)  # the lenslet is farther away than the cutout is large
     changes = []
     for make in (lambda s: WavePlane(s, QUICK), GeometricPlane):
-        one, many = make(small).point(3.0, 2.0), make(large).point(3.0, 2.0)
+        one, many = make(small).point(*between), make(large).point(*between)
         changes.append(abs(float(one[0, 0] / many[20, 20]) - 1))
-    return max(changes)
+    return worst(*changes)
 
 
 @hard_case(
@@ -140,7 +152,7 @@ def test_long_cutouts():
     }
     whole = images[square]
     parts = [(images[wide], whole[39:42]), (images[tall], whole[:, 39:42])]
-    return max(float(np.abs(a - b).max() / whole.max()) for a, b in parts)
+    return worst(*(float(np.abs(a - b).max() / whole.max()) for a, b in parts))
 
 
 @hard_case(

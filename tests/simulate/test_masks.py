@@ -6,8 +6,20 @@ import math
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
-from lfcal.simulate.engines.masks import FLAT, RING, cell_outline, disc_table, disc_values, polygon_mask, polygon_table
+from lfcal.errors import InputError
+from lfcal.simulate.engines.masks import (
+    FLAT,
+    MOST_TABLE,
+    RING,
+    cell_outline,
+    disc_table,
+    disc_values,
+    fineness,
+    polygon_mask,
+    polygon_table,
+)
 from lfcal.simulate.engines.nodes import fitted_rule
 from lfcal.simulate.engines.polygon import area, disc_transform, transform
 
@@ -97,3 +109,36 @@ def test_node_matrix_spreads_a_flat_light_evenly():
     assert matrix.shape == (rule.count(7), 7)
     assert matrix.sum(0) == pytest.approx(np.full(7, 0.8))
     assert rule.positions(7)[0] == -rule.positions(7)[-1]
+
+
+def edge_error(half: int, fine: int) -> float:
+    """Return how far a square cell of ``2 half`` samples, by its table between samples, is from its mask (over both).
+
+    The cell is turned, and a wave of half the exact band is summed over it, at places between the table's samples.
+    """
+    dx, f = 1.0, 0.5 * FLAT
+    outline = cell_outline(2.0 * half, 2.0 * half, False, 0.2)
+    table, step = polygon_table(outline, dx, 1.3 * half, fine)
+    x = np.arange(-math.ceil(1.25 * half), math.ceil(1.25 * half) + 1) * dx
+    wrong = []
+    for shift in (0.03, 0.11, 0.47):
+        at = np.stack(np.meshgrid((x + shift) / step, (x + shift) / step, indexing="ij")) + table.shape[0] // 2
+        mask = map_coordinates(table, at, order=1)
+        wave = np.exp(-2j * np.pi * f * (x + shift))
+        wrong.append(abs((mask * wave[None, :]).sum() * dx**2 - transform(outline, f, 0.0)) / area(outline))
+    return max(wrong)
+
+
+def test_a_larger_cell_needs_no_finer_table():
+    assert fineness(20.0) == 16 == fineness(40.0)
+    assert fineness(363.0) <= 6
+    fine = edge_error(25, 16)
+    assert edge_error(200, fineness(260.0)) < fine < 2e-4
+    assert edge_error(25, 2) > 5 * fine
+
+
+def test_tables_of_cells_have_a_size_that_memory_holds():
+    # cells of 126 µm on samples of 0.25 µm: 16632 a side with a fineness fixed at 16, 4 GB
+    assert 2 * 363 * math.sqrt(2) * fineness(363 * math.sqrt(2)) < MOST_TABLE
+    with pytest.raises(InputError, match=r"table of the lenslet's cell.*at most 6000 samples a side"):
+        polygon_table(cell_outline(30.0, 30.0, False, 0.2), 0.01, 21.0)

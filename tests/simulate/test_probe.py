@@ -93,6 +93,19 @@ def test_spots_larger_than_pixels_need_wider_windows() -> None:
     assert widths[1] > 3 * widths[0]
 
 
+def test_slow_lenslets_on_small_pixels_have_steps() -> None:
+    """A spot of 50 pixels, its widest window 1155: such a camera was refused for a margin that nobody gave."""
+    lattice = LensletLattice("square", 22.0, 330.0, (LensType(420.0),), clear_um=18.9)
+    scene = camera_scene(
+        wavelength_um=0.8, pixel_um=1.17, lattice=lattice, image_um=700.0, f_number=13.2, cutout=(9, 9)
+    )
+    assert Fringes.of(scene).spot > 20
+    margins = [step.sampling.margin_px for step in steps_for(scene, "wave")]
+    assert margins == sorted(margins) and 500 < margins[-1] <= 1000
+    tiny = [step.sampling.margin_px for step in steps_for(replace(scene, pixel_um=0.02), "wave")]
+    assert max(tiny) == 1000
+
+
 def test_the_microscope_settles_by_nodes() -> None:
     found = settle(microscope_scene(5.0), "debye", 0.01)
     assert found.level == "debye" and found.error <= 0.01

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, Step, finer, steps_for
+from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, WIDEST, Step, finer, steps_for
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.scene import Scene
@@ -185,7 +185,7 @@ class _Judge:
 
     def _wider(self, sampling: Sampling, by: float) -> Sampling:
         """Return the coherent step with a window that much wider; beyond the last, one made for the purpose."""
-        wanted = by * sampling.margin_px
+        wanted = min(WIDEST, by * sampling.margin_px)
         for step in self.steps:
             if step.sampling.coherent and step.sampling.margin_px >= wanted:
                 return replace(step.sampling, nodes_per_px=max(step.sampling.nodes_per_px, sampling.nodes_per_px + 1))

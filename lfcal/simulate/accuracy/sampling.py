@@ -11,7 +11,7 @@ from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.scene import Scene
 
-__all__ = ["Fringes", "Step", "finer", "sampling_for", "step_for", "steps_for"]
+__all__ = ["WIDEST", "Fringes", "Step", "finer", "sampling_for", "step_for", "steps_for"]
 
 WINDOWS: tuple[tuple[float, float, float], ...] = ((3, 1.0, 0.10), (4, 1.5, 0.03), (5, 2.0, 0.012), (8, 2.0, 0.008))
 """Steps that add intensities of neighbouring lenslets: margin (px), nodes per cycle of the light's band, and the
@@ -30,6 +30,9 @@ COHERENT: tuple[tuple[float, int, float, float], ...] = (
 
 AIRY_PX = 0.5
 """lambda B/d, in pixels, up to which margins hold: they grow with larger spots."""
+
+WIDEST = 1000
+"""Margin (px) beyond which no window reaches."""
 
 SPARE = 0.6
 """Nodes per pixel beyond the band of the light: aliases then fall where pixels see nothing."""
@@ -131,6 +134,8 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
         sampling = Sampling(nodes_per_px=nodes, margin_px=_wide(margin, fringes))
         steps.append(Step(level, sampling, error + fringes.incoherent))
     for margin, extra, floor, error in COHERENT:
+        if margin * fringes.spot > WIDEST:
+            break  # slow lenslets on small pixels: what is left is judged as it is
         sampling = Sampling(
             nodes_per_px=fringes.nodes + extra, margin_px=_wide(margin, fringes), energy_floor=floor, coherent=True
         )
@@ -139,7 +144,7 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
 
 
 def _wide(margin: float, fringes: Fringes) -> int:
-    return math.ceil(margin * fringes.spot)
+    return min(WIDEST, math.ceil(margin * fringes.spot))
 
 
 def step_for(described: Scene | Outlook, level: str, tolerance: float) -> Step:
@@ -155,4 +160,6 @@ def sampling_for(described: Scene | Outlook, level: str, tolerance: float) -> Sa
 
 def finer(sampling: Sampling) -> Sampling:
     """Return the next finer sampling: a node more per pixel, and samples for a window a quarter wider."""
-    return replace(sampling, nodes_per_px=min(32, sampling.nodes_per_px + 1), margin_px=sampling.margin_px + 3)
+    return replace(
+        sampling, nodes_per_px=min(32, sampling.nodes_per_px + 1), margin_px=min(WIDEST, sampling.margin_px + 3)
+    )

@@ -35,7 +35,10 @@ SWITCH_EXACT = 8.0
 """The same where rays have exact angles, which the E-mode alone follows: it errs less than they differ."""
 
 MOST_SAMPLES = 8192
-"""Largest side of a table: 0.5 GB in single precision."""
+"""Largest side of a table: 0.5 GB in single precision, 2.5 GB while it is made."""
+
+PART = 1_000_000
+"""Samples of a table that are worked on at a time where that takes many arrays beside it."""
 
 DIPOLE_MODES: dict[str, DebyeField] = {f"D{f.order}{'s' if f.sine else 'c'}": f for f in DIPOLE_FIELDS}
 """Mode to field of a vectorial scene: D0c, D1c, D1s, D2c, D2s."""
@@ -170,27 +173,40 @@ def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> FieldTab
     f = sf.fftfreq(n, dx)
     signs = _centred(n)
     if scene.iris.circular and not local:
-        g = disc_transform(abs(to_shadow), np.hypot(f[None, :], f[:, None])).astype(np.complex128)
+        g = np.empty((n, n), np.complex128)
+        for rows in np.array_split(np.arange(n), 1 + n * n // PART):
+            g[rows] = disc_transform(abs(to_shadow), np.hypot(f[None, :], f[rows, None]))
     elif len(shadow) < 3:
         return FieldTable("E", dx, np.zeros((n, n), np.complex128), half)
     else:
         g = spectrum(shadow, f, f)
     x = (np.arange(n, dtype=np.float64) - n // 2) * dx
-    u = x / to_shadow
-    waves = wavefront_waves(scene, u[None, :], u[:, None])
-    if local or waves is not None:  # what acts on the shadow itself needs a look at it
-        shade = sf.ifft2(g * signs[:, None] * signs[None, :])
+    aberrated = bool(scene.wavefront) or scene.exact_defocus
+    if local or aberrated:  # what acts on the shadow itself needs a look at it
+        g *= signs[:, None] * signs[None, :]
+        shade = sf.ifft2(g, overwrite_x=True)
         if local:
             fade = taper(x, half + fringe, box - fringe)
             shade *= fade[:, None] * fade[None, :]
-        if waves is not None:
-            shade *= np.exp(2j * np.pi * waves)
-        g = sf.fft2(shade) * signs[:, None] * signs[None, :]
+        if aberrated:
+            _aberrate(shade, scene, x / to_shadow)
+        g = sf.fft2(shade, overwrite_x=True)
+        g *= signs[:, None] * signs[None, :]
     if scene.main_diffraction:
         chirp = np.exp(-1j * np.pi * lam * a * f * f)
         g *= chirp[:, None] * chirp[None, :]
     g *= signs[:, None] * signs[None, :]
-    return FieldTable("E", dx, sf.ifft2(g, overwrite_x=True) * (level / (dx * dx)), half)
+    values = sf.ifft2(g, overwrite_x=True)
+    values *= level / (dx * dx)
+    return FieldTable("E", dx, values, half)
+
+
+def _aberrate(pupil: Complex, scene: Scene, u: NDArray[np.float64]) -> None:
+    """Multiply the pupil on the grid u x u by the phase of its aberration, in parts: each takes many arrays."""
+    for rows in np.array_split(np.arange(u.size), 1 + u.size * u.size // PART):
+        waves = wavefront_waves(scene, u[None, :], u[rows, None])
+        if waves is not None:
+            pupil[rows[0] : rows[-1] + 1] *= np.exp(2j * np.pi * waves)
 
 
 def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> FieldTable:
@@ -209,17 +225,16 @@ def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> FieldT
     valid = half + blur + 4 * math.sqrt(lam * abs(a))
     n = _side(2 * valid / 0.75, dx)  # the outer quarter belongs to the taper
     x = (np.arange(n, dtype=np.float64) - n // 2) * dx
-    r = np.hypot(x[None, :], x[:, None])
     focus = spectrum(-fc * outline, -x, -x)  # a pupil point u sends light to f = -u fc
-    focus *= taper(r, 0.75 * (n // 2) * dx, n // 2 * dx)
+    for row, y in zip(focus, x, strict=True):
+        row *= taper(np.hypot(x, y), 0.75 * (n // 2) * dx, n // 2 * dx)
     pupil = sf.fft2(focus, overwrite_x=True)
     f = sf.fftfreq(n, dx)
     chirp = np.exp(1j * np.pi * lam * a * f * f)
     pupil *= chirp[:, None] * chirp[None, :]
-    waves = wavefront_waves(scene, -f[None, :] / fc, -f[:, None] / fc)
-    if waves is not None:
-        pupil *= np.exp(2j * np.pi * waves)
-    values = sf.ifft2(pupil, overwrite_x=True) / (math.sqrt(math.pi) * fc)
+    _aberrate(pupil, scene, -f / fc)
+    values = sf.ifft2(pupil, overwrite_x=True)
+    values /= math.sqrt(math.pi) * fc
     return FieldTable("U", dx, values, half)
 
 

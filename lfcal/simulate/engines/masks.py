@@ -14,15 +14,30 @@ import scipy.fft as sf
 from numpy.typing import NDArray
 from scipy.special import j0
 
+from lfcal.errors import InputError
 from lfcal.simulate.engines.polygon import Points, disc_transform, spectrum
 from lfcal.simulate.engines.quadrature import gauss_legendre
 
-__all__ = ["FLAT", "RING", "cell_outline", "disc_table", "disc_values", "polygon_mask", "polygon_table", "taper"]
+__all__ = [
+    "FLAT",
+    "RING",
+    "cell_outline",
+    "disc_table",
+    "disc_values",
+    "fineness",
+    "polygon_mask",
+    "polygon_table",
+    "taper",
+]
 
 FLAT = 0.30
 """Exact part W of the band, in units of 1/dx."""
 RING = 3
 """Samples kept beyond the aperture's edge for the ripple of the low-passed edge."""
+FINE, FINE_UP_TO = 16, 40
+"""Fine samples to one of a polygon's table, and the aperture's reach, in samples, up to which it has so many."""
+MOST_TABLE = 6000
+"""Largest side of a polygon's table: 0.6 GB while it is made."""
 
 
 def taper(f: NDArray[np.float64], flat: float, stop: float) -> NDArray[np.float64]:
@@ -88,8 +103,35 @@ def polygon_mask(
     return mask
 
 
-def polygon_table(outline: Points, dx: float, reach: float, fine: int = 16) -> tuple[NDArray[np.float64], float]:
-    """Return the low-passed polygon finely sampled from ``-reach`` to ``reach``, origin in the middle, and its step."""
-    step = dx / fine
+def polygon_table(
+    outline: Points, dx: float, reach: float, fine: int | None = None
+) -> tuple[NDArray[np.float64], float]:
+    """Return the low-passed polygon finely sampled from ``-reach`` to ``reach``, origin in the middle, and its step.
+
+    ``fine`` is its samples to one of ``dx``; None takes `fineness`.
+
+    Raises
+    ------
+    InputError
+        Where the table would need more than `MOST_TABLE` samples a side.
+    """
+    chosen = fineness(reach / dx) if fine is None else fine
+    step = dx / chosen
     n = 2 * math.ceil(reach / step) + 3
-    return polygon_mask(outline, dx, (0.0, 0.0), n, fine=fine), step
+    if n > MOST_TABLE:
+        raise InputError.expected(
+            "table of the lenslet's cell",
+            f"at most {MOST_TABLE} samples a side",
+            n,
+            "use fewer samples or nodes per pixel, or level 'geometric'",
+        )
+    return polygon_mask(outline, dx, (0.0, 0.0), n, fine=chosen), step
+
+
+def fineness(samples: float) -> int:
+    """Return the fine samples to one of the array for an aperture that reaches ``samples`` from its middle.
+
+    Between fine samples a table is interpolated, wrongly at the edge alone, by the square of their distance; of a
+    larger aperture the edge is a smaller part.
+    """
+    return max(2, min(FINE, math.ceil(FINE * math.sqrt(FINE_UP_TO / max(samples, 1.0)))))

@@ -44,9 +44,11 @@ Where lenslets abut, what is cut off would have cancelled: two nodes leave 2.5 %
 SPARE_ORDERS = 20
 """Diffraction orders of the array beyond those of its geometric cone."""
 KEPT = 256
-"""Matrices and responses held for reuse."""
+"""Matrices and responses held for reuse, at most."""
+KEPT_BYTES = 1 << 29
+"""Largest size of one kind of them."""
 
-T = TypeVar("T")
+T = TypeVar("T", bound="Matrix | tuple[Matrix, ...]")
 Matrix = NDArray[np.float32]
 Phase = tuple[float, float, float, int]
 """A lenslet's place from the source, the nodes' shift, the pitch (µm), and the pixels of the cutout, along an axis."""
@@ -229,7 +231,8 @@ class DebyePlane:
 
     def _keep(self, store: dict[Phase, T], key: Phase, value: T, most: int = KEPT) -> None:
         with self._lock:
-            if len(store) >= most:
+            size = sum(part.nbytes for part in value)
+            if len(store) >= max(1, min(most, KEPT_BYTES // size)):
                 store.clear()
             store[key] = value
 

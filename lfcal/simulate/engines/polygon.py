@@ -134,7 +134,8 @@ def spectrum(
     re, im = np.empty((fy.size, fx.size)), np.empty((fy.size, fx.size))
     closed = np.ascontiguousarray(np.concatenate([outline, outline[:1]]))
     for_each_chunk(lambda a, b: _edge_rows(closed, fx, fy[a:b], re[a:b], im[a:b]), fy.size, workers)
-    result = re + 1j * im
+    result = np.empty(re.shape, np.complex128)  # of a large grid no sum is made beside it
+    result.real, result.imag = re, im
     radius = _STABLE_BELOW / _diameter(outline)
     rows, columns = np.nonzero(np.abs(fy) < radius)[0], np.nonzero(np.abs(fx) < radius)[0]
     if rows.size and columns.size:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.simulate.engines._kernels import Aperture, Field, Zoom
 from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.engines.field import FieldTable, field_table
+from lfcal.simulate.engines.field import field_table
 from lfcal.simulate.engines.masks import RING, cell_outline, disc_table, polygon_table
 from lfcal.simulate.engines.nodes import NodeRule, fitted_rule
 from lfcal.simulate.engines.polygon import area, disc_transform
@@ -98,7 +98,7 @@ def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
     band = 2 * aperture_radius(scene) * scene.reduced_pixel_um / spread
     rule = fitted_rule(sampling.nodes_per_px, band, scene.pixel_fill)
     # lens types with the same sample distance share a field, whose FFTs are the dearest part
-    fields: dict[float, tuple[FieldTable, Lit]] = {}
+    fields: dict[float, tuple[Field, Lit]] = {}
     kinds = tuple(_lens_table(scene, sampling, mode, k, rule, fields) for k in range(len(scene.lattice.types)))
     floor = sampling.energy_floor * min(BEST, max(float(kind.energy.max()) for kind in kinds))
     reach = max(_lit_radius(energy, dx, floor) for dx, (_, energy) in fields.items())
@@ -106,11 +106,15 @@ def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
 
 
 def _lit_radius(energy: Lit, dx: float, floor: float) -> float:
-    rows, columns = np.nonzero(energy >= max(floor, 1e-300))
+    lit = energy >= max(floor, 1e-300)
+    rows = np.nonzero(lit.any(1))[0]
     if rows.size == 0:
         return 0.0
-    middle = energy.shape[0] // 2
-    return float(np.hypot(rows - middle, columns - middle).max() + 1) * dx
+    # of each row the lit sample farthest from the middle: a list of all of them is larger than the table
+    middle, own = energy.shape[0] // 2, lit[rows]
+    last = energy.shape[1] - 1 - own[:, ::-1].argmax(1)
+    columns = np.maximum(middle - own.argmax(1), last - middle)
+    return float(np.hypot(rows - middle, columns).max() + 1) * dx
 
 
 def ray_aberration(scene: Scene) -> float:
@@ -136,7 +140,7 @@ def _spot(scene: Scene, mode: str, kind: int) -> tuple[float, float, float]:
 
 
 def _lens_table(
-    scene: Scene, sampling: Sampling, mode: str, kind: int, rule: NodeRule, fields: dict[float, tuple[FieldTable, Lit]]
+    scene: Scene, sampling: Sampling, mode: str, kind: int, rule: NodeRule, fields: dict[float, tuple[Field, Lit]]
 ) -> LensTable:
     px, spread = scene.reduced_pixel_um, scene.wavelength_um * scene.reduced_gap_um
     sigma, extent, pull = _spot(scene, mode, kind)
@@ -146,12 +150,11 @@ def _lens_table(
     half = math.ceil(aperture_radius(scene) / dx) + RING
     if dx not in fields:
         fields[dx] = _field(scene, sampling, mode, dx, half, half_px)
-    table, energy = fields[dx]
+    field, energy = fields[dx]
     width = 2 * half_px + 1
     bend = math.pi * sigma / spread
     dtype = np.float64 if sampling.double else np.float32
     aperture = _aperture(scene, dx, (half + 1) * dx * math.sqrt(2), bend, dx * dx * px / spread, dtype)
-    field = Field(table.values.real.astype(dtype), table.values.imag.astype(dtype), dx)
     zoom = _zoom(rule, width, px, 2 * np.pi / spread * dx * np.arange(half + 1), dtype)
     return LensTable(width, pull, half, aperture, zoom, field, energy)
 
@@ -174,7 +177,7 @@ def _aperture(scene: Scene, dx: float, reach: float, bend: float, level: float, 
         m, step = disc_table(scene.clear_radius_um, dx, reach)
         value = level * m * np.exp(1j * bend * step * np.arange(m.size))
         return Aperture(value.real.astype(dtype), value.imag.astype(dtype), step, np.zeros((0, 0), dtype), 1.0, bend)
-    table, step = polygon_table(aperture_outline(scene), dx, reach)
+    table, step = polygon_table(aperture_outline(scene), dx, reach / math.sqrt(2))  # a square, not the disc about it
     return Aperture(np.zeros(2, dtype), np.zeros(2, dtype), 1.0, (level * table).astype(dtype), step, bend)
 
 
@@ -187,17 +190,25 @@ def _fewest_samples(scene: Scene, mode: str, half_px: int) -> float:
     return max(1.0, math.ceil(2 * need) / 2)
 
 
-def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, half_px: int) -> tuple[FieldTable, Lit]:
+def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, half_px: int) -> tuple[Field, Lit]:
     """Return the field table and what a lenslet at each of its samples passes."""
-    table = field_table(scene, dx, _table_reach(scene, sampling, mode, dx, half_px) + (half + 2) * dx, mode)
-    n = table.values.shape[0]
+    reach = _table_reach(scene, sampling, mode, dx, half_px) + (half + 2) * dx
+    values = field_table(scene, dx, reach, mode).values
+    n = values.shape[0]
     f = sf.fftfreq(n, dx)
     radius = scene.clear_radius_um
     if scene.aperture == "cell":
         radius = math.sqrt(abs(area(aperture_outline(scene))) / math.pi)
     shape = disc_transform(radius, np.hypot(f[None, : n // 2 + 1], f[:, None]))
     # |E|^2 convolved with the aperture's shape: the energy of a lenslet at every sample by one pair of FFTs
-    return table, sf.irfft2(sf.rfft2(np.abs(table.values) ** 2) * shape, s=(n, n)).astype(np.float32)
+    light = np.square(values.real)
+    light += np.square(values.imag)
+    dtype = np.float64 if sampling.double else np.float32
+    field = Field(values.real.astype(dtype), values.imag.astype(dtype), dx)
+    del values  # twice as large, and not needed any more
+    spectrum = sf.rfft2(light, overwrite_x=True)
+    spectrum *= shape
+    return field, sf.irfft2(spectrum, s=(n, n), overwrite_x=True).astype(np.float32)
 
 
 def _table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px: int) -> float:

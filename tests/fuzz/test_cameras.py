@@ -1,0 +1,44 @@
+"""Simulated light of random cameras: finite, never negative, no more than came in, or refused in one line."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.fuzz.cameras import random_trial, verdict
+
+SEEDS = 20
+LONG_SEEDS = 400
+
+
+def check(seeds: range, allowed: float = 0.5) -> None:
+    wrong, refused = {}, 0
+    for seed in seeds:
+        trial = random_trial(seed)
+        fault, refusal, *_ = verdict(trial)
+        refused += bool(refusal)
+        if fault:
+            wrong[str(trial)] = fault
+    assert not wrong, "\n".join(f"{fault}\n    {trial}" for trial, fault in wrong.items())
+    assert refused <= allowed * len(seeds), f"{refused} of {len(seeds)} cameras are refused"
+
+
+def test_a_few_cameras() -> None:
+    check(range(SEEDS))
+
+
+@pytest.mark.long
+def test_many_cameras() -> None:
+    check(range(SEEDS, LONG_SEEDS))
+
+
+@pytest.mark.long
+def test_times_beside_their_forecast(capsys: pytest.CaptureFixture[str]) -> None:
+    """Time depends on the machine: it is shown, and decides nothing."""
+    lines = []
+    for seed in range(60):
+        _, _, forecast, taken = verdict(random_trial(seed), timed=True)
+        if taken:
+            lines.append(f"seed {seed:3d}: forecast {forecast:8.2f} s, taken {taken:8.2f} s, {taken / forecast:5.2f}")
+    with capsys.disabled():
+        print("\n" + "\n".join(lines))
+    assert lines

@@ -1,0 +1,36 @@
+"""Outlines of pupils whose transforms and blades have a limit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lfcal.simulate.engines.polygon import area, iris_outline, regular, transform
+from lfcal.simulate.scene import Iris
+from tests.hard_cases.record import hard_case, worst
+
+
+@hard_case(
+    "Polygon's transform at zero frequency",
+    wrong="the edge form cancels as 1/f^2: 6e-6 of the area",
+    measure="largest error over the area for f from 0 to 1e-9",
+    bound=1e-15,
+)
+def test_polygon_at_zero():
+    outline = regular(9, 0.2)
+    f = np.array([0.0, 1e-300, 1e-12, 1e-9])
+    return float(np.abs(transform(outline, f, -f) - area(outline)).max() / area(outline))
+
+
+@hard_case(
+    "Blades that are almost straight, almost round",
+    wrong="a blade radius of infinity, or a circle of zero sagitta",
+    measure="distance of the outline from its limit (pupil radii)",
+    bound=2e-3,
+)
+def test_blades():
+    straight = np.hypot(*iris_outline(Iris(6, 1e-9)).T)
+    round_ = np.hypot(*iris_outline(Iris(6, 1 - 1e-9)).T)
+    corner = math.sqrt(2 * math.pi / (6 * math.sin(math.pi / 3)))
+    return worst(abs(float(straight.max()) - corner), float(np.abs(round_ - 1).max()))

@@ -1,0 +1,41 @@
+"""Other wavelengths of a response."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines.wave import WavePlane
+from lfcal.simulate.response import at_wavelength
+from lfcal.simulate.scene import seidel
+from tests.simulate.scenes import camera_scene, relative_error
+
+
+def path_um(scene, rho):
+    """Return the path that the wavefront adds at the rim's share ``rho`` (µm), from its terms of m = 0."""
+    zernike = {2: 2 * rho**2 - 1, 4: 6 * rho**4 - 6 * rho**2 + 1, 0: np.ones_like(rho)}
+    return scene.wavelength_um * sum(waves * zernike[n] for n, m, waves in scene.wavefront if m == 0)
+
+
+def test_aberrations_keep_their_path_lengths() -> None:
+    scene, rho = camera_scene(4.0, wavefront=seidel(spherical=1.5)), np.linspace(0, 1, 5)
+    blue, red = at_wavelength(scene, 0.45), at_wavelength(scene, 0.65)
+    assert blue.wavelength_um == 0.45 and red.wavelength_um == 0.65
+    for other in (blue, red):
+        np.testing.assert_allclose(path_um(other, rho), path_um(scene, rho), rtol=1e-12, atol=1e-12)
+    assert blue.wavefront[0][2] > scene.wavefront[0][2] > red.wavefront[0][2]
+    assert at_wavelength(scene, scene.wavelength_um).wavefront == scene.wavefront
+    # there and back
+    back = at_wavelength(blue, scene.wavelength_um)
+    np.testing.assert_allclose(back.wavefront, scene.wavefront)
+
+
+def test_a_path_is_more_waves_of_blue_light_on_the_sensor() -> None:
+    """The response in blue is that of a wavefront of as many more waves, written by hand."""
+    scene = camera_scene(4.0, wavefront=((4, 0, 2.0), (2, 2, -0.5)), cutout=(31, 31))
+    sampling = Sampling(nodes_per_px=3, margin_px=4)
+    found = WavePlane(at_wavelength(scene, 0.44), sampling).point(3.0, 2.0)
+    more = camera_scene(4.0, wavelength_um=0.44, wavefront=((4, 0, 2.5), (2, 2, -0.625)), cutout=(31, 31))
+    same = camera_scene(4.0, wavelength_um=0.44, wavefront=scene.wavefront, cutout=(31, 31))
+    assert relative_error(found, WavePlane(more, sampling).point(3.0, 2.0)) < 1e-6
+    assert relative_error(WavePlane(same, sampling).point(3.0, 2.0), found) > 0.05
