@@ -65,6 +65,8 @@ class SimulateSettings(PageSettings):
     magnitudes
         What the user gave, as (effect, field, value, how it is known): ``"stated"`` or ``"measured"``. Those of
         effects that are not installed are kept.
+    passes
+        Whether H is simulated in passes: whole after the first, better after each.
     """
 
     page: ClassVar[str] = "simulate"
@@ -73,6 +75,7 @@ class SimulateSettings(PageSettings):
     level: str = "auto"
     overrides: tuple[tuple[str, str], ...] = ()
     magnitudes: tuple[tuple[str, str, Any, str], ...] = ()
+    passes: bool = False
 
     def __post_init__(self) -> None:
         """Check every value."""

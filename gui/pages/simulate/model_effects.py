@@ -27,6 +27,7 @@ __all__ = [
     "iter_simulation",
     "read_terms",
     "refused",
+    "sources_of",
     "summary_of",
     "verdict_of",
 ]

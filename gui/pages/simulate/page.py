@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
 from gui.context import Context
+from gui.jobs import Job, JobState
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.simulate.model import SimulateSettings, depth_of, preview, preview_words
@@ -21,6 +23,7 @@ from gui.pages.simulate.model_effects import Verdict, iter_simulation, verdict_o
 from gui.pages.simulate.model_files import read_settings, settings_text
 from gui.pages.simulate.model_frames import Frame, FrameBench, check_folder, frame_question, iter_session
 from gui.pages.simulate.model_influence import Influence, Influences, influence_question
+from gui.pages.simulate.model_passes import Passes
 from gui.pages.simulate.panel import SimulatePanel
 from gui.saving import ask_target, write_file
 from lfcal.camera import ScanPlan
@@ -54,6 +57,7 @@ class Page(BasePage):
         panel, effect = self.panel, self.panel.effect
         panel.tolerance_asked.connect(self._set_tolerance)
         panel.level_asked.connect(self._set_level)
+        panel.passes_asked.connect(self._set_passes)
         panel.choice_asked.connect(self._set_choice)
         panel.depth_moved.connect(lambda: self._preview(fine=False))
         panel.import_asked.connect(lambda: self.import_magnitudes())
@@ -100,6 +104,10 @@ class Page(BasePage):
     def _set_level(self, level: str) -> None:
         settings = replace(self.settings, level=level)
         self.context.project.update("level of simulation", settings=settings.into(self.context.state))
+
+    def _set_passes(self, passes: bool) -> None:
+        settings = replace(self.settings, passes=passes)
+        self.context.project.update("simulation in passes", settings=settings.into(self.context.state))
 
     def _set_choice(self, effect: str, choice: str) -> None:
         self._change(f"choice for {effect}", lambda: self.settings.with_override(effect, choice))
@@ -254,18 +262,29 @@ class Page(BasePage):
         path = path or ask_target(self, "Simulate H", "simulated.h5", "H file (*.h5)")
         if not path:
             return
-        self.context.start_writing(
-            f"Simulate {Path(path).name}",
-            "simulate",
-            path,
-            lambda: iter_simulation(plan, settings, path, verdict),
-            self._simulated,
-        )
+        title = f"Simulate {Path(path).name}"
+        if not settings.passes:
+            work = partial(iter_simulation, plan, settings, path, verdict)
+            self.context.start_writing(title, "simulate", path, work, self._simulated)
+            return
+        passes = Passes(plan, settings, path, verdict)
+        number = self.context.start_writing(title, "simulate", path, passes.work, self._simulated)
+
+        def ended(job: Job) -> None:
+            if job.number == number:
+                self.context.jobs.finished.disconnect(ended)
+                if job.state is not JobState.DONE and passes.whole:  # the last whole pass stays
+                    self._take(path, f"kept {path}, {passes.whole}")
+
+        self.context.jobs.finished.connect(ended)
 
     def _simulated(self, matrix: Any) -> None:
         path = matrix.path
         matrix.close()
-        self.context.message.emit(f"simulated {path}")
+        self._take(path, f"simulated {path}")
+
+    def _take(self, path: str, words: str) -> None:
+        self.context.message.emit(words)
         changes = {"reference": path} if self.context.state.psf else {"psf": path, "reference": path}
         self.context.project.update("simulation", **changes)
 

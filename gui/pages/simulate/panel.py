@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import (
+    QCheckBox,
     QFrame,
     QHBoxLayout,
     QLabel,
@@ -38,7 +39,7 @@ class SimulatePanel(QWidget):
 
     Signals
     -------
-    tolerance_asked(value), level_asked(name)
+    tolerance_asked(value), level_asked(name), passes_asked(whether)
         Settings of the simulation.
     choice_asked(effect, choice)
         ``"auto"``, ``"on"`` or ``"off"`` for an effect.
@@ -50,6 +51,7 @@ class SimulatePanel(QWidget):
 
     tolerance_asked = Signal(float)
     level_asked = Signal(str)
+    passes_asked = Signal(bool)
     choice_asked = Signal(str, str)
     depth_moved = Signal()
     import_asked = Signal()
@@ -94,6 +96,10 @@ class SimulatePanel(QWidget):
         row.addWidget(self.tolerance_slider, 1)
         row.addWidget(QLabel("Level"))
         row.addWidget(self.level_box)
+        self.passes_box = QCheckBox("In passes")
+        self.passes_box.setToolTip("A whole H by rays first, then better ones; a job that is stopped keeps the last")
+        self.passes_box.toggled.connect(self.passes_asked.emit)
+        row.addWidget(self.passes_box)
         self.table = EffectsTable()
         self.table.choice_asked.connect(self.choice_asked.emit)
         self.table.edit_asked.connect(self.show_effect)
@@ -154,11 +160,12 @@ class SimulatePanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: SimulateSettings) -> None:
-        """Show tolerance and level."""
+        """Show tolerance, level, and whether H is simulated in passes."""
         self.tolerance_label.setText(f"Tolerance {100 * settings.tolerance:.2g} %")
-        blockers = [QSignalBlocker(widget) for widget in (self.tolerance_slider, self.level_box)]
+        blockers = [QSignalBlocker(widget) for widget in (self.tolerance_slider, self.level_box, self.passes_box)]
         self.tolerance_slider.setValue(tolerance_step(settings.tolerance))
         self.level_box.setCurrentIndex(max(0, self.level_box.findData(settings.level)))
+        self.passes_box.setChecked(settings.passes)
         for blocker in blockers:
             blocker.unblock()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from gui.context import Context
 from gui.jobs import JobState
 from gui.models.project import ProjectState
 from gui.pages.simulate.model import SimulateSettings
+from gui.pages.simulate.model_passes import Passes
 from gui.theme import DARK, LIGHT, apply_theme
 from lfcal.camera import Marks
 from lfcal.frames import open_frames
@@ -293,3 +295,37 @@ def test_both_themes_show_everything(page: Any, context: Context, qtbot: QtBot, 
         assert shown == theme.muted
         assert page.panel.effect.influence.graphics.backgroundBrush().color().name() == theme.plot
     assert page.panel.table.horizontalScrollBar().maximum() == 0, "all columns fit into a small window"
+
+
+def test_a_simulation_in_passes_that_is_stopped_keeps_the_last_whole_h(
+    page: Any, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    context, second, go_on = page.context, threading.Event(), threading.Event()
+    wrote = Passes._wrote
+
+    def held(passes: Passes, matrix: Any) -> None:
+        wrote(passes, matrix)
+        if matrix.provenance["simulated"]["level"] != "geometric":
+            second.set()
+            assert go_on.wait(GUARD_MS / 1000)
+
+    monkeypatch.setattr(Passes, "_wrote", held)
+    said: list[str] = []
+    context.message.connect(said.append)
+    settings = SimulateSettings(0.05, passes=False)
+    context.project.update("settings", settings=settings.into(context.state))
+    page.panel.passes_box.click()
+    assert given(page).passes
+    idle(context.jobs, qtbot)
+    out = tmp_path / "H.h5"
+    page.simulate(str(out))
+    qtbot.waitUntil(second.is_set, timeout=GUARD_MS)
+    (job,) = [job for job in context.jobs.jobs() if job.active]
+    context.jobs.cancel(job.number)
+    go_on.set()
+    idle(context.jobs, qtbot)
+    assert any(words.startswith(f"kept {out}, whole within") for words in said)
+    assert context.state.reference == str(out) and [path.name for path in tmp_path.iterdir()] == ["H.h5"]
+    with open_psf(out) as kept:
+        assert 0.05 < float(np.max(kept.facts.known()["error"])) <= 0.5
+        assert kept.provenance["simulated"]["tolerance"] == pytest.approx(1 / 6)
