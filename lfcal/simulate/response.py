@@ -221,14 +221,14 @@ class PlaneResponse:
         return found.engine
 
     def point(self, y_px: float, x_px: float) -> list[tuple[int, int, NDArray[np.float32]]]:
-        """Return windows ``(row, column, values)`` of the light of a source whose chief ray is at (y, x).
+        """Return windows ``(row, column, values)`` of the light of a source whose paraxial chief ray is at (y, x).
 
         Pixels of the sensor, counted from position (0, 0); ``row, column`` is the window's middle pixel. Source points
         of a finite source have a window each.
         """
         out = []
         for sample in self.samples:
-            at = ((y_px + sample.rows) * self.sensor_um, (x_px + sample.columns) * self.sensor_um)
+            at = self.scene.imaged_um((y_px + sample.rows) * self.sensor_um, (x_px + sample.columns) * self.sensor_um)
             _, values = self._balanced(self.engine(sample.wavelength_um), lambda e, at=at: e.point(*at))  # type: ignore[misc]
             row, column = self.scene.nearest_pixel(*at)
             out.append((row, column, np.float32(sample.weight) * self._filter(values)))

@@ -27,7 +27,10 @@ from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 from lfcal.simulate.pupil import Iris, Wavefront, seidel
 
-__all__ = ["Iris", "ScanGrid", "Scene", "Wavefront", "scene_of", "seidel"]
+__all__ = ["ImageMap", "Iris", "ScanGrid", "Scene", "Wavefront", "scene_of", "seidel"]
+
+ImageMap = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""Displacement of images, linear in their place (µm): for dy and dx the constant, and its growth with y and x."""
 
 
 class ScanGrid(Protocol):
@@ -86,6 +89,8 @@ class Scene:
     offsets_um
         Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None. The
         pixels stay where they are.
+    image_map
+        Displacement of every image from the paraxial place, by where that place is on the sensor; offsets come first.
     """
 
     wavelength_um: float
@@ -108,6 +113,7 @@ class Scene:
     z_um: float = 0.0
     pixel_aspect: float = 1.0
     offsets_um: NDArray[np.float64] | None = field(default=None, compare=False)
+    image_map: ImageMap | None = None
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -236,7 +242,32 @@ class Scene:
     def source_um(self, y: int, x: int) -> tuple[float, float]:
         """Return where the chief ray of position (y, x) meets the sensor, its offset included."""
         dy, dx = (0.0, 0.0) if self.offsets_um is None else self.offsets_um[y % self.period[0], x % self.period[1]]
-        return y * self.row_um + float(dy), x * self.pixel_um + float(dx)
+        return self.imaged_um(y * self.row_um + float(dy), x * self.pixel_um + float(dx))
+
+    def imaged_um(self, y_um: float, x_um: float) -> tuple[float, float]:
+        """Return where the chief ray truly meets the sensor that would paraxially do so at (y, x)."""
+        if self.image_map is None:
+            return y_um, x_um
+        dy, dx = (c + gy * y_um + gx * x_um for c, gy, gx in self.image_map)
+        return y_um + dy, x_um + dx
+
+    @property
+    def farthest_um(self) -> float:
+        """The most by which a source's chief ray misses the middle of its cutout, on the sensor's scale."""
+        far = 0.0 if self.offsets_um is None else float(np.hypot(*np.moveaxis(self.offsets_um, -1, 0)).max())
+        if self.image_map is None:
+            return far
+        height, width = ((n - 1) * px for n, px in zip(self.period, (self.row_um, self.pixel_um), strict=True))
+        corners = [(y, x) for y in (0.0, height) for x in (0.0, width)]
+        # linear: largest at a corner
+        return far + max(math.hypot(*np.subtract(self.imaged_um(*at), at)) for at in corners)
+
+    def refocused(self, by_um: float) -> Scene:
+        """Return the scene with the source's image ``by_um`` farther behind the array."""
+        optics = self.objective
+        # a = -M² z / n
+        deeper = 0.0 if optics is None else -by_um * optics.medium_index / optics.magnification**2
+        return replace(self, image_um=self.image_um + by_um, z_um=self.z_um + deeper)
 
 
 def scene_of(

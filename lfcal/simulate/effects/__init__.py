@@ -9,6 +9,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``aberrations``: spherical aberration, coma, any Zernike terms
 - ``array_errors``: telecentricity; gap, rotation and pitch of the lenslet array
 - ``field``: cos^4 and mechanical vignetting
+- ``image``: field curvature, distortion
 - ``light``: finite source, bandwidth
 - ``pixels``: fill factor, crosstalk
 - ``motion``: positioning error, backlash, drift, depth error
@@ -39,6 +40,7 @@ from lfcal.simulate.effects.base import (
     SensorStrip,
 )
 from lfcal.simulate.effects.field import CosFourth, MechanicalVignetting
+from lfcal.simulate.effects.image import Distortion, FieldCurvature
 from lfcal.simulate.effects.light import Bandwidth, FiniteSource
 from lfcal.simulate.effects.motion import Backlash, DepthError, Drift, PositioningError
 from lfcal.simulate.effects.optics import (
@@ -73,11 +75,13 @@ __all__ = [
     "Crosstalk",
     "DarkCurrent",
     "DepthError",
+    "Distortion",
     "Drift",
     "Effect",
     "EngineSeconds",
     "Estimate",
     "ExactAngles",
+    "FieldCurvature",
     "FiniteSource",
     "FixedPattern",
     "FrameEffect",

@@ -118,4 +118,5 @@ class GeometricPlane:
         rate = float(np.abs(1 - pull).min())
         spot = float(np.abs(size).max()) * float(np.hypot(*self._shapes.subject.T).max())
         shown = math.hypot(*scene.cutout) / 2 * scene.reduced_pixel_um + spot + scene.reduced_pixel_um
+        shown += scene.farthest_um / scene.scale
         return min(self._reach, shown / max(rate, 1e-9))

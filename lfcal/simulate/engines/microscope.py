@@ -125,7 +125,7 @@ class DebyePlane:
         pitch = max(scene.lattice.pitch_um, scene.lattice.row_step_um)
         # how far light within that band travels sideways over the gap: it may come from lenslets beyond the cutout
         self._spill = 1.1 * (light + bend) * lam * scene.gap_um
-        self._half = max(scene.cutout) / 2 * px + self._spill + pitch / 2
+        self._half = max(scene.cutout) / 2 * px + scene.farthest_um + self._spill + pitch / 2
         self._count = math.ceil(self._half / self._coarse) + 1
         self._field, self._energy = self._quarter(pitch / 2)
 

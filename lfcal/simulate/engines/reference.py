@@ -77,7 +77,8 @@ class ReferencePlane:
             raise InputError.expected("samples per pixel of the reference", "a whole number", wanted, "round it")
         self._dx = scene.reduced_pixel_um / self.per_px
         self._reach = self._lit_radius()
-        half = max(self._reach, max(scene.cutout) / 2 * scene.reduced_pixel_um) + self._spill()
+        seen = max(scene.cutout) / 2 * scene.reduced_pixel_um + scene.farthest_um / scene.scale
+        half = max(self._reach, seen) + self._spill()
         self._n = self._side(half)
         self._axis = (np.arange(self._n) - self._n // 2) * self._dx
         self._field = self._centre_field()

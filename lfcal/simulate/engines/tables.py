@@ -18,7 +18,7 @@ from lfcal.simulate.engines.nodes import NodeRule, fitted_rule
 from lfcal.simulate.engines.polygon import area, disc_transform
 from lfcal.simulate.scene import Scene
 
-__all__ = ["LensTable", "PlaneTables", "aperture_outline", "aperture_radius", "build_tables", "ray_aberration"]
+__all__ = ["LensTable", "PlaneTables", "aperture_outline", "aperture_radius", "build_tables", "ray_aberration", "serve"]
 
 BEST = 1 / 16
 """Share of the light from which on a lenslet counts as the best-lit one: the floor is no coarser near focus."""
@@ -43,6 +43,8 @@ class LensTable:
         What the kernels read; see there.
     energy
         What a lenslet at each sample of the field passes.
+    held_um
+        Distance from the source up to which the field holds.
     """
 
     width: int
@@ -52,6 +54,7 @@ class LensTable:
     zoom: Zoom
     field: Field
     energy: Lit
+    held_um: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +108,15 @@ def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
     return PlaneTables(kinds, rule, spread, ratio, floor, reach)
 
 
+def serve(tables: PlaneTables, scene: Scene, sampling: Sampling, mode: str) -> bool:
+    """Return whether the tables of a plane reach as far as ``scene``, the same plane with other sources, needs."""
+    for lens in tables.kinds:
+        dx = lens.field.dx_um
+        if _table_reach(scene, sampling, mode, dx, lens.width // 2) + (lens.half + 2) * dx > lens.held_um + dx:
+            return False
+    return True
+
+
 def _lit_radius(energy: Lit, dx: float, floor: float) -> float:
     rows, columns = np.nonzero(energy >= max(floor, 1e-300))
     if rows.size == 0:
@@ -153,7 +165,7 @@ def _lens_table(
     aperture = _aperture(scene, dx, (half + 1) * dx * math.sqrt(2), bend, dx * dx * px / spread, dtype)
     field = Field(table.values.real.astype(dtype), table.values.imag.astype(dtype), dx)
     zoom = _zoom(rule, width, px, 2 * np.pi / spread * dx * np.arange(half + 1), dtype)
-    return LensTable(width, pull, half, aperture, zoom, field, energy)
+    return LensTable(width, pull, half, aperture, zoom, field, energy, table.half_um)
 
 
 def _zoom(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: type) -> Zoom:
@@ -216,4 +228,5 @@ def _table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px
     lit = 1.15 * shadow + radius + tail + ray_aberration(scene)
     spot_rate = abs(1 - scene.reduced_gap_um / scene.reduced_image_um) if mode == "E" else 1.0
     shown = (math.hypot(*scene.cutout) / 2 + 1.5 * half_px + 2) * scene.reduced_pixel_um + ray_aberration(scene)
+    shown += scene.farthest_um / scene.scale
     return min(lit, shown / max(spot_rate, 1e-6) + radius)

@@ -23,7 +23,7 @@ from lfcal.simulate.engines._kernels import Optics, Target, respond
 from lfcal.simulate.engines._lenslets import SPOT, Light, Window, select, square_fields
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.field import choose_mode
-from lfcal.simulate.engines.tables import Array, LensTable, build_tables
+from lfcal.simulate.engines.tables import Array, LensTable, PlaneTables, build_tables, serve
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.symmetry import mirrored_rows
 from lfcal.threads import for_each_chunk
@@ -57,6 +57,7 @@ class WavePlane:
         self.sampling = sampling or Sampling()
         self.mode = mode or choose_mode(scene)
         self.tables = build_tables(scene, self.sampling, self.mode)
+        self._wider: PlaneTables | None = None
         wanted = self.sampling.coherent
         self.coherent = self._overlap() if wanted is None else wanted
         self._dtype = np.dtype(np.float64 if self.sampling.double else np.float32)
@@ -72,8 +73,16 @@ class WavePlane:
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> WavePlane:
         """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``: its tables are shared."""
+        scene = replace(self.scene, offsets_um=offsets_um)
         other = copy(self)
-        other.scene = replace(self.scene, offsets_um=offsets_um)
+        other.scene = scene
+        # far beside their cutouts sources light lenslets that the tables do not hold
+        if scene.farthest_um > self.scene.farthest_um and not serve(self.tables, scene, self.sampling, self.mode):
+            if self._wider is None or not serve(self._wider, scene, self.sampling, self.mode):
+                # twice as far: the next source may lie farther still
+                farther = replace(scene, offsets_um=2 * offsets_um)
+                self._wider = build_tables(farther, self.sampling, self.mode)
+            other.tables = self._wider
         other._ledger = Ledger()
         other._pilot = Pilot(other)
         return other

@@ -163,7 +163,7 @@ class SimulatedCamera(Frames):
         """Return the photoelectrons of frame ``index`` before the sensor disturbs them, ``(rows, columns)``."""
         z, y, x = self.position(index)
         moved = self.displacement_um(index)
-        if not any(moved) and not self._spread_out:
+        if not any(moved) and not self._spread_out and self._response(z, 0.0).scene.image_map is None:
             windows = [(y, x, self._kept_row(z, y)[x])]
         else:
             row, column = self.image_px(index)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.simulate.effects.base import Effect
+from lfcal.simulate.effects.image import Distortion
 from lfcal.simulate.effects.light import Bandwidth, FiniteSource
 from lfcal.simulate.response import PlaneResponse
 
@@ -29,10 +30,11 @@ def white_tile(plan: ScanPlan, z: int, effects: Sequence[Effect]) -> NDArray[np.
     """Return one period ``(ny, nx)`` of the image of an evenly glowing plane, by rays; about 1 where nothing blocks.
 
     Pixel (0, 0) is that of source position (0, 0). The radiance of an even scene is the same in every plane, so
-    the depth does not matter. Rays are followed: diffraction hardly changes what is smooth already.
+    the depth does not matter. Rays are followed: diffraction hardly changes what is smooth already. Distortion moves
+    light of an even scene from one place to another like it.
     """
     ny, nx = plan.period  # in resampled pixels where the plan resamples: then it is the array's own, whole
-    simple = [e for e in effects if not isinstance(e, Bandwidth | FiniteSource)]
+    simple = [e for e in effects if not isinstance(e, Bandwidth | Distortion | FiniteSource)]
     response = PlaneResponse(plan, z, simple, level="geometric")
     ct, cs = ((n - 1) // 2 for n in response.cutout)
     tile = np.zeros((ny, nx))

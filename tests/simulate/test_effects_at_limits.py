@@ -1,0 +1,74 @@
+"""Effects at their limits: no NaN and no light from nowhere, or one clear line; and nothing where they are off."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from lfcal.camera import ScanPlan
+from lfcal.errors import LfcalError
+from lfcal.simulate import plan_effects
+from lfcal.simulate.effects import CATALOGUE, Distortion, Effect, FieldCurvature
+from lfcal.simulate.engines import geometric, wave
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.simulate import simulate_psf
+from lfcal.simulate.staging import scene_for
+from tests.simulate.common import BASE, FAST, small_camera, small_plan
+
+EXTREMES: list[Effect] = [
+    *(FieldCurvature(r) for r in (1.0, -1.0, 3e3, -3e3, 1e12)),
+    *(Distortion(k, r) for k, r in ((0.5, 1.0), (-0.5, 1e9), (0.5, 1e4), (-0.01, 1e4))),
+]
+
+NOMINAL: dict[str, Effect] = {
+    "field_curvature": FieldCurvature(1e300),
+    "distortion": Distortion(0.0),
+}
+"""Effects of no size: the scene stays as it is, and so does the work."""
+
+
+@cache
+def plan_at(v: float, side: bool) -> ScanPlan:
+    if not side:
+        return small_plan(v, cutout=31)
+    return small_plan(v, small_camera(160, 8000), anchor=(70.0, 7900.0), cutout=31)
+
+
+@pytest.mark.parametrize("side", [False, True], ids=["axis", "edge"])
+@pytest.mark.parametrize("effect", EXTREMES, ids=repr)
+def test_extremes_are_computed_or_refused(effect: Effect, side: bool) -> None:
+    for v in (0.0, 4.0, -3.0):
+        plan = plan_at(v, side)
+        for base in ((), BASE):
+            try:
+                response = PlaneResponse(plan, 0, (*base, effect), tolerance=0.2)
+                found = response.rows([0], [3])
+            except LfcalError as error:
+                assert "\n" not in str(error) and len(str(error)) < 480
+                continue
+            assert np.isfinite(found).all() and found.min() >= -1e-6
+            assert found.sum(dtype=np.float64) <= 1.005
+
+
+@pytest.mark.parametrize("name", sorted(NOMINAL))
+def test_an_effect_that_is_not_called_for_costs_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not planned, not asked; and of no size, the engines do the same work, call by call, on the same scene."""
+    effect, plan = NOMINAL[name], small_plan(cutout=31)
+    assert not plan_effects(plan.camera, plan).row(name).on
+    counted: list[str] = []
+    for module, function in ((wave, "build_tables"), (wave, "respond"), (geometric, "draw_spots")):
+        plain = getattr(module, function)
+        monkeypatch.setattr(module, function, lambda *a, _f=plain, _n=function: counted.append(_n) or _f(*a))
+    calls = []
+    for effects in ((), BASE, (effect,), (*BASE, effect)):
+        counted.clear()
+        PlaneResponse(plan, 0, effects, sampling=FAST).rows([2], [3, 4])
+        calls.append(list(counted))
+    assert calls[:2] == calls[2:] and all(calls)
+    assert scene_for(plan, 0, (*BASE, effect)) == scene_for(plan, 0, BASE)
+    methods = ("on_scene", "spread", "kernel", "on_frame")
+    for method in (m for m in methods if hasattr(CATALOGUE.get(name), m)):
+        monkeypatch.setattr(type(effect), method, lambda *_: pytest.fail("an effect that is off was asked"))
+    simulate_psf(plan.camera, plan, plan_effects(plan.camera, plan, 0.2), sampling=FAST)
