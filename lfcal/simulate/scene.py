@@ -91,6 +91,8 @@ class Scene:
         pixels stay where they are.
     image_map
         Displacement of every image from the paraxial place, by where that place is on the sensor; offsets come first.
+    tilt
+        Growth (y, x) of the gap over the array, per µm from the middle of the period: the array is tilted.
     """
 
     wavelength_um: float
@@ -114,6 +116,7 @@ class Scene:
     pixel_aspect: float = 1.0
     offsets_um: NDArray[np.float64] | None = field(default=None, compare=False)
     image_map: ImageMap | None = None
+    tilt: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -261,6 +264,29 @@ class Scene:
         corners = [(y, x) for y in (0.0, height) for x in (0.0, width)]
         # linear: largest at a corner
         return far + max(math.hypot(*np.subtract(self.imaged_um(*at), at)) for at in corners)
+
+    def farther_um(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how much farther from the sensor lenslets at ``centres_um`` ``(n, 2)`` as (x, y) lie by the tilt."""
+        middle = (
+            (n - 1) / 2 * px / self.scale for n, px in zip(self.period, (self.row_um, self.pixel_um), strict=True)
+        )
+        y, x = middle
+        farther: NDArray[np.float64] = (centres_um - np.array([x, y])) @ np.array(self.tilt[::-1])
+        return farther
+
+    def tilted(self, centres_um: NDArray[np.float64], kinds: NDArray[np.intp]) -> tuple[NDArray[np.float64], ...]:
+        """Return what the tilt changes for lenslets ``(n, 2)`` as (x, y): the share of X0 - c their light moves, sigma.
+
+        A ray through the centre of a lenslet that is d farther from the sensor lands at c + (B + d)/(a + d) (X0 - c),
+        and sigma is 1 - (B + d)/(a + d) - (B + d)/f: both to first order in d.
+        """
+        a, none = self.reduced_image_um, np.zeros(len(centres_um))
+        # near the native plane the lenslets lit lie next to each other, and 1/a' means nothing
+        if self.tilt == (0.0, 0.0) or self.shadow_radius_um < 0.5 * self.lattice.pitch_um:
+            return none, none
+        moved = self.farther_um(centres_um) * (1 - self.reduced_gap_um / a) / a
+        focal = np.array([kind.focal_length_um for kind in self.lattice.types])[kinds]
+        return moved, -moved - self.farther_um(centres_um) / focal
 
     def refocused(self, by_um: float) -> Scene:
         """Return the scene with the source's image ``by_um`` farther behind the array."""

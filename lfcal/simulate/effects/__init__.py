@@ -7,7 +7,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``outlook``: the a-priori numbers all estimates are built from
 - ``optics``: lens types, diffraction, the iris's shape, non-paraxial terms
 - ``aberrations``: spherical aberration, coma, any Zernike terms
-- ``array_errors``: telecentricity; gap, rotation and pitch of the lenslet array
+- ``array_errors``: telecentricity; gap, rotation, pitch and tilt of the lenslet array
 - ``field``: cos^4 and mechanical vignetting
 - ``image``: field curvature, distortion
 - ``light``: finite source, bandwidth
@@ -25,7 +25,7 @@ from dataclasses import is_dataclass
 from lfcal.camera import preset
 from lfcal.registry import Registry
 from lfcal.simulate.effects.aberrations import Coma, Spherical, Zernike
-from lfcal.simulate.effects.array_errors import ArrayRotation, LensletGap, PitchError, Telecentricity
+from lfcal.simulate.effects.array_errors import ArrayRotation, ArrayTilt, LensletGap, PitchError, Telecentricity
 from lfcal.simulate.effects.base import (
     ActsOn,
     Effect,
@@ -67,6 +67,7 @@ __all__ = [
     "CATALOGUE",
     "ActsOn",
     "ArrayRotation",
+    "ArrayTilt",
     "Backlash",
     "Bandwidth",
     "ColourFilter",

@@ -108,7 +108,9 @@ class GeometricPlane:
         lo, hi = source.min(0), source.max(0)
         middle, span = (lo + hi) / 2, (hi - lo) / 2 + self._visible_reach()
         centres, kinds = scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
-        lenslets = Lenslets(centres, kinds, *self._spread)
+        pull, size = self._spread
+        moved, widened = scene.tilted(centres, kinds)
+        lenslets = Lenslets(centres, pull[kinds] + moved, size[kinds] + widened, np.ones(len(centres)))
         self._ledger.add(*draw_spots(out, source, pixel, lenslets, self._shapes, self._drawing))
 
     def _visible_reach(self) -> float:

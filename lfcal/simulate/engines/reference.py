@@ -160,8 +160,11 @@ class ReferencePlane:
         reach = self._reach + aperture_radius(scene)
         centres, kinds = scene.lattice.lenslets_within(reach, reach, (float(source[0]), float(source[1])))
         behind = np.zeros_like(self._field)
-        size = 2 * (math.ceil(aperture_radius(scene) / dx) + 2 * RING) + 1
-        for (cx, cy), kind in zip(centres - source, kinds, strict=True):
+        steps = scene.farther_um(centres)
+        # over the longest of these steps the sampled field spreads to its sides
+        spread = math.ceil(float(np.abs(steps).max(initial=0.0)) * scene.wavelength_um / (2 * dx * dx))
+        size = 2 * (math.ceil(aperture_radius(scene) / dx) + 2 * RING + spread) + 1
+        for (cx, cy), kind, step in zip(centres - source, kinds, steps, strict=True):
             i, j = round(cy / dx) + self._n // 2 - size // 2, round(cx / dx) + self._n // 2 - size // 2
             if math.hypot(cx, cy) > self._reach or min(i, j) < 0 or max(i, j) + size > self._n:
                 continue
@@ -169,8 +172,18 @@ class ReferencePlane:
             x, y = axis[columns] - cx, axis[rows] - cy
             bend = -np.pi / (scene.wavelength_um * scene.lattice.types[kind].focal_length_um)
             lens = np.exp(1j * bend * y * y)[:, None] * np.exp(1j * bend * x * x)[None, :]
-            behind[rows, columns] += self._mask(x, y) * lens * self._field[rows, columns]
+            seen = self._mask(x, y) * lens * self._carried(self._field[rows, columns], -step)
+            behind[rows, columns] += self._carried(seen, step)
         return behind
+
+    def _carried(self, field: Complex, distance: float) -> Complex:
+        """Return a patch of field ``distance`` (µm) farther on: a tilted array's lenslets do not lie in one plane."""
+        if distance == 0:
+            return field
+        f = sf.fftfreq(len(field), self._dx)
+        turn, separable = sensor_propagator(f, self.scene.wavelength_um, distance, self.scene.exact_rays)
+        carried: Complex = sf.ifft2(sf.fft2(field) * (turn[:, None] * turn[None, :] if separable else turn))
+        return carried
 
     def _mask(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
         scene, dx = self.scene, self._dx

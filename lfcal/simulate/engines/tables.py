@@ -18,7 +18,16 @@ from lfcal.simulate.engines.nodes import NodeRule, fitted_rule
 from lfcal.simulate.engines.polygon import area, disc_transform
 from lfcal.simulate.scene import Scene
 
-__all__ = ["LensTable", "PlaneTables", "aperture_outline", "aperture_radius", "build_tables", "ray_aberration", "serve"]
+__all__ = [
+    "LensTable",
+    "PlaneTables",
+    "aperture_outline",
+    "aperture_radius",
+    "bent",
+    "build_tables",
+    "ray_aberration",
+    "serve",
+]
 
 BEST = 1 / 16
 """Share of the light from which on a lenslet counts as the best-lit one: the floor is no coarser near focus."""
@@ -153,6 +162,10 @@ def _lens_table(
     px, spread = scene.reduced_pixel_um, scene.wavelength_um * scene.reduced_gap_um
     sigma, extent, pull = _spot(scene, mode, kind)
     extent += abs(pull) * ray_aberration(scene)
+    if scene.tilt != (0.0, 0.0):  # the farthest lenslets' spots are the widest
+        rim = (scene.shadow_radius_um + math.hypot(*scene.period) * scene.pixel_um) * np.array([[1.0, 0.0], [0.0, 1.0]])
+        _, widened = scene.tilted(np.concatenate([rim, -rim]), np.full(4, kind))
+        extent += math.sqrt(2) * float(np.abs(widened).max()) * aperture_radius(scene)
     half_px = math.ceil(extent / px - 1e-3) + sampling.margin_px  # the same at sigma = 0 and next to it
     dx = px / (sampling.samples_per_px or _fewest_samples(scene, mode, half_px))
     half = math.ceil(aperture_radius(scene) / dx) + RING
@@ -188,6 +201,17 @@ def _aperture(scene: Scene, dx: float, reach: float, bend: float, level: float, 
         return Aperture(value.real.astype(dtype), value.imag.astype(dtype), step, np.zeros((0, 0), dtype), 1.0, bend)
     table, step = polygon_table(aperture_outline(scene), dx, reach)
     return Aperture(np.zeros(2, dtype), np.zeros(2, dtype), 1.0, (level * table).astype(dtype), step, bend)
+
+
+def bent(aperture: Aperture, by: float) -> Aperture:
+    """Return the aperture with ``by`` (rad/µm^2) more quadratic phase."""
+    if aperture.cell.size:
+        return aperture._replace(bend=aperture.bend + by)
+    turn = np.exp(1j * by * aperture.disc_step * np.arange(aperture.disc_re.size))
+    value = (aperture.disc_re + 1j * aperture.disc_im) * turn
+    dtype = aperture.disc_re.dtype
+    parts = value.real.astype(dtype), value.imag.astype(dtype)
+    return aperture._replace(disc_re=parts[0], disc_im=parts[1], bend=aperture.bend + by)
 
 
 def _fewest_samples(scene: Scene, mode: str, half_px: int) -> float:

@@ -23,7 +23,7 @@ from lfcal.simulate.engines._kernels import Optics, Target, respond
 from lfcal.simulate.engines._lenslets import SPOT, Light, Window, select, square_fields
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.field import choose_mode
-from lfcal.simulate.engines.tables import Array, LensTable, PlaneTables, build_tables, serve
+from lfcal.simulate.engines.tables import Array, LensTable, PlaneTables, bent, build_tables, serve
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.symmetry import mirrored_rows
 from lfcal.threads import for_each_chunk
@@ -148,8 +148,12 @@ class WavePlane:
         lo, hi = source.min(0), source.max(0)
         middle, span = (lo + hi) / 2, (hi - lo) / 2 + self.tables.reach_um
         centres, types = self.scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
-        for centre, kind in zip(centres, types, strict=True):
-            self._add_lens(centre, self.tables.kinds[kind], source, pixel, target)
+        for centre, kind, moved, widened in zip(centres, types, *self.scene.tilted(centres, types), strict=True):
+            lens = self.tables.kinds[kind]
+            if moved or widened:
+                bend = math.pi * widened / self.tables.spread_um2
+                lens = replace(lens, pull=lens.pull + moved, aperture=bent(lens.aperture, bend))
+            self._add_lens(centre, lens, source, pixel, target, self.tables.ratio + moved)
         if self.coherent:
             rule = self.tables.rule
             square_fields(*target[1:], rule.weights.astype(self._dtype), rule.per_px, target.image)
@@ -167,11 +171,15 @@ class WavePlane:
         source: NDArray[np.float64],
         pixel: NDArray[np.int64],
         target: Target,
+        ratio: float,
     ) -> None:
-        """Add the light behind the lenslet at ``centre`` (x, y) for sources (n, 2) as (x, y)."""
+        """Add the light behind the lenslet at ``centre`` (x, y) for sources (n, 2) as (x, y).
+
+        ``ratio`` is B'/a', of this lenslet where the array is tilted.
+        """
         scene, tables, dx = self.scene, self.tables, lens.field.dx_um
         spots = np.empty(len(source), SPOT)
-        window = Window(scene.reduced_pixel_um, tables.ratio, lens.pull, lens.width, *scene.cutout)
+        window = Window(scene.reduced_pixel_um, ratio, lens.pull, lens.width, *scene.cutout)
         found = select(Light(lens.energy, tables.floor, dx, lens.half), window, centre, source, pixel, spots)
         if not found:
             return
