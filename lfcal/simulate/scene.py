@@ -27,7 +27,10 @@ from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 from lfcal.simulate.pupil import Iris, Wavefront, seidel
 
-__all__ = ["ImageMap", "Iris", "ScanGrid", "Scene", "Wavefront", "scene_of", "seidel"]
+__all__ = ["Defects", "ImageMap", "Iris", "ScanGrid", "Scene", "Wavefront", "scene_of", "seidel"]
+
+Defects = tuple[tuple[int, int, float], ...]
+"""Lenslets that pass less light: row and column of the lattice, and the share of light that passes."""
 
 ImageMap = tuple[tuple[float, float, float], tuple[float, float, float]]
 """Displacement of images, linear in their place (µm): for dy and dx the constant, and its growth with y and x."""
@@ -93,6 +96,8 @@ class Scene:
         Displacement of every image from the paraxial place, by where that place is on the sensor; offsets come first.
     tilt
         Growth (y, x) of the gap over the array, per µm from the middle of the period: the array is tilted.
+    defects
+        Lenslets that pass less light, by their place in ``lattice`` (rows r, columns q).
     """
 
     wavelength_um: float
@@ -117,6 +122,7 @@ class Scene:
     offsets_um: NDArray[np.float64] | None = field(default=None, compare=False)
     image_map: ImageMap | None = None
     tilt: tuple[float, float] = (0.0, 0.0)
+    defects: Defects = ()
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -273,6 +279,15 @@ class Scene:
         y, x = middle
         farther: NDArray[np.float64] = (centres_um - np.array([x, y])) @ np.array(self.tilt[::-1])
         return farther
+
+    def passed(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the share of light that lenslets at ``centres_um`` ``(n, 2)`` as (x, y) let through."""
+        share = np.ones(len(centres_um))
+        if self.defects and len(centres_um):
+            index = np.rint(self.lattice.lenslet_at(centres_um))
+            for row, column, passed in self.defects:
+                share[(index == (column, row)).all(axis=1)] *= passed
+        return share
 
     def tilted(self, centres_um: NDArray[np.float64], kinds: NDArray[np.intp]) -> tuple[NDArray[np.float64], ...]:
         """Return what the tilt changes for lenslets ``(n, 2)`` as (x, y): the share of X0 - c their light moves, sigma.

@@ -24,7 +24,14 @@ def is_mirror_symmetric(scene: Scene) -> bool:
     lattice = scene.lattice
     upright = lattice.rotation_rad == lattice.shear_rad == 0 and scene.pixel_aspect == 1
     in_place = scene.offsets_um is None and scene.image_map is None and scene.tilt == (0, 0)
-    return upright and in_place and _iris_is_symmetric(scene.iris) and all(m >= 0 for _, m, _ in scene.wavefront)
+    # one lenslet is seldom where its mirror image is
+    return (
+        upright
+        and in_place
+        and not scene.defects
+        and _iris_is_symmetric(scene.iris)
+        and all(m >= 0 for _, m, _ in scene.wavefront)
+    )
 
 
 def _iris_is_symmetric(iris: Iris) -> bool:

@@ -10,7 +10,7 @@ import pytest
 from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError
 from lfcal.simulate import plan_effects
-from lfcal.simulate.effects import CATALOGUE, ArrayTilt, Distortion, Effect, FieldCurvature
+from lfcal.simulate.effects import CATALOGUE, ArrayTilt, Distortion, Effect, FieldCurvature, MissingLenslets
 from lfcal.simulate.engines import geometric, wave
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import simulate_psf
@@ -21,12 +21,14 @@ EXTREMES: list[Effect] = [
     *(FieldCurvature(r) for r in (1.0, -1.0, 3e3, -3e3, 1e12)),
     *(Distortion(k, r) for k, r in ((0.5, 1.0), (-0.5, 1e9), (0.5, 1e4), (-0.01, 1e4))),
     *(ArrayTilt(a, b) for a, b in ((0.2, 0.2), (-0.2, 0.0), (0.0, -0.002))),
+    MissingLenslets(((-1_000_000, 1_000_000, 0.0), (0, 0, 1e-300), (1, 0, 1.0))),
 ]
 
 NOMINAL: dict[str, Effect] = {
     "field_curvature": FieldCurvature(1e300),
     "distortion": Distortion(0.0),
     "array_tilt": ArrayTilt(0.0, 0.0),
+    "missing_lenslets": MissingLenslets(((0, 0, 1.0),)),
 }
 """Effects of no size: the scene stays as it is, and so does the work."""
 

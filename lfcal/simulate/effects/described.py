@@ -25,6 +25,10 @@ SHARES = {"": 1.0, "%": 0.01}
 NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zµ%]*)")
 
 
+TRIPLES = {"Wavefront": ("n,m,waves", "4,0,0.1;3,1,0.05"), "Defects": ("row,column,transmission", "0,0,0;1,-2,0.4")}
+"""Kinds of magnitudes that are lists of three numbers: what the three are, and an example."""
+
+
 def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, ...]]:
     """Return settings by name, and effects with magnitudes, from words and files.
 
@@ -101,18 +105,23 @@ def effect_from(name: str, magnitudes: Mapping[str, Any]) -> Effect:
 
 def _frozen(what: str, kind: str, value: Any) -> Any:
     """Return a value of a file as a field of type ``kind`` holds it; raise where it is no magnitude."""
-    if kind == "Wavefront" and isinstance(value, list | tuple):
+    triples = f"triples ({TRIPLES[kind][0]})" if kind in TRIPLES else ""
+    if triples and isinstance(value, list | tuple):
         try:
-            return tuple((int(n), int(m), float(w)) for n, m, w in value)
-        except (TypeError, ValueError):
-            raise InputError.expected(what, "triples (n, m, waves)", str(value)[:60], "correct it") from None
+            found = tuple((int(n), int(m), float(w)) for n, m, w in value)
+            # what is no whole number is not to become one silently
+            if any(a != n or b != m for (a, b, _), (n, m, _) in zip(found, value, strict=True)):
+                raise ValueError
+        except (TypeError, ValueError, OverflowError):
+            raise InputError.expected(what, triples, str(value)[:60], "correct it") from None
+        return found
     if isinstance(value, str) and kind.startswith("str"):
         return value
-    if isinstance(value, int | float) and not isinstance(value, bool) and not kind.startswith(("str", "Wavefront")):
+    if isinstance(value, int | float) and not isinstance(value, bool) and not (triples or kind.startswith("str")):
         return value
     if value is None and kind.endswith("None"):
         return value
-    wanted = "a text" if kind.startswith("str") else "triples (n, m, waves)" if kind == "Wavefront" else "a number"
+    wanted = "a text" if kind.startswith("str") else triples or "a number"
     raise InputError.expected(what, wanted, repr(value)[:60], "correct it")
 
 
@@ -122,8 +131,8 @@ def _from_words(name: str, text: str) -> Effect:
     if not known:
         raise InputError.expected(f"effect {name}", "on, off or auto", repr(text), "it has no magnitude of its own")
     first = next(iter(known))
-    if known[first] == "Wavefront":
-        return effect_from(name, {first: _terms(name, text)})
+    if known[first] in TRIPLES:
+        return effect_from(name, {first: _terms(name, text, *TRIPLES[known[first]])})
     main, sign, direction = text.partition("@")
     parts = dict(_parts(main, first))
     if sign:
@@ -161,12 +170,12 @@ def _value(what: str, key: str, text: str) -> float:
     return int(value) if key == "blades" and value == int(value) else value
 
 
-def _terms(name: str, text: str) -> list[list[float]]:
-    """Return the terms of ``n,m,waves;n,m,waves``."""
+def _terms(name: str, text: str, three: str, example: str) -> list[list[float]]:
+    """Return the terms of ``n,m,waves;n,m,waves``, or what else the ``three`` are."""
     try:
         terms = [[float(v) for v in part.split(",")] for part in text.split(";") if part.strip()]
     except ValueError:
         terms = []
     if not terms or any(len(term) != 3 for term in terms):
-        raise InputError.expected(f"terms of {name}", "n,m,waves;n,m,waves", repr(text), "for example 4,0,0.1;3,1,0.05")
+        raise InputError.expected(f"terms of {name}", f"{three};{three}", repr(text), f"for example {example}")
     return terms

@@ -110,7 +110,7 @@ class GeometricPlane:
         centres, kinds = scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
         pull, size = self._spread
         moved, widened = scene.tilted(centres, kinds)
-        lenslets = Lenslets(centres, pull[kinds] + moved, size[kinds] + widened, np.ones(len(centres)))
+        lenslets = Lenslets(centres, pull[kinds] + moved, size[kinds] + widened, scene.passed(centres))
         self._ledger.add(*draw_spots(out, source, pixel, lenslets, self._shapes, self._drawing))
 
     def _visible_reach(self) -> float:

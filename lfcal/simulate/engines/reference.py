@@ -160,11 +160,11 @@ class ReferencePlane:
         reach = self._reach + aperture_radius(scene)
         centres, kinds = scene.lattice.lenslets_within(reach, reach, (float(source[0]), float(source[1])))
         behind = np.zeros_like(self._field)
-        steps = scene.farther_um(centres)
+        steps, gains = scene.farther_um(centres), np.sqrt(scene.passed(centres))
         # over the longest of these steps the sampled field spreads to its sides
         spread = math.ceil(float(np.abs(steps).max(initial=0.0)) * scene.wavelength_um / (2 * dx * dx))
         size = 2 * (math.ceil(aperture_radius(scene) / dx) + 2 * RING + spread) + 1
-        for (cx, cy), kind, step in zip(centres - source, kinds, steps, strict=True):
+        for (cx, cy), kind, step, gain in zip(centres - source, kinds, steps, gains, strict=True):
             i, j = round(cy / dx) + self._n // 2 - size // 2, round(cx / dx) + self._n // 2 - size // 2
             if math.hypot(cx, cy) > self._reach or min(i, j) < 0 or max(i, j) + size > self._n:
                 continue
@@ -172,7 +172,7 @@ class ReferencePlane:
             x, y = axis[columns] - cx, axis[rows] - cy
             bend = -np.pi / (scene.wavelength_um * scene.lattice.types[kind].focal_length_um)
             lens = np.exp(1j * bend * y * y)[:, None] * np.exp(1j * bend * x * x)[None, :]
-            seen = self._mask(x, y) * lens * self._carried(self._field[rows, columns], -step)
+            seen = gain * self._mask(x, y) * lens * self._carried(self._field[rows, columns], -step)
             behind[rows, columns] += self._carried(seen, step)
         return behind
 

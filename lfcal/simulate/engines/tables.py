@@ -203,13 +203,13 @@ def _aperture(scene: Scene, dx: float, reach: float, bend: float, level: float, 
     return Aperture(np.zeros(2, dtype), np.zeros(2, dtype), 1.0, (level * table).astype(dtype), step, bend)
 
 
-def bent(aperture: Aperture, by: float) -> Aperture:
-    """Return the aperture with ``by`` (rad/µm^2) more quadratic phase."""
-    if aperture.cell.size:
-        return aperture._replace(bend=aperture.bend + by)
-    turn = np.exp(1j * by * aperture.disc_step * np.arange(aperture.disc_re.size))
-    value = (aperture.disc_re + 1j * aperture.disc_im) * turn
+def bent(aperture: Aperture, by: float, gain: float = 1.0) -> Aperture:
+    """Return the aperture with ``by`` (rad/µm^2) more quadratic phase, ``gain`` times as bright in amplitude."""
     dtype = aperture.disc_re.dtype
+    if aperture.cell.size:
+        return aperture._replace(bend=aperture.bend + by, cell=(gain * aperture.cell).astype(dtype))
+    turn = gain * np.exp(1j * by * aperture.disc_step * np.arange(aperture.disc_re.size))
+    value = (aperture.disc_re + 1j * aperture.disc_im) * turn
     parts = value.real.astype(dtype), value.imag.astype(dtype)
     return aperture._replace(disc_re=parts[0], disc_im=parts[1], bend=aperture.bend + by)
 

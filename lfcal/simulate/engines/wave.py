@@ -148,11 +148,14 @@ class WavePlane:
         lo, hi = source.min(0), source.max(0)
         middle, span = (lo + hi) / 2, (hi - lo) / 2 + self.tables.reach_um
         centres, types = self.scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
-        for centre, kind, moved, widened in zip(centres, types, *self.scene.tilted(centres, types), strict=True):
+        own = self.scene.passed(centres), *self.scene.tilted(centres, types)
+        for centre, kind, passed, moved, widened in zip(centres, types, *own, strict=True):
+            if passed == 0:
+                continue
             lens = self.tables.kinds[kind]
-            if moved or widened:
+            if moved or widened or passed != 1:
                 bend = math.pi * widened / self.tables.spread_um2
-                lens = replace(lens, pull=lens.pull + moved, aperture=bent(lens.aperture, bend))
+                lens = replace(lens, pull=lens.pull + moved, aperture=bent(lens.aperture, bend, math.sqrt(passed)))
             self._add_lens(centre, lens, source, pixel, target, self.tables.ratio + moved)
         if self.coherent:
             rule = self.tables.rule

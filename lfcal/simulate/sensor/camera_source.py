@@ -154,7 +154,7 @@ class SimulatedCamera(Frames):
         with self._lock:
             if self._white is None:
                 tile = white_tile(self.plan, 0, self.effects)
-                self._white = white_light(self.plan, tile / tile.max())
+                self._white = white_light(self.plan, tile / tile.max(), self.effects)
         light = self._white * np.float32(level * self.camera.sensor.full_well_e)
         return self._expose(light, self.plan.exposures[0], FrameKind.WHITE, index)
 
