@@ -254,7 +254,8 @@ def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:
     scale = scene.wavelength_um / wavelength_um
     # The glass keeps its path length in µm; in waves of another light it is another number.
     terms = tuple((n, m, waves * scale) for n, m, waves in scene.wavefront)
-    return replace(scene, wavelength_um=wavelength_um, wavefront=terms)
+    lenslets = scene.lenslet_waves * scale
+    return replace(scene, wavelength_um=wavelength_um, wavefront=terms, lenslet_waves=lenslets)
 
 
 def merged(samples: Sequence[LightSample], wavelength_um: float) -> tuple[LightSample, ...]:

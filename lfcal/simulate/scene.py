@@ -98,6 +98,8 @@ class Scene:
         Growth (y, x) of the gap over the array, per µm from the middle of the period: the array is tilted.
     defects
         Lenslets that pass less light, by their place in ``lattice`` (rows r, columns q).
+    lenslet_waves
+        Spherical aberration W040 of the lenslets (waves), at the rim of the clear diameter.
     """
 
     wavelength_um: float
@@ -123,6 +125,7 @@ class Scene:
     image_map: ImageMap | None = None
     tilt: tuple[float, float] = (0.0, 0.0)
     defects: Defects = ()
+    lenslet_waves: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -232,6 +235,11 @@ class Scene:
         if self.aperture == "cell":
             return 1.0
         return math.pi * self.clear_radius_um**2 / (self.lattice.pitch_um * self.lattice.row_step_um)
+
+    @property
+    def lenslet_quartic(self) -> float:
+        """Phase of the lenslets' spherical aberration per fourth power of the distance from their middle (rad/µm^4)."""
+        return 2 * math.pi * self.lenslet_waves / self.clear_radius_um**4
 
     def lens_curvature(self, kind: int) -> float:
         """Return B'/f of lenslets of type ``kind``."""

@@ -1,4 +1,4 @@
-"""Defective lenslets, in every engine: what one of them let through is what is missing without it."""
+"""Aberrated and defective lenslets, in every engine that shows them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ import numpy as np
 import pytest
 
 from lfcal.errors import InputError
-from lfcal.simulate.effects import Effect, MissingLenslets
+from lfcal.simulate import plan_effects
+from lfcal.simulate.effects import Effect, LensletSpherical, MissingLenslets
 from lfcal.simulate.effects.described import parse_effects
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.microscope import DebyePlane, debye_plane
-from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.response import PlaneResponse, at_wavelength
 from lfcal.simulate.scene import Iris, Scene
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.staging import outlook_of
-from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan
+from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan, switched
 from tests.simulate.scenes import camera_scene, microscope_scene, relative_error
 
 
@@ -31,6 +32,14 @@ def test_estimate_is_honest(v: float, lenslets: Any) -> None:
     ys, xs = (np.arange(1, n, 3) for n in plan.period)
     without, with_it = (PlaneResponse(plan, 0, (*BASE, *e), sampling=FAST).rows(ys, xs) for e in ((), (effect,)))
     measured = difference(without, with_it)
+    assert 0.5 * measured <= effect.estimate(outlook_of(plan, 0)).error <= 2 * measured
+
+
+@pytest.mark.parametrize("v", [4.0, -3.0, 2.2, 0.5])
+@pytest.mark.parametrize("waves", [0.05, -0.25, 1.0])
+def test_estimate_of_aberrated_lenslets(v: float, waves: float) -> None:
+    plan, effect = small_plan(v), LensletSpherical(waves)
+    measured = switched(plan, effect)
     assert 0.5 * measured <= effect.estimate(outlook_of(plan, 0)).error <= 2 * measured
 
 
@@ -129,6 +138,54 @@ def test_lenslets_in_words() -> None:
         parse_effects(["missing_lenslets=0.5,1,0"])
     with pytest.raises(InputError, match="row,column,transmission"):
         parse_effects(["missing_lenslets=0,1"])
+
+
+# -- spherical aberration ------------------------------------------------------------------------------------
+
+
+def one_type(**changes: Any) -> Scene:
+    scene = camera_scene(3.0, cutout=(41, 41), **changes)
+    return replace(scene, lattice=replace(scene.lattice, types=scene.lattice.types[1:2]))
+
+
+@pytest.mark.parametrize("aperture", ["circle", "cell"])
+@pytest.mark.parametrize("waves", [0.25, -1.0])
+def test_aberrated_lenslets_are_those_of_the_reference(aperture: str, waves: float) -> None:
+    scene = one_type(aperture=aperture, lenslet_waves=waves)
+    wave = engine_for(scene, "wave", Sampling(None, 6, 14, coherent=True)).rows([3], [20])[0, 0]
+    reference, plain = (
+        engine_for(s, "reference", Sampling(6.0)).rows([3], [20])[0, 0]
+        for s in (scene, replace(scene, lenslet_waves=0))
+    )
+    assert relative_error(wave, reference) < 0.01
+    assert relative_error(plain, reference) > 0.2
+
+
+def test_the_rim_s_rays_land_where_the_wavefront_s_slope_sends_them() -> None:
+    """In focus, W (r/R)^4 sends the ray at r to 4 W lambda B r³/R^4: a share q of the light goes within q^(3/2)."""
+    waves = 4.0
+    scene = one_lens(one_type(lenslet_waves=waves), 0, 0)
+    image = engine_for(scene, "wave", Sampling(None, 6, 14)).rows([0], [0])[0, 0].astype(float)
+    rim = 4 * waves * scene.wavelength_um * scene.gap_um / scene.clear_radius_um / scene.pixel_um
+    assert rim > 10
+    y, x = np.indices(image.shape) - 20
+    r = np.hypot(y, x)
+    within = [image[r < share * rim].sum() / image.sum() for share in (0.35, 1.05)]
+    assert within[0] == pytest.approx(0.35 ** (2 / 3), abs=0.06) and within[1] > 0.98
+
+
+def test_aberrated_lenslets_keep_their_glass_in_other_light() -> None:
+    scene = one_type(lenslet_waves=0.5)
+    assert at_wavelength(scene, scene.wavelength_um / 2).lenslet_waves == pytest.approx(1.0)
+    assert not isinstance(debye_plane(microscope_scene(lenslet_waves=0.5)), DebyePlane)
+
+
+def test_rays_do_not_show_aberrated_lenslets_and_waves_are_called_for() -> None:
+    plan = small_plan(cutout=31)
+    found = plan_effects(
+        plan.camera, plan, 2.0, effects=(LensletSpherical(8.0),), overrides={"lenslet_spherical": "on"}
+    )
+    assert found.level == "wave"
 
 
 def test_all_lenslets_missing_is_dark() -> None:

@@ -10,7 +10,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``array_errors``: telecentricity; gap, rotation, pitch and tilt of the lenslet array
 - ``field``: cos^4 and mechanical vignetting
 - ``image``: field curvature, distortion
-- ``lenslets``: defective lenslets
+- ``lenslets``: their spherical aberration, defective ones
 - ``light``: finite source, bandwidth
 - ``pixels``: fill factor, crosstalk
 - ``motion``: positioning error, backlash, drift, depth error
@@ -42,7 +42,7 @@ from lfcal.simulate.effects.base import (
 )
 from lfcal.simulate.effects.field import CosFourth, MechanicalVignetting
 from lfcal.simulate.effects.image import Distortion, FieldCurvature
-from lfcal.simulate.effects.lenslets import MissingLenslets
+from lfcal.simulate.effects.lenslets import LensletSpherical, MissingLenslets
 from lfcal.simulate.effects.light import Bandwidth, FiniteSource
 from lfcal.simulate.effects.motion import Backlash, DepthError, Drift, PositioningError
 from lfcal.simulate.effects.optics import (
@@ -93,6 +93,7 @@ __all__ = [
     "LensTypeDefocus",
     "LensletDiffraction",
     "LensletGap",
+    "LensletSpherical",
     "LightEffect",
     "LightSample",
     "MechanicalVignetting",

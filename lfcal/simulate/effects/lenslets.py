@@ -1,8 +1,9 @@
-"""Effects of the lenslets themselves: defective ones."""
+"""Effects of the lenslets themselves: their spherical aberration, defective ones."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -15,7 +16,7 @@ from lfcal.simulate.effects.field import overlap
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Defects, Scene
 
-__all__ = ["MissingLenslets"]
+__all__ = ["LensletSpherical", "MissingLenslets"]
 
 PLACES = 7
 """Source positions per axis over which the light behind a lenslet is averaged."""
@@ -83,4 +84,39 @@ class MissingLenslets(SceneEffect):
         return replace(scene, defects=scene.defects + found) if found else scene
 
 
-EFFECTS = (MissingLenslets,)
+@dataclass(frozen=True, slots=True)
+class LensletSpherical(SceneEffect):
+    """Spherical aberration of every lenslet, a phase 2 pi W (r/R)^4 behind it. Rays do not show it.
+
+    Attributes
+    ----------
+    waves
+        W040 at the rim of the clear diameter (waves of the design wavelength); positive: the rim focuses farther.
+        Square lenslets that touch have four times as much in their corners.
+    """
+
+    waves: float = 0.25
+
+    name: ClassVar[str] = "lenslet_spherical"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"waves": (-10.0, 10.0)}
+    title: ClassVar[str] = "lenslets' spherical aberration"
+    rank: ClassVar[int] = 25
+    deviation: ClassVar[bool] = True
+    needs_waves: ClassVar[bool] = True
+    units: ClassVar[Mapping[str, str]] = {"waves": "waves"}
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return W, and the light moved by 0.4 of the rim's 4 W lambda B/R, in all directions: 0.6 of a shift."""
+        radius = 0.5 * outlook.clear_um
+        shift = 4 * abs(self.waves) * outlook.wavelength_um * outlook.gap_um / (radius * outlook.pixel_um)
+        error = 0.6 * outlook.moved(0.4 * shift)
+        return Estimate(abs(self.waves), "waves", error, "0.6 of a shift 0.4 * 4 W lambda B/R")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with aberrated lenslets."""
+        del outlook
+        waves = scene.lenslet_waves + self.waves
+        return replace(scene, lenslet_waves=waves) if self.waves else scene
+
+
+EFFECTS = (LensletSpherical, MissingLenslets)

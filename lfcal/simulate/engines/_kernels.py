@@ -55,6 +55,7 @@ class Aperture(NamedTuple):
     cell: F4  # (side, side), rows along y, origin in the middle: aperture times dx^2 pixel / L; (0, 0) for discs
     cell_step: float  # µm
     bend: float  # pi sigma / L (rad/µm^2); the disc's table holds it already
+    quartic: float  # phase per fourth power of the distance (rad/µm^4), likewise
 
 
 class Zoom(NamedTuple):
@@ -140,7 +141,7 @@ def mask_from_disc(aperture: Aperture, dx: float, x0: float, y0: float, mask: Sp
 
 @njit(fastmath=True)
 def mask_from_table(aperture: Aperture, dx: float, x0: float, y0: float, mask: Split) -> None:
-    """Fill the lattice's cell, bilinear in its fine table, times exp(i bend r^2)."""
+    """Fill the lattice's cell, bilinear in its fine table, times exp(i bend r^2 + i quartic r^4)."""
     table, step, re, im = aperture.cell, aperture.cell_step, mask.re, mask.im
     n = re.shape[0]
     h = n // 2
@@ -158,7 +159,7 @@ def mask_from_table(aperture: Aperture, dx: float, x0: float, y0: float, mask: S
             value = (1 - b) * ((1 - a) * table[r, c] + a * table[r, c + 1]) + b * (
                 (1 - a) * table[r + 1, c] + a * table[r + 1, c + 1]
             )
-            phase = aperture.bend * (x * x + y * y)
+            phase = (x * x + y * y) * (aperture.bend + aperture.quartic * (x * x + y * y))
             re[i, j] = value * math.cos(phase)
             im[i, j] = value * math.sin(phase)
 
@@ -315,8 +316,7 @@ def add_incoherent(scratch: _Scratch, zoom: Zoom, image: F4, top: int, left: int
             nodes[down - i, up + j] = square - cross
     _product(nodes, zoom.bins, scratch.side)
     _product(zoom.bins_t, scratch.side, pixels)
-    total = 0.0
-    w = pixels.shape[0]
+    total, w = 0.0, pixels.shape[0]
     for i in range(w):
         for j in range(w):
             total += pixels[i, j]

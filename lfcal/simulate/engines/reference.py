@@ -15,7 +15,7 @@ from lfcal.errors import InputError
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.field import choose_mode, field_table
 from lfcal.simulate.engines.masks import RING, disc_table, polygon_mask
-from lfcal.simulate.engines.tables import aperture_outline, aperture_radius, ray_aberration
+from lfcal.simulate.engines.tables import aperture_outline, aperture_radius, lenslet_aberration, ray_aberration
 from lfcal.simulate.scene import Scene
 
 __all__ = ["ReferencePlane", "pixel_bins", "sensor_propagator"]
@@ -98,7 +98,7 @@ class ReferencePlane:
     def _spill(self) -> float:
         """Return how far light goes sideways behind the array."""
         scene = self.scene
-        return 1.5 * scene.lattice.pitch_um + scene.reduced_gap_um / (2 * scene.f_number)
+        return 1.5 * scene.lattice.pitch_um + scene.reduced_gap_um / (2 * scene.f_number) + lenslet_aberration(scene)
 
     def _side(self, half: float) -> int:
         n = int(sf.next_fast_len(2 * math.ceil(half / self._dx)))
@@ -172,6 +172,9 @@ class ReferencePlane:
             x, y = axis[columns] - cx, axis[rows] - cy
             bend = -np.pi / (scene.wavelength_um * scene.lattice.types[kind].focal_length_um)
             lens = np.exp(1j * bend * y * y)[:, None] * np.exp(1j * bend * x * x)[None, :]
+            if scene.lenslet_waves:
+                r2 = y[:, None] ** 2 + x[None, :] ** 2
+                lens = lens * np.exp(1j * scene.lenslet_quartic * r2 * r2)
             seen = gain * self._mask(x, y) * lens * self._carried(self._field[rows, columns], -step)
             behind[rows, columns] += self._carried(seen, step)
         return behind

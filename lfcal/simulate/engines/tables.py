@@ -142,6 +142,12 @@ def ray_aberration(scene: Scene) -> float:
     return 2 * scene.f_number * scene.wavelength_um * sum(abs(w) * n * n for n, _, w in scene.wavefront)
 
 
+def lenslet_aberration(scene: Scene) -> float:
+    """Return how far on the sensor the lenslets' spherical aberration moves the ray at an aperture's corner (µm)."""
+    steepest = 4 * abs(scene.lenslet_quartic) * aperture_radius(scene) ** 3
+    return scene.reduced_gap_um * scene.wavelength_um / (2 * math.pi) * steepest
+
+
 def _spot(scene: Scene, mode: str, kind: int) -> tuple[float, float, float]:
     """Return sigma, the geometric spot's radius (µm) and the pull of its middle towards the source."""
     radius = aperture_radius(scene)
@@ -161,7 +167,7 @@ def _lens_table(
 ) -> LensTable:
     px, spread = scene.reduced_pixel_um, scene.wavelength_um * scene.reduced_gap_um
     sigma, extent, pull = _spot(scene, mode, kind)
-    extent += abs(pull) * ray_aberration(scene)
+    extent += abs(pull) * ray_aberration(scene) + lenslet_aberration(scene)
     if scene.tilt != (0.0, 0.0):  # the farthest lenslets' spots are the widest
         rim = (scene.shadow_radius_um + math.hypot(*scene.period) * scene.pixel_um) * np.array([[1.0, 0.0], [0.0, 1.0]])
         _, widened = scene.tilted(np.concatenate([rim, -rim]), np.full(4, kind))
@@ -197,10 +203,13 @@ def _aperture(scene: Scene, dx: float, reach: float, bend: float, level: float, 
     """Return the aperture's tables, ``level`` high: then the square of the transform is energy per pixel's area."""
     if scene.aperture == "circle":
         m, step = disc_table(scene.clear_radius_um, dx, reach)
-        value = level * m * np.exp(1j * bend * step * np.arange(m.size))
-        return Aperture(value.real.astype(dtype), value.imag.astype(dtype), step, np.zeros((0, 0), dtype), 1.0, bend)
+        r2, quartic = step * np.arange(m.size), scene.lenslet_quartic
+        value = level * m * np.exp(1j * r2 * (bend + quartic * r2))
+        parts = value.real.astype(dtype), value.imag.astype(dtype)
+        return Aperture(*parts, step, np.zeros((0, 0), dtype), 1.0, bend, quartic)
     table, step = polygon_table(aperture_outline(scene), dx, reach)
-    return Aperture(np.zeros(2, dtype), np.zeros(2, dtype), 1.0, (level * table).astype(dtype), step, bend)
+    none: Array = np.zeros(2, dtype)
+    return Aperture(none, none, 1.0, (level * table).astype(dtype), step, bend, scene.lenslet_quartic)
 
 
 def bent(aperture: Aperture, by: float, gain: float = 1.0) -> Aperture:
