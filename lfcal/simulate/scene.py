@@ -100,6 +100,9 @@ class Scene:
         Lenslets that pass less light, by their place in ``lattice`` (rows r, columns q).
     lenslet_waves
         Spherical aberration W040 of the lenslets (waves), at the rim of the clear diameter.
+    colour_rate, dispersion_um2
+        How light of another wavelength is imaged (see `lfcal.simulate.response.at_wavelength`): shift of the image per
+        wavelength, and b in f / (1 + b (1/lambda² - 1/wavelength_um²)) of the lenslets.
     """
 
     wavelength_um: float
@@ -126,6 +129,8 @@ class Scene:
     tilt: tuple[float, float] = (0.0, 0.0)
     defects: Defects = ()
     lenslet_waves: float = 0.0
+    colour_rate: float = 0.0
+    dispersion_um2: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every value."""

@@ -13,9 +13,11 @@ from lfcal.simulate import plan_effects
 from lfcal.simulate.effects import (
     CATALOGUE,
     ArrayTilt,
+    ChromaticFocus,
     Distortion,
     Effect,
     FieldCurvature,
+    LensletDispersion,
     LensletSpherical,
     MissingLenslets,
 )
@@ -29,6 +31,8 @@ EXTREMES: list[Effect] = [
     *(FieldCurvature(r) for r in (1.0, -1.0, 3e3, -3e3, 1e12)),
     *(Distortion(k, r) for k, r in ((0.5, 1.0), (-0.5, 1e9), (0.5, 1e4), (-0.01, 1e4))),
     *(ArrayTilt(a, b) for a, b in ((0.2, 0.2), (-0.2, 0.0), (0.0, -0.002))),
+    *(ChromaticFocus(r, w) for r, w in ((1e9, 0.1), (-2e4, 0.3))),
+    *(LensletDispersion(v, w) for v, w in ((5.0, 0.4), (1e300, 0.1))),
     *(LensletSpherical(w) for w in (-4.0, 1e-300)),
     MissingLenslets(((-1_000_000, 1_000_000, 0.0), (0, 0, 1e-300), (1, 0, 1.0))),
 ]
@@ -37,6 +41,8 @@ NOMINAL: dict[str, Effect] = {
     "field_curvature": FieldCurvature(1e300),
     "distortion": Distortion(0.0),
     "array_tilt": ArrayTilt(0.0, 0.0),
+    "chromatic_focus": ChromaticFocus(0.0),
+    "lenslet_dispersion": LensletDispersion(5.0, 0.0),
     "lenslet_spherical": LensletSpherical(0.0),
     "missing_lenslets": MissingLenslets(((0, 0, 1.0),)),
 }

@@ -16,7 +16,7 @@ from lfcal.simulate.engines.base import PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import EffectsLike, budgeted
-from lfcal.simulate.staging import outlook_of
+from lfcal.simulate.staging import light_samples, outlook_of
 from lfcal.simulate.symmetry import mirrored_rows
 
 __all__ = ["Whole", "own_rows", "plane_seconds", "predict_seconds", "whole_of"]
@@ -76,7 +76,7 @@ def whole_of(plan: ScanPlan, z: int, effects: Sequence[Effect], level: str, runs
     # Planes differ by how many lenslets they light: their ratio is estimated, one of them is measured.
     costs = [engine_seconds(outlook_of(plan, k), level) for k in range(len(plan.depths_um))]
     if runs is None:
-        runs = math.prod(effect.runs(outlook_of(plan, z)) for effect in effects)
+        runs = len(light_samples(effects, outlook_of(plan, z)))
     return Whole(sum(costs) / costs[z], len(costs), runs)
 
 

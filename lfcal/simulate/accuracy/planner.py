@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,7 +11,8 @@ from lfcal.errors import InputError
 from lfcal.simulate.accuracy.cost import engine_times
 from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, Outlook, catalogue
 from lfcal.simulate.effects.described import SETTINGS
-from lfcal.simulate.staging import outlook_of
+from lfcal.simulate.effects.light import Bandwidth
+from lfcal.simulate.staging import light_samples, outlook_of
 from lfcal.units import format_seconds
 
 __all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]
@@ -159,6 +159,12 @@ def plan_effects(
         if not row.on and row.setting == "auto" and _counts(row.effect, draft.name in known, frames):
             left -= row.estimate.error
         rows[row.name] = row
+    coloured = [row.effect.title for row in rows.values() if row.on and row.effect.by_wavelength]
+    width = rows[Bandwidth.name]
+    if coloured and width.setting == "auto" and not width.on and width.estimate.size:
+        # the wavelengths are there anyway; a width that was given is theirs
+        rows[width.name] = replace(width, on=True, reason=f"comes with {' and '.join(coloured)}")
+        left += width.estimate.error
     ordered = tuple(rows[e.name] for e in candidates)
     chosen = [row.effect for row in ordered if row.on]
     level = costs.level_of(chosen)
@@ -208,10 +214,10 @@ class _Costs:
         by_rays = self.level_of(effects) == "geometric"
         engines = 0.0
         for outlook, engine in self.planes:
-            runs = math.prod(effect.runs(outlook) for effect in effects)
+            runs = len(light_samples(effects, outlook))
             engines += runs * (engine.rays if by_rays else engine.waves)
         # Waves and further runs are in the engines' seconds already.
-        rest = [e for e in effects if not e.needs_waves and e.acts_on is not ActsOn.LIGHT]
+        rest = [e for e in effects if not (e.needs_waves or e.by_wavelength or e.acts_on is ActsOn.LIGHT)]
         return engines + sum(self.of(effect) for effect in rest)
 
 

@@ -9,6 +9,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``aberrations``: spherical aberration, coma, any Zernike terms
 - ``array_errors``: telecentricity; gap, rotation, pitch and tilt of the lenslet array
 - ``field``: cos^4 and mechanical vignetting
+- ``colour``: longitudinal colour, the lenslets' dispersion
 - ``image``: field curvature, distortion
 - ``lenslets``: their spherical aberration, defective ones
 - ``light``: finite source, bandwidth
@@ -40,6 +41,7 @@ from lfcal.simulate.effects.base import (
     SceneEffect,
     SensorStrip,
 )
+from lfcal.simulate.effects.colour import ChromaticFocus, LensletDispersion
 from lfcal.simulate.effects.field import CosFourth, MechanicalVignetting
 from lfcal.simulate.effects.image import Distortion, FieldCurvature
 from lfcal.simulate.effects.lenslets import LensletSpherical, MissingLenslets
@@ -72,6 +74,7 @@ __all__ = [
     "ArrayTilt",
     "Backlash",
     "Bandwidth",
+    "ChromaticFocus",
     "ColourFilter",
     "Coma",
     "CosFourth",
@@ -92,6 +95,7 @@ __all__ = [
     "IrisShape",
     "LensTypeDefocus",
     "LensletDiffraction",
+    "LensletDispersion",
     "LensletGap",
     "LensletSpherical",
     "LightEffect",

@@ -175,6 +175,8 @@ class Effect(ABC):
     """Whether the effect is an error of build or use whose size the camera's description does not hold."""
     needs_waves: ClassVar[bool] = False
     """Whether rays cannot show the effect: it switches lenslet diffraction on."""
+    by_wavelength: ClassVar[bool] = False
+    """Whether it acts by the light's wavelengths: they are spread over the spectrum, with `Bandwidth` or without."""
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Least and largest value of magnitudes that cannot be any number."""
     units: ClassVar[Mapping[str, str]] = {}
@@ -194,6 +196,11 @@ class Effect(ABC):
     @abstractmethod
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return what leaving the effect out would cost for the plane of ``outlook``."""
+
+    def wavelengths(self, outlook: Outlook) -> int:
+        """Return the fewest wavelengths over the spectrum, of an effect that acts by them."""
+        del outlook
+        return 1
 
     def runs(self, outlook: Outlook) -> int:
         """Return how many times the engine must run for each response because of this effect."""

@@ -37,7 +37,8 @@ def white_tile(plan: ScanPlan, z: int, effects: Sequence[Effect]) -> NDArray[np.
     light of an even scene from one place to another like it.
     """
     ny, nx = plan.period  # in resampled pixels where the plan resamples: then it is the array's own, whole
-    simple = [e for e in effects if not isinstance(e, Bandwidth | Distortion | FiniteSource | MissingLenslets)]
+    beside = Bandwidth | Distortion | FiniteSource | MissingLenslets
+    simple = [e for e in effects if not (isinstance(e, beside) or e.by_wavelength)]
     response = PlaneResponse(plan, z, simple, level="geometric")
     ct, cs = ((n - 1) // 2 for n in response.cutout)
     tile = np.zeros((ny, nx))
