@@ -20,6 +20,7 @@ from lfcal.simulate.effects import (
     LensletDispersion,
     LensletSpherical,
     MissingLenslets,
+    SensorNonlinearity,
 )
 from lfcal.simulate.engines import geometric, wave
 from lfcal.simulate.response import PlaneResponse
@@ -44,6 +45,7 @@ NOMINAL: dict[str, Effect] = {
     "chromatic_focus": ChromaticFocus(0.0),
     "lenslet_dispersion": LensletDispersion(5.0, 0.0),
     "lenslet_spherical": LensletSpherical(0.0),
+    "nonlinearity": SensorNonlinearity(0.0),
     "missing_lenslets": MissingLenslets(((0, 0, 1.0),)),
 }
 """Effects of no size: the scene stays as it is, and so does the work."""

@@ -10,6 +10,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``array_errors``: telecentricity; gap, rotation, pitch and tilt of the lenslet array
 - ``field``: cos^4 and mechanical vignetting
 - ``colour``: longitudinal colour, the lenslets' dispersion
+- ``faults``: the sensor's nonlinearity
 - ``image``: field curvature, distortion
 - ``lenslets``: their spherical aberration, defective ones
 - ``light``: finite source, bandwidth
@@ -42,6 +43,7 @@ from lfcal.simulate.effects.base import (
     SensorStrip,
 )
 from lfcal.simulate.effects.colour import ChromaticFocus, LensletDispersion
+from lfcal.simulate.effects.faults import SensorNonlinearity
 from lfcal.simulate.effects.field import CosFourth, MechanicalVignetting
 from lfcal.simulate.effects.image import Distortion, FieldCurvature
 from lfcal.simulate.effects.lenslets import LensletSpherical, MissingLenslets
@@ -112,6 +114,7 @@ __all__ = [
     "ReadNoise",
     "Saturation",
     "SceneEffect",
+    "SensorNonlinearity",
     "SensorStrip",
     "ShotNoise",
     "Spherical",
