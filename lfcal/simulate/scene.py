@@ -100,6 +100,9 @@ class Scene:
         Lenslets that pass less light, by their place in ``lattice`` (rows r, columns q).
     lenslet_waves
         Spherical aberration W040 of the lenslets (waves), at the rim of the clear diameter.
+    glass
+        Thickness (µm) and index of a plate between lenslets and sensor: its aberration at exact angles. The gap is
+        that in air to which lenslets and plate come, B - t (1 - 1/n).
     colour_rate, dispersion_um2
         How light of another wavelength is imaged (see `lfcal.simulate.response.at_wavelength`): shift of the image per
         wavelength, and b in f / (1 + b (1/lambda² - 1/wavelength_um²)) of the lenslets.
@@ -129,6 +132,7 @@ class Scene:
     tilt: tuple[float, float] = (0.0, 0.0)
     defects: Defects = ()
     lenslet_waves: float = 0.0
+    glass: tuple[float, float] = (0.0, 1.0)
     colour_rate: float = 0.0
     dispersion_um2: float = 0.0
 

@@ -11,6 +11,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``field``: cos^4 and mechanical vignetting
 - ``colour``: longitudinal colour, the lenslets' dispersion
 - ``faults``: the sensor's nonlinearity
+- ``glass``: the sensor's cover glass
 - ``image``: field curvature, distortion
 - ``lenslets``: their spherical aberration, defective ones
 - ``light``: finite source, bandwidth
@@ -45,6 +46,7 @@ from lfcal.simulate.effects.base import (
 from lfcal.simulate.effects.colour import ChromaticFocus, LensletDispersion
 from lfcal.simulate.effects.faults import SensorNonlinearity
 from lfcal.simulate.effects.field import CosFourth, MechanicalVignetting
+from lfcal.simulate.effects.glass import CoverGlass
 from lfcal.simulate.effects.image import Distortion, FieldCurvature
 from lfcal.simulate.effects.lenslets import LensletSpherical, MissingLenslets
 from lfcal.simulate.effects.light import Bandwidth, FiniteSource
@@ -80,6 +82,7 @@ __all__ = [
     "ColourFilter",
     "Coma",
     "CosFourth",
+    "CoverGlass",
     "Crosstalk",
     "DarkCurrent",
     "DepthError",

@@ -81,6 +81,9 @@ class Optics(NamedTuple):
     source_rate: float  # sine of a ray per µm of c - X0: 1/a'
     point_rate: float  # sine of a ray per µm on the lenslet: 1/a' + 1/f
     gap: float  # B' (µm)
+    glass: (
+        F8  # (5,): shares of exact angles' terms in the sine's 4th, 6th ... power that a plate before the sensor leaves
+    )
 
 
 class Target(NamedTuple):
@@ -149,8 +152,7 @@ def mask_from_table(aperture: Aperture, dx: float, x0: float, y0: float, mask: S
     for i in range(n):
         y = (i - h) * dx + y0
         v = min(max(y / step + middle, 0.0), table.shape[0] - 2.0)
-        r = int(v)
-        b = v - r
+        r, b = int(v), v - int(v)
         for j in range(n):
             x = (j - h) * dx + x0
             u = min(max(x / step + middle, 0.0), table.shape[0] - 2.0)
@@ -176,16 +178,17 @@ def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -
     n, real = mask.re.shape[0], mask.re.dtype.type
     ux, uy, rate = spot.lx * optics.source_rate, spot.ly * optics.source_rate, optics.point_rate
     # coefficients of 8 (G(v) - G(v0))/(v - v0) over v; of sine and cosine by Taylor, good for |t| <= pi/2
-    v0, e5 = ux * ux + uy * uy, 21 / 128
-    e4 = 7 / 32 + e5 * v0
-    e3 = 5 / 16 + e4 * v0
-    e2 = 1 / 2 + e3 * v0
-    k0, k1, k2, k3, k4, k5 = real(v0 + e2 * v0 * v0), real(1 + e2 * v0), real(e2), real(e3), real(e4), real(e5)
+    v0, g = ux * ux + uy * uy, optics.glass
+    e5 = g[4] * 21 / 128
+    e4 = g[3] * 7 / 32 + e5 * v0
+    e3 = g[2] * 5 / 16 + e4 * v0
+    e2 = g[1] / 2 + e3 * v0
+    k0, k1, k2, k3, k4, k5 = real((g[0] + e2 * v0) * v0), real(g[0] + e2 * v0), real(e2), real(e3), real(e4), real(e5)
     s3, s5, s7, s9 = real(-1 / 6), real(1 / 120), real(-1 / 5040), real(1 / 362880)
     c2, c4, c6, c8, one, pi = real(-1 / 2), real(1 / 24), real(-1 / 720), real(1 / 40320), real(1), real(math.pi)
     nearest = real(1.5 * 2.0 ** (23 if mask.re.itemsize == 4 else 52))  # added and taken away it rounds to integers
     half = optics.rays / (2 * math.pi)
-    behind = half * v0 * v0 * (1 / 8 + v0 * (3 / 16 + v0 * (29 / 128 + v0 * (65 / 256))))
+    behind = g[0] * half * v0 * v0 * (1 / 8 + v0 * (3 / 16 + v0 * (29 / 128 + v0 * (65 / 256))))
     chief, scale = real(behind - math.floor(behind)), half / (8 * optics.gap)
     tilt, excess = np.empty(n, mask.re.dtype), np.empty(n, mask.re.dtype)
     for j in range(n):
@@ -320,9 +323,8 @@ def add_incoherent(scratch: _Scratch, zoom: Zoom, image: F4, top: int, left: int
     for i in range(w):
         for j in range(w):
             total += pixels[i, j]
-    first, last = max(0, -left), min(w, image.shape[1] - left)
     for i in range(max(0, -top), min(w, image.shape[0] - top)):
-        for j in range(first, last):
+        for j in range(max(0, -left), min(w, image.shape[1] - left)):
             image[top + i, left + j] += pixels[i, j]
     return float(total)
 

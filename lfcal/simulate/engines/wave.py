@@ -197,11 +197,14 @@ class WavePlane:
         share = (tables.spread_um2 / (lens.field.dx_um * scene.reduced_pixel_um)) ** 2
         flat = 1 / tables.spread_um2, share, 1 - tables.ratio
         if not scene.exact_rays or self.mode != "E":
-            return Optics(*flat, 0.0, 0.0, 0.0, 0.0)
+            return Optics(*flat, 0.0, 0.0, 0.0, 0.0, np.ones(5))
         gap, sigma = scene.reduced_gap_um, lens.aperture.bend * tables.spread_um2 / math.pi
         # 1/a' + 1/f = (1 - sigma)/B', by the definition of sigma
         rays = 2 * math.pi * gap / scene.wavelength_um
-        return Optics(*flat, rays, 1 / scene.reduced_image_um, (1 - sigma) / gap, gap)
+        # a plate takes t n G(s²/n²) instead of t/n G(s²): of the series' k-th term n^(1 - 2k) t is left
+        thick, index = scene.glass[0] / scene.scale, scene.glass[1]
+        left = np.asarray(1 + thick / gap * (index ** (1.0 - 2 * np.arange(2, 7)) - 1 / index), np.float64)
+        return Optics(*flat, rays, 1 / scene.reduced_image_um, (1 - sigma) / gap, gap, left)
 
     def _certify(self, energy_in: NDArray[np.float64], energy_out: NDArray[np.float64], lens: LensTable) -> None:
         """Raise `EnergyError` where a window received more than its lenslet passed."""
