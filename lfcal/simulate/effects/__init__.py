@@ -10,7 +10,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``array_errors``: telecentricity; gap, rotation, pitch and tilt of the lenslet array
 - ``field``: cos^4 and mechanical vignetting
 - ``colour``: longitudinal colour, the lenslets' dispersion
-- ``faults``: the sensor's nonlinearity
+- ``faults``: ghost images, the sensor's nonlinearity
 - ``glass``: the sensor's cover glass
 - ``image``: field curvature, distortion
 - ``lenslets``: their spherical aberration, defective ones
@@ -44,7 +44,7 @@ from lfcal.simulate.effects.base import (
     SensorStrip,
 )
 from lfcal.simulate.effects.colour import ChromaticFocus, LensletDispersion
-from lfcal.simulate.effects.faults import SensorNonlinearity
+from lfcal.simulate.effects.faults import Ghost, SensorNonlinearity
 from lfcal.simulate.effects.field import CosFourth, MechanicalVignetting
 from lfcal.simulate.effects.glass import CoverGlass
 from lfcal.simulate.effects.image import Distortion, FieldCurvature
@@ -96,6 +96,7 @@ __all__ = [
     "FiniteSource",
     "FixedPattern",
     "FrameEffect",
+    "Ghost",
     "IrisDiffraction",
     "IrisShape",
     "LensTypeDefocus",

@@ -139,6 +139,9 @@ class SensorStrip:
     pattern
         Random numbers of this strip of the sensor, the same in every frame: called with the name of a pattern,
         returns standard normal deviates of the strip's shape.
+    light_e
+        Light of the whole frame ``(rows, columns)`` before any effect (electrons): for what comes from elsewhere in it.
+        Read only.
     """
 
     camera: Camera
@@ -147,6 +150,7 @@ class SensorStrip:
     total_e: float
     rng: np.random.Generator
     pattern: Callable[[str], NDArray[np.float32]]
+    light_e: NDArray[np.float32]
 
 
 def typical(value: float | None, camera: Camera, lens: float, microscope: float) -> float:
