@@ -103,6 +103,8 @@ class Scene:
     glass
         Thickness (µm) and index of a plate between lenslets and sensor: its aberration at exact angles. The gap is
         that in air to which lenslets and plate come, B - t (1 - 1/n).
+    accept
+        Power n of the pixels' response cos^n to the angle of light, 0 for none, and the slope (y, x) of the chief ray.
     colour_rate, dispersion_um2
         How light of another wavelength is imaged (see `lfcal.simulate.response.at_wavelength`): shift of the image per
         wavelength, and b in f / (1 + b (1/lambda² - 1/wavelength_um²)) of the lenslets.
@@ -133,6 +135,7 @@ class Scene:
     defects: Defects = ()
     lenslet_waves: float = 0.0
     glass: tuple[float, float] = (0.0, 1.0)
+    accept: tuple[float, float, float] = (0.0, 0.0, 0.0)
     colour_rate: float = 0.0
     dispersion_um2: float = 0.0
 

@@ -12,6 +12,7 @@ from lfcal.errors import LfcalError
 from lfcal.simulate import plan_effects
 from lfcal.simulate.effects import (
     CATALOGUE,
+    AngularResponse,
     ArrayTilt,
     ChromaticFocus,
     CoverGlass,
@@ -34,6 +35,7 @@ EXTREMES: list[Effect] = [
     *(FieldCurvature(r) for r in (1.0, -1.0, 3e3, -3e3, 1e12)),
     *(Distortion(k, r) for k, r in ((0.5, 1.0), (-0.5, 1e9), (0.5, 1e4), (-0.01, 1e4))),
     *(ArrayTilt(a, b) for a, b in ((0.2, 0.2), (-0.2, 0.0), (0.0, -0.002))),
+    *(AngularResponse(a) for a in (0.01, 1.57)),
     *(CoverGlass(*g) for g in ((1e6, 4.0, 0.0), (200.0, 4.0, 0.0), (250.0, 1.5, 1.0))),
     *(ChromaticFocus(r, w) for r, w in ((1e9, 0.1), (-2e4, 0.3))),
     *(LensletDispersion(v, w) for v, w in ((5.0, 0.4), (1e300, 0.1))),

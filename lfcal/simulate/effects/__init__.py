@@ -15,7 +15,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``image``: field curvature, distortion
 - ``lenslets``: their spherical aberration, defective ones
 - ``light``: finite source, bandwidth
-- ``pixels``: fill factor, crosstalk
+- ``pixels``: fill factor, response to angles, crosstalk
 - ``motion``: positioning error, backlash, drift, depth error
 - ``sensor``: stray light, colour filter, noise, quantisation, saturation
 """
@@ -59,7 +59,7 @@ from lfcal.simulate.effects.optics import (
     LensTypeDefocus,
 )
 from lfcal.simulate.effects.outlook import Outlook
-from lfcal.simulate.effects.pixels import Crosstalk, PixelFill
+from lfcal.simulate.effects.pixels import AngularResponse, Crosstalk, PixelFill
 from lfcal.simulate.effects.sensor import (
     ColourFilter,
     DarkCurrent,
@@ -74,6 +74,7 @@ from lfcal.simulate.effects.sensor import (
 __all__ = [
     "CATALOGUE",
     "ActsOn",
+    "AngularResponse",
     "ArrayRotation",
     "ArrayTilt",
     "Backlash",

@@ -16,6 +16,7 @@ from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot,
 from lfcal.simulate.engines.field import choose_mode, field_table
 from lfcal.simulate.engines.masks import RING, disc_table, polygon_mask
 from lfcal.simulate.engines.tables import aperture_outline, aperture_radius, lenslet_aberration, ray_aberration
+from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 
 __all__ = ["ReferencePlane", "pixel_bins", "sensor_propagator"]
@@ -221,6 +222,10 @@ class ReferencePlane:
             spectrum *= self._step[None, :]
         else:
             spectrum *= self._step
+        if scene.accept[0]:
+            power, from_y, from_x = scene.accept
+            sines = scene.wavelength_um * sf.fftfreq(self._n, dx)
+            spectrum *= pixel_response(power / 2, sines[:, None] + from_y, sines[None, :] + from_x)  # of the amplitude
         light = np.abs(sf.ifft2(spectrum, workers=workers or -1, overwrite_x=True)) ** 2
         light *= dx * dx
         sides = []

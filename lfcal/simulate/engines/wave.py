@@ -22,8 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.simulate.engines._kernels import Optics, Target, respond
 from lfcal.simulate.engines._lenslets import SPOT, Light, Window, select, square_fields
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
-from lfcal.simulate.engines.field import choose_mode
+from lfcal.simulate.engines.field import SWITCH, choose_mode
 from lfcal.simulate.engines.tables import Array, LensTable, PlaneTables, bent, build_tables, serve
+from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.symmetry import mirrored_rows
 from lfcal.threads import for_each_chunk
@@ -140,6 +141,8 @@ class WavePlane:
         for start in range(0, len(source), batch):
             part = slice(start, start + batch)
             self._add_lenses(source[part], pixel[part], target._replace(image=image[part]))
+        if self.scene.accept[0] and not self._directed:
+            self._undirected_gain(image, source, pixel)
         if image is not out:
             out[...] = image
 
@@ -196,15 +199,51 @@ class WavePlane:
         scene, tables = self.scene, self.tables
         share = (tables.spread_um2 / (lens.field.dx_um * scene.reduced_pixel_um)) ** 2
         flat = 1 / tables.spread_um2, share, 1 - tables.ratio
-        if not scene.exact_rays or self.mode != "E":
-            return Optics(*flat, 0.0, 0.0, 0.0, 0.0, np.ones(5))
-        gap, sigma = scene.reduced_gap_um, lens.aperture.bend * tables.spread_um2 / math.pi
-        # 1/a' + 1/f = (1 - sigma)/B', by the definition of sigma
-        rays = 2 * math.pi * gap / scene.wavelength_um
+        none = np.ones(5)
+        # near the native plane rays cross, and have no direction of their own
+        straight = scene.exact_rays and self.mode == "E"
+        accept = scene.accept if self._directed else (0.0, 0.0, 0.0)
+        if not straight and accept[0] == 0:
+            return Optics(*flat, 0.0, 0.0, 0.0, 0.0, accept, none)
+        gap, a = scene.reduced_gap_um, scene.reduced_image_um
+        sigma = lens.aperture.bend * tables.spread_um2 / math.pi
+        # 1/a' + 1/f = (1 - sigma)/B', by the definition of sigma; without the source's sphere 1/f
+        bends = (1 - sigma) / gap + (0.0 if self.mode == "E" else 1 / a)
+        if not straight:
+            return Optics(*flat, 0.0, 1 / a, bends, gap, accept, none)
         # a plate takes t n G(s²/n²) instead of t/n G(s²): of the series' k-th term n^(1 - 2k) t is left
         thick, index = scene.glass[0] / scene.scale, scene.glass[1]
         left = np.asarray(1 + thick / gap * (index ** (1.0 - 2 * np.arange(2, 7)) - 1 / index), np.float64)
-        return Optics(*flat, rays, 1 / scene.reduced_image_um, (1 - sigma) / gap, gap, left)
+        return Optics(*flat, 2 * math.pi * gap / scene.wavelength_um, 1 / a, bends, gap, accept, left)
+
+    @property
+    def _directed(self) -> bool:
+        """Whether each point of a lenslet is lit from one direction, away from the native plane."""
+        return self.mode == "E" or (self.mode == "D" and self.scene.fresnel_number >= SWITCH)
+
+    def _undirected_gain(self, image: Array, source: NDArray[np.float64], pixel: NDArray[np.int64]) -> None:
+        """Multiply by the pixels' response near the native plane, where the lenslet nearest to the image has the light.
+
+        A ray of slope -u there meets it at X0 + a' u and the sensor at c + o (X0 - c) + (o a' - B') u, o = 1 - B'/f: a
+        pixel tells u.
+        """
+        scene, px = self.scene, self.scene.reduced_pixel_um
+        (power, *chief), gap, a = scene.accept, scene.reduced_gap_um, scene.reduced_image_um
+        for k, x0 in enumerate(source):
+            pitch = 2 * scene.lattice.pitch_um
+            centres, kinds = scene.lattice.lenslets_within(pitch, pitch, (float(x0[0]), float(x0[1])))
+            nearest = int(np.argmin(np.hypot(*(centres - x0).T)))
+            own = 1.0 - scene.lens_curvature(int(kinds[nearest]))
+            spread = own * a - gap
+            slopes = []
+            for axis, count in enumerate(scene.cutout):
+                image_at, centre = x0[1 - axis], centres[nearest][1 - axis]
+                at = (np.arange(count) - count // 2 + pixel[k, axis]) * px
+                # in focus one pixel has all slopes: their mean
+                u = (at - centre - own * (image_at - centre)) / spread if abs(spread) > 0.3 * gap else 0 * at
+                rim = 1.5 / (2 * scene.f_number)
+                slopes.append((at - image_at - a * np.clip(u, -rim, rim)) / gap + chief[axis])
+            image[k] *= pixel_response(power, slopes[0][:, None], slopes[1][None, :])
 
     def _certify(self, energy_in: NDArray[np.float64], energy_out: NDArray[np.float64], lens: LensTable) -> None:
         """Raise `EnergyError` where a window received more than its lenslet passed."""
