@@ -101,3 +101,12 @@ def test_an_effect_that_is_not_called_for_costs_nothing(name: str, monkeypatch: 
     for method in (m for m in methods if hasattr(CATALOGUE.get(name), m)):
         monkeypatch.setattr(type(effect), method, lambda *_: pytest.fail("an effect that is off was asked"))
     simulate_psf(plan.camera, plan, plan_effects(plan.camera, plan, 0.2), sampling=FAST)
+
+
+@pytest.mark.parametrize("name", [*sorted(NOMINAL), "angular_response"])
+def test_it_is_off_unless_called_for_and_then_given_or_asked(name: str) -> None:
+    plan = small_plan(cutout=31)
+    for frames in (False, True):
+        assert not plan_effects(plan.camera, plan, 1e-4, frames=frames).row(name).on
+    wanted = plan_effects(plan.camera, plan, overrides={name: "on"}, frames=True).row(name)
+    assert wanted.on and wanted.effect == CATALOGUE.get(name)()

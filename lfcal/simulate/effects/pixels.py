@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, MainLens
-from lfcal.simulate.effects.base import Estimate, PsfEffect, SceneEffect
+from lfcal.simulate.effects.base import EngineSeconds, Estimate, PsfEffect, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
 
@@ -131,6 +131,11 @@ class AngularResponse(SceneEffect):
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with this response."""
         return replace(scene, accept=(self.power, *self.slope(outlook)))
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return what a weight for every ray takes beside a wave engine (measured): as much again."""
+        del outlook
+        return engine.waves
 
 
 EFFECTS = (PixelFill, AngularResponse, Crosstalk)
