@@ -65,7 +65,9 @@ def plan_at(v: float, side: bool) -> ScanPlan:
     return small_plan(v, small_camera(160, 8000), anchor=(70.0, 7900.0), cutout=31)
 
 
-@pytest.mark.parametrize("side", [False, True], ids=["axis", "edge"])
+@pytest.mark.parametrize(
+    "side", [pytest.param(False, id="axis", marks=pytest.mark.long), pytest.param(True, id="edge")]
+)
 @pytest.mark.parametrize("effect", EXTREMES, ids=repr)
 def test_extremes_are_computed_or_refused(effect: Effect, side: bool) -> None:
     for v in (0.0, 4.0, -3.0):
