@@ -6,10 +6,13 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 
-__all__ = ["Iris", "Wavefront", "check_wavefront", "seidel"]
+__all__ = ["Iris", "Wavefront", "check_wavefront", "pixel_response", "seidel"]
 
 Wavefront = tuple[tuple[int, int, float], ...]
 """Zernike terms ``(n, m, waves)``."""
@@ -88,3 +91,10 @@ def seidel(*, spherical: float = 0.0, coma: float = 0.0, angle_rad: float = 0.0)
         for m, part in ((1, math.cos(angle_rad)), (-1, math.sin(angle_rad))):
             terms += [(3, m, coma * part / 3), (1, m, coma * part * 2 / 3)]
     return tuple(terms)
+
+
+def pixel_response(power: float, sine_y: ArrayLike, sine_x: ArrayLike) -> NDArray[np.float64]:
+    """Return cos^power of the angle of rays with these sines; 0 where there is no such ray."""
+    square = np.square(sine_y) + np.square(sine_x)
+    response: NDArray[np.float64] = np.clip(1.0 - square, 0.0, None) ** (power / 2)
+    return response

@@ -80,7 +80,9 @@ class PlaneResponse:
         self.tolerance, self._escalate = tolerance, level == "auto"
         self.wanted, self.reached = sampling, math.nan
         samples = light_samples(effects, outlook)
-        self.samples = merged(samples, scene.wavelength_um) if self.level == "geometric" else samples
+        # rays do not depend on the wavelength, unless images and foci do
+        alike = self.level == "geometric" and not (scene.colour_rate or scene.dispersion_um2)
+        self.samples = merged(samples, scene.wavelength_um) if alike else samples
         self._engines: dict[float, PlaneEngine] = {}
         self._lock = threading.Lock()
         self._spent: list[Certificate] = []
@@ -221,14 +223,14 @@ class PlaneResponse:
         return found.engine
 
     def point(self, y_px: float, x_px: float) -> list[tuple[int, int, NDArray[np.float32]]]:
-        """Return windows ``(row, column, values)`` of the light of a source whose chief ray is at (y, x).
+        """Return windows ``(row, column, values)`` of the light of a source whose paraxial chief ray is at (y, x).
 
         Pixels of the sensor, counted from position (0, 0); ``row, column`` is the window's middle pixel. Source points
         of a finite source have a window each.
         """
         out = []
         for sample in self.samples:
-            at = ((y_px + sample.rows) * self.sensor_um, (x_px + sample.columns) * self.sensor_um)
+            at = self.scene.imaged_um((y_px + sample.rows) * self.sensor_um, (x_px + sample.columns) * self.sensor_um)
             _, values = self._balanced(self.engine(sample.wavelength_um), lambda e, at=at: e.point(*at))  # type: ignore[misc]
             row, column = self.scene.nearest_pixel(*at)
             out.append((row, column, np.float32(sample.weight) * self._filter(values)))
@@ -250,15 +252,22 @@ def _pairs_together(scene: Scene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:
-    """Return the scene in light of another wavelength; aberrations keep their path lengths."""
+    """Return the scene in light of another wavelength; aberrations keep their path lengths, images and foci move."""
     scale = scene.wavelength_um / wavelength_um
     # The glass keeps its path length in µm; in waves of another light it is another number.
     terms = tuple((n, m, waves * scale) for n, m, waves in scene.wavefront)
-    return replace(scene, wavelength_um=wavelength_um, wavefront=terms)
+    found = replace(scene, wavelength_um=wavelength_um, wavefront=terms, lenslet_waves=scene.lenslet_waves * scale)
+    if scene.colour_rate:
+        found = found.refocused(scene.colour_rate * (wavelength_um - scene.wavelength_um))
+    if scene.dispersion_um2:
+        power = 1.0 + scene.dispersion_um2 * (wavelength_um**-2 - scene.wavelength_um**-2)
+        types = tuple(replace(kind, focal_length_um=kind.focal_length_um / power) for kind in scene.lattice.types)
+        found = replace(found, lattice=replace(found.lattice, types=types))
+    return found
 
 
 def merged(samples: Sequence[LightSample], wavelength_um: float) -> tuple[LightSample, ...]:
-    """Return the samples with all wavelengths of a source point in one: rays do not depend on the wavelength."""
+    """Return the samples with all wavelengths of a source point in one."""
     weights: dict[tuple[float, float], float] = {}
     for s in samples:
         weights[s.rows, s.columns] = weights.get((s.rows, s.columns), 0.0) + s.weight

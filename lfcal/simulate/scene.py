@@ -28,7 +28,13 @@ from lfcal.errors import InputError
 from lfcal.simulate.pupil import Iris, Wavefront, check_wavefront, seidel
 from lfcal.simulate.specimen import Specimen, cone_radius_um
 
-__all__ = ["Iris", "ScanGrid", "Scene", "Wavefront", "scene_of", "seidel"]
+__all__ = ["Defects", "ImageMap", "Iris", "ScanGrid", "Scene", "Wavefront", "scene_of", "seidel"]
+
+Defects = tuple[tuple[int, int, float], ...]
+"""Lenslets that pass less light: row and column of the lattice, and the share of light that passes."""
+
+ImageMap = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""Displacement of images, linear in their place (µm): for dy and dx the constant, and its growth with y and x."""
 
 
 class ScanGrid(Protocol):
@@ -91,6 +97,22 @@ class Scene:
     offsets_um
         Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None. The
         pixels stay where they are.
+    image_map
+        Displacement of every image from the paraxial place, by where that place is on the sensor; offsets come first.
+    tilt
+        Growth (y, x) of the gap over the array, per µm from the middle of the period: the array is tilted.
+    defects
+        Lenslets that pass less light, by their place in ``lattice`` (rows r, columns q).
+    lenslet_waves
+        Spherical aberration W040 of the lenslets (waves), at the rim of the clear diameter.
+    glass
+        Thickness (µm) and index of a plate between lenslets and sensor: its aberration at exact angles. The gap is
+        that in air to which lenslets and plate come, B - t (1 - 1/n).
+    accept
+        Power n of the pixels' response cos^n to the angle of light, 0 for none, and the slope (y, x) of the chief ray.
+    colour_rate, dispersion_um2
+        How light of another wavelength is imaged (see `lfcal.simulate.response.at_wavelength`): shift of the image per
+        wavelength, and b in f / (1 + b (1/lambda² - 1/wavelength_um²)) of the lenslets.
     """
 
     wavelength_um: float
@@ -115,6 +137,14 @@ class Scene:
     vectorial: bool = False
     specimen: Specimen | None = None
     offsets_um: NDArray[np.float64] | None = field(default=None, compare=False)
+    image_map: ImageMap | None = None
+    tilt: tuple[float, float] = (0.0, 0.0)
+    defects: Defects = ()
+    lenslet_waves: float = 0.0
+    glass: tuple[float, float] = (0.0, 1.0)
+    accept: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    colour_rate: float = 0.0
+    dispersion_um2: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -221,6 +251,11 @@ class Scene:
             return 1.0
         return math.pi * self.clear_radius_um**2 / (self.lattice.pitch_um * self.lattice.row_step_um)
 
+    @property
+    def lenslet_quartic(self) -> float:
+        """Phase of the lenslets' spherical aberration per fourth power of the distance from their middle (rad/µm^4)."""
+        return 2 * math.pi * self.lenslet_waves / self.clear_radius_um**4
+
     def lens_curvature(self, kind: int) -> float:
         """Return B'/f of lenslets of type ``kind``."""
         return self.reduced_gap_um / self.lattice.types[kind].focal_length_um
@@ -239,7 +274,64 @@ class Scene:
     def source_um(self, y: int, x: int) -> tuple[float, float]:
         """Return where the chief ray of position (y, x) meets the sensor, its offset included."""
         dy, dx = (0.0, 0.0) if self.offsets_um is None else self.offsets_um[y % self.period[0], x % self.period[1]]
-        return y * self.row_um + float(dy), x * self.pixel_um + float(dx)
+        return self.imaged_um(y * self.row_um + float(dy), x * self.pixel_um + float(dx))
+
+    def imaged_um(self, y_um: float, x_um: float) -> tuple[float, float]:
+        """Return where the chief ray truly meets the sensor that would paraxially do so at (y, x)."""
+        if self.image_map is None:
+            return y_um, x_um
+        dy, dx = (c + gy * y_um + gx * x_um for c, gy, gx in self.image_map)
+        return y_um + dy, x_um + dx
+
+    @property
+    def farthest_um(self) -> float:
+        """The most by which a source's chief ray misses the middle of its cutout, on the sensor's scale."""
+        far = 0.0 if self.offsets_um is None else float(np.hypot(*np.moveaxis(self.offsets_um, -1, 0)).max())
+        if self.image_map is None:
+            return far
+        height, width = ((n - 1) * px for n, px in zip(self.period, (self.row_um, self.pixel_um), strict=True))
+        corners = [(y, x) for y in (0.0, height) for x in (0.0, width)]
+        # linear: largest at a corner
+        return far + max(math.hypot(*np.subtract(self.imaged_um(*at), at)) for at in corners)
+
+    def farther_um(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how much farther from the sensor lenslets at ``centres_um`` ``(n, 2)`` as (x, y) lie by the tilt."""
+        middle = (
+            (n - 1) / 2 * px / self.scale for n, px in zip(self.period, (self.row_um, self.pixel_um), strict=True)
+        )
+        y, x = middle
+        farther: NDArray[np.float64] = (centres_um - np.array([x, y])) @ np.array(self.tilt[::-1])
+        return farther
+
+    def passed(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the share of light that lenslets at ``centres_um`` ``(n, 2)`` as (x, y) let through."""
+        share = np.ones(len(centres_um))
+        if self.defects and len(centres_um):
+            index = np.rint(self.lattice.lenslet_at(centres_um))
+            for row, column, passed in self.defects:
+                share[(index == (column, row)).all(axis=1)] *= passed
+        return share
+
+    def tilted(self, centres_um: NDArray[np.float64], kinds: NDArray[np.intp]) -> tuple[NDArray[np.float64], ...]:
+        """Return what the tilt changes for lenslets ``(n, 2)`` as (x, y): the share of X0 - c their light moves, sigma.
+
+        A ray through the centre of a lenslet that is d farther from the sensor lands at c + (B + d)/(a + d) (X0 - c),
+        and sigma is 1 - (B + d)/(a + d) - (B + d)/f: both to first order in d.
+        """
+        a, none = self.reduced_image_um, np.zeros(len(centres_um))
+        # near the native plane the lenslets lit lie next to each other, and 1/a' means nothing
+        if self.tilt == (0.0, 0.0) or self.shadow_radius_um < 0.5 * self.lattice.pitch_um:
+            return none, none
+        moved = self.farther_um(centres_um) * (1 - self.reduced_gap_um / a) / a
+        focal = np.array([kind.focal_length_um for kind in self.lattice.types])[kinds]
+        return moved, -moved - self.farther_um(centres_um) / focal
+
+    def refocused(self, by_um: float) -> Scene:
+        """Return the scene with the source's image ``by_um`` farther behind the array."""
+        optics = self.objective
+        # a = -M² z / n
+        deeper = 0.0 if optics is None else -by_um * optics.medium_index / optics.magnification**2
+        return replace(self, image_um=self.image_um + by_um, z_um=self.z_um + deeper)
 
 
 def scene_of(

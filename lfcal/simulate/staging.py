@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
 from lfcal.simulate.effects.base import Effect, LightEffect, LightSample, PsfEffect, SceneEffect
+from lfcal.simulate.effects.light import Bandwidth
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import LEVELS
 from lfcal.simulate.scene import Iris, Scene, scene_of
@@ -145,10 +146,21 @@ def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
 
 
 def light_samples(effects: Iterable[Effect], outlook: Outlook) -> tuple[LightSample, ...]:
-    """Return the source points and wavelengths that ``effects`` spread the light over."""
+    """Return the source points and wavelengths that ``effects`` spread the light over.
+
+    Where one of them acts by the wavelength there are as many as it needs, also without `Bandwidth` among them.
+    """
+    chosen = tuple(effects)
+    coloured = [effect for effect in chosen if effect.by_wavelength and effect.wavelengths(outlook) > 1]
+    least = max((effect.wavelengths(outlook) for effect in coloured), default=1)
+    if coloured and not any(isinstance(effect, Bandwidth) for effect in chosen):
+        widths = (getattr(effect, "width_um", None) for effect in coloured)
+        chosen = (*chosen, Bandwidth(next((width for width in widths if width is not None), None)))
     samples: tuple[LightSample, ...] = (LightSample(0.0, 0.0, outlook.wavelength_um, 1.0),)
-    for effect in effects:
-        if isinstance(effect, LightEffect):
+    for effect in chosen:
+        if isinstance(effect, Bandwidth):
+            samples = effect.spread(samples, outlook, least)
+        elif isinstance(effect, LightEffect):
             samples = effect.spread(samples, outlook)
     return samples
 

@@ -22,8 +22,13 @@ def is_mirror_symmetric(scene: Scene) -> bool:
     """
     # Offsets could mirror each other too; they are not looked at.
     lattice = scene.lattice
-    upright = lattice.rotation_rad == lattice.shear_rad == 0 and scene.offsets_um is None and scene.pixel_aspect == 1
-    return upright and _iris_is_symmetric(scene.iris) and all(m >= 0 for _, m, _ in scene.wavefront)
+    upright = lattice.rotation_rad == lattice.shear_rad == 0 and scene.pixel_aspect == 1
+    in_place = scene.offsets_um is None and scene.image_map is None and scene.tilt == (0, 0)
+    # one lenslet is seldom where its mirror image is; an oblique chief ray has another response than its own
+    alike = not scene.defects and scene.accept[1] == 0
+    return (
+        upright and in_place and alike and _iris_is_symmetric(scene.iris) and all(m >= 0 for _, m, _ in scene.wavefront)
+    )
 
 
 def _iris_is_symmetric(iris: Iris) -> bool:

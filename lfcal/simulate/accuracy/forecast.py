@@ -16,7 +16,7 @@ from lfcal.simulate.engines.base import PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import Budget, EffectsLike, budgeted
-from lfcal.simulate.staging import outlook_of
+from lfcal.simulate.staging import light_samples, outlook_of
 from lfcal.simulate.symmetry import mirrored_rows
 
 __all__ = ["Whole", "own_rows", "plane_seconds", "predict_seconds", "whole_of"]
@@ -93,7 +93,7 @@ def whole_of(plan: ScanPlan, z: int, effects: Budget | Sequence[Effect], level: 
 
 def _samples(plan: ScanPlan, z: int, budget: Budget) -> int:
     outlook = outlook_of(plan, z)
-    return math.prod(effect.runs(outlook) for effect in budget.at(plan.depths_um[z])[0])
+    return len(light_samples(budget.at(plan.depths_um[z])[0], outlook))
 
 
 def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:

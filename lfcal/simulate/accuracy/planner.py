@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,7 +12,8 @@ from lfcal.simulate.accuracy.cost import engine_times
 from lfcal.simulate.accuracy.estimates import estimates_of
 from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, LensletDiffraction, Outlook, catalogue
 from lfcal.simulate.effects.described import SETTINGS
-from lfcal.simulate.staging import outlook_of
+from lfcal.simulate.effects.light import Bandwidth
+from lfcal.simulate.staging import light_samples, outlook_of
 from lfcal.units import format_seconds
 
 __all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]
@@ -233,12 +233,16 @@ class _Costs:
         seconds = 0.0
         for (outlook, engine), effects in zip(self.planes, chosen, strict=True):
             by_rays = self.level_of(effects) == "geometric"
-            runs = math.prod(effect.runs(outlook) for effect in effects)
+            runs = len(light_samples(effects, outlook))
             seconds += runs * (engine.rays if by_rays else engine.waves)
             # The step from rays to waves and further runs are in the engines' seconds already.
-            rest = (e for e in effects if not isinstance(e, LensletDiffraction) and e.acts_on is not ActsOn.LIGHT)
-            seconds += sum(effect.seconds(outlook, engine) for effect in rest)
+            seconds += sum(e.seconds(outlook, engine) for e in effects if not _in_engines(e))
         return seconds
+
+
+def _in_engines(effect: Effect) -> bool:
+    """Return whether an effect's seconds are those of the engines: the step to waves, and further runs."""
+    return isinstance(effect, LensletDiffraction) or effect.by_wavelength or effect.acts_on is ActsOn.LIGHT
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,7 +275,17 @@ def _decided(drafts: Sequence[_Draft], plane: int, allowed: float) -> tuple[dict
         if not on and draft.setting == "auto" and _counts(draft.effect, draft.known, draft.frames):
             taken += draft.at(plane).error
         found[draft.effect.name] = on, reason
-    return found, taken
+    return found, taken - _taken_along(drafts, plane, found)
+
+
+def _taken_along(drafts: Sequence[_Draft], plane: int, found: dict[str, tuple[bool, str]]) -> float:
+    """Put the bandwidth on where another effect spreads the wavelengths anyway; return what is left out no longer."""
+    coloured = [d.effect.title for d in drafts if found[d.effect.name][0] and d.effect.by_wavelength]
+    width = next(d for d in drafts if d.effect.name == Bandwidth.name)
+    if not coloured or width.setting != "auto" or found[Bandwidth.name][0] or not width.at(plane).size:
+        return 0.0
+    found[Bandwidth.name] = True, f"comes with {' and '.join(coloured)}"
+    return width.at(plane).error
 
 
 def _row(draft: _Draft, planes: Sequence[Outlook], decided: Sequence[Mapping[str, tuple[bool, str]]]) -> PlannedEffect:

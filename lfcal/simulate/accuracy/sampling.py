@@ -96,6 +96,8 @@ class Fringes:
                 width = float(np.ptp(aperture_outline(described), axis=0).max())
             wave, gap = described.wavelength_um, described.reduced_gap_um
             types, cone = described.lattice.types, 1 / (2 * described.f_number)
+            # rays that the lenslets' spherical aberration turns
+            cone += 4 * abs(described.lenslet_quartic) * wave / (2 * math.pi) * (width / 2) ** 3
         spread = wave * gap
         steepest = cone + width / 2 / min(abs(kind.focal_length_um) for kind in types)
         return cls(width * px / spread, pitch * px / spread, pitch / px, 2 * px * min(steepest, 1.0) / wave)

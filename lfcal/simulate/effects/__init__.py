@@ -7,11 +7,16 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``outlook``: the a-priori numbers all estimates are built from
 - ``optics``: lens types, diffraction, the iris's shape, non-paraxial terms
 - ``aberrations``: spherical aberration, coma, any Zernike terms
-- ``array_errors``: telecentricity; gap, rotation and pitch of the lenslet array
+- ``array_errors``: telecentricity; gap, rotation, pitch and tilt of the lenslet array
 - ``field``: cos^4 and mechanical vignetting
+- ``colour``: longitudinal colour, the lenslets' dispersion
+- ``faults``: ghost images, the sensor's nonlinearity
+- ``glass``: the sensor's cover glass
+- ``image``: field curvature, distortion
+- ``lenslets``: their spherical aberration, defective ones
 - ``light``: finite source, bandwidth
 - ``microscope``: light as a vector field, specimens of another refractive index
-- ``pixels``: fill factor, crosstalk
+- ``pixels``: fill factor, response to angles, crosstalk
 - ``motion``: positioning error, backlash, drift, depth error
 - ``sensor``: stray light, colour filter, noise, quantisation, saturation; ``poisson``: its deviates
 - ``magnitudes``: the magnitudes of an effect one by one, with units and sources
@@ -27,7 +32,7 @@ from dataclasses import is_dataclass
 from lfcal.camera import preset
 from lfcal.registry import Registry
 from lfcal.simulate.effects.aberrations import Coma, Spherical, Zernike
-from lfcal.simulate.effects.array_errors import ArrayRotation, LensletGap, PitchError, Telecentricity
+from lfcal.simulate.effects.array_errors import ArrayRotation, ArrayTilt, LensletGap, PitchError, Telecentricity
 from lfcal.simulate.effects.base import (
     ActsOn,
     Effect,
@@ -41,7 +46,12 @@ from lfcal.simulate.effects.base import (
     SceneEffect,
     SensorStrip,
 )
+from lfcal.simulate.effects.colour import ChromaticFocus, LensletDispersion
+from lfcal.simulate.effects.faults import Ghost, SensorNonlinearity
 from lfcal.simulate.effects.field import CosFourth, MechanicalVignetting
+from lfcal.simulate.effects.glass import CoverGlass
+from lfcal.simulate.effects.image import Distortion, FieldCurvature
+from lfcal.simulate.effects.lenslets import LensletSpherical, MissingLenslets
 from lfcal.simulate.effects.light import Bandwidth, FiniteSource
 from lfcal.simulate.effects.microscope import IndexMismatch, VectorialPupil
 from lfcal.simulate.effects.motion import Backlash, DepthError, Drift, PositioningError
@@ -53,7 +63,7 @@ from lfcal.simulate.effects.optics import (
     LensTypeDefocus,
 )
 from lfcal.simulate.effects.outlook import Outlook
-from lfcal.simulate.effects.pixels import Crosstalk, PixelFill
+from lfcal.simulate.effects.pixels import AngularResponse, Crosstalk, PixelFill
 from lfcal.simulate.effects.sensor import (
     ColourFilter,
     DarkCurrent,
@@ -68,32 +78,42 @@ from lfcal.simulate.effects.sensor import (
 __all__ = [
     "CATALOGUE",
     "ActsOn",
+    "AngularResponse",
     "ArrayRotation",
+    "ArrayTilt",
     "Backlash",
     "Bandwidth",
+    "ChromaticFocus",
     "ColourFilter",
     "Coma",
     "CosFourth",
+    "CoverGlass",
     "Crosstalk",
     "DarkCurrent",
     "DepthError",
+    "Distortion",
     "Drift",
     "Effect",
     "EngineSeconds",
     "Estimate",
     "ExactAngles",
+    "FieldCurvature",
     "FiniteSource",
     "FixedPattern",
     "FrameEffect",
+    "Ghost",
     "IndexMismatch",
     "IrisDiffraction",
     "IrisShape",
     "LensTypeDefocus",
     "LensletDiffraction",
+    "LensletDispersion",
     "LensletGap",
+    "LensletSpherical",
     "LightEffect",
     "LightSample",
     "MechanicalVignetting",
+    "MissingLenslets",
     "MotionEffect",
     "Outlook",
     "PitchError",
@@ -104,6 +124,7 @@ __all__ = [
     "ReadNoise",
     "Saturation",
     "SceneEffect",
+    "SensorNonlinearity",
     "SensorStrip",
     "ShotNoise",
     "Spherical",

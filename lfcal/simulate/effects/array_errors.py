@@ -1,4 +1,4 @@
-"""Effects of the lenslet array's place: telecentricity, gap, rotation and pitch."""
+"""Effects of the lenslet array's place: telecentricity, gap, rotation, pitch and tilt."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from lfcal.camera import Microscope
+from lfcal.errors import InputError
 from lfcal.simulate.effects.base import Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
 
-__all__ = ["ArrayRotation", "LensletGap", "PitchError", "Telecentricity"]
+__all__ = ["ArrayRotation", "ArrayTilt", "LensletGap", "PitchError", "Telecentricity"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,4 +138,61 @@ class PitchError(SceneEffect):
         return replace(scene, lattice=replace(lattice, pitch_um=lattice.pitch_um * grow, row_pitch_um=rows))
 
 
-EFFECTS = (Telecentricity, LensletGap, ArrayRotation, PitchError)
+@dataclass(frozen=True, slots=True)
+class ArrayTilt(SceneEffect):
+    """The lenslet array not parallel to the sensor: it turns about the optical axis's point on it.
+
+    The region's lenslets lie farther from the sensor, and as much farther before the image; and from lenslet to
+    lenslet so, by which rays through their centres land elsewhere. Where the lattice is seen stays as described.
+
+    Attributes
+    ----------
+    rows_rad, columns_rad
+        Growth of the gap per length down the rows and along the columns (rad).
+    """
+
+    rows_rad: float = 0.0
+    columns_rad: float = 1e-3
+
+    name: ClassVar[str] = "array_tilt"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rows_rad": (-0.2, 0.2), "columns_rad": (-0.2, 0.2)}
+    title: ClassVar[str] = "array tilt"
+    rank: ClassVar[int] = 83
+    deviation: ClassVar[bool] = True
+
+    def farther_um(self, outlook: Outlook) -> float:
+        """Return how much larger the gap is in the middle of the region (µm)."""
+        return self.rows_rad * outlook.field_um[0] + self.columns_rad * outlook.field_um[1]
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the rim's spot shift d (1 - 1/v)/(2 Nw), two thirds of it in the mean, and that within the region.
+
+        Over the lit lenslets the gap differs by t r: averaged over a disc, |c cos| c is r²/pi.
+        """
+        farther, tilt = self.farther_um(outlook), math.hypot(self.rows_rad, self.columns_rad)
+        across = outlook.shadow_px * outlook.pixel_um * tilt
+        v = outlook.virtual_depth
+        # beside their places spots change in width; near the native plane the whole cone does
+        rate = math.hypot(1.0 - 1.0 / v, 0.45) if abs(v) >= 1.0 else 1.0
+        cone = rate / (2 * outlook.f_number) / outlook.pixel_um
+        shift = math.hypot(2 / 3 * farther, across / math.pi) * cone
+        formula = "hypot(2/3 d, t r/pi) (1 - 1/v)/(2 Nw), d = t h"
+        return Estimate(abs(farther), "µm", outlook.moved(shift), formula)
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the region's own gap and image distance, and the tilt about its middle."""
+        farther = self.farther_um(outlook)
+        gap = scene.gap_um + farther
+        if not (0.2 * scene.gap_um <= gap <= 3 * scene.gap_um and scene.pupil_um > farther):
+            wanted = f"a gap of a fifth to three times the {scene.gap_um:.4g} µm on the axis"
+            raise InputError.expected(
+                f"{self.title} (rad)", wanted, f"{gap:.4g} µm in the region", "give a smaller one"
+            )
+        tilt = scene.tilt[0] + self.rows_rad, scene.tilt[1] + self.columns_rad
+        lattice = replace(scene.lattice, gap_um=gap)
+        # the main lens stays where it is: its pupil is as much nearer as the image is farther
+        found = replace(scene, lattice=lattice, pupil_um=scene.pupil_um - farther, tilt=tilt)
+        return found.refocused(farther)
+
+
+EFFECTS = (Telecentricity, LensletGap, ArrayRotation, PitchError, ArrayTilt)

@@ -142,6 +142,9 @@ class SensorStrip:
     pattern
         Random numbers of this strip of the sensor, the same in every frame: called with the name of a pattern,
         returns standard normal deviates of the strip's shape.
+    light_e
+        Light of the whole frame ``(rows, columns)`` before any effect (electrons): for what comes from elsewhere in it.
+        Read only.
     """
 
     camera: Camera
@@ -150,6 +153,7 @@ class SensorStrip:
     total_e: float
     rng: np.random.Generator
     pattern: Callable[[str], NDArray[np.float32]]
+    light_e: NDArray[np.float32]
 
 
 def typical(value: float | None, camera: Camera, lens: float, microscope: float) -> float:
@@ -178,6 +182,8 @@ class Effect(ABC):
     """Whether the effect is an error of build or use whose size the camera's description does not hold."""
     needs_waves: ClassVar[bool] = False
     """Whether rays cannot show the effect: it switches lenslet diffraction on."""
+    by_wavelength: ClassVar[bool] = False
+    """Whether it acts by the light's wavelengths: they are spread over the spectrum, with `Bandwidth` or without."""
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Least and largest value of magnitudes that cannot be any number."""
     units: ClassVar[Mapping[str, str]] = {}
@@ -221,6 +227,11 @@ class Effect(ABC):
     def holds(self, outlook: Outlook) -> bool:
         """Return whether the estimate's formula can be trusted there; else the effect is run at a few positions."""
         return outlook.regular
+
+    def wavelengths(self, outlook: Outlook) -> int:
+        """Return the fewest wavelengths over the spectrum, of an effect that acts by them."""
+        del outlook
+        return 1
 
     def runs(self, outlook: Outlook) -> int:
         """Return how many times the engine must run for each response because of this effect."""

@@ -150,14 +150,20 @@ class Bandwidth(LightEffect):
             steep, most = 9.0 * share * math.sqrt(more), 0.024 * share * more
         return most * -math.expm1(-steep * x * x / most)
 
-    def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
-        """Return Gauss-Legendre wavelengths over the spectrum: 3, more where many fringes wash out."""
+    def count(self, outlook: Outlook, least: int = 1) -> int:
+        """Return the number of wavelengths: 3, more where many fringes wash out, and at least ``least``."""
+        width = self.width(outlook)
+        if width == 0:
+            return 1
+        # fringes of the iris that wash out over the spectrum: their number grows with Fresnel number times width
+        return max(least, min(9, 3 + math.ceil(outlook.fresnel_main * width / outlook.wavelength_um / 4)))
+
+    def spread(self, samples: tuple[LightSample, ...], outlook: Outlook, least: int = 1) -> tuple[LightSample, ...]:
+        """Return Gauss-Legendre wavelengths over the spectrum, as many as `count` says."""
         width = self.width(outlook)
         if width == 0:
             return samples
-        # fringes of the iris that wash out over the spectrum: their number grows with Fresnel number times width
-        count = min(9, 3 + math.ceil(outlook.fresnel_main * width / outlook.wavelength_um / 4))
-        nodes, weights = np.polynomial.legendre.leggauss(count)
+        nodes, weights = np.polynomial.legendre.leggauss(self.count(outlook, least))
         return tuple(
             # leggauss integrates over [-1, 1], whose weights sum to 2
             LightSample(s.rows, s.columns, s.wavelength_um + 0.5 * width * float(u), s.weight * float(w) / 2)

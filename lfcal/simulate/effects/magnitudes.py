@@ -24,7 +24,7 @@ TIMES = {"s": 1.0, "ms": 1e-3}
 SHARES = {"%": 0.01}
 NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)")
 
-TRIPLES = {"Wavefront": ("n,m,waves", "4,0,0.1;3,1,0.05")}
+TRIPLES = {"Wavefront": ("n,m,waves", "4,0,0.1;3,1,0.05"), "Defects": ("row,column,transmission", "0,0,0;1,-2,0.4")}
 """Kinds of magnitudes that are lists of three numbers, the first two whole: what the three are, and an example."""
 
 SHOWN = {"_um": "µm", "_rad": "°", "_s": "s"}

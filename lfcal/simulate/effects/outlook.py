@@ -240,10 +240,12 @@ class Outlook:
         """Return the relative L1 change when the paraxial image moves by ``shift_px``.
 
         Spots move by shift/|v| and the shadow by the shift; as their fringes move with neither exactly, the sum
-        is measured to be the root of squares, with 0.85 of the spots' part.
+        is measured to be the root of squares, with 0.85 of the spots' part. A shadow within one lenslet shows
+        where it crosses over to the next.
         """
         spots = 0.85 * self.moved(shift_px / self.depth)
-        return min(2.0, math.hypot(spots, self.shadow_moved(shift_px)))
+        within = min(1.0, 2.0 * self.shadow_px / self.camera.pitch_px)
+        return min(2.0, math.hypot(spots, within * self.shadow_moved(shift_px)))
 
     @property
     def field_rms_px(self) -> float:

@@ -10,12 +10,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import Camera
-from lfcal.simulate.effects.base import Estimate, PsfEffect, SceneEffect
+from lfcal.camera import Camera, MainLens
+from lfcal.simulate.effects.base import EngineSeconds, Estimate, PsfEffect, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
 
-__all__ = ["Crosstalk", "PixelFill"]
+__all__ = ["AngularResponse", "Crosstalk", "PixelFill"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,4 +92,56 @@ class Crosstalk(PsfEffect):
         return np.outer(line, line)
 
 
-EFFECTS = (PixelFill, Crosstalk)
+@dataclass(frozen=True, slots=True)
+class AngularResponse(SceneEffect):
+    """Pixels that collect less of oblique light, cos^n of its angle to the sensor's normal.
+
+    Attributes
+    ----------
+    half_angle_rad
+        Angle at which the response is half (rad).
+    """
+
+    half_angle_rad: float = math.radians(25.0)
+
+    name: ClassVar[str] = "angular_response"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"half_angle_rad": (0.01, 1.57)}
+    title: ClassVar[str] = "pixels' response to angles"
+    rank: ClassVar[int] = 91
+    deviation: ClassVar[bool] = True
+
+    @property
+    def power(self) -> float:
+        """The power n of cos^n."""
+        return math.log(0.5) / math.log(math.cos(self.half_angle_rad))
+
+    def slope(self, outlook: Outlook) -> tuple[float, float]:
+        """Return the sines (y, x) of the region's chief ray."""
+        optics, (y, x) = outlook.camera.optics, outlook.field_um
+        if not isinstance(optics, MainLens):
+            return 0.0, 0.0
+        away = math.hypot(optics.image_distance_um, y, x)
+        return y / away, x / away
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the light lost at the rms of the angles: of the chief ray, the cone, and across a lenslet."""
+        focal = outlook.camera.lattice.types[0].focal_length_um
+        bend = outlook.lit_px * outlook.pixel_um * abs(1 / outlook.shift_um + 1 / focal)
+        near = min(1.0, abs(outlook.virtual_depth))  # there the lenslet sees the whole cone at once
+        square = (0.5 / outlook.f_number) ** 2 / 2 + near * bend * bend / 2
+        square += sum(s * s for s in self.slope(outlook))
+        kept = max(1e-9, 1.0 - min(square, 1.0)) ** (self.power / 2)
+        error = min(2.0, (1.0 - kept) / kept)
+        return Estimate(math.degrees(self.half_angle_rad), "° to half", error, "1 - cos^n of the rms angle")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with this response."""
+        return replace(scene, accept=(self.power, *self.slope(outlook)))
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return what a weight for every ray takes beside a wave engine (measured): as much again."""
+        del outlook
+        return engine.waves
+
+
+EFFECTS = (PixelFill, AngularResponse, Crosstalk)

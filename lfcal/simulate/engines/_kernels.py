@@ -55,6 +55,7 @@ class Aperture(NamedTuple):
     cell: F4  # (side, side), rows along y, origin in the middle: aperture times dx^2 pixel / L; (0, 0) for discs
     cell_step: float  # µm
     bend: float  # pi sigma / L (rad/µm^2); the disc's table holds it already
+    quartic: float  # phase per fourth power of the distance (rad/µm^4), likewise
 
 
 class Zoom(NamedTuple):
@@ -80,6 +81,8 @@ class Optics(NamedTuple):
     source_rate: float  # sine of a ray per µm of c - X0: 1/a'
     point_rate: float  # sine of a ray per µm on the lenslet: 1/a' + 1/f
     gap: float  # B' (µm)
+    accept: tuple[float, float, float]  # power n of the pixels' response cos^n, chief ray's slope (y, x); n = 0: none
+    glass: F8  # (5,): what a plate before the sensor leaves of exact angles' terms in sin^4, sin^6 ...
 
 
 class Target(NamedTuple):
@@ -123,10 +126,8 @@ def _product(a: F4, b: F4, out: F4) -> None:
 def mask_from_disc(aperture: Aperture, dx: float, x0: float, y0: float, mask: Split) -> None:
     """Fill a disc times its phase, linear in its table over r^2; sample (h, h) lies at (x0, y0) from the centre."""
     table_re, table_im, re, im = aperture.disc_re, aperture.disc_im, mask.re, mask.im
-    n = re.shape[0]
-    h = n // 2
-    last = table_re.size - 2
-    scale = 1.0 / aperture.disc_step
+    n, h = re.shape[0], re.shape[0] // 2
+    last, scale = table_re.size - 2, 1.0 / aperture.disc_step
     for i in range(n):
         y = (i - h) * dx + y0
         for j in range(n):
@@ -140,16 +141,14 @@ def mask_from_disc(aperture: Aperture, dx: float, x0: float, y0: float, mask: Sp
 
 @njit(fastmath=True)
 def mask_from_table(aperture: Aperture, dx: float, x0: float, y0: float, mask: Split) -> None:
-    """Fill the lattice's cell, bilinear in its fine table, times exp(i bend r^2)."""
+    """Fill the lattice's cell, bilinear in its fine table, times exp(i bend r^2 + i quartic r^4)."""
     table, step, re, im = aperture.cell, aperture.cell_step, mask.re, mask.im
-    n = re.shape[0]
-    h = n // 2
+    n, h = re.shape[0], re.shape[0] // 2
     middle = table.shape[0] // 2
     for i in range(n):
         y = (i - h) * dx + y0
         v = min(max(y / step + middle, 0.0), table.shape[0] - 2.0)
-        r = int(v)
-        b = v - r
+        r, b = int(v), v - int(v)
         for j in range(n):
             x = (j - h) * dx + x0
             u = min(max(x / step + middle, 0.0), table.shape[0] - 2.0)
@@ -158,7 +157,7 @@ def mask_from_table(aperture: Aperture, dx: float, x0: float, y0: float, mask: S
             value = (1 - b) * ((1 - a) * table[r, c] + a * table[r, c + 1]) + b * (
                 (1 - a) * table[r + 1, c] + a * table[r + 1, c + 1]
             )
-            phase = aperture.bend * (x * x + y * y)
+            phase = (x * x + y * y) * (aperture.bend + aperture.quartic * (x * x + y * y))
             re[i, j] = value * math.cos(phase)
             im[i, j] = value * math.sin(phase)
 
@@ -175,16 +174,17 @@ def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -
     n, real = mask.re.shape[0], mask.re.dtype.type
     ux, uy, rate = spot.lx * optics.source_rate, spot.ly * optics.source_rate, optics.point_rate
     # coefficients of 8 (G(v) - G(v0))/(v - v0) over v; of sine and cosine by Taylor, good for |t| <= pi/2
-    v0, e5 = ux * ux + uy * uy, 21 / 128
-    e4 = 7 / 32 + e5 * v0
-    e3 = 5 / 16 + e4 * v0
-    e2 = 1 / 2 + e3 * v0
-    k0, k1, k2, k3, k4, k5 = real(v0 + e2 * v0 * v0), real(1 + e2 * v0), real(e2), real(e3), real(e4), real(e5)
+    v0, g = ux * ux + uy * uy, optics.glass
+    e5 = g[4] * 21 / 128
+    e4 = g[3] * 7 / 32 + e5 * v0
+    e3 = g[2] * 5 / 16 + e4 * v0
+    e2 = g[1] / 2 + e3 * v0
+    k0, k1, k2, k3, k4, k5 = real((g[0] + e2 * v0) * v0), real(g[0] + e2 * v0), real(e2), real(e3), real(e4), real(e5)
     s3, s5, s7, s9 = real(-1 / 6), real(1 / 120), real(-1 / 5040), real(1 / 362880)
     c2, c4, c6, c8, one, pi = real(-1 / 2), real(1 / 24), real(-1 / 720), real(1 / 40320), real(1), real(math.pi)
     nearest = real(1.5 * 2.0 ** (23 if mask.re.itemsize == 4 else 52))  # added and taken away it rounds to integers
     half = optics.rays / (2 * math.pi)
-    behind = half * v0 * v0 * (1 / 8 + v0 * (3 / 16 + v0 * (29 / 128 + v0 * (65 / 256))))
+    behind = g[0] * half * v0 * v0 * (1 / 8 + v0 * (3 / 16 + v0 * (29 / 128 + v0 * (65 / 256))))
     chief, scale = real(behind - math.floor(behind)), half / (8 * optics.gap)
     tilt, excess = np.empty(n, mask.re.dtype), np.empty(n, mask.re.dtype)
     for j in range(n):
@@ -207,6 +207,20 @@ def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -
 
 
 @njit(fastmath=True)
+def weigh(bent: Split, dx: float, spot: Any, optics: Optics) -> None:
+    """Multiply by the pixels' response to each ray's angle, in amplitude: (1 - sin²)^(n/4); rays as in `straighten`."""
+    power, from_y, from_x = optics.accept
+    for i in range(bent.re.shape[0]):
+        sy = spot.ly * optics.source_rate + ((i - bent.re.shape[0] // 2) * dx + spot.y0) * optics.point_rate - from_y
+        for j in range(bent.re.shape[0]):
+            sx = (
+                spot.lx * optics.source_rate + ((j - bent.re.shape[0] // 2) * dx + spot.x0) * optics.point_rate - from_x
+            )
+            gain = bent.re.dtype.type(max(1.0 - sx * sx - sy * sy, 0.0) ** (power / 4))
+            bent.re[i, j], bent.im[i, j] = gain * bent.re[i, j], gain * bent.im[i, j]
+
+
+@njit(fastmath=True)
 def _split_row(line: F4, i: int, parts: F4) -> None:
     """Write row i of the four parities from ``line``, the field at rows +i and -i (see `fold`)."""
     h, m = parts.shape[1] - 1, parts.shape[1]
@@ -221,8 +235,7 @@ def _split_row(line: F4, i: int, parts: F4) -> None:
         parts[OO, i, j], parts[OO, i, m + j] = pr - qr, pi - qi
     parts[EE, i, 0], parts[EE, i, m] = line[0, h] + line[2, h], line[1, h] + line[3, h]
     parts[OE, i, 0], parts[OE, i, m] = line[0, h] - line[2, h], line[1, h] - line[3, h]
-    parts[EO, i, 0], parts[EO, i, m] = 0, 0  # nothing is odd about the axis itself
-    parts[OO, i, 0], parts[OO, i, m] = 0, 0
+    parts[EO, i, 0] = parts[EO, i, m] = parts[OO, i, 0] = parts[OO, i, m] = 0  # nothing is odd about the axis itself
 
 
 @njit(fastmath=True)
@@ -296,8 +309,7 @@ def add_incoherent(scratch: _Scratch, zoom: Zoom, image: F4, top: int, left: int
     square at one node and at the mirrored one differ in the sign of one term only, so both cost one product.
     """
     quarters, nodes, pixels = scratch.quarters, scratch.nodes, scratch.pixels
-    k = quarters.shape[2]
-    n = nodes.shape[0]
+    k, n = quarters.shape[2], nodes.shape[0]
     up, down = n // 2, (n - 1) // 2  # of an odd number of nodes the middle one is its own mirror image
     for i in range(k):
         for j in range(k):
@@ -315,14 +327,12 @@ def add_incoherent(scratch: _Scratch, zoom: Zoom, image: F4, top: int, left: int
             nodes[down - i, up + j] = square - cross
     _product(nodes, zoom.bins, scratch.side)
     _product(zoom.bins_t, scratch.side, pixels)
-    total = 0.0
-    w = pixels.shape[0]
+    total, w = 0.0, pixels.shape[0]
     for i in range(w):
         for j in range(w):
             total += pixels[i, j]
-    first, last = max(0, -left), min(w, image.shape[1] - left)
     for i in range(max(0, -top), min(w, image.shape[0] - top)):
-        for j in range(first, last):
+        for j in range(max(0, -left), min(w, image.shape[1] - left)):
             image[top + i, left + j] += pixels[i, j]
     return float(total)
 
@@ -334,9 +344,8 @@ def add_coherent(quarters: F4, turns: F8, grid_re: F4, grid_im: F4, top: int, le
     ``turns`` are ``(axis, 2, n)``, cosines and sines of the phase along y and x; ``top``, ``left`` are in nodes.
     The field at (+-y, +-x) is put together as in `add_incoherent`.
     """
-    k = quarters.shape[2]
-    turn_y, turn_x = turns[0], turns[1]
-    n = turn_x.shape[1]
+    q, turn_y, turn_x = quarters, turns[0], turns[1]
+    k, n = q.shape[2], turns.shape[2]
     up, down = n // 2, (n - 1) // 2
     total = 0.0
     for i in range(k):
@@ -352,16 +361,9 @@ def add_coherent(quarters: F4, turns: F8, grid_re: F4, grid_im: F4, top: int, le
                 part = quarters.dtype.type(0)
                 for j in range(side_x * (1 if up == down else 0), k):
                     c = up + j if side_x == 0 else down - j
-                    re = (
-                        quarters[0, 2 * i, j]
-                        - sx * sy * quarters[3, 2 * i, j]
-                        + (sx * quarters[1, 2 * i + 1, j] + sy * quarters[2, 2 * i + 1, j])
-                    )
-                    im = (
-                        quarters[0, 2 * i + 1, j]
-                        - sx * sy * quarters[3, 2 * i + 1, j]
-                        - (sx * quarters[1, 2 * i, j] + sy * quarters[2, 2 * i, j])
-                    )
+                    re, im = q[0, 2 * i, j], q[0, 2 * i + 1, j]
+                    re += sx * q[1, 2 * i + 1, j] + sy * q[2, 2 * i + 1, j] - sx * sy * q[3, 2 * i, j]
+                    im -= sx * q[1, 2 * i, j] + sy * q[2, 2 * i, j] + sx * sy * q[3, 2 * i + 1, j]
                     part += re * re + im * im
                     if seen_y and 0 <= left + c < grid_re.shape[1]:
                         xr, xi = quarters.dtype.type(turn_x[0, c]), quarters.dtype.type(turn_x[1, c])
@@ -393,20 +395,13 @@ def _node_turns(zoom: Zoom, optics: Optics, spot: Any, turns: F8) -> None:
 def _memory(zoom: Zoom, like: F4) -> _Scratch:
     """Return scratch memory for one lens type, in the precision of ``like``."""
     k, m = zoom.cosine.shape
-    n, (count, w) = 2 * m - 1, zoom.bins.shape
-    masks = np.empty((4, n, n), like.dtype)
-    return _Scratch(
-        Split(masks[0], masks[1]),
-        Split(masks[2], masks[3]),
-        np.empty((6, n), like.dtype),
-        np.empty((4, m, 2 * m), like.dtype),
-        np.empty((k, 2 * m), like.dtype),
-        np.empty((4, 2 * k, k), like.dtype),
-        np.empty((count, count), like.dtype),
-        np.empty((count, w), like.dtype),
-        np.empty((w, w), like.dtype),
-        np.empty((2, 2, count)),
-    )
+    n, (count, w), kind = 2 * m - 1, zoom.bins.shape, like.dtype
+    masks, turns = np.empty((4, n, n), kind), np.empty((2, 2, count))
+    line, parities, half = np.empty((6, n), kind), np.empty((4, m, 2 * m), kind), np.empty((k, 2 * m), kind)
+    quarters, nodes = np.empty((4, 2 * k, k), kind), np.empty((count, count), kind)
+    side, pixels = np.empty((count, w), kind), np.empty((w, w), kind)
+    straight, bent = Split(masks[0], masks[1]), Split(masks[2], masks[3])
+    return _Scratch(straight, bent, line, parities, half, quarters, nodes, side, pixels, turns)
 
 
 @njit(fastmath=True)
@@ -433,8 +428,10 @@ def respond(field: Field, aperture: Aperture, zoom: Zoom, optics: Optics, spots:
                 mask_from_disc(aperture, dx, spot.x0, spot.y0, straight)
             last_x, last_y = spot.x0, spot.y0
         place, turn = (spot.row, spot.col), (step * spot.oy, step * spot.ox)
-        if optics.rays != 0:
+        if optics.rays != 0 or optics.accept[0] != 0:
             straighten(straight, dx, spot, optics, bent)
+            if optics.accept[0] != 0:
+                weigh(bent, dx, spot, optics)
             light = fold(field, place, bent, turn, line, parities)
         else:
             light = fold(field, place, straight, turn, line, parities)

@@ -22,12 +22,12 @@ F8 = NDArray[np.float64]
 
 
 class Lenslets(NamedTuple):
-    """The lenslets that may be lit, and what one type does to a spot."""
+    """The lenslets that may be lit, and what each does to a spot."""
 
     centres: F8  # (lenslets, 2) as (x, y) (µm)
-    kinds: NDArray[Any]  # (lenslets,) number of the type
-    pull: F8  # (types,): the spot's middle lies at c - pull (c - X0)
-    size: F8  # (types,): spot over subject, negative where it is turned upside down
+    pull: F8  # (lenslets,): the spot's middle lies at c - pull (c - X0)
+    size: F8  # (lenslets,): spot over subject, negative where it is turned upside down
+    gain: F8  # (lenslets,): share of the light that passes
 
 
 class Shapes(NamedTuple):
@@ -222,7 +222,7 @@ def draw_spots(
         Responses, energy in, energy out, worst ratio.
     """
     nt, ns, px = out.shape[1], out.shape[2], drawing.px_um
-    centres, kinds, pulls, sizes = lenslets.centres, lenslets.kinds, lenslets.pull, lenslets.size
+    centres, pulls, sizes, gains = lenslets.centres, lenslets.pull, lenslets.size, lenslets.gain
     far = shapes.outer + shapes.reach
     room = shapes.subject.shape[0] + shapes.normals.shape[0] + 8  # each half plane adds one vertex at most
     a, b = np.empty((room, 2)), np.empty((room, 2))
@@ -230,21 +230,21 @@ def draw_spots(
     count, energy_in, energy_out, worst = 0, 0.0, 0.0, 0.0
     for p in range(source.shape[0]):
         for q in range(centres.shape[0]):
-            cx, cy, kind = centres[q, 0], centres[q, 1], kinds[q]
+            cx, cy = centres[q, 0], centres[q, 1]
             dx, dy = cx - source[p, 0], cy - source[p, 1]
             if math.sqrt(dx * dx + dy * dy) >= far:
                 continue
             n = _overlap(shapes, dx, dy, a, b)
             if n < 3:
                 continue
-            scale, pull = sizes[kind], pulls[kind]
+            scale, pull = sizes[q], pulls[q]
             if abs(scale) < drawing.least:
                 scale = drawing.least if scale >= 0 else -drawing.least
             bx = (cx - pull * dx) / px - pixel[p, 1] + ns // 2 + 0.5
             by = (cy - pull * dy) / px - pixel[p, 0] + nt // 2 + 0.5
             for i in range(n):
                 a[i, 0], a[i, 1] = bx + scale / px * a[i, 0], by + scale / px * a[i, 1]
-            lit, drawn = _paint(out[p], a, b, n, drawing.density * (px / scale) ** 2, acc)
+            lit, drawn = _paint(out[p], a, b, n, gains[q] * drawing.density * (px / scale) ** 2, acc)
             if lit == 0.0 and drawn == 0.0:
                 continue
             count += 1

@@ -17,6 +17,7 @@ from lfcal.simulate.engines._spots import Drawing, Lenslets, Shapes, draw_spots
 from lfcal.simulate.engines.base import Certificate, Ledger, Pilot
 from lfcal.simulate.engines.polygon import Points, half_planes, iris_outline, regular
 from lfcal.simulate.engines.tables import aperture_outline
+from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 from lfcal.threads import for_each_chunk
 
@@ -46,7 +47,7 @@ class GeometricPlane:
         # 1 - B'/f of each type: the part of sigma that does not depend on the plane
         own = np.array([1.0 - scene.lens_curvature(k) for k in range(len(scene.lattice.types))])
         lens_is_smaller = float(np.abs(lens).max()) < abs(a) * cone
-        self._empty = len(pupil) < 3
+        self._lens_is_smaller, self._empty = lens_is_smaller, len(pupil) < 3
         if self._empty:
             return
         if lens_is_smaller:  # then |a'| is large, and may be divided by
@@ -108,8 +109,22 @@ class GeometricPlane:
         lo, hi = source.min(0), source.max(0)
         middle, span = (lo + hi) / 2, (hi - lo) / 2 + self._visible_reach()
         centres, kinds = scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
-        lenslets = Lenslets(centres, kinds, *self._spread)
-        self._ledger.add(*draw_spots(out, source, pixel, lenslets, self._shapes, self._drawing))
+        pull, size = self._spread
+        moved, widened = scene.tilted(centres, kinds)
+        lenslets = Lenslets(centres, pull[kinds] + moved, size[kinds] + widened, scene.passed(centres))
+        if not scene.accept[0]:
+            self._ledger.add(*draw_spots(out, source, pixel, lenslets, self._shapes, self._drawing))
+            return
+        for k in range(len(source)):
+            # of each lenslet the ray through the middle of what it is lit on
+            lands = centres - lenslets.pull[:, None] * (centres - source[k])
+            slope = (lands - (centres if self._lens_is_smaller else source[k])) / scene.reduced_gap_um
+            power, from_y, from_x = scene.accept
+            seen = lenslets._replace(
+                gain=lenslets.gain * pixel_response(power, slope[:, 1] + from_y, slope[:, 0] + from_x)
+            )
+            part = slice(k, k + 1)
+            self._ledger.add(*draw_spots(out[part], source[part], pixel[part], seen, self._shapes, self._drawing))
 
     def _visible_reach(self) -> float:
         """Return how far from the source a lenslet may lie and still be lit and draw into the cutout (µm)."""
@@ -118,4 +133,5 @@ class GeometricPlane:
         rate = float(np.abs(1 - pull).min())
         spot = float(np.abs(size).max()) * float(np.hypot(*self._shapes.subject.T).max())
         shown = math.hypot(*scene.cutout) / 2 * scene.reduced_pixel_um + spot + scene.reduced_pixel_um
+        shown += scene.farthest_um / scene.scale
         return min(self._reach, shown / max(rate, 1e-9))

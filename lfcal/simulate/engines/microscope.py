@@ -72,9 +72,10 @@ class Turn:
 def is_separable(scene: Scene) -> bool:
     """Return whether the array acts on rows and columns separately."""
     lattice = scene.lattice
-    upright = lattice.rotation_rad == lattice.shear_rad == 0
+    upright = lattice.rotation_rad == lattice.shear_rad == 0 and scene.tilt == (0, 0)
+    alike = len(lattice.types) == 1 and not scene.defects and scene.lenslet_waves == scene.accept[0] == 0
     square = lattice.kind == "square" and scene.aperture == "cell" and upright
-    return square and math.isinf(scene.pupil_um) and len(lattice.types) == 1
+    return square and math.isinf(scene.pupil_um) and alike
 
 
 def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
@@ -132,7 +133,7 @@ class DebyePlane:
         pitch = max(scene.lattice.pitch_um, scene.lattice.row_step_um)
         # how far light within that band travels sideways over the gap: it may come from lenslets beyond the cutout
         self._spill = 1.1 * (light + bend) * lam * scene.gap_um
-        self._half = max(scene.cutout) / 2 * px + self._spill + pitch / 2
+        self._half = max(scene.cutout) / 2 * px + scene.farthest_um + self._spill + pitch / 2
         self._count = math.ceil(self._half / self._coarse) + 1
         self._fields = debye_fields(scene)
         self._quarters, self._energy = self._tables(pitch / 2)

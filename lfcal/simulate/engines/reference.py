@@ -15,7 +15,8 @@ from lfcal.errors import InputError
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.field import choose_mode, field_table
 from lfcal.simulate.engines.masks import RING, disc_table, polygon_mask
-from lfcal.simulate.engines.tables import aperture_outline, aperture_radius, ray_aberration
+from lfcal.simulate.engines.tables import aperture_outline, aperture_radius, lenslet_aberration, ray_aberration
+from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 
 __all__ = ["ReferencePlane", "pixel_bins", "sensor_propagator"]
@@ -25,8 +26,12 @@ MOST_SAMPLES = 6000
 Complex = NDArray[np.complex128]
 
 
-def sensor_propagator(f: NDArray[np.float64], wavelength: float, gap: float, exact: bool) -> tuple[Complex, bool]:
+def sensor_propagator(
+    f: NDArray[np.float64], wavelength: float, gap: float, exact: bool, glass: tuple[float, float] = (0.0, 1.0)
+) -> tuple[Complex, bool]:
     """Return the transfer function over ``gap`` and whether it is separable.
+
+    ``glass`` is thickness and index of a plate; the gap is that in air with the same Fresnel integral.
 
     Fresnel: exp(-i pi lambda B f^2) per axis. Exact: 2 pi B (sqrt(1/lambda^2 - f^2) - 1/lambda) in the form
     without cancellation, zero for evanescent waves, band-limited to 1/(lambda sqrt((2 B/L)^2 + 1)) per axis
@@ -36,7 +41,9 @@ def sensor_propagator(f: NDArray[np.float64], wavelength: float, gap: float, exa
         return np.exp(-1j * np.pi * wavelength * gap * f * f), True
     k2 = f[:, None] ** 2 + f[None, :] ** 2
     s = wavelength**2 * k2
-    phase = -2 * np.pi * gap * wavelength * k2 / (1 + np.sqrt(np.maximum(1 - s, 0)))
+    thick, index = glass
+    air = (gap - thick / index) / (1 + np.sqrt(np.maximum(1 - s, 0)))
+    phase = -2 * np.pi * wavelength * k2 * (air + thick / (index + np.sqrt(np.maximum(index**2 - s, 0))))
     length = 1 / (f[1] - f[0])
     limit = 1 / (wavelength * math.sqrt((2 * gap / length) ** 2 + 1))
     seen = (np.abs(f) < limit)[:, None] & (np.abs(f) < limit)[None, :] & (s < 1)
@@ -77,13 +84,18 @@ class ReferencePlane:
             raise InputError.expected("samples per pixel of the reference", "a whole number", wanted, "round it")
         self._dx = scene.reduced_pixel_um / self.per_px
         self._reach = self._lit_radius()
-        half = max(self._reach, max(scene.cutout) / 2 * scene.reduced_pixel_um) + self._spill()
+        seen = max(scene.cutout) / 2 * scene.reduced_pixel_um + scene.farthest_um / scene.scale
+        half = max(self._reach, seen) + self._spill()
         self._n = self._side(half)
         self._axis = (np.arange(self._n) - self._n // 2) * self._dx
         self._field = self._centre_field()
         self._disc: tuple[NDArray[np.float64], float] | None = None
         self._step, self._separable = sensor_propagator(
-            sf.fftfreq(self._n, self._dx), scene.wavelength_um, scene.reduced_gap_um, scene.exact_rays
+            sf.fftfreq(self._n, self._dx),
+            scene.wavelength_um,
+            scene.reduced_gap_um,
+            scene.exact_rays,
+            (scene.glass[0] / scene.scale, scene.glass[1]),
         )
 
     # -- set-up ------------------------------------------------------------------------------------------
@@ -97,7 +109,7 @@ class ReferencePlane:
     def _spill(self) -> float:
         """Return how far light goes sideways behind the array."""
         scene = self.scene
-        return 1.5 * scene.lattice.pitch_um + scene.reduced_gap_um / (2 * scene.f_number)
+        return 1.5 * scene.lattice.pitch_um + scene.reduced_gap_um / (2 * scene.f_number) + lenslet_aberration(scene)
 
     def _side(self, half: float) -> int:
         n = int(sf.next_fast_len(2 * math.ceil(half / self._dx)))
@@ -159,8 +171,11 @@ class ReferencePlane:
         reach = self._reach + aperture_radius(scene)
         centres, kinds = scene.lattice.lenslets_within(reach, reach, (float(source[0]), float(source[1])))
         behind = np.zeros_like(self._field)
-        size = 2 * (math.ceil(aperture_radius(scene) / dx) + 2 * RING) + 1
-        for (cx, cy), kind in zip(centres - source, kinds, strict=True):
+        steps, gains = scene.farther_um(centres), np.sqrt(scene.passed(centres))
+        # over the longest of these steps the sampled field spreads to its sides
+        spread = math.ceil(float(np.abs(steps).max(initial=0.0)) * scene.wavelength_um / (2 * dx * dx))
+        size = 2 * (math.ceil(aperture_radius(scene) / dx) + 2 * RING + spread) + 1
+        for (cx, cy), kind, step, gain in zip(centres - source, kinds, steps, gains, strict=True):
             i, j = round(cy / dx) + self._n // 2 - size // 2, round(cx / dx) + self._n // 2 - size // 2
             if math.hypot(cx, cy) > self._reach or min(i, j) < 0 or max(i, j) + size > self._n:
                 continue
@@ -168,8 +183,21 @@ class ReferencePlane:
             x, y = axis[columns] - cx, axis[rows] - cy
             bend = -np.pi / (scene.wavelength_um * scene.lattice.types[kind].focal_length_um)
             lens = np.exp(1j * bend * y * y)[:, None] * np.exp(1j * bend * x * x)[None, :]
-            behind[rows, columns] += self._mask(x, y) * lens * self._field[rows, columns]
+            if scene.lenslet_waves:
+                r2 = y[:, None] ** 2 + x[None, :] ** 2
+                lens = lens * np.exp(1j * scene.lenslet_quartic * r2 * r2)
+            seen = gain * self._mask(x, y) * lens * self._carried(self._field[rows, columns], -step)
+            behind[rows, columns] += self._carried(seen, step)
         return behind
+
+    def _carried(self, field: Complex, distance: float) -> Complex:
+        """Return a patch of field ``distance`` (µm) farther on: a tilted array's lenslets do not lie in one plane."""
+        if distance == 0:
+            return field
+        f = sf.fftfreq(len(field), self._dx)
+        turn, separable = sensor_propagator(f, self.scene.wavelength_um, distance, self.scene.exact_rays)
+        carried: Complex = sf.ifft2(sf.fft2(field) * (turn[:, None] * turn[None, :] if separable else turn))
+        return carried
 
     def _mask(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
         scene, dx = self.scene, self._dx
@@ -194,6 +222,10 @@ class ReferencePlane:
             spectrum *= self._step[None, :]
         else:
             spectrum *= self._step
+        if scene.accept[0]:
+            power, from_y, from_x = scene.accept
+            sines = scene.wavelength_um * sf.fftfreq(self._n, dx)
+            spectrum *= pixel_response(power / 2, sines[:, None] + from_y, sines[None, :] + from_x)  # of the amplitude
         light = np.abs(sf.ifft2(spectrum, workers=workers or -1, overwrite_x=True)) ** 2
         light *= dx * dx
         sides = []

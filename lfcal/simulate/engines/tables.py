@@ -18,7 +18,16 @@ from lfcal.simulate.engines.nodes import NodeRule, fitted_rule
 from lfcal.simulate.engines.polygon import area, disc_transform
 from lfcal.simulate.scene import Scene
 
-__all__ = ["LensTable", "PlaneTables", "aperture_outline", "aperture_radius", "build_tables", "ray_aberration"]
+__all__ = [
+    "LensTable",
+    "PlaneTables",
+    "aperture_outline",
+    "aperture_radius",
+    "bent",
+    "build_tables",
+    "ray_aberration",
+    "serve",
+]
 
 BEST = 1 / 16
 """Share of the light from which on a lenslet counts as the best-lit one: the floor is no coarser near focus."""
@@ -43,6 +52,8 @@ class LensTable:
         What the kernels read; see there.
     energy
         What a lenslet at each sample of the field passes.
+    held_um
+        Distance from the source up to which the field holds.
     """
 
     width: int
@@ -52,6 +63,7 @@ class LensTable:
     zoom: Zoom
     field: Field
     energy: Lit
+    held_um: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,11 +110,20 @@ def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
     band = 2 * aperture_radius(scene) * scene.reduced_pixel_um / spread
     rule = fitted_rule(sampling.nodes_per_px, band, scene.pixel_fill)
     # lens types with the same sample distance share a field, whose FFTs are the dearest part
-    fields: dict[float, tuple[Field, Lit]] = {}
+    fields: dict[float, tuple[Field, Lit, float]] = {}
     kinds = tuple(_lens_table(scene, sampling, mode, k, rule, fields) for k in range(len(scene.lattice.types)))
     floor = sampling.energy_floor * min(BEST, max(float(kind.energy.max()) for kind in kinds))
-    reach = max(_lit_radius(energy, dx, floor) for dx, (_, energy) in fields.items())
+    reach = max(_lit_radius(energy, dx, floor) for dx, (_, energy, _) in fields.items())
     return PlaneTables(kinds, rule, spread, ratio, floor, reach)
+
+
+def serve(tables: PlaneTables, scene: Scene, sampling: Sampling, mode: str) -> bool:
+    """Return whether the tables of a plane reach as far as ``scene``, the same plane with other sources, needs."""
+    for lens in tables.kinds:
+        dx = lens.field.dx_um
+        if _table_reach(scene, sampling, mode, dx, lens.width // 2) + (lens.half + 2) * dx > lens.held_um + dx:
+            return False
+    return True
 
 
 def _lit_radius(energy: Lit, dx: float, floor: float) -> float:
@@ -125,6 +146,12 @@ def ray_aberration(scene: Scene) -> float:
     return 2 * scene.f_number * scene.wavelength_um * sum(abs(w) * n * n for n, _, w in scene.wavefront)
 
 
+def lenslet_aberration(scene: Scene) -> float:
+    """Return how far on the sensor the lenslets' spherical aberration moves the ray at an aperture's corner (µm)."""
+    steepest = 4 * abs(scene.lenslet_quartic) * aperture_radius(scene) ** 3
+    return scene.reduced_gap_um * scene.wavelength_um / (2 * math.pi) * steepest
+
+
 def _spot(scene: Scene, mode: str, kind: int) -> tuple[float, float, float]:
     """Return sigma, the geometric spot's radius (µm) and the pull of its middle towards the source."""
     radius = aperture_radius(scene)
@@ -140,23 +167,32 @@ def _spot(scene: Scene, mode: str, kind: int) -> tuple[float, float, float]:
 
 
 def _lens_table(
-    scene: Scene, sampling: Sampling, mode: str, kind: int, rule: NodeRule, fields: dict[float, tuple[Field, Lit]]
+    scene: Scene,
+    sampling: Sampling,
+    mode: str,
+    kind: int,
+    rule: NodeRule,
+    fields: dict[float, tuple[Field, Lit, float]],
 ) -> LensTable:
     px, spread = scene.reduced_pixel_um, scene.wavelength_um * scene.reduced_gap_um
     sigma, extent, pull = _spot(scene, mode, kind)
-    extent += abs(pull) * ray_aberration(scene)
+    extent += abs(pull) * ray_aberration(scene) + lenslet_aberration(scene)
+    if scene.tilt != (0.0, 0.0):  # the farthest lenslets' spots are the widest
+        rim = (scene.shadow_radius_um + math.hypot(*scene.period) * scene.pixel_um) * np.array([[1.0, 0.0], [0.0, 1.0]])
+        _, widened = scene.tilted(np.concatenate([rim, -rim]), np.full(4, kind))
+        extent += math.sqrt(2) * float(np.abs(widened).max()) * aperture_radius(scene)
     half_px = math.ceil(extent / px - 1e-3) + sampling.margin_px  # the same at sigma = 0 and next to it
     dx = px / (sampling.samples_per_px or _fewest_samples(scene, mode, half_px))
     half = math.ceil(aperture_radius(scene) / dx) + RING
     if dx not in fields:
         fields[dx] = _field(scene, sampling, mode, dx, half, half_px)
-    field, energy = fields[dx]
+    field, energy, held = fields[dx]
     width = 2 * half_px + 1
     bend = math.pi * sigma / spread
     dtype = np.float64 if sampling.double else np.float32
     aperture = _aperture(scene, dx, (half + 1) * dx * math.sqrt(2), bend, dx * dx * px / spread, dtype)
     zoom = _zoom(rule, width, px, 2 * np.pi / spread * dx * np.arange(half + 1), dtype)
-    return LensTable(width, pull, half, aperture, zoom, field, energy)
+    return LensTable(width, pull, half, aperture, zoom, field, energy, held)
 
 
 def _zoom(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: type) -> Zoom:
@@ -175,10 +211,24 @@ def _aperture(scene: Scene, dx: float, reach: float, bend: float, level: float, 
     """Return the aperture's tables, ``level`` high: then the square of the transform is energy per pixel's area."""
     if scene.aperture == "circle":
         m, step = disc_table(scene.clear_radius_um, dx, reach)
-        value = level * m * np.exp(1j * bend * step * np.arange(m.size))
-        return Aperture(value.real.astype(dtype), value.imag.astype(dtype), step, np.zeros((0, 0), dtype), 1.0, bend)
+        r2, quartic = step * np.arange(m.size), scene.lenslet_quartic
+        value = level * m * np.exp(1j * r2 * (bend + quartic * r2))
+        parts = value.real.astype(dtype), value.imag.astype(dtype)
+        return Aperture(*parts, step, np.zeros((0, 0), dtype), 1.0, bend, quartic)
     table, step = polygon_table(aperture_outline(scene), dx, reach / math.sqrt(2))  # a square, not the disc about it
-    return Aperture(np.zeros(2, dtype), np.zeros(2, dtype), 1.0, (level * table).astype(dtype), step, bend)
+    none: Array = np.zeros(2, dtype)
+    return Aperture(none, none, 1.0, (level * table).astype(dtype), step, bend, scene.lenslet_quartic)
+
+
+def bent(aperture: Aperture, by: float, gain: float = 1.0) -> Aperture:
+    """Return the aperture with ``by`` (rad/µm^2) more quadratic phase, ``gain`` times as bright in amplitude."""
+    dtype = aperture.disc_re.dtype
+    if aperture.cell.size:
+        return aperture._replace(bend=aperture.bend + by, cell=(gain * aperture.cell).astype(dtype))
+    turn = gain * np.exp(1j * by * aperture.disc_step * np.arange(aperture.disc_re.size))
+    value = (aperture.disc_re + 1j * aperture.disc_im) * turn
+    parts = value.real.astype(dtype), value.imag.astype(dtype)
+    return aperture._replace(disc_re=parts[0], disc_im=parts[1], bend=aperture.bend + by)
 
 
 def _fewest_samples(scene: Scene, mode: str, half_px: int) -> float:
@@ -190,8 +240,8 @@ def _fewest_samples(scene: Scene, mode: str, half_px: int) -> float:
     return max(1.0, math.ceil(2 * need) / 2)
 
 
-def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, half_px: int) -> tuple[Field, Lit]:
-    """Return the field table and what a lenslet at each of its samples passes."""
+def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, half_px: int) -> tuple[Field, Lit, float]:
+    """Return the field table, what a lenslet at each of its samples passes, and how far it holds (µm)."""
     reach = _table_reach(scene, sampling, mode, dx, half_px) + (half + 2) * dx
     values = field_table(scene, dx, reach, mode).values
     n = values.shape[0]
@@ -208,7 +258,7 @@ def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, ha
     del values  # twice as large, and not needed any more
     spectrum = sf.rfft2(light, overwrite_x=True)
     spectrum *= shape
-    return field, sf.irfft2(spectrum, s=(n, n), overwrite_x=True).astype(np.float32)
+    return field, sf.irfft2(spectrum, s=(n, n), overwrite_x=True).astype(np.float32), reach
 
 
 def _table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px: int) -> float:
@@ -227,4 +277,5 @@ def _table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px
     lit = 1.15 * shadow + radius + tail + ray_aberration(scene)
     spot_rate = abs(1 - scene.reduced_gap_um / scene.reduced_image_um) if mode == "E" else 1.0
     shown = (math.hypot(*scene.cutout) / 2 + 1.5 * half_px + 2) * scene.reduced_pixel_um + ray_aberration(scene)
+    shown += scene.farthest_um / scene.scale
     return min(lit, shown / max(spot_rate, 1e-6) + radius)

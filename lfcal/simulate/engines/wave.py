@@ -22,8 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.simulate.engines._kernels import Optics, Target, respond
 from lfcal.simulate.engines._lenslets import SPOT, Light, Window, select, square_fields
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
-from lfcal.simulate.engines.field import choose_mode
-from lfcal.simulate.engines.tables import Array, LensTable, build_tables
+from lfcal.simulate.engines.field import SWITCH, choose_mode
+from lfcal.simulate.engines.tables import Array, LensTable, PlaneTables, bent, build_tables, serve
+from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.symmetry import mirrored_rows
 from lfcal.threads import for_each_chunk
@@ -57,6 +58,7 @@ class WavePlane:
         self.sampling = sampling or Sampling()
         self.mode = mode or choose_mode(scene)
         self.tables = build_tables(scene, self.sampling, self.mode)
+        self._wider: PlaneTables | None = None
         wanted = self.sampling.coherent
         self.coherent = self._overlap() if wanted is None else wanted
         self._dtype = np.dtype(np.float64 if self.sampling.double else np.float32)
@@ -72,8 +74,16 @@ class WavePlane:
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> WavePlane:
         """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``: its tables are shared."""
+        scene = replace(self.scene, offsets_um=offsets_um)
         other = copy(self)
-        other.scene = replace(self.scene, offsets_um=offsets_um)
+        other.scene = scene
+        # far beside their cutouts sources light lenslets that the tables do not hold
+        if scene.farthest_um > self.scene.farthest_um and not serve(self.tables, scene, self.sampling, self.mode):
+            if self._wider is None or not serve(self._wider, scene, self.sampling, self.mode):
+                # twice as far: the next source may lie farther still
+                farther = replace(scene, offsets_um=2 * offsets_um)
+                self._wider = build_tables(farther, self.sampling, self.mode)
+            other.tables = self._wider
         other._ledger = Ledger()
         other._pilot = Pilot(other)
         return other
@@ -131,6 +141,8 @@ class WavePlane:
         for start in range(0, len(source), batch):
             part = slice(start, start + batch)
             self._add_lenses(source[part], pixel[part], target._replace(image=image[part]))
+        if self.scene.accept[0] and not self._directed:
+            self._undirected_gain(image, source, pixel)
         if image is not out:
             out[...] = image
 
@@ -139,8 +151,15 @@ class WavePlane:
         lo, hi = source.min(0), source.max(0)
         middle, span = (lo + hi) / 2, (hi - lo) / 2 + self.tables.reach_um
         centres, types = self.scene.lattice.lenslets_within(span[0], span[1], (middle[0], middle[1]))
-        for centre, kind in zip(centres, types, strict=True):
-            self._add_lens(centre, self.tables.kinds[kind], source, pixel, target)
+        own = self.scene.passed(centres), *self.scene.tilted(centres, types)
+        for centre, kind, passed, moved, widened in zip(centres, types, *own, strict=True):
+            if passed == 0:
+                continue
+            lens = self.tables.kinds[kind]
+            if moved or widened or passed != 1:
+                bend = math.pi * widened / self.tables.spread_um2
+                lens = replace(lens, pull=lens.pull + moved, aperture=bent(lens.aperture, bend, math.sqrt(passed)))
+            self._add_lens(centre, lens, source, pixel, target, self.tables.ratio + moved)
         if self.coherent:
             rule = self.tables.rule
             square_fields(*target[1:], rule.weights.astype(self._dtype), rule.per_px, target.image)
@@ -158,11 +177,15 @@ class WavePlane:
         source: NDArray[np.float64],
         pixel: NDArray[np.int64],
         target: Target,
+        ratio: float,
     ) -> None:
-        """Add the light behind the lenslet at ``centre`` (x, y) for sources (n, 2) as (x, y)."""
+        """Add the light behind the lenslet at ``centre`` (x, y) for sources (n, 2) as (x, y).
+
+        ``ratio`` is B'/a', of this lenslet where the array is tilted.
+        """
         scene, tables, dx = self.scene, self.tables, lens.field.dx_um
         spots = np.empty(len(source), SPOT)
-        window = Window(scene.reduced_pixel_um, tables.ratio, lens.pull, lens.width, *scene.cutout)
+        window = Window(scene.reduced_pixel_um, ratio, lens.pull, lens.width, *scene.cutout)
         found = select(Light(lens.energy, tables.floor, dx, lens.half), window, centre, source, pixel, spots)
         if not found:
             return
@@ -176,12 +199,51 @@ class WavePlane:
         scene, tables = self.scene, self.tables
         share = (tables.spread_um2 / (lens.field.dx_um * scene.reduced_pixel_um)) ** 2
         flat = 1 / tables.spread_um2, share, 1 - tables.ratio
-        if not scene.exact_rays or self.mode != "E":
-            return Optics(*flat, 0.0, 0.0, 0.0, 0.0)
-        gap, sigma = scene.reduced_gap_um, lens.aperture.bend * tables.spread_um2 / math.pi
-        # 1/a' + 1/f = (1 - sigma)/B', by the definition of sigma
-        rays = 2 * math.pi * gap / scene.wavelength_um
-        return Optics(*flat, rays, 1 / scene.reduced_image_um, (1 - sigma) / gap, gap)
+        none = np.ones(5)
+        # near the native plane rays cross, and have no direction of their own
+        straight = scene.exact_rays and self.mode == "E"
+        accept = scene.accept if self._directed else (0.0, 0.0, 0.0)
+        if not straight and accept[0] == 0:
+            return Optics(*flat, 0.0, 0.0, 0.0, 0.0, accept, none)
+        gap, a = scene.reduced_gap_um, scene.reduced_image_um
+        sigma = lens.aperture.bend * tables.spread_um2 / math.pi
+        # 1/a' + 1/f = (1 - sigma)/B', by the definition of sigma; without the source's sphere 1/f
+        bends = (1 - sigma) / gap + (0.0 if self.mode == "E" else 1 / a)
+        if not straight:
+            return Optics(*flat, 0.0, 1 / a, bends, gap, accept, none)
+        # a plate takes t n G(s²/n²) instead of t/n G(s²): of the series' k-th term n^(1 - 2k) t is left
+        thick, index = scene.glass[0] / scene.scale, scene.glass[1]
+        left = np.asarray(1 + thick / gap * (index ** (1.0 - 2 * np.arange(2, 7)) - 1 / index), np.float64)
+        return Optics(*flat, 2 * math.pi * gap / scene.wavelength_um, 1 / a, bends, gap, accept, left)
+
+    @property
+    def _directed(self) -> bool:
+        """Whether each point of a lenslet is lit from one direction, away from the native plane."""
+        return self.mode == "E" or (self.mode == "D" and self.scene.fresnel_number >= SWITCH)
+
+    def _undirected_gain(self, image: Array, source: NDArray[np.float64], pixel: NDArray[np.int64]) -> None:
+        """Multiply by the pixels' response near the native plane, where the lenslet nearest to the image has the light.
+
+        A ray of slope -u there meets it at X0 + a' u and the sensor at c + o (X0 - c) + (o a' - B') u, o = 1 - B'/f: a
+        pixel tells u.
+        """
+        scene, px = self.scene, self.scene.reduced_pixel_um
+        (power, *chief), gap, a = scene.accept, scene.reduced_gap_um, scene.reduced_image_um
+        for k, x0 in enumerate(source):
+            pitch = 2 * scene.lattice.pitch_um
+            centres, kinds = scene.lattice.lenslets_within(pitch, pitch, (float(x0[0]), float(x0[1])))
+            nearest = int(np.argmin(np.hypot(*(centres - x0).T)))
+            own = 1.0 - scene.lens_curvature(int(kinds[nearest]))
+            spread = own * a - gap
+            slopes = []
+            for axis, count in enumerate(scene.cutout):
+                image_at, centre = x0[1 - axis], centres[nearest][1 - axis]
+                at = (np.arange(count) - count // 2 + pixel[k, axis]) * px
+                # in focus one pixel has all slopes: their mean
+                u = (at - centre - own * (image_at - centre)) / spread if abs(spread) > 0.3 * gap else 0 * at
+                rim = 1.5 / (2 * scene.f_number)
+                slopes.append((at - image_at - a * np.clip(u, -rim, rim)) / gap + chief[axis])
+            image[k] *= pixel_response(power, slopes[0][:, None], slopes[1][None, :])
 
     def _certify(self, energy_in: NDArray[np.float64], energy_out: NDArray[np.float64], lens: LensTable) -> None:
         """Raise `EnergyError` where a window received more than its lenslet passed."""

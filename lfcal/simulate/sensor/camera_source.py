@@ -155,7 +155,7 @@ class SimulatedCamera(Frames):
         with self._lock:
             if self._white is None:
                 tile = white_tile(self.plan, 0, self.effects)
-                self._white = white_light(self.plan, tile / tile.max())
+                self._white = white_light(self.plan, tile / tile.max(), self.effects)
         light = self._white * np.float32(level * self.camera.sensor.full_well_e)
         return self._expose(light, self.plan.exposures[0], FrameKind.WHITE, index)
 
@@ -164,7 +164,7 @@ class SimulatedCamera(Frames):
         """Return the photoelectrons of frame ``index`` before the sensor disturbs them, ``(rows, columns)``."""
         z, y, x = self.position(index)
         moved = self.displacement_um(index)
-        if not any(moved) and not self._spread_out:
+        if not any(moved) and not self._spread_out and self._response(z, 0.0).scene.image_map is None:
             windows = [(y, x, self._kept_row(z, y)[x])]
         else:
             row, column = self.image_px(index)

@@ -110,10 +110,8 @@ def expose(
         strip = light_e[row : row + STRIP].astype(np.float32)
         pattern = _patterns(seed, number, strip.shape)
         views = [
-            SensorStrip(
-                camera, exposure_s, row, total, random_numbers(seed, kind, index, number, stream_of(effect)), pattern
-            )
-            for effect in ordered
+            SensorStrip(camera, exposure_s, row, total, rng, pattern, light_e)
+            for rng in (random_numbers(seed, kind, index, number, stream_of(effect)) for effect in ordered)
         ]
         out[row : row + STRIP] = _strip(strip, ordered, views, camera)
     return out

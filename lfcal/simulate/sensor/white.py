@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
+from lfcal.camera.lens_centre import nearest_lens
 from lfcal.simulate.effects.base import Effect
+from lfcal.simulate.effects.image import Distortion
+from lfcal.simulate.effects.lenslets import MissingLenslets
 from lfcal.simulate.effects.light import Bandwidth, FiniteSource
 from lfcal.simulate.response import PlaneResponse
 
@@ -29,10 +33,12 @@ def white_tile(plan: ScanPlan, z: int, effects: Sequence[Effect]) -> NDArray[np.
     """Return one period ``(ny, nx)`` of the image of an evenly glowing plane, by rays; about 1 where nothing blocks.
 
     Pixel (0, 0) is that of source position (0, 0). The radiance of an even scene is the same in every plane, so
-    the depth does not matter. Rays are followed: diffraction hardly changes what is smooth already.
+    the depth does not matter. Rays are followed: diffraction hardly changes what is smooth already. Distortion moves
+    light of an even scene from one place to another like it.
     """
     ny, nx = plan.period  # in resampled pixels where the plan resamples: then it is the array's own, whole
-    simple = [e for e in effects if not isinstance(e, Bandwidth | FiniteSource)]
+    beside = Bandwidth | Distortion | FiniteSource | MissingLenslets
+    simple = [e for e in effects if not (isinstance(e, beside) or e.by_wavelength)]
     response = PlaneResponse(plan, z, simple, level="geometric")
     ct, cs = ((n - 1) // 2 for n in response.cutout)
     tile = np.zeros((ny, nx))
@@ -42,10 +48,11 @@ def white_tile(plan: ScanPlan, z: int, effects: Sequence[Effect]) -> NDArray[np.
     return tile
 
 
-def white_light(plan: ScanPlan, tile: NDArray[np.float64]) -> NDArray[np.float32]:
+def white_light(plan: ScanPlan, tile: NDArray[np.float64], effects: Sequence[Effect] = ()) -> NDArray[np.float32]:
     """Return the pattern over the whole sensor ``(rows, columns)``: the tile at the lattice's own, unrounded period.
 
-    Bilinear between the tile's pixels; the rows of the array may be tilted against the sensor's.
+    Bilinear between the tile's pixels; the rows of the array may be tilted against the sensor's. Defective lenslets
+    among the ``effects`` are darker where they are.
     """
     camera = plan.camera
     period = np.array(camera.period_px) * np.array(plan.cells)
@@ -55,7 +62,31 @@ def white_light(plan: ScanPlan, tile: NDArray[np.float64]) -> NDArray[np.float32
     for row in range(len(out)):
         y = row - plan.anchor[0]
         out[row] = _sample(tile, (c * y - s * x) / period[0], (c * x + s * y) / period[1])
+    for effect in effects:
+        if isinstance(effect, MissingLenslets):
+            _darken(out, plan, effect)
     return out
+
+
+def _darken(out: NDArray[np.float32], plan: ScanPlan, effect: MissingLenslets) -> None:
+    """Take from the pixels nearest to defective lenslets' micro-images the light that those lenslets do not pass."""
+    camera, px = plan.camera, plan.camera.sensor.pixel_um
+    first = np.rint(camera.lattice.lenslet_at(camera.sensor_um(nearest_lens(camera, plan.anchor)))).astype(int)
+    half = math.ceil(camera.pitch_px)
+    for r, q, passed in effect.lenslets:
+        row, column = camera.pixels(camera.lattice.centres_um(first[0] + q, first[1] + r))
+        top, left = max(0, round(row) - half), max(0, round(column) - half)
+        part = out[top : max(0, round(row) + half + 1), left : max(0, round(column) + half + 1)]
+        if not part.size:
+            continue
+        y, x = np.indices(part.shape, float)
+        y, x = (y + top - row) * px, (x + left - column) * px
+        # nearer to this centre than to its neighbours
+        a, b = camera.lattice.basis_um()
+        nearest = np.ones(part.shape, bool)
+        for way in (a, b, b - a, a + b):
+            nearest &= np.abs(x * way[0] + y * way[1]) <= 0.5 * float(way @ way)
+        part[nearest] *= np.float32(passed)
 
 
 def _sample(tile: NDArray[np.float64], u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,155 @@
+"""Effects by which light of different wavelengths is imaged differently; nothing where it is monochromatic."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from lfcal.errors import InputError
+from lfcal.simulate.effects.base import EngineSeconds, Estimate, SceneEffect
+from lfcal.simulate.effects.image import refocus_px
+from lfcal.simulate.effects.light import Bandwidth
+from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.scene import Scene
+
+__all__ = ["ChromaticFocus", "LensletDispersion"]
+
+LINE_F, LINE_D, LINE_C = 0.4861, 0.5876, 0.6563
+"""Wavelengths by which glass is described (µm)."""
+
+
+class _Chromatic(SceneEffect):
+    """What both share: the spectrum's width, and a run of the engine for each wavelength."""
+
+    __slots__ = ()
+    width_um: float | None
+    deviation: ClassVar[bool] = True
+    by_wavelength: ClassVar[bool] = True
+    described: ClassVar[Mapping[str, str]] = {"width_um": "bandwidth_um"}
+
+    def width(self, outlook: Outlook) -> float:
+        """Return the spectrum's full width (µm)."""
+        return outlook.camera.bandwidth_um if self.width_um is None else self.width_um
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return the seconds of the engine's runs for further wavelengths."""
+        least = self.wavelengths(outlook)
+        runs = Bandwidth(self.width(outlook)).count(outlook, least) if least > 1 else 1
+        return engine.waves * (runs - 1)
+
+
+def _wavelengths(reach_px: float, outlook: Outlook) -> int:
+    """Return how many wavelengths make an even blur of spots that move by up to ``reach_px`` either way; 1 for none."""
+    return 1 if reach_px == 0 else min(25, 3 + math.ceil(1.5 * reach_px / min(outlook.widths_px)))
+
+
+def _fringes(rms_px: float, outlook: Outlook) -> float:
+    """Return the light moved within spots whose fringes move by ``rms_px``: 0.09 (s/w)^1.5, w that of a sharp spot.
+
+    Measured, and the same for spots sharp and wide.
+    """
+    airy = 0.42 * outlook.wavelength_um * outlook.gap_um / outlook.clear_um / outlook.pixel_um
+    return min(1.0, 0.09 * math.pow(rms_px / math.hypot(airy, math.sqrt(1 / 12)), 1.5))
+
+
+@dataclass(frozen=True, slots=True)
+class ChromaticFocus(_Chromatic):
+    """The main lens's longitudinal colour: the image of each wavelength lies at its own distance.
+
+    Attributes
+    ----------
+    rate
+        Shift of the image away from the main lens per wavelength (µm per µm); the design wavelength's stays.
+    width_um
+        Full width of the spectrum (µm); None takes the camera's.
+    """
+
+    rate: float = 500.0
+    width_um: float | None = None
+
+    name: ClassVar[str] = "chromatic_focus"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"width_um": (0.0, math.inf)}
+    units: ClassVar[Mapping[str, str]] = {"rate": "µm/µm"}
+    title: ClassVar[str] = "longitudinal colour"
+    rank: ClassVar[int] = 75
+
+    def wavelengths(self, outlook: Outlook) -> int:
+        """Return how many wavelengths the spots' blur needs."""
+        return _wavelengths(refocus_px(outlook, self.rate * self.width(outlook) / 2), outlook)
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the image's shift over the spectrum, and the blur of spots by its rms, da/sqrt(12)/(4 Nw v)."""
+        shift = abs(self.rate) * self.width(outlook)
+        # the rms of the pupil's coordinate along an axis is half a radius
+        rms = refocus_px(outlook, shift / math.sqrt(12)) / 2
+        error = max(outlook.blurred(rms), _fringes(1.2 * rms, outlook))
+        return Estimate(shift, "µm", error, "da = rate dl; blur s = da/sqrt(12)/(4 Nw v), or 0.09 (1.2 s/w)^1.5")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene whose image moves with the wavelength."""
+        shift = self.rate * self.width(outlook)
+        if not shift:
+            return scene
+        for end in (-shift / 2, shift / 2):
+            if not 1.0 + (scene.image_um + end) / scene.pupil_um > 0:
+                wanted = "an image behind the main lens over the whole spectrum"
+                raise InputError.expected(self.title, wanted, f"a shift of {shift:.4g} µm", "give a smaller rate")
+        return replace(scene, colour_rate=scene.colour_rate + self.rate)
+
+
+@dataclass(frozen=True, slots=True)
+class LensletDispersion(_Chromatic):
+    """Dispersion of the lenslets' glass: their focal lengths are those described at the design wavelength alone.
+
+    1/f goes with n - 1, n by Cauchy's A + B/lambda² through the glass's F and C lines; the index itself drops out.
+
+    Attributes
+    ----------
+    abbe
+        Abbe number (n_d - 1)/(n_F - n_C).
+    width_um
+        Full width of the spectrum (µm); None takes the camera's.
+    """
+
+    abbe: float = 55.0
+    width_um: float | None = None
+
+    name: ClassVar[str] = "lenslet_dispersion"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"abbe": (5.0, math.inf), "width_um": (0.0, math.inf)}
+    units: ClassVar[Mapping[str, str]] = {"abbe": ""}
+    title: ClassVar[str] = "lenslets' dispersion"
+    rank: ClassVar[int] = 76
+
+    def strength(self, wavelength_um: float) -> float:
+        """Return b in f(lambda) = f / (1 + b (1/lambda² - 1/lambda_0²)), lambda_0 the design wavelength (µm²)."""
+        # of a glass whose power is 1 at the d line
+        b = 1.0 / (self.abbe * (LINE_F**-2 - LINE_C**-2))
+        return b / (1.0 + b * (wavelength_um**-2 - LINE_D**-2))
+
+    def _share(self, outlook: Outlook) -> float:
+        """Return the relative change of the focal length over the spectrum."""
+        lam = outlook.wavelength_um
+        return 2 * self.strength(lam) / lam**3 * self.width(outlook)
+
+    def wavelengths(self, outlook: Outlook) -> int:
+        """Return how many wavelengths the spots' blur needs."""
+        steep = max(outlook.gap_um / kind.focal_length_um for kind in outlook.camera.lattice.types)
+        return _wavelengths(outlook.lit_px * steep * self._share(outlook) / 2, outlook)
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return df/f over the spectrum, and what the motion of the spots' rims, R B/f df/f/sqrt(12), moves."""
+        share, radius = self._share(outlook), 0.5 * outlook.clear_um / outlook.pixel_um
+        steep = outlook.gap_um / outlook.camera.lattice.types[0].focal_length_um
+        error = 1.5 * _fringes(radius * steep * share / math.sqrt(12), outlook)
+        return Estimate(share, "of f", error, "df/f = 2 b dl/l³; 0.14 (s/w)^1.5, s = R B/f df/f/sqrt(12)")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene whose lenslets' power follows the wavelength."""
+        if not self.width(outlook):
+            return scene
+        return replace(scene, dispersion_um2=scene.dispersion_um2 + self.strength(scene.wavelength_um))
+
+
+EFFECTS = (ChromaticFocus, LensletDispersion)

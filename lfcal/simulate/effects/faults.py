@@ -1,0 +1,129 @@
+"""Faults of the recorded light: ghosts, and the sensor's nonlinearity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.simulate.effects.base import Estimate, FrameEffect, SensorStrip
+from lfcal.simulate.effects.outlook import Outlook
+
+__all__ = ["Ghost", "SensorNonlinearity"]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorNonlinearity(FrameEffect):
+    """A sensor whose signal bends: e electrons are read as e (1 - q e/full well).
+
+    Attributes
+    ----------
+    share
+        What is missing at full well, q; negative: too much. It stays the same beyond, where the well may overflow.
+    """
+
+    share: float = 0.02
+
+    name: ClassVar[str] = "nonlinearity"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (-0.5, 0.5)}
+    units: ClassVar[Mapping[str, str]] = {"share": "share"}
+    title: ClassVar[str] = "sensor nonlinearity"
+    # of the collected charge, which the well has limited; read noise comes after it
+    rank: ClassVar[int] = 67
+    deviation: ClassVar[bool] = True
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return q, and what Gaussian spots of equal light lose: half of q peak/full well in the sharpest."""
+        full, sharp = outlook.camera.sensor.full_well_e, min(outlook.widths_px)
+
+        def lost(width: float) -> float:
+            # the mean of e² over that of e is half the peak; beyond the full well the share stays
+            return min(1.0, 0.5 * outlook.peak_e / full * (sharp / width) ** 2)
+
+        error = self.share * outlook.over_types(lost)
+        return Estimate(abs(self.share), "of full well", abs(error) / (1.0 - error), "q peak/(2 full well) (w_min/w)²")
+
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
+        """Return the strip as it is read; electrons, before the gain."""
+        if self.share:
+            full = np.float32(view.camera.sensor.full_well_e)
+            # clipped, so that more light never reads as less
+            strip *= 1 - np.float32(self.share) * np.clip(strip / full, 0, 1)
+        return strip
+
+
+@dataclass(frozen=True, slots=True)
+class Ghost(FrameEffect):
+    """A faint second image by reflections in the lens: the frame mirrored about the optical axis, scaled and displaced.
+
+    Attributes
+    ----------
+    share
+        Light of the ghost over that of the frame.
+    scale
+        Size of the ghost over that of the image.
+    rows_um, columns_um
+        Place of the ghost of a point on the axis (µm).
+    """
+
+    share: float = 0.005
+    scale: float = 1.0
+    rows_um: float = 0.0
+    columns_um: float = 0.0
+
+    name: ClassVar[str] = "ghost"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (0.0, 1.0), "scale": (0.01, 100.0)}
+    units: ClassVar[Mapping[str, str]] = {"share": "share", "scale": ""}
+    title: ClassVar[str] = "ghost image"
+    rank: ClassVar[int] = 15
+    deviation: ClassVar[bool] = True
+    pixel_ns: ClassVar[float] = 30.0
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the share, and what of the region's own ghost falls into its cutout; often it misses it."""
+        seen, px = 1.0, outlook.pixel_um
+        moved = self.rows_um, self.columns_um
+        for field, place, pixels in zip(outlook.field_um, moved, outlook.cutout, strict=True):
+            apart, half = abs(place - (1.0 + self.scale) * field) / px, outlook.pattern_px * self.scale
+            overlap = min(apart + half, pixels / 2) - max(apart - half, -pixels / 2)
+            seen *= min(1.0, max(0.0, overlap) / (2.0 * half))
+        formula = "share of the ghost in the cutout" if seen else "misses the cutout"
+        return Estimate(self.share, "of the light", self.share * seen, formula)
+
+    def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
+        """Return the strip with the ghost added."""
+        if not self.share:
+            return strip
+        sensor = view.camera.sensor
+        rows = self._edges(view.row, len(strip), sensor.centre_px[0], self.rows_um / sensor.pixel_um)
+        columns = self._edges(0, strip.shape[1], sensor.centre_px[1], self.columns_um / sensor.pixel_um)
+        strip += np.float32(self.share) * _gathered(_gathered(view.light_e, rows).T, columns).T
+        return strip
+
+    def _edges(self, start: int, count: int, centre: float, moved: float) -> NDArray[np.float64]:
+        """Return the places in the frame whose ghosts are the edges of ``count`` pixels from ``start`` on (pixels)."""
+        edges = start - 0.5 + np.arange(count + 1, dtype=np.float64)
+        return centre - (edges - centre - moved) / self.scale
+
+
+def _gathered(light: NDArray[np.float32], edges: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return the light of ``light`` (n, m) between neighbouring ``edges``, which fall: ``(edges - 1, m)``.
+
+    By differences of its running sum, so that no light is lost or made whatever the scale.
+    """
+    at = np.clip(edges + 0.5, 0, len(light))
+    low = min(int(at[-1]), len(light) - 1)
+    part = light[low : int(np.ceil(at[0])) + 1]
+    running = np.zeros((len(part) + 1, light.shape[1]))
+    np.cumsum(part, axis=0, dtype=np.float64, out=running[1:])
+    whole = np.minimum((at - low).astype(np.intp), len(part) - 1)
+    rest = (at - low - whole)[:, None]
+    sums = (1 - rest) * running[whole] + rest * running[whole + 1]
+    gathered: NDArray[np.float32] = (sums[:-1] - sums[1:]).astype(np.float32)
+    return gathered
+
+
+EFFECTS = (Ghost, SensorNonlinearity)

@@ -1,0 +1,126 @@
+"""Effects on where the main lens forms the image: field curvature and distortion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from lfcal.errors import InputError
+from lfcal.simulate.effects.base import Effect, Estimate, SceneEffect
+from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.scene import ImageMap, Scene
+
+__all__ = ["Distortion", "FieldCurvature"]
+
+
+def refocus_px(outlook: Outlook, by_um: float) -> float:
+    """Return the rim's spot shift when the image moves along the axis by ``by_um``, da/(2 Nw v) (pixels)."""
+    shift = abs(by_um) / (2 * outlook.f_number * outlook.depth) / outlook.pixel_um
+    return shift if outlook.has_lens else min(shift, 1.5 * outlook.shadow_px)
+
+
+@dataclass(frozen=True, slots=True)
+class FieldCurvature(SceneEffect):
+    """An image surface that is not flat: off the axis the image lies nearer or farther.
+
+    Attributes
+    ----------
+    radius_um
+        Radius R of the image surface at the axis (µm), a flat lens's Petzval radius: at distance h from the axis the
+        image lies h²/(2 R) farther from the main lens, nearer where R is negative.
+    """
+
+    radius_um: float = -200e3
+
+    name: ClassVar[str] = "field_curvature"
+    title: ClassVar[str] = "field curvature"
+    rank: ClassVar[int] = 66
+    deviation: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Check the radius."""
+        Effect.__post_init__(self)
+        if self.radius_um == 0:
+            raise InputError.expected(f"{self.title}: radius_um", "a radius that is not 0", 0, "leave the effect out")
+
+    def sag_um(self, outlook: Outlook) -> float:
+        """Return how much farther the image of the region lies, h²/(2 R) (µm)."""
+        y, x = outlook.field_um
+        return (y * y + x * x) / (2 * self.radius_um)
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the image's shift da, and two thirds of the rim's spot shift da/(2 Nw v)."""
+        sag = self.sag_um(outlook)
+        error = outlook.moved(2 / 3 * refocus_px(outlook, sag))
+        return Estimate(abs(sag), "µm", error, "da = h²/(2 R); shift (2/3) da/(2 Nw v)")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the image where the surface has it."""
+        sag = self.sag_um(outlook)
+        behind = 1.0 + (scene.image_um + sag) / scene.pupil_um
+        if not (math.isfinite(sag) and behind > 0):
+            wanted = "a radius that leaves the image behind the main lens"
+            raise InputError.expected(f"{self.title} (µm)", wanted, f"{self.radius_um:g}", "give a larger one")
+        return scene.refocused(sag) if sag else scene
+
+
+@dataclass(frozen=True, slots=True)
+class Distortion(SceneEffect):
+    """Images farther from the axis, or nearer, than a magnification that is the same everywhere has them.
+
+    Attributes
+    ----------
+    relative
+        Displacement over distance from the axis, at ``radius_um``; it grows with the square of the distance. Positive:
+        pincushion, negative: barrel.
+    radius_um
+        Distance from the axis on the sensor at which ``relative`` holds (µm).
+    """
+
+    relative: float = -0.002
+    radius_um: float = 10e3
+
+    name: ClassVar[str] = "distortion"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"relative": (-0.5, 0.5), "radius_um": (1.0, 1e9)}
+    title: ClassVar[str] = "distortion"
+    rank: ClassVar[int] = 67
+    deviation: ClassVar[bool] = True
+    units: ClassVar[Mapping[str, str]] = {"relative": "share"}
+
+    def at(self, outlook: Outlook) -> tuple[float, float]:
+        """Return the displacement ``(y, x)`` in the middle of the region (µm)."""
+        y, x = outlook.field_um
+        share = self.relative * (y * y + x * x) / self.radius_um**2
+        return share * y, share * x
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the displacement k h³ of the region's images, spots following by 1/v."""
+        shift = math.hypot(*self.at(outlook)) / outlook.pixel_um
+        return Estimate(shift, "px", outlook.source_moved(shift), "k h³; spots move by 1/v of it, the shadow by all")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with displaced images, spread or pressed together over the period as about its middle."""
+        (dy, dx), (y, x) = self.at(outlook), outlook.field_um
+        if not (dy or dx):
+            return scene
+        # d = k h² h: its gradient is k (h² + 2 h h^T)
+        k = self.relative / self.radius_um**2
+        grows = (k * (3 * y * y + x * x), 2 * k * y * x), (2 * k * y * x, k * (y * y + 3 * x * x))
+        middle = tuple((n - 1) / 2 * px for n, px in zip(scene.period, (scene.row_um, scene.pixel_um), strict=True))
+        known = scene.image_map or ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        rows = []
+        for moved, (gy, gx), (c, ky, kx) in zip((dy, dx), grows, known, strict=True):
+            rows.append((c + moved - gy * middle[0] - gx * middle[1], ky + gy, kx + gx))
+        found: ImageMap = (rows[0], rows[1])
+        moved_scene = replace(scene, image_map=found)
+        limit = max(scene.cutout) / 2 * scene.pixel_um
+        if not moved_scene.farthest_um <= limit:
+            wanted = f"images at most {limit:.4g} µm beside their cutout's middle"
+            got = f"{moved_scene.farthest_um:.4g} µm"
+            raise InputError.expected(f"{self.title} of the region", wanted, got, "give less, or a larger cutout")
+        return moved_scene
+
+
+EFFECTS = (FieldCurvature, Distortion)

@@ -1,0 +1,122 @@
+"""Effects of the lenslets themselves: their spherical aberration, defective ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from lfcal.camera.lens_centre import nearest_lens
+from lfcal.checks import check_number, check_tuple
+from lfcal.simulate.effects.base import Effect, Estimate, SceneEffect
+from lfcal.simulate.effects.field import overlap
+from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.scene import Defects, Scene
+
+__all__ = ["LensletSpherical", "MissingLenslets"]
+
+PLACES = 7
+"""Source positions per axis over which the light behind a lenslet is averaged."""
+
+
+@dataclass(frozen=True, slots=True)
+class MissingLenslets(SceneEffect):
+    """Single lenslets that pass less light than the others, or none.
+
+    Attributes
+    ----------
+    lenslets
+        ``(row, column, transmission)``: row and column of the lattice, counted from the lenslet of type 0 nearest to
+        the region's first position; the column runs along the lattice's own vectors (`LensletLattice.centres_um`, r
+        and q), so that in a hexagonal array column 0 of the next row is the right one of the two below. Transmission
+        is the share of light that passes, 0 to 1.
+    """
+
+    lenslets: Defects = ((0, 0, 0.0),)
+
+    name: ClassVar[str] = "missing_lenslets"
+    title: ClassVar[str] = "defective lenslets"
+    rank: ClassVar[int] = 84
+    deviation: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Check every lenslet; of one given twice the last counts."""
+        Effect.__post_init__(self)
+        known: dict[tuple[int, int], float] = {}
+        for one in self.lenslets:
+            check_tuple(f"{self.title}: row, column, transmission", one, 3)
+            row, column, passed = one
+            for number in (row, column):
+                check_number(f"{self.title}: row, column", number, at_least=-1e6, at_most=1e6, integer=True)
+            check_number(f"{self.title}: transmission", passed, at_least=0, at_most=1)
+            known[int(row), int(column)] = float(passed)
+        object.__setattr__(self, "lenslets", tuple((r, q, t) for (r, q), t in known.items()))
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the light lost, 1 - t of what the lenslets' shares of the shadow are, averaged over the positions."""
+        lattice, px = outlook.camera.lattice, outlook.pixel_um
+        first = [
+            c + f / px - (n - 1) / 2
+            for c, f, n in zip(outlook.camera.sensor.centre_px, outlook.field_um, outlook.period, strict=True)
+        ]
+        row, column = nearest_lens(outlook.camera, (first[0], first[1]))
+        places = [np.linspace(0, n - 1, PLACES) + f for n, f in zip(outlook.period, first, strict=True)]
+        lens, shadow = 0.5 * outlook.clear_um / px, outlook.shadow_px
+        lost = 0.0
+        for r, q, passed in self.lenslets:
+            x, y = np.array([q, r]) @ lattice.basis_um() / px
+            from_lens = np.hypot(*np.meshgrid(places[0] - row - y, places[1] - column - x))
+            seen = [overlap(float(d) / shadow, lens / shadow) for d in from_lens.ravel()]
+            lost += (1.0 - passed) * sum(seen) / len(seen)
+        cell = lattice.pitch_um * lattice.row_step_um
+        whole = 1.0 if lattice.edge_to_edge else min(1.0, math.pi * (0.5 * outlook.clear_um) ** 2 / cell)
+        share = min(1.0, lost / whole)
+        missing = sum(1.0 - t for _, _, t in self.lenslets)
+        return Estimate(missing, "lenslets", min(2.0, share / max(1e-9, 1.0 - share)), "light lost over light left")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with these lenslets."""
+        del outlook
+        found = tuple(one for one in self.lenslets if one[2] != 1.0)
+        return replace(scene, defects=scene.defects + found) if found else scene
+
+
+@dataclass(frozen=True, slots=True)
+class LensletSpherical(SceneEffect):
+    """Spherical aberration of every lenslet, a phase 2 pi W (r/R)^4 behind it. Rays do not show it.
+
+    Attributes
+    ----------
+    waves
+        W040 at the rim of the clear diameter (waves of the design wavelength); positive: the rim focuses farther.
+        Square lenslets that touch have four times as much in their corners.
+    """
+
+    waves: float = 0.25
+
+    name: ClassVar[str] = "lenslet_spherical"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"waves": (-10.0, 10.0)}
+    title: ClassVar[str] = "lenslets' spherical aberration"
+    rank: ClassVar[int] = 25
+    deviation: ClassVar[bool] = True
+    needs_waves: ClassVar[bool] = True
+    units: ClassVar[Mapping[str, str]] = {"waves": "waves"}
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return W, and the light moved by 0.4 of the rim's 4 W lambda B/R, in all directions: 0.6 of a shift."""
+        radius = 0.5 * outlook.clear_um
+        shift = 4 * abs(self.waves) * outlook.wavelength_um * outlook.gap_um / (radius * outlook.pixel_um)
+        error = 0.6 * outlook.moved(0.4 * shift)
+        return Estimate(abs(self.waves), "waves", error, "0.6 of a shift 0.4 * 4 W lambda B/R")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with aberrated lenslets."""
+        del outlook
+        waves = scene.lenslet_waves + self.waves
+        return replace(scene, lenslet_waves=waves) if self.waves else scene
+
+
+EFFECTS = (LensletSpherical, MissingLenslets)
