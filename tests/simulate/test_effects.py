@@ -82,7 +82,6 @@ SOMEWHERE: list[tuple[float, Effect]] = [
     (0.5, LensTypeDefocus()),
     (0.5, LensletDiffraction()),
     (0.5, Telecentricity()),
-    (0.5, ExactAngles()),
     (0.5, Spherical(0.25)),
     (0.5, LensletGap(5.0)),
     (0.5, Crosstalk(0.01)),

@@ -21,6 +21,7 @@ from lfcal.simulate.effects import (
     Crosstalk,
     Effect,
     Estimate,
+    ExactAngles,
     FiniteSource,
     LensletGap,
     Outlook,
@@ -168,7 +169,7 @@ def test_deviations_count_once_they_are_known() -> None:
 def test_decisions_are_made_for_each_plane() -> None:
     plan = ScanPlan.for_camera(small_camera(), virtual_depths=[0.0, 4.0], cutout=31)
     found = plan_effects(plan.camera, plan, 0.03)
-    row = found.row("exact_angles")
+    row = found.row("iris_diffraction")
     assert row.planes == (False, True) and row.on and "on at 1 of 2 planes" in row.reason
     assert row.z_um == plan.depths_um[1], "the plane where it matters"
     near, far = plan.depths_um
@@ -177,7 +178,7 @@ def test_decisions_are_made_for_each_plane() -> None:
     few = replace(plan, period=(2, 2))
     H = simulate_psf(plan.camera, few, plan_effects(plan.camera, few, 0.03), tolerance=0.03)
     simulated = H.provenance["simulated"]
-    assert simulated["planes"]["exact_angles"] == [1]
+    assert simulated["planes"]["iris_diffraction"] == [1]
     assert [effect["name"] for effect in simulated["effects"]] == [e.name for e in found.effects]
 
 
@@ -196,6 +197,19 @@ def test_estimates_near_the_native_plane(v: float, effect: Effect) -> None:
     assert found.estimate.measured
     assert 0.5 * measured <= found.estimate.error <= 2 * measured
     assert found.on == (found.estimate.error > 0.015) or found.estimate.error > 0.005
+
+
+@pytest.mark.parametrize("v", [0.0, 0.5])
+def test_exact_angles_are_estimated_by_what_follows_them(v: float) -> None:
+    """Near the native plane the wave level does not: its own difference would be a tenth of the true one."""
+    plan = small_plan(v, cutout=31)
+    estimate = plan_effects(plan.camera, plan, 0.03).row("exact_angles").estimate
+    ys, xs = [2, 12], [5, 20]
+    off, on = (
+        PlaneResponse(plan, 0, effects, level="reference", sampling=Sampling(samples_per_px=12)).rows(ys, xs)
+        for effects in (BASE, (*BASE, ExactAngles()))
+    )
+    assert estimate.measured and 0.5 <= estimate.error / difference(off, on) <= 2
 
 
 def test_waves_are_not_left_out_because_another_effect_brings_them() -> None:

@@ -12,7 +12,7 @@ from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError
 from lfcal.simulate.accuracy.sampling import finer, step_for
 from lfcal.simulate.effects.base import Effect, FrameEffect, LightEffect, MotionEffect
-from lfcal.simulate.effects.optics import LensletDiffraction
+from lfcal.simulate.effects.optics import ExactAngles, LensletDiffraction
 from lfcal.simulate.engines.base import EnergyError, Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import filter_kernel, outlook_of, resolve_level, scene_for
@@ -67,9 +67,12 @@ class Influence:
                 return None
         elif self._alike(others, (*others, effect)):
             return 0.0
+        changed_set = others if present else (*self._still, effect)
         try:
-            beside = self._undisturbed()
-            changed = self._responses(others if present else (*self._still, effect))
+            if isinstance(effect, ExactAngles) and not self._followed(self._still):
+                beside, changed = self._by_reference(self._still), self._by_reference(changed_set)
+            else:
+                beside, changed = self._undisturbed(), self._responses(changed_set)
         except LfcalError:
             return None  # a scene that no engine computes: its formula is all there is
         with_it, without = (beside, changed) if present else (changed, beside)
@@ -82,6 +85,18 @@ class Influence:
         scenes = [resolve_level(scene_for(self._plan, self._z, some))[0] for some in (one, other)]
         offsets = [scene.offsets_um for scene in scenes]
         return scenes[0] == scenes[1] and _same(*kernels) and _same(*offsets)
+
+    def _followed(self, effects: tuple[Effect, ...]) -> bool:
+        """Return whether waves follow rays at exact angles: not near the native plane, where rays cross."""
+        from lfcal.simulate.engines.field import choose_mode  # compiled code: not loaded before it is needed
+
+        return choose_mode(scene_for(self._plan, self._z, effects)) != "U"
+
+    def _by_reference(self, effects: tuple[Effect, ...]) -> NDArray[np.float64]:
+        scene, level = resolve_level(scene_for(self._plan, self._z, effects), "reference")
+        sampling = step_for(scene, level, FINENESS).sampling
+        response = PlaneResponse(self._plan, self._z, effects, level=level, sampling=sampling)
+        return response.rows(self._ys, self._xs, workers=1).astype(np.float64)
 
     def _undisturbed(self) -> NDArray[np.float64]:
         if self._beside is None:
