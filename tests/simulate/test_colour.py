@@ -98,7 +98,7 @@ def test_the_planner_takes_the_width_that_is_given() -> None:
     found = plan_effects(plan.camera, plan, 0.2, effects=(ChromaticFocus(5e4), Bandwidth(0.02)))
     assert found.row("chromatic_focus").on and found.row("bandwidth").on
     assert "comes with longitudinal colour" in found.row("bandwidth").reason
-    assert found.left_out <= 0.1 and found.seconds > 2 * plain.seconds
+    assert found.left_out[0] <= 0.1 and found.seconds > 2 * plain.seconds
 
 
 def test_an_image_before_the_lens_is_refused() -> None:

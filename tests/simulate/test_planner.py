@@ -167,7 +167,7 @@ def test_deviations_count_once_they_are_known() -> None:
 
 
 def test_decisions_are_made_for_each_plane() -> None:
-    plan = ScanPlan.for_camera(small_camera(), virtual_depths=[0.0, 4.0], cutout=31)
+    plan = ScanPlan.for_camera(small_camera(), virtual_depths=[0.0, 4.0], cutout=21)
     found = plan_effects(plan.camera, plan, 0.03)
     row = found.row("iris_diffraction")
     assert row.planes == (False, True) and row.on and "on at 1 of 2 planes" in row.reason
@@ -182,13 +182,13 @@ def test_decisions_are_made_for_each_plane() -> None:
     assert [effect["name"] for effect in simulated["effects"]] == [e.name for e in found.effects]
 
 
-@pytest.mark.parametrize("v", [0.0, 0.2])
+@pytest.mark.parametrize("v", [0.0, pytest.param(0.2, marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     "effect", [Coma(0.3), Spherical(0.25), LensletGap(5.0), Crosstalk(0.05), PitchError(1e-3)], ids=lambda e: e.name
 )
 def test_estimates_near_the_native_plane(v: float, effect: Effect) -> None:
     """No formula holds there: what is said of a known effect is measured, and right at other positions."""
-    plan = small_plan(v, cutout=41)
+    plan = small_plan(v, cutout=31)
     found = plan_effects(plan.camera, plan, 0.03, effects=(effect,)).row(effect.name)
     sampling = Sampling(nodes_per_px=5, margin_px=24, coherent=True)
     ys, xs = [1, 7, 13], [4, 9, 18, 30]
@@ -199,7 +199,7 @@ def test_estimates_near_the_native_plane(v: float, effect: Effect) -> None:
     assert found.on == (found.estimate.error > 0.015) or found.estimate.error > 0.005
 
 
-@pytest.mark.parametrize("v", [0.0, 0.5])
+@pytest.mark.parametrize("v", [0.0, pytest.param(0.5, marks=pytest.mark.long)])
 def test_exact_angles_are_estimated_by_what_follows_them(v: float) -> None:
     """Near the native plane the wave level does not: its own difference would be a tenth of the true one."""
     plan = small_plan(v, cutout=31)

@@ -42,20 +42,20 @@ def test_every_pass_is_a_whole_h_labelled_with_its_error(plan: ScanPlan, tmp_pat
             seen.append((found[:], [float(e) for e in found.facts.known()["error"]]))
 
     stages = []
-    work = iter_refine_psf(plan.camera, plan, tolerance=0.02, out=out, workers=1, on_pass=look)
+    work = iter_refine_psf(plan.camera, plan, tolerance=0.05, out=out, workers=1, on_pass=look)
     with pytest.raises(StopIteration) as stop:
         while True:
             stages.append(next(work))
     stop.value.value.close()
-    assert len(seen) == 4 and {r.stage for r in stages} >= {"pass 1 of 4, simulate plane 2 of 2"}
+    assert len(seen) == 3 and {r.stage for r in stages} >= {"pass 1 of 3, simulate plane 2 of 2"}
     assert "H so far within" in stages[-1].note
-    truth = simulate_psf(plan.camera, plan, tolerance=0.004, workers=1)[:]
+    truth = simulate_psf(plan.camera, plan, tolerance=0.015, workers=1)[:]
     worst = [max(errors) for _, errors in seen]
-    assert worst == sorted(worst, reverse=True) and worst[-1] <= 0.02
+    assert worst == sorted(worst, reverse=True) and worst[-1] <= 0.05
     for found, errors in seen:
         for z in range(2):
             # a plane's label holds for what is in the file; estimates of what is left out within a factor of 2
-            assert difference(found[z], truth[z]) <= 2 * errors[z] + 0.004
+            assert difference(found[z], truth[z]) <= 2 * errors[z] + 0.015
 
 
 def test_stopping_keeps_the_last_whole_pass(plan: ScanPlan, tmp_path: Path) -> None:
@@ -64,7 +64,7 @@ def test_stopping_keeps_the_last_whole_pass(plan: ScanPlan, tmp_path: Path) -> N
     work = iter_refine_psf(
         plan.camera,
         plan,
-        tolerance=0.02,
+        tolerance=0.05,
         out=out,
         workers=1,
         on_pass=lambda matrix: done.append(float(np.max(matrix.facts.known()["error"]))),
@@ -76,7 +76,7 @@ def test_stopping_keeps_the_last_whole_pass(plan: ScanPlan, tmp_path: Path) -> N
     assert [path.name for path in tmp_path.iterdir()] == ["H.h5"], "nothing half-written stays"
     with open_psf(out) as kept:
         assert float(np.max(kept.facts.known()["error"])) == done[1]
-        assert kept.provenance["simulated"]["tolerance"] == pytest.approx(0.2), "the second pass of four"
+        assert kept.provenance["simulated"]["tolerance"] == pytest.approx(1 / 6), "the second pass of three"
 
 
 def test_planes_that_keep_the_tolerance_are_not_computed_again(
