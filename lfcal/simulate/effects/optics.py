@@ -181,13 +181,13 @@ class ExactAngles(SceneEffect):
     rank: ClassVar[int] = 60
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rim's displacement B/(2 (2 Nw)³); 0.56 to 0.75 of it moves as much light as is measured."""
+        """Return the rim's displacement B/(2 (2 Nw)³); 0.56 to 0.65 of it moves as much light as is measured."""
         if not outlook.has_lens:
             return Estimate(0.0, "px", 0.0, "in the Debye integral")
         rim = outlook.gap_um / (2 * (2 * outlook.f_number) ** 3) / outlook.pixel_um
         near = min(1.0, abs(outlook.virtual_depth) / 1.2)  # the cone covers less than a lenslet
-        share = 0.56 if outlook.shift_um > 0 else 0.75  # before the array rays run apart
-        return Estimate(rim, "px", outlook.moved(share * rim * near), "B/(2 (2 Nw)³); a shift of 0.56 to 0.75 of it")
+        share = 0.56 if outlook.shift_um > 0 else 0.65  # before the array rays run apart
+        return Estimate(rim, "px", outlook.moved(share * rim * near), "B/(2 (2 Nw)³); a shift of 0.56 to 0.65 of it")
 
     def holds(self, outlook: Outlook) -> bool:
         """Return whether spots move as rays do: not where one lenslet sees all of the iris's fringes."""
