@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["format_bytes", "format_length", "format_seconds"]
+__all__ = ["format_bytes", "format_length", "format_seconds", "format_share"]
 
 
 def format_bytes(n: float) -> str:
@@ -42,3 +42,9 @@ def format_length(um: float) -> str:
     if size >= 1 or size == 0:
         return f"{um:.4g} µm"
     return f"{um * 1e3:.4g} nm"
+
+
+def format_share(share: float) -> str:
+    """Return a share of 1 in per cent, of two digits and without powers of ten, e.g. ``'0.35 %'``, ``'140 %'``."""
+    percent = 100 * share
+    return f"{percent:.0f} %" if abs(percent) >= 99.5 else f"{percent:.2g} %"

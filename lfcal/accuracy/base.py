@@ -10,9 +10,9 @@ from typing import Any
 from lfcal.checks import check_choice, check_number
 from lfcal.errors import FileFormatError
 from lfcal.plain import plain
-from lfcal.units import format_bytes, format_seconds
+from lfcal.units import format_bytes, format_seconds, format_share
 
-__all__ = ["UNITS", "Curve", "Rung", "cost_axis", "format_cost", "format_error", "marked"]
+__all__ = ["UNITS", "Curve", "Rung", "cost_axis", "format_cost", "marked"]
 
 UNITS = ("seconds", "bytes", "frames")
 """What accuracy is paid in."""
@@ -118,13 +118,13 @@ class Curve:
 
     def answer(self, error: float) -> str:
         """Return what an error would cost, in a sentence."""
-        found, best, asked = self.cheapest(error), self.best, format_error(error)
+        found, best, asked = self.cheapest(error), self.best, format_share(error)
         if found is not None:
-            return f"{asked} costs {format_cost(found.cost, self.unit)}: {found.label} ({format_error(found.error)})"
+            return f"{asked} costs {format_cost(found.cost, self.unit)}: {found.label} ({format_share(found.error)})"
         if best is None:
             return f"{asked}: nothing was measured" + (f" ({self.stopped})" if self.stopped else "")
         return (
-            f"{asked} is reached by no rung measured; the best is {format_error(best.error)} for "
+            f"{asked} is reached by no rung measured; the best is {format_share(best.error)} for "
             f"{format_cost(best.cost, self.unit)}: {best.label}"
         )
 
@@ -181,9 +181,3 @@ def format_cost(cost: float, unit: str) -> str:
     if unit == "seconds":
         return format_seconds(cost)
     return format_bytes(cost) if unit == "bytes" else f"{cost:.0f} frames"
-
-
-def format_error(error: float) -> str:
-    """Return a relative error for people, in per cent, however small."""
-    percent = 100 * error
-    return f"{percent:.0f} %" if percent >= 100 else f"{percent:.2g} %"

@@ -163,7 +163,8 @@ def _answer(curve: Curve, share: float) -> dict[str, object]:
 
 def _show(curve: Curve, share: float) -> None:
     """Print one curve as a table, what it means, and what the error asked for costs."""
-    from lfcal.accuracy.base import format_cost, format_error
+    from lfcal.accuracy.base import format_cost
+    from lfcal.units import format_share
 
     if not curve.rungs:
         typer.echo(f"{curve.title}: not measured: {curve.stopped or 'stopped before the first rung'}\n")
@@ -174,7 +175,7 @@ def _show(curve: Curve, share: float) -> None:
     for rung in curve.rungs:
         mark = ("efficient" if rung.efficient else "") + (", picked" if rung is picked else "")
         others = [f"{rung.others[name]:.4g}" if name in rung.others else "—" for name in names]
-        words = [rung.label, format_error(rung.error), format_cost(rung.cost, curve.unit), *others]
+        words = [rung.label, format_share(rung.error), format_cost(rung.cost, curve.unit), *others]
         rows.append([*words, "; ".join(filter(None, (mark, rung.note)))])
     print_table(["", "error", "cost", *names, " "], rows, title=curve.title)
     typer.echo(f"error: {curve.error}; cost: {curve.cost}")

@@ -13,9 +13,10 @@ from gui.models.form import Field
 from gui.models.project import ProjectState
 from gui.models.settings import PageSettings
 from lfcal.accuracy import PLACES, Curve, Rung, Subject, iter_curve
-from lfcal.accuracy.base import cost_axis, format_cost, format_error
+from lfcal.accuracy.base import cost_axis, format_cost
 from lfcal.errors import InputError
 from lfcal.progress import Work
+from lfcal.units import format_share
 
 __all__ = [
     "FIELDS",
@@ -166,7 +167,7 @@ def axis_labels(curve: Curve) -> tuple[str, str]:
 
 def rung_words(rung: Rung) -> str:
     """Return one rung in a few lines."""
-    lines = [rung.label, f"error {format_error(rung.error)}, costs {format_cost(rung.cost, rung.unit)}"]
+    lines = [rung.label, f"error {format_share(rung.error)}, costs {format_cost(rung.cost, rung.unit)}"]
     lines += [f"{name}: {value:.4g}" for name, value in rung.others.items()]
     return "\n".join(filter(None, (*lines, rung.note)))
 

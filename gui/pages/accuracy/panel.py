@@ -53,6 +53,7 @@ class AccuracyPanel(QWidget):
         self.places.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.places.currentItemChanged.connect(self._place_changed)
         column.addWidget(self.places)
+        column.addStretch(1)
         return frame
 
     def _settings_card(self) -> QFrame:

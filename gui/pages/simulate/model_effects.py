@@ -11,7 +11,7 @@ from gui.pages.simulate.model import SimulateSettings
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.progress import Work
-from lfcal.units import format_seconds
+from lfcal.units import format_seconds, format_share
 
 if TYPE_CHECKING:
     from lfcal.simulate.accuracy.planner import EffectSelection, PlannedEffect
@@ -85,7 +85,7 @@ class EffectRow:
         """Return the share in words."""
         if 0 < self.share < LEAST:
             return f"< {100 * LEAST:g} %"
-        return f"{'≤ ' if self.upper_bound else ''}{100 * self.share:.2g} %"
+        return f"{'≤ ' if self.upper_bound else ''}{format_share(self.share)}"
 
     def seconds_text(self) -> str:
         """Return the cost in words."""

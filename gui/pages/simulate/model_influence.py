@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gui.pages.simulate.model_effects import EffectRow, Verdict
 from gui.pages.simulate.model_frames import FrameBench, FrameQuestion
 from lfcal.camera import ScanPlan
-from lfcal.units import format_length
+from lfcal.units import format_length, format_share
 
 if TYPE_CHECKING:
     from lfcal.simulate.effects.base import Effect
@@ -149,7 +149,7 @@ class Influences:
             pictures[with_it] = picture
         changed = changed_share(pictures[False], pictures[True])
         energy = float(pictures[True].sum() / max(float(pictures[False].sum()), 1e-30)) - 1
-        said = f"{100 * changed:.2g} % of the light differs, energy in the cutout {100 * energy:+.2g} %"
+        said = f"{format_share(changed)} of the light differs, energy in the cutout {100 * energy:+.2g} %"
         if changed == 0:
             said = f"nothing differs at level {planned.level}"
         words = f"{asked.place()}: {said}"
@@ -185,7 +185,7 @@ class Influences:
             pictures[with_it], origin = frame.cutout()
         light = float(np.abs(pictures[True] - asked.plan.camera.sensor.black_level).sum())
         changed = float(np.abs(pictures[True] - pictures[False]).sum()) / max(light, 1e-30)
-        words = f"{asked.place()}: samples differ by {100 * changed:.2g} % of those above black"
+        words = f"{asked.place()}: samples differ by {format_share(changed)} of those above black"
         axes = ("sensor column", "sensor row")
         return Influence(pictures[False], pictures[True], origin, axes, "sample value (counts)", words)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.accuracy.base import Rung, format_error
+from lfcal.accuracy.base import Rung
 from lfcal.accuracy.place import Measuring, Place, Step, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Camera, Forecast, ScanPlan
@@ -17,7 +17,7 @@ from lfcal.simulate import expose
 from lfcal.simulate.effects.base import FrameEffect
 from lfcal.simulate.effects.sensor import Quantisation, ReadNoise, Saturation, ShotNoise
 from lfcal.simulate.sensor.noise import FrameKind, temporal_noise
-from lfcal.units import format_seconds
+from lfcal.units import format_seconds, format_share
 
 __all__ = ["EFFECTS", "PLACE", "dark_level", "expected_noise"]
 
@@ -96,7 +96,7 @@ def _rung(plan: ScanPlan, sensor: tuple[Camera, float], light: NDArray[np.float3
     label = f"{count} frame{'s' * (count > 1)} of {format_seconds(exposures[len(exposures) // 2])}"
     others = {"by the noise model (%)": 100 * model, "frames": float(scan.n_positions * count)}
     full = float((light >= camera.sensor.full_well_e).mean())
-    note = f"{format_error(full)} of the pixels are saturated" if full else ""
+    note = f"{format_share(full)} of the pixels are saturated" if full else ""
     return Rung(label, settings, off / total, 3600 * Forecast.of(scan).hours, "seconds", others, note)
 
 

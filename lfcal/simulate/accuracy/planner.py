@@ -14,7 +14,7 @@ from lfcal.simulate.effects import ActsOn, Effect, Estimate, FrameEffect, Lensle
 from lfcal.simulate.effects.described import SETTINGS
 from lfcal.simulate.effects.light import Bandwidth
 from lfcal.simulate.staging import light_samples, outlook_of
-from lfcal.units import format_seconds
+from lfcal.units import format_seconds, format_share
 
 __all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]
 
@@ -303,7 +303,7 @@ def _decide(draft: _Draft, e: Estimate, allowed: float, taken: float) -> tuple[b
     """Return on or off and the reason, where ``taken`` of what is allowed is left out already."""
     effect = draft.effect
     size = f"{e.size:.3g} {e.unit}"
-    share = f"{'at most ' if e.upper_bound else ''}{100 * e.error:.2g} % of the image"
+    share = f"{'at most ' if e.upper_bound else ''}{format_share(e.error)} of the image"
     cost = f", {format_seconds(draft.seconds)}" if draft.seconds else ", free"
     if draft.setting == "off":
         return False, f"switched off: {size}, {share} is missing"
@@ -324,5 +324,5 @@ def _decide(draft: _Draft, e: Estimate, allowed: float, taken: float) -> tuple[b
     if e.error > allowed:
         return True, f"{size}: {share}, above {within}{cost}"
     if e.error > allowed - taken:
-        return True, f"{size}: {share}, too much beside {100 * taken:.2g} % left out already{cost}"
+        return True, f"{size}: {share}, too much beside {format_share(taken)} left out already{cost}"
     return False, f"{size}: {share}, within {within}"

@@ -1,0 +1,28 @@
+"""Numbers with their units, as people read them."""
+
+from __future__ import annotations
+
+import pytest
+
+from lfcal.units import format_bytes, format_length, format_seconds, format_share
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [(0.0, "0 %"), (0.0035, "0.35 %"), (0.12, "12 %"), (0.996, "100 %"), (1.4, "140 %"), (2e-6, "0.0002 %")],
+)
+def test_shares(share: float, words: str) -> None:
+    assert format_share(share) == words
+
+
+def test_durations_lengths_and_sizes() -> None:
+    assert [format_seconds(s) for s in (3e-5, 0.0031, 4.2, 42, 125, 7500)] == [
+        "30 µs",
+        "3.1 ms",
+        "4.2 s",
+        "42 s",
+        "2 min 05 s",
+        "2 h 05 min",
+    ]
+    assert [format_length(um) for um in (0.02, 5.0, 2.5e5, 2e6)] == ["20 nm", "5 µm", "250 mm", "2 m"]
+    assert [format_bytes(n) for n in (12, 685e6)] == ["12 B", "685.0 MB"]
