@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
+from lfcal.simulate.camera_scene import scene_of
 from lfcal.simulate.effects.base import Effect, LightEffect, LightSample, PsfEffect, SceneEffect
 from lfcal.simulate.effects.light import Bandwidth
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import LEVELS
-from lfcal.simulate.scene import Iris, Scene, scene_of
+from lfcal.simulate.scene import Iris, Scene
 
 __all__ = [
     "filter_kernel",

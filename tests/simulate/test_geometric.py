@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from lfcal.camera import preset
+from lfcal.simulate.camera_scene import scene_of
 from lfcal.simulate.engines.geometric import GeometricPlane
 from lfcal.simulate.engines.polygon import half_planes, iris_outline
-from lfcal.simulate.scene import Iris, Scene, scene_of
+from lfcal.simulate.scene import Iris, Scene
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, moments, relative_error
 
 

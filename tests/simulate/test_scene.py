@@ -10,8 +10,9 @@ import pytest
 
 from lfcal.camera import PRESETS, preset
 from lfcal.errors import InputError
+from lfcal.simulate.camera_scene import scene_of
 from lfcal.simulate.engines.zernike import zernike_radial
-from lfcal.simulate.scene import Iris, Scene, scene_of, seidel
+from lfcal.simulate.scene import Iris, Scene, seidel
 from tests.simulate.scenes import camera_scene
 
 
