@@ -112,8 +112,8 @@ def test_bad_input_is_one_line_and_code_2(lfcal: Lfcal, arguments: tuple[str, ..
 
 
 def test_accuracy_bench(lfcal: Lfcal, tmp_path: Path) -> None:
-    arguments = ("--virtual-depth", "2.2", "--positions", "1", "--asked", "30,10", "-o", tmp_path / "c.png")
-    run = lfcal("bench", "accuracy", "bench", *arguments)
+    arguments = ("--depth", "5", "--positions", "1", "--asked", "30,10", "-o", tmp_path / "c.png")
+    run = lfcal("bench", "accuracy", "lfm_20x05", *arguments)
     assert run.code == 0, run.err
     assert "picked" in run.out and "reference" in run.out and (tmp_path / "c.png").exists()
     asked = run.out.split("what comes of a tolerance")[1]

@@ -46,6 +46,7 @@ def test_noise_of_a_sum_is_that_of_its_photons_and_frames() -> None:
     assert found.std() == pytest.approx(math.sqrt(electrons + 100 * 30.0**2), rel=0.02)
 
 
+@pytest.mark.long
 def test_all_positions_show_the_iris_of_the_description() -> None:
     plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,))
     curve = measure_curve(PLACES.get("aperture"), Subject("bench", plan), 1000)

@@ -278,9 +278,9 @@ def test_the_keyboard_suffices(page: Any, qtbot: QtBot) -> None:
     qtbot.keyClick(table, Qt.Key.Key_Down)
     assert table.selected == "zernike"
     qtbot.keyClick(table, Qt.Key.Key_Down)
-    assert table.selected == "lenslet_gap"
+    assert table.selected == "chromatic_focus"
     qtbot.keyClick(table, Qt.Key.Key_Return)
-    editor = page.panel.effect.form.editors["error_um"]
+    editor = page.panel.effect.form.editors["rate"]
     assert page.focusWidget() is editor.edit
     idle(page.context.jobs, qtbot)
 
