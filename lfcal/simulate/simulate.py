@@ -128,11 +128,12 @@ class Simulation:
     def provenance(self) -> dict[str, Any]:
         """Return what H can be simulated again from."""
         plan, budget = self.plan, self.budget
-        on = [budget.at(z_um)[0] for z_um in plan.depths_um]
-        planes = {e: [z for z, effects in enumerate(on) if e in effects] for e in budget.effects if e.acts_on.enters_h}
-        details: dict[str, Any] = {"effects": describe(e for e, found in planes.items() if found)}
+        on = [{e.name for e in budget.at(z_um)[0]} for z_um in plan.depths_um]
+        shown = [e for e in budget.effects if e.acts_on.enters_h and any(e.name in names for names in on)]
+        details: dict[str, Any] = {"effects": describe(shown)}
         # effects that are not on at every plane name theirs
-        if partly := {e.name: found for e, found in planes.items() if 0 < len(found) < len(on)}:
+        planes = {e.name: [z for z, names in enumerate(on) if e.name in names] for e in shown}
+        if partly := {name: found for name, found in planes.items() if len(found) < len(on)}:
             details["planes"] = partly
         found: dict[str, Any] = {"simulated": {**details, "level": self.level, "tolerance": budget.tolerance}}
         if plan.resample:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -32,6 +32,7 @@ from lfcal.simulate.effects import (
     SceneEffect,
     ShotNoise,
     Spherical,
+    Zernike,
     catalogue,
 )
 from lfcal.simulate.engines.base import Sampling
@@ -298,3 +299,30 @@ def test_noise_estimates_enter_the_budget_of_frames() -> None:
     plan = small_plan()
     found = plan_effects(plan.camera, plan, 0.25, frames=True, effects=(ShotNoise(), ReadNoise(0.1)))
     assert not found.row("shot_noise").on and not found.row("read_noise").on
+
+
+@dataclass(frozen=True, eq=False)
+class Tabulated(SceneEffect):
+    """An effect of another distribution that holds an array: it has no hash worth the name, and cannot be compared."""
+
+    table: np.ndarray = field(default_factory=lambda: np.ones(3))
+
+    name: ClassVar[str] = "tabulated"
+    title: ClassVar[str] = "tabulated"
+    __hash__ = None  # type: ignore[assignment]
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        return Estimate(1.0, "tables", 0.3, "a table")
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        return replace(scene, f_number=scene.f_number * float(self.table.mean()))
+
+
+def test_effects_that_hold_lists_and_arrays_are_planned() -> None:
+    plan = replace(small_plan(0.0, cutout=21), period=(1, 2))
+    terms = Zernike([[4, 0, 0.1], [3, 1, 0.05]])  # type: ignore[arg-type]  # as a script may write it
+    assert hash(terms) == hash(Zernike(((4, 0, 0.1), (3, 1, 0.05))))
+    assert plan_effects(plan.camera, plan, 0.03, effects=(terms,)).row("zernike").estimate.measured
+    found = plan_effects(plan.camera, plan, 0.03, effects=(Tabulated(np.full(3, 1.3)),))
+    assert found.row("tabulated").estimate.measured and found.row("tabulated").on
+    simulate_psf(plan.camera, plan, found, workers=1)

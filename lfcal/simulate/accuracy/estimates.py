@@ -44,14 +44,25 @@ def estimates_of(
     if plan is None:
         return found
     counted = tuple(e for e in counting if e.acts_on.enters_h)
+    names = {effect.name for effect in counted}
+    run = measured if _hashable(plan, counted) else measured.__wrapped__
     for effect, row in zip(effects, found, strict=True):
         doubtful = [k for k, outlook in enumerate(planes) if not effect.holds(outlook)]
-        if effect not in counted or not doubtful:
+        if effect.name not in names or not doubtful:
             continue
-        known = {k: value for k in _spread(doubtful) if (value := measured(plan, k, counted, effect)) is not None}
+        known = {k: value for k in _spread(doubtful) if (value := run(plan, k, counted, effect)) is not None}
         for k in doubtful if known else ():
             row[k] = replace(row[k], error=_between(k, known), formula=RUN, measured=True)
     return found
+
+
+def _hashable(*values: object) -> bool:
+    """Return whether measurements can be kept under these: effects of other distributions may hold arrays."""
+    try:
+        hash(values)
+    except TypeError:
+        return False
+    return True
 
 
 def _spread(numbers: Sequence[int]) -> list[int]:
@@ -76,7 +87,8 @@ def _between(plane: int, known: dict[int, float]) -> float:
 @lru_cache(maxsize=KEPT)
 def measured(plan: ScanPlan, z: int, counting: tuple[Effect, ...], effect: Effect) -> float | None:
     """Return what leaving an effect out costs at a plane, or None where it cannot be run."""
-    return influence(plan, z, counting).of(effect)
+    made = influence if _hashable(plan, counting) else influence.__wrapped__
+    return made(plan, z, counting).of(effect)
 
 
 @lru_cache(maxsize=2)

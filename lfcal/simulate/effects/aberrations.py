@@ -129,6 +129,7 @@ class Zernike(_Aberration):
 
     def __post_init__(self) -> None:
         """Check that every term is one."""
+        SceneEffect.__post_init__(self)  # a plain super() does not know a class with slots
         check_wavefront(self.terms)
 
     def estimate(self, outlook: Outlook) -> Estimate:

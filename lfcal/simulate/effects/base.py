@@ -163,6 +163,10 @@ def typical(value: float | None, camera: Camera, lens: float, microscope: float)
     return lens if isinstance(camera.optics, MainLens) else microscope
 
 
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(one) for one in value) if isinstance(value, list | tuple) else value
+
+
 class Effect(ABC):
     """An effect; subclasses are frozen dataclasses whose fields are magnitudes (None: from the camera).
 
@@ -199,6 +203,8 @@ class Effect(ABC):
         """Check that every magnitude is a finite number within its limits; None is taken from the camera later."""
         for field in fields(self):  # type: ignore[arg-type]  # subclasses are dataclasses
             value = getattr(self, field.name)
+            if isinstance(value, list):  # an effect is a value: equal ones compare, and have the same hash
+                object.__setattr__(self, field.name, _frozen(value))
             if isinstance(value, bool) or not isinstance(value, Real):
                 continue  # letters of a colour filter, Zernike terms: checked by what reads them
             bounds = self.limits.get(field.name, (-math.inf, math.inf))
