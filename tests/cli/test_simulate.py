@@ -111,6 +111,7 @@ def test_bad_input_is_one_line_and_code_2(lfcal: Lfcal, arguments: tuple[str, ..
     assert run.code == 2 and word in run.err and run.err.count("\n") == 1
 
 
+@pytest.mark.long
 def test_accuracy_bench(lfcal: Lfcal, tmp_path: Path) -> None:
     arguments = ("--depth", "5", "--positions", "1", "--asked", "30,10", "-o", tmp_path / "c.png")
     run = lfcal("bench", "accuracy", "lfm_20x05", *arguments)

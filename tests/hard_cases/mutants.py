@@ -275,6 +275,7 @@ MUTANTS = (
                 "angle = (np.outer(nodes[nodes.size // 2 :], rates) + 4712).astype(dtype) - dtype(4712)",
             ),
         ),
+        long=True,
     ),
     Mutant(
         "Single precision far from the origin",

@@ -129,6 +129,7 @@ def edge_error(half: int, fine: int) -> float:
     return max(wrong)
 
 
+@pytest.mark.long
 def test_a_larger_cell_needs_no_finer_table():
     assert fineness(20.0) == 16 == fineness(40.0)
     assert fineness(363.0) <= 6

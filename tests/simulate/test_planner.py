@@ -188,8 +188,10 @@ def test_decisions_are_made_for_each_plane() -> None:
     "effect",
     [
         Coma(0.3),
-        Crosstalk(0.05),
-        *(pytest.param(e, marks=pytest.mark.long) for e in (Spherical(0.25), LensletGap(5.0), PitchError(1e-3))),
+        *(
+            pytest.param(e, marks=pytest.mark.long)
+            for e in (Spherical(0.25), LensletGap(5.0), Crosstalk(0.05), PitchError(1e-3))
+        ),
     ],
     ids=lambda e: e.name,
 )

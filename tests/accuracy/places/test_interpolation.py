@@ -18,6 +18,7 @@ def test_moved_by_whole_pixels_nothing_is_lost(subject: Subject, monkeypatch: py
     assert all(r.error < 1e-3 for r in curve.rungs), curve.rungs
 
 
+@pytest.mark.long
 def test_smooth_spots_are_moved_the_right_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """A counter-test: against the shift, interpolation would be worse than none (twice as far off)."""
     monkeypatch.setattr(interpolation, "SHIFTS", ((0.4, 0.4),))

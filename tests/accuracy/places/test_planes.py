@@ -19,6 +19,7 @@ def pattern(plan: ScanPlan, depth: float) -> np.ndarray:
     return simulate_psf(plan.camera, one, effects, tolerance=planes.TOLERANCE)[0, 1, 1].astype(float)
 
 
+@pytest.mark.long
 def test_the_nearest_plane_stands_in(subject: Subject, plan: ScanPlan, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planes, "COUNTS", (2, 5))
     monkeypatch.setattr(planes, "PLACES", 1)

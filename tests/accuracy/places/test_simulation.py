@@ -20,6 +20,7 @@ def single() -> Subject:
     return Subject("one", small_plan((1, 1), 1), workers=1)
 
 
+@pytest.mark.long
 def test_a_rung_errs_as_the_h_that_its_tolerance_gives(single: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulation, "TOLERANCES", (0.3, 0.06))
     curve = measure_curve(PLACES.get("simulation"), single, 100)

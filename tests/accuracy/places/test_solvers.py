@@ -25,6 +25,7 @@ def by_solver(curve: Curve) -> dict[str, dict[int, float]]:
     return found
 
 
+@pytest.mark.long
 def test_every_solver_comes_nearer_to_the_truth(h: Subject) -> None:
     curve = measure_curve(PLACES.get("solvers"), h, 1000)
     found = by_solver(curve)
