@@ -43,7 +43,7 @@ def command(
         help="NAME=on, off, auto or a magnitude (coma=0.3@40deg, lenslet_gap=5um), or a JSON file; may be repeated.",
     ),
     tolerance: float = typer.Option(0.03, help="Relative L1 error allowed for what is left out."),
-    level: str = typer.Option("auto", help="auto, geometric, wave, microscope or reference."),
+    level: str = typer.Option("auto", help="auto, geometric, wave, grid, microscope or reference."),
     out: Path | None = typer.Option(None, "-o", "--out", help="H file to write."),
     frames: Path | None = typer.Option(None, help="Folder for the frames of a simulated session."),
     seed: int = typer.Option(0, help="Seed of noise and stage errors in frames."),

@@ -179,8 +179,8 @@ class PlaneResponse:
             except EnergyError:
                 if self.sampling is not None:
                     raise
-                # The reference's grid is as fine as the light's angles need: more changes nothing.
-                if self.level == "reference" or attempt == RETRIES:
+                # A grid is as fine as the light's angles need: more changes nothing.
+                if self.level in ("reference", "grid") or attempt == RETRIES:
                     balance = f"no more of it out than in at level {self.level!r}"
                     remedy = "choose another level, or a smaller tolerance"
                     raise EnergyError.expected("simulated light", balance, "more", remedy) from None

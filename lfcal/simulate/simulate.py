@@ -218,8 +218,8 @@ def simulate_psf(
         A tuple of effects, ``()`` for the ideal camera; an `EffectSelection`; or ``"auto"``: what `plan_effects`
         finds necessary for ``tolerance``.
     level
-        ``"geometric"``, ``"wave"``, ``"microscope"``, ``"reference"``, or ``"auto"``: rays unless an effect calls
-        for waves.
+        ``"geometric"``, ``"wave"``, ``"grid"``, ``"microscope"``, ``"reference"``, or ``"auto"``: rays unless an effect
+        calls for waves.
     tolerance
         Relative L1 error allowed, of what is left out and of the computation together. What each plane reached, by a
         probe of a few positions, is stated in its facts.

@@ -99,7 +99,7 @@ def test_overlapping_spots():
     bound=0.006,
 )
 def test_switch():
-    one = field.SWITCH * 4 * camera_scene().f_number ** 2 * camera_scene().wavelength_um
+    one = extent.SWITCH * 4 * camera_scene().f_number ** 2 * camera_scene().wavelength_um
     near, far = (replace(camera_scene(), image_um=one * (1 + side)) for side in (-1e-9, 1e-9))
     engines = [WavePlane(scene, FINE) for scene in (near, far)]
     assert [engine.mode for engine in engines] == ["U", "E"]

@@ -9,9 +9,8 @@ from lfcal.accuracy.place import Measuring, Place, Step, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.plain import plain
 from lfcal.simulate import iter_ladder, plan_effects
-from lfcal.simulate.accuracy.ladder import DEBYE_SHOWN, WIDEST_SHOWN
 from lfcal.simulate.accuracy.ladder import Rung as LadderRung
-from lfcal.simulate.accuracy.sampling import steps_for
+from lfcal.simulate.accuracy.ladder import shown_steps
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.staging import resolve_level, scene_for
 
@@ -33,17 +32,14 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     effects = plan_effects(plan.camera, plan, TOLERANCE).effects
     scene = scene_for(plan, z, effects)
     _, level = resolve_level(replace(scene, lenslet_diffraction=True, main_diffraction=True))
-    samplings = [s.sampling for s in steps_for(scene, level)]
-    samplings = [
-        s for s in samplings if s.margin_px <= WIDEST_SHOWN and (level != "debye" or s.nodes_per_px <= DEBYE_SHOWN)
-    ]
+    samplings = shown_steps(scene, level)
     reference = QUICK if seconds < QUICK_SECONDS else None
     seen: set[str] = set()
     size = FIRST
     while samplings:
         part, samplings = samplings[:size], samplings[size:]
         size += 1
-        yield Step(f"{len(part)} samplings of level {level}")
+        yield Step(f"{len(part)} samplings")
         found = yield from iter_ladder(
             plan.camera, plan, TOLERANCE, effects=effects, z=z, positions=1, samplings=part, reference=reference
         )

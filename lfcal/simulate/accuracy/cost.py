@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from lfcal.simulate.accuracy.sampling import sampling_for
+from lfcal.simulate.accuracy.sampling import grid_extent, step_for
 from lfcal.simulate.effects.base import EngineSeconds
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import Sampling
@@ -30,7 +30,8 @@ PER_COHERENT_NODE = 7.5e-9
 SET_UP, PROBED = 0.6, 12
 """Seconds of the tables, twice as a probe judges them, and positions that it computes, in all."""
 
-REFERENCE_OVER_WAVE = 3000.0
+REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 150.0, 25.0
+PER_SAMPLE, PER_TABLE_SAMPLE = 1.1e-9, 6e-7
 
 
 @lru_cache(maxsize=1)
@@ -60,13 +61,24 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
         seen = _lenslets_seen(outlook, widest)
         return _slower() * (0.005 + positions * (2.5e-6 * seen + 1e-9 * outlook.pixels + 1e-5))
     # The reference has no sampling of its own here: it is taken as a multiple of the wave engine.
-    sampling = sampling_for(outlook, "wave" if level == "reference" else level, tolerance)
+    step = step_for(outlook, {"reference": "wave", "grid": "wave"}.get(level, level), tolerance)
     if level == "debye":
-        return _slower() * (0.05 + positions / 6 * outlook.pixels * sampling.nodes_per_px**2 * 2.8e-8)
-    wave = positions * _wave_seconds(outlook, sampling)
+        return _slower() * (0.05 + positions / 6 * outlook.pixels * step.sampling.nodes_per_px**2 * 2.8e-8)
+    if step.level == "grid":
+        each, setup = _grid_seconds(outlook, step.sampling)
+    else:
+        each, setup = _wave_seconds(outlook, step.sampling), SET_UP
     if level == "reference":
-        return _slower() * wave * REFERENCE_OVER_WAVE
-    return _slower() * (SET_UP + wave * (1 + PROBED / positions))
+        return _slower() * positions * each * (REFERENCE_OVER_GRID if step.level == "grid" else REFERENCE_OVER_WAVE)
+    return _slower() * (setup + each * (positions + PROBED))
+
+
+def _grid_seconds(outlook: Outlook, sampling: Sampling) -> tuple[float, float]:
+    """Return the seconds of one position on a grid, and of its tables and those of the grid that judges it."""
+    per = int(sampling.samples_per_px or 4)
+    side = grid_extent(outlook).side(per, sampling.margin_px)
+    rows, columns = (side + per * n for n in outlook.period)
+    return PER_SAMPLE * side**2 * math.log2(side), PER_TABLE_SAMPLE * rows * columns
 
 
 def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:

@@ -126,4 +126,4 @@ def plane_seconds(engine: PlaneEngine) -> float:
 def own_rows(engine: PlaneEngine) -> float:
     """Return the share of source rows that are computed; the others are their mirror images."""
     ny = engine.scene.period[0]
-    return 1.0 - len(mirrored_rows(engine.scene, np.arange(ny))) / ny if engine.level == "wave" else 1.0
+    return 1.0 - len(mirrored_rows(engine.scene, np.arange(ny))) / ny if engine.level in ("wave", "grid") else 1.0

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.errors import LfcalError
-from lfcal.simulate.accuracy.sampling import finer, step_for
+from lfcal.simulate.accuracy.sampling import Step, finer, step_for
 from lfcal.simulate.effects.base import Effect, FrameEffect, LightEffect, MotionEffect
-from lfcal.simulate.effects.optics import ExactAngles, LensletDiffraction
-from lfcal.simulate.engines.base import EnergyError, Sampling
+from lfcal.simulate.effects.optics import LensletDiffraction
+from lfcal.simulate.engines.base import EnergyError
 from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, outlook_of, resolve_level, scene_for
 
 __all__ = ["MOST_RUNS", "Influence"]
@@ -27,6 +28,9 @@ MOST_RUNS = 24
 
 ROWS, COLUMNS = (0.2, 0.7), (0.07, 0.41, 0.76)
 """Positions that are computed, as shares of the period."""
+
+TILTED = 1e-9
+"""A tilt (per µm) that changes nothing but the steps that a scene is offered."""
 
 ATTEMPTS = 3
 """Samplings tried until the energy balances."""
@@ -48,8 +52,9 @@ class Influence:
         self._plan, self._z = plan, z
         self._outlook = outlook_of(plan, z)
         self._still = tuple(e for e in effects if e.acts_on.enters_h and not isinstance(e, LightEffect))
-        self._sampling: Sampling | None = None
-        self._beside: NDArray[np.float64] | None = None
+        # by whether the array is tilted, which calls for another level
+        self._steps: dict[bool, Step] = {}
+        self._beside: dict[bool, NDArray[np.float64]] = {}
         ny, nx = plan.period
         # near the native plane one lenslet has all the light, or the gap between two: a few places are too few
         self._ys, self._xs = sorted({int(share * ny) for share in ROWS}), sorted({int(share * nx) for share in COLUMNS})
@@ -69,10 +74,10 @@ class Influence:
             return 0.0
         changed_set = others if present else (*self._still, effect)
         try:
-            if isinstance(effect, ExactAngles) and not self._followed(self._still):
-                beside, changed = self._by_reference(self._still), self._by_reference(changed_set)
-            else:
-                beside, changed = self._undisturbed(), self._responses(changed_set)
+            tilted = any(self._scene(some).tilt != (0.0, 0.0) for some in (self._still, changed_set))
+            if tilted not in self._beside:
+                self._beside[tilted] = self._responses(self._still, tilted=tilted)
+            beside, changed = self._beside[tilted], self._responses(changed_set, tilted=tilted)
         except LfcalError:
             return None  # a scene that no engine computes: its formula is all there is
         with_it, without = (beside, changed) if present else (changed, beside)
@@ -82,44 +87,37 @@ class Influence:
     def _alike(self, one: tuple[Effect, ...], other: tuple[Effect, ...]) -> bool:
         """Return whether two sets describe the same scene and filter: nothing needs to run then."""
         kernels = [filter_kernel(some, self._plan.camera) for some in (one, other)]
-        scenes = [resolve_level(scene_for(self._plan, self._z, some))[0] for some in (one, other)]
+        scenes = [resolve_level(self._scene(some))[0] for some in (one, other)]
         offsets = [scene.offsets_um for scene in scenes]
         return scenes[0] == scenes[1] and _same(*kernels) and _same(*offsets)
 
-    def _followed(self, effects: tuple[Effect, ...]) -> bool:
-        """Return whether waves follow rays at exact angles: not near the native plane, where rays cross."""
-        from lfcal.simulate.engines.field import choose_mode  # compiled code: not loaded before it is needed
+    def _scene(self, effects: tuple[Effect, ...]) -> Scene:
+        return scene_for(self._plan, self._z, effects)
 
-        return choose_mode(scene_for(self._plan, self._z, effects)) != "U"
-
-    def _by_reference(self, effects: tuple[Effect, ...]) -> NDArray[np.float64]:
-        scene, level = resolve_level(scene_for(self._plan, self._z, effects), "reference")
-        sampling = step_for(scene, level, FINENESS).sampling
-        response = PlaneResponse(self._plan, self._z, effects, level=level, sampling=sampling)
-        return response.rows(self._ys, self._xs, workers=1).astype(np.float64)
-
-    def _undisturbed(self) -> NDArray[np.float64]:
-        if self._beside is None:
-            self._beside = self._responses(self._still)
-        return self._beside
-
-    def _responses(self, effects: tuple[Effect, ...]) -> NDArray[np.float64]:
+    def _responses(self, effects: tuple[Effect, ...], *, tilted: bool) -> NDArray[np.float64]:
         """Return the responses with ``effects``; all are sampled alike, as finely as their energy needs."""
+        scene, level = resolve_level(self._scene(effects))
         for attempt in range(ATTEMPTS):
-            if self._sampling is None:
-                scene, level = resolve_level(scene_for(self._plan, self._z, effects))
-                self._sampling = step_for(scene, level, FINENESS).sampling
-            response = PlaneResponse(self._plan, self._z, effects, sampling=self._sampling)
+            if tilted not in self._steps:
+                self._steps[tilted] = step_for(self._common(scene, tilted=tilted), level, FINENESS)
+            step = self._steps[tilted]
+            # rays have no sampling, and stay rays beside waves
+            chosen = level if "geometric" in (level, step.level) else step.level
+            response = PlaneResponse(self._plan, self._z, effects, level=chosen, sampling=step.sampling)
             try:
                 return response.rows(self._ys, self._xs, workers=1).astype(np.float64)
             except EnergyError:
                 if attempt == ATTEMPTS - 1:
                     raise
-                self._sampling = finer(self._sampling)
+                self._steps[tilted] = replace(step, sampling=finer(step.sampling))
         raise AssertionError  # the last attempt returns or raises
+
+    def _common(self, scene: Scene, *, tilted: bool) -> Scene:
+        """Return a scene whose steps serve those of both arrays that are compared."""
+        return replace(scene, tilt=(TILTED, 0.0)) if tilted and scene.tilt == (0.0, 0.0) else scene
 
 
 def _same(one: NDArray[np.float64] | None, other: NDArray[np.float64] | None) -> bool:
     if one is None or other is None:
         return one is other
-    return one.shape == other.shape and bool((one == other).all()) and math.isfinite(float(one.sum()))
+    return np.array_equal(one, other)

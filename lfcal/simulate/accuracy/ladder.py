@@ -16,14 +16,14 @@ from lfcal.errors import InputError, LfcalError
 from lfcal.progress import Clock, Work, drain
 from lfcal.simulate.accuracy.forecast import Whole, own_rows, whole_of
 from lfcal.simulate.accuracy.probe import LARGEST_GRID
-from lfcal.simulate.accuracy.sampling import steps_for
+from lfcal.simulate.accuracy.sampling import Step, steps_for
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.simulate import EffectsLike, budgeted
 from lfcal.simulate.staging import resolve_level, scene_for
 
-__all__ = ["Ladder", "Rung", "draw_ladder", "iter_ladder", "ladder", "rung_label"]
+__all__ = ["Ladder", "Rung", "draw_ladder", "iter_ladder", "ladder", "rung_label", "shown_steps"]
 
 REFERENCE_SAMPLES = (12, 10, 8, 6, 4)
 """Samples per pixel of the reference, the most that its grid holds."""
@@ -111,7 +111,7 @@ def iter_ladder(
     effects: EffectsLike = "auto",
     z: int | None = None,
     positions: int = 3,
-    samplings: Iterable[Sampling] | None = None,
+    samplings: Iterable[Sampling | Step] | None = None,
     reference: Sampling | None = None,
 ) -> Work[Ladder]:
     """Measure `ladder`; yields progress in rungs."""
@@ -124,7 +124,9 @@ def iter_ladder(
     chosen, _ = budget.at(plan.depths_um[z])
     scene, level = _with_waves(scene_for(plan, z, chosen))
     places = _places(scene.period, positions)
-    tasks = [("geometric", None), *((level, s) for s in (samplings or _samplings(scene, level)))]
+    asked = shown_steps(scene, level) if samplings is None else samplings
+    steps = [(s.level, s.sampling) if isinstance(s, Step) else (level, s) for s in asked]
+    tasks: list[tuple[str, Sampling | None]] = [("geometric", None), *steps]
     clock = Clock("accuracy against time", len(tasks) + 1)
     yield clock.at(0, "reference")
     # One scene for all rungs: what differs is how it is computed.
@@ -154,7 +156,7 @@ def ladder(
     effects: EffectsLike = "auto",
     z: int | None = None,
     positions: int = 3,
-    samplings: Iterable[Sampling] | None = None,
+    samplings: Iterable[Sampling | Step] | None = None,
     reference: Sampling | None = None,
 ) -> Ladder:
     """Return seconds and error of every level and sampling for one plane of a plan, against the reference.
@@ -172,7 +174,7 @@ def ladder(
     positions
         How many positions, spread over the period, are compared.
     samplings
-        Samplings of the wave levels to measure; by default coarse to fine.
+        Samplings of the scene's wave level to measure, or steps of any; by default coarse to fine.
     reference
         Sampling of the reference; by default the finest grid that is quick enough.
 
@@ -210,10 +212,15 @@ def _places(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
     return [(int(ny * ((0.1 + k * steps[0]) % 1)), int(nx * ((0.2 + k * steps[1]) % 1))) for k in range(max(1, count))]
 
 
-def _samplings(scene: Scene, level: str) -> list[Sampling]:
-    if level == "debye":
-        return [step.sampling for step in steps_for(scene, level) if step.sampling.nodes_per_px <= DEBYE_SHOWN]
-    return [step.sampling for step in steps_for(scene, level) if step.sampling.margin_px <= WIDEST_SHOWN]
+def shown_steps(scene: Scene, level: str) -> list[Step]:
+    """Return the steps of a wave level that are quick enough to be measured, cheapest first."""
+
+    def quick(step: Step) -> bool:
+        if step.level == "debye":
+            return step.sampling.nodes_per_px <= DEBYE_SHOWN
+        return step.level != "wave" or step.sampling.margin_px <= WIDEST_SHOWN
+
+    return [step for step in steps_for(scene, level) if quick(step)]
 
 
 def rung_label(level: str, sampling: Sampling | None) -> str:
@@ -224,6 +231,8 @@ def rung_label(level: str, sampling: Sampling | None) -> str:
         return f"{level}, {sampling.nodes_per_px} nodes/px"
     if level == "reference":
         return f"{level}, {sampling.samples_per_px or 8:g} samples/px"
+    if level == "grid":
+        return f"{level}, {sampling.samples_per_px or 4:g} samples/px, +{sampling.margin_px} px"
     how = {None: "", True: ", coherent", False: ", incoherent"}[sampling.coherent]
     return f"{level}, {sampling.nodes_per_px} nodes/px, +{sampling.margin_px} px{how}"
 
@@ -318,6 +327,6 @@ def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") ->
 
 
 def _family(rung: Rung) -> str:
-    if rung.sampling is None or rung.level == "debye":
+    if rung.sampling is None or rung.level != "wave":
         return rung.level
     return f"{rung.level}, coherent" if rung.sampling.coherent else rung.level

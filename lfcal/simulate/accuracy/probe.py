@@ -25,6 +25,12 @@ MARGIN = 1.1
 LEFT_COHERENT, LEFT_SUMMED = 0.65, 0.5
 """Share of a step's error that shows against one with a window twice as wide, which errs itself (measured)."""
 
+LEFT_BY_GRID, LEFT_GRID = 0.9, 0.6
+"""The same of windows against a grid that has none, and of a grid against a finer one."""
+
+GRID_JUDGE = 0.003
+"""Error of the grid by which windows are judged, at most."""
+
 STUCK = 0.8
 """Share of the error left by the step before from which on it is the engine's own, and no sampling lowers it."""
 
@@ -61,16 +67,17 @@ class Settled:
 def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) -> Settled:
     """Return the cheapest fineness of a level that leaves at most ``share``, or the finest there is.
 
-    Steps are tried from the cheapest that is expected to do. Each is judged by one that is finer in everything: a wider
-    window, more nodes, fields added and not intensities; where rays have exact angles, which the wave level follows
-    to their first order, by the reference. A smaller ``share`` never takes a coarser step.
+    Steps are tried from the cheapest that is expected to do. Each is judged by one that is finer in everything: windows
+    by the whole array on one grid, a grid by a finer one. Where no grid holds the scene, windows are judged by wider
+    ones whose fields are added; for exact angles, which they follow to first order, by the reference. A smaller
+    ``share`` never takes a coarser step.
 
     Parameters
     ----------
     scene
         The plane.
     level
-        ``"wave"``, ``"debye"`` or ``"reference"``; rays have no fineness.
+        ``"wave"``, ``"grid"``, ``"debye"`` or ``"reference"``; rays have no fineness.
     share
         Relative L1 error that the computation may have.
     escalate
@@ -119,7 +126,7 @@ def balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine,
         except EnergyError:
             if attempt == RETRIES:
                 raise
-            if level == "reference":
+            if level in ("reference", "grid"):
                 sampling = replace(sampling, samples_per_px=(sampling.samples_per_px or 8) + 1)
             else:
                 sampling = finer(sampling)
@@ -134,10 +141,12 @@ class _Judge:
     def __init__(self, scene: Scene, level: str) -> None:
         self.scene, self.level = scene, level
         self.steps = steps_for(scene, level)
-        self.by_reference = level == "wave" and scene.exact_rays and self._grid() <= LARGEST_GRID
+        self._on_grid = tuple(step for step in self.steps if step.level == "grid")
+        small = self._reference_side() <= LARGEST_GRID
+        self.by_reference = level == "wave" and not self._on_grid and scene.exact_rays and small
         self._known: dict[tuple[str, Sampling], Responses] = {}
 
-    def _grid(self) -> float:
+    def _reference_side(self) -> float:
         """Return about the side of the reference's coarsest grid."""
         scene = self.scene
         samples = steps_for(scene, "reference")[0].sampling.samples_per_px or 8
@@ -148,17 +157,11 @@ class _Judge:
         """Return a step with its error; the expected one where nothing finer can be computed."""
         engine, found, sampling = balanced(self.scene, step.level, step.sampling)
         self._known[step.level, sampling] = found
-        for level, finer_sampling in self._judges(step.level, sampling):
+        for level, finer_sampling, left in self._judges(step, sampling, engine.level):
             try:
                 truth = self._responses(level, finer_sampling)
             except (InputError, EnergyError):  # a grid too large
                 continue
-            # what changes from a step to a finer one is the error less that of the finer one
-            left = 1.0
-            if level == "wave":
-                left = LEFT_COHERENT if sampling.coherent else LEFT_SUMMED
-            elif level == "debye" and engine.level != "debye":
-                left = 1 - 1 / DEBYE_GAIN
             light = float(truth.sum())
             error = float(np.abs(found - truth).sum()) / light if light > 0 else 0.0
             return Settled(engine, step.level, sampling, MARGIN * error / left)
@@ -169,19 +172,26 @@ class _Judge:
             self._known[level, sampling] = balanced(self.scene, level, sampling)[1]
         return self._known[level, sampling]
 
-    def _judges(self, level: str, sampling: Sampling) -> Iterator[tuple[str, Sampling]]:
-        """Yield what a step may be judged by, the best first."""
-        if level == "debye":
-            yield level, finer(sampling)
-            return
-        if level == "reference":
+    def _judges(self, step: Step, sampling: Sampling, level: str) -> Iterator[tuple[str, Sampling, float]]:
+        """Yield what a step may be judged by, the best first, and the share of its error that shows against it.
+
+        What changes from a step to a finer one is the error less that of the finer one. ``level`` is the engine's.
+        """
+        if step.level == "debye":
+            yield step.level, finer(sampling), 1.0 if level == "debye" else 1 - 1 / DEBYE_GAIN
+        elif step.level == "reference":
             for more in (3, 1):
-                yield level, replace(sampling, samples_per_px=(sampling.samples_per_px or 8) + more)
-            return
-        if self.by_reference:
-            yield "reference", steps_for(self.scene, "reference")[1].sampling
-        for wider in WIDER:
-            yield level, self._wider(sampling, wider)
+                yield step.level, replace(sampling, samples_per_px=(sampling.samples_per_px or 8) + more), 1.0
+        elif step.level == "grid":
+            for other in (s for s in self._on_grid if s.expected <= LEFT_GRID * step.expected):
+                yield "grid", other.sampling, LEFT_GRID
+        else:
+            for other in (s for s in self._on_grid if s.expected <= GRID_JUDGE):
+                yield "grid", other.sampling, LEFT_BY_GRID
+            if self.by_reference:
+                yield "reference", steps_for(self.scene, "reference")[1].sampling, 1.0
+            for wider in WIDER:
+                yield step.level, self._wider(sampling, wider), LEFT_COHERENT if sampling.coherent else LEFT_SUMMED
 
     def _wider(self, sampling: Sampling, by: float) -> Sampling:
         """Return the coherent step with a window that much wider; beyond the last, one made for the purpose."""

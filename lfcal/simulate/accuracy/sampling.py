@@ -9,9 +9,10 @@ import numpy as np
 
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_TABLE, SWITCH, Extent
 from lfcal.simulate.scene import Scene
 
-__all__ = ["WIDEST", "Fringes", "Step", "finer", "sampling_for", "step_for", "steps_for"]
+__all__ = ["WIDEST", "Fringes", "Step", "finer", "grid_extent", "sampling_for", "step_for", "steps_for"]
 
 WINDOWS: tuple[tuple[float, float, float], ...] = ((3, 1.0, 0.10), (4, 1.5, 0.03), (5, 2.0, 0.012), (8, 2.0, 0.008))
 """Steps that add intensities of neighbouring lenslets: margin (px), nodes per cycle of the light's band, and the
@@ -45,6 +46,18 @@ MOST_NODES = 12
 
 DEBYE_GAIN = 2.5
 """What a node more per pixel divides the Debye path's error by, at least (measured: 2.6 to 5)."""
+
+GRID: tuple[tuple[float, float, float], ...] = (
+    (1.0, 0.008, 0.006),
+    (1.3, 0.004, 0.003),
+    (1.6, 0.002, 0.0015),
+    (2.4, 0.0008, 0.0006),
+)
+"""Steps on one grid: samples over the fewest that hold the light's angles, the share of light that its margins leave
+out, and the error expected of both."""
+
+OUTSIDE = 0.15
+"""Share of light farther outside the shadow than r, times r / (lambda Nw)."""
 
 REFERENCE = ((1.0, 0.03), (1.25, 0.006), (1.6, 0.002), (2.4, 0.0005))
 """Samples of the reference over the fewest that hold the light's angles, and the error each is expected to leave."""
@@ -119,7 +132,11 @@ class Fringes:
 
 
 def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
-    """Return the steps of a level, cheapest first."""
+    """Return the steps of a level, cheapest first.
+
+    Of level ``"wave"``: windows whose intensities are added, then the whole array on one grid; windows whose fields
+    are added where no grid holds the scene.
+    """
     fringes = Fringes.of(described)
     if level == "debye":
         known = [Step(level, Sampling(nodes_per_px=n), error) for n, error in DEBYE_NODES]
@@ -130,11 +147,16 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
         return tuple(Step(level, Sampling(samples_per_px=n), error) for n, error in counts)
     if level != "wave":
         return (Step(level, Sampling(), 0.0),)
+    grid = _grid_steps(described, fringes)
+    if grid and _near(described):  # spots overlap, and exact angles are not followed
+        return grid
     steps = []
     for margin, per_cycle, error in WINDOWS:
         nodes = max(round(2 * per_cycle), math.ceil(per_cycle * fringes.band))
         sampling = Sampling(nodes_per_px=nodes, margin_px=_wide(margin, fringes))
         steps.append(Step(level, sampling, error + fringes.incoherent))
+    if grid:
+        return (*steps, *grid)
     for margin, extra, floor, error in COHERENT:
         if margin * fringes.spot > WIDEST:
             break  # slow lenslets on small pixels: what is left is judged as it is
@@ -143,6 +165,42 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
         )
         steps.append(Step(level, sampling, error))
     return tuple(steps)
+
+
+def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[Step, ...]:
+    """Return the steps of level ``"grid"`` that are not too large, cheapest first."""
+    if isinstance(described, Scene) and described.tilt != (0.0, 0.0):
+        return ()
+    extent = grid_extent(described)
+    px = described.reduced_pixel_um if isinstance(described, Scene) else described.pixel_um
+    airy = described.wavelength_um * described.f_number / px
+    steps = []
+    for share, left_out, error in GRID:
+        per, margin = max(3, math.ceil(share * fringes.angle)), math.ceil(OUTSIDE * airy / left_out)
+        side = extent.side(per, margin)
+        if side <= MOST_SAMPLES and side + per * max(described.period) <= MOST_TABLE:
+            steps.append(Step("grid", Sampling(samples_per_px=per, margin_px=min(WIDEST, margin)), error))
+    return tuple(steps)
+
+
+def grid_extent(described: Scene | Outlook) -> Extent:
+    """Return what a grid must hold of the light of one position."""
+    if isinstance(described, Scene):
+        from lfcal.simulate.engines.grid import extent_of  # compiled code: loaded when it is needed
+
+        return extent_of(described)
+    outwards = _near(described) or described.shift_um < 0
+    aside = described.gap_um / (2 * described.f_number) / described.pixel_um if outwards else 0.0
+    return Extent(described.shadow_px, aside, max(described.cutout) / 2, described.camera.pitch_px)
+
+
+def _near(described: Scene | Outlook) -> bool:
+    """Return whether the field near the native plane is computed as it is, without its sphere."""
+    if isinstance(described, Outlook):
+        return described.fresnel_main < SWITCH
+    from lfcal.simulate.engines.field import choose_mode
+
+    return choose_mode(described) == "U"
 
 
 def _wide(margin: float, fringes: Fringes) -> int:

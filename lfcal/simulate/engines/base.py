@@ -16,8 +16,8 @@ from lfcal.simulate.scene import Scene
 
 __all__ = ["LEVELS", "Certificate", "Displaceable", "EnergyError", "PlaneEngine", "Sampling"]
 
-LEVELS = ("geometric", "wave", "debye", "reference")
-"""Levels of accuracy: G0, W2, the microscope's Debye path, W3."""
+LEVELS = ("geometric", "wave", "grid", "debye", "reference")
+"""Levels of accuracy: G0, W2 lens by lens, W2 on one grid, the microscope's Debye path, W3."""
 
 
 class EnergyError(LfcalError):
@@ -35,7 +35,7 @@ class Sampling:
     nodes_per_px
         Nodes per pixel and axis on the sensor.
     margin_px
-        Pixels of window around the geometric spot.
+        Pixels of window around the geometric spot; of the grid around the iris's shadow.
     energy_floor
         Lenslets that pass less than this share of what the best-lit one passes, or of a sixteenth of all light,
         are left out.

@@ -44,6 +44,10 @@ def engine_for(scene: Scene, level: str = "wave", sampling: Sampling | None = No
         from lfcal.simulate.engines.fields_sum import reference_plane
 
         return reference_plane(scene, chosen)
+    if level == "grid":
+        from lfcal.simulate.engines.fields_sum import grid_plane
+
+        return grid_plane(scene, chosen)
     from lfcal.simulate.engines.fields_sum import wave_plane
 
     return wave_plane(scene, chosen)

@@ -21,18 +21,14 @@ from numpy.typing import NDArray
 
 from lfcal.errors import InputError
 from lfcal.simulate.engines.debye import DIPOLE_FIELDS, DebyeField, debye_fields, radial_field
+from lfcal.simulate.engines.extent import SWITCH, SWITCH_EXACT
 from lfcal.simulate.engines.masks import taper
 from lfcal.simulate.engines.polygon import Points, area, clip, disc_transform, iris_outline, spectrum
 from lfcal.simulate.engines.radial import Radial, focus_integral, parity_spline
 from lfcal.simulate.engines.zernike import zernike_radial
 from lfcal.simulate.scene import Scene
 
-__all__ = ["DIPOLE_MODES", "SWITCH", "FieldTable", "choose_mode", "field_modes", "field_table", "wavefront_waves"]
-
-SWITCH = 12.0
-"""Fresnel number of the iris's shadow from which on the E-mode is used."""
-SWITCH_EXACT = 8.0
-"""The same where rays have exact angles, which the E-mode alone follows: it errs less than they differ."""
+__all__ = ["DIPOLE_MODES", "FieldTable", "choose_mode", "field_modes", "field_table", "wavefront_waves"]
 
 MOST_SAMPLES = 8192
 """Largest side of a table: 0.5 GB in single precision, 2.5 GB while it is made."""

@@ -11,13 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.simulate.engines.base import Certificate, Displaceable, PlaneEngine, Sampling
 from lfcal.simulate.engines.field import field_modes
+from lfcal.simulate.engines.grid import GridPlane
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.engines.wave import WavePlane
 from lfcal.simulate.scene import Scene
 
-__all__ = ["FieldsSum", "reference_plane", "wave_plane"]
+__all__ = ["FieldsSum", "grid_plane", "reference_plane", "wave_plane"]
 
 Maker = Callable[[Scene], PlaneEngine]
+Kind = type[WavePlane] | type[GridPlane] | type[ReferencePlane]
 
 
 def wave_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
@@ -25,12 +27,17 @@ def wave_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
     return _plane(scene, sampling, WavePlane)
 
 
+def grid_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
+    """Return the engine of level ``"grid"``; of a vectorial scene the sum over its fields."""
+    return _plane(scene, sampling, GridPlane)
+
+
 def reference_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
     """Return the engine of level ``"reference"``; of a vectorial scene the sum over its fields."""
     return _plane(scene, sampling, ReferencePlane)
 
 
-def _plane(scene: Scene, sampling: Sampling, kind: type[WavePlane] | type[ReferencePlane]) -> PlaneEngine:
+def _plane(scene: Scene, sampling: Sampling, kind: Kind) -> PlaneEngine:
     makers: list[Maker] = [partial(kind, sampling=sampling, mode=mode) for mode in field_modes(scene)]
     return makers[0](scene) if len(makers) == 1 else FieldsSum(scene, makers)
 

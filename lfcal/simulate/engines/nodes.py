@@ -13,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-__all__ = ["NodeRule", "fitted_rule"]
+__all__ = ["MANY_ANGLES", "ONE_APERTURE", "NodeRule", "fitted_rule"]
+
+ONE_APERTURE, MANY_ANGLES = 1.5, 3.0
+"""How the spectrum of light ends: behind a round aperture, and behind many that are lit from different angles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +47,9 @@ class NodeRule:
         return m
 
 
-def fitted_rule(per_px: int, band: float, fill: float = 1.0, beyond: int = 1) -> NodeRule:
+def fitted_rule(
+    per_px: int, band: float, fill: float = 1.0, beyond: int = 1, falloff: float = ONE_APERTURE
+) -> NodeRule:
     """Return the rule for intensities band-limited to ``band`` cycles per pixel.
 
     Parameters
@@ -57,6 +62,8 @@ def fitted_rule(per_px: int, band: float, fill: float = 1.0, beyond: int = 1) ->
         Light-sensitive share of the pixel's side.
     beyond
         Nodes taken from each neighbour; more than one gains nothing.
+    falloff
+        Power of 1 - f/band with which the light's spectrum ends, `ONE_APERTURE` or `MANY_ANGLES`.
 
     The weights solve a non-negative least-squares fit of sum_k w_k cos(2 pi f x_k) to sinc(f fill) fill,
     weighted by the transfer function 1 - f/band of the light, with the sum held to ``fill``.
@@ -64,8 +71,8 @@ def fitted_rule(per_px: int, band: float, fill: float = 1.0, beyond: int = 1) ->
     n = per_px + 2 * beyond
     x = (np.arange(n) - (n - 1) / 2) / per_px
     f = np.linspace(0.0, band, 400)
-    # a round aperture's transfer function ends like the power 1.5; what is added keeps the band's end in the fit
-    trust = np.clip(1 - f / band, 0.0, None) ** 1.5 + 1e-3
+    # what is added keeps the band's end in the fit
+    trust = np.clip(1 - f / band, 0.0, None) ** falloff + 1e-3
     trust[0] = 1e3
     right = x[n // 2 :]  # the weights are symmetric
     basis = np.cos(2 * np.pi * np.outer(f, right)) * np.where(right == 0, 1.0, 2.0)

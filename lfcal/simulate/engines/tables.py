@@ -23,6 +23,7 @@ __all__ = [
     "PlaneTables",
     "aperture_outline",
     "aperture_radius",
+    "aperture_tables",
     "bent",
     "build_tables",
     "ray_aberration",
@@ -190,7 +191,7 @@ def _lens_table(
     width = 2 * half_px + 1
     bend = math.pi * sigma / spread
     dtype = np.float64 if sampling.double else np.float32
-    aperture = _aperture(scene, dx, (half + 1) * dx * math.sqrt(2), bend, dx * dx * px / spread, dtype)
+    aperture = aperture_tables(scene, dx, (half + 1) * dx * math.sqrt(2), bend, dx * dx * px / spread, dtype)
     zoom = _zoom(rule, width, px, 2 * np.pi / spread * dx * np.arange(half + 1), dtype)
     return LensTable(width, pull, half, aperture, zoom, field, energy, held)
 
@@ -207,7 +208,7 @@ def _zoom(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: typ
     return Zoom(cosine, sine, *turned, bins, np.ascontiguousarray(bins.T), nodes, rule.per_px)
 
 
-def _aperture(scene: Scene, dx: float, reach: float, bend: float, level: float, dtype: type) -> Aperture:
+def aperture_tables(scene: Scene, dx: float, reach: float, bend: float, level: float, dtype: type) -> Aperture:
     """Return the aperture's tables, ``level`` high: then the square of the transform is energy per pixel's area."""
     if scene.aperture == "circle":
         m, step = disc_table(scene.clear_radius_um, dx, reach)

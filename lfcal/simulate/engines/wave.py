@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.simulate.engines._kernels import Optics, Target, respond
 from lfcal.simulate.engines._lenslets import SPOT, Light, Window, select, square_fields
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
-from lfcal.simulate.engines.field import SWITCH, choose_mode
+from lfcal.simulate.engines.extent import SWITCH
+from lfcal.simulate.engines.field import choose_mode
 from lfcal.simulate.engines.tables import Array, LensTable, PlaneTables, bent, build_tables, serve
 from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene

@@ -1,0 +1,34 @@
+"""Compiled loop from a field on samples to the light on pixels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.compiled import njit
+
+__all__ = ["bin_light"]
+
+
+@njit(fastmath=True)
+def bin_light(field: NDArray[Any], weights: NDArray[Any], per: int, top: int, left: int, out: NDArray[Any]) -> None:
+    """Write the light of a complex field on pixels: sum_ij w_i w_j |V|^2 over the samples of each.
+
+    Pixel (t, s) takes samples ``top + per t ...`` and ``left + per s ...``, as many as there are weights: neighbours
+    share some. First down the columns, where neighbouring pixels of a row share the sums.
+    """
+    taps, last = weights.size, left + (out.shape[1] - 1) * per + weights.size
+    line = np.empty(field.shape[1], weights.dtype)
+    for t in range(out.shape[0]):
+        line[left:last] = 0
+        for i in range(taps):
+            row, weight = field[top + t * per + i], weights[i]
+            for j in range(left, last):
+                line[j] += weight * (row[j].real * row[j].real + row[j].imag * row[j].imag)
+        for s in range(out.shape[1]):
+            total = weights.dtype.type(0)
+            for j in range(taps):
+                total += weights[j] * line[left + s * per + j]
+            out[t, s] = total

@@ -1,0 +1,57 @@
+"""How much of the array and of the sensor the light of one position covers, and where near the native plane begins."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+__all__ = ["MOST_SAMPLES", "MOST_TABLE", "SWITCH", "SWITCH_EXACT", "Extent"]
+
+SWITCH = 12.0
+"""Fresnel number of the iris's shadow from which on the E-mode is used (see `lfcal.simulate.engines.field`)."""
+SWITCH_EXACT = 8.0
+"""The same where rays have exact angles, which windows follow in the E-mode alone: it errs less than they differ."""
+
+MOST_SAMPLES = 4096
+"""Largest side of a position's grid."""
+
+MOST_TABLE = 12000
+"""Largest side of the array's table: 1.2 GB."""
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """Radii about a source's image (pixels).
+
+    Attributes
+    ----------
+    shadow
+        Light on the array by rays, with what aberrations and a displaced source add.
+    aside
+        How far rays of its rim go outwards from the array to the sensor; 0 where they go inwards.
+    seen
+        Half the cutout.
+    pitch
+        Lenslet pitch.
+    """
+
+    shadow: float
+    aside: float
+    seen: float
+    pitch: float
+
+    def side(self, per_px: int, margin: float) -> int:
+        """Return the samples a side of a grid with ``margin`` pixels around the shadow, even and quick to transform.
+
+        Light that leaves the grid comes in again on its other side: there must be room until the cutout begins.
+        """
+        import scipy.fft as sf
+
+        seen = self.seen + 2
+        lit = min(self.shadow + margin, seen + self.pitch + self.aside)
+        lands = lit + self.aside
+        half = max(lit, seen, min(lands, (lands + seen + self.pitch) / 2))
+        size = int(sf.next_fast_len(2 * math.ceil(half * per_px)))
+        while size % 2:
+            size = int(sf.next_fast_len(size + 1))
+        return size

@@ -1,0 +1,291 @@
+"""W2g: all lenslets of a position on one grid, taken to the sensor by two FFTs in single precision.
+
+What the array lets through is tabulated once, on samples that lie alike about every pixel. A position multiplies a
+part of it by the main lens's field and takes the product over the gap: fields of all lenslets are added, no window
+cuts their light, and rays have exact angles at any depth, the native plane included.
+"""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import scipy.fft as sf
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.errors import InputError
+from lfcal.simulate.engines._binning import bin_light
+from lfcal.simulate.engines._kernels import Aperture, Split, mask_from_disc, mask_from_table
+from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
+from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_TABLE, SWITCH, Extent
+from lfcal.simulate.engines.field import choose_mode, field_table
+from lfcal.simulate.engines.masks import RING
+from lfcal.simulate.engines.nodes import MANY_ANGLES, fitted_rule
+from lfcal.simulate.engines.reference import sensor_propagator
+from lfcal.simulate.engines.tables import aperture_radius, aperture_tables, lenslet_aberration, ray_aberration
+from lfcal.simulate.pupil import pixel_response
+from lfcal.simulate.scene import Scene
+from lfcal.simulate.symmetry import mirrored_rows
+from lfcal.threads import for_each_chunk
+
+__all__ = ["GridPlane", "extent_of", "largest_angle"]
+
+SLACK = 1e-4
+"""What single precision's rounding may add to the energy of a position."""
+
+Complex = NDArray[Any]  # single precision, or double where it is asked for
+Place = tuple[float, float]
+
+
+def largest_angle(scene: Scene) -> float:
+    """Return the samples per pixel that hold every angle of the light between lenslets and sensor."""
+    cone = 1 / (2 * scene.f_number)
+    # rays that the lenslets' spherical aberration turns
+    cone += 4 * abs(scene.lenslet_quartic) * scene.wavelength_um / (2 * math.pi) * aperture_radius(scene) ** 3
+    steepest = cone + aperture_radius(scene) / min(abs(kind.focal_length_um) for kind in scene.lattice.types)
+    return 2 * scene.reduced_pixel_um * min(steepest, 1.0) / scene.wavelength_um
+
+
+def extent_of(scene: Scene) -> Extent:
+    """Return how much of array and sensor the light of a position covers."""
+    px = scene.reduced_pixel_um
+    # rays of the cone's rim go outwards where the image lies before the array, or on it
+    outwards = scene.fresnel_number < SWITCH or scene.reduced_image_um < 0
+    aside = scene.reduced_gap_um / (2 * scene.f_number) if outwards else 0.0
+    shadow = scene.shadow_radius_um + ray_aberration(scene) + scene.farthest_um / scene.scale
+    around = shadow / px, (aside + lenslet_aberration(scene)) / px
+    return Extent(*around, max(scene.cutout) / 2, scene.lattice.pitch_um / px)
+
+
+def _per_px(sampling: Sampling) -> int:
+    wanted = sampling.samples_per_px
+    per = 4 if wanted is None else round(wanted)
+    if per < 1 or (wanted is not None and per != wanted):
+        raise InputError.expected("samples per pixel of a grid", "a whole number", wanted, "round it")
+    return per
+
+
+class GridPlane:
+    """Engine of level ``"grid"`` for one depth plane.
+
+    Parameters
+    ----------
+    scene
+        What is computed; all lenslets in one plane.
+    sampling
+        ``samples_per_px`` (whole, default 4) of array and sensor alike, and the ``margin_px`` around the shadow.
+    mode
+        ``"E"`` or ``"U"`` to override the choice by Fresnel number (see `lfcal.simulate.engines.field`).
+
+    Raises
+    ------
+    InputError
+        For an array that is tilted, or a grid too large.
+    """
+
+    level = "grid"
+
+    def __init__(self, scene: Scene, sampling: Sampling | None = None, mode: str | None = None) -> None:
+        if scene.tilt != (0.0, 0.0):
+            raise InputError.expected("array of level 'grid'", "parallel to the sensor", "tilted", "use level 'wave'")
+        self.scene = scene
+        self.sampling = sampling or Sampling()
+        self.mode = mode or choose_mode(scene)
+        self.per_px = _per_px(self.sampling)
+        self._n = extent_of(scene).side(self.per_px, self.sampling.margin_px)
+        if self._n > MOST_SAMPLES:
+            remedy = "choose another level, or a depth that lights fewer lenslets"
+            raise InputError.expected("grid of a position", f"at most {MOST_SAMPLES} samples a side", self._n, remedy)
+        self._dtype = np.dtype(np.complex128 if self.sampling.double else np.complex64)
+        self._real = np.dtype(np.float64 if self.sampling.double else np.float32)
+        self._dx = scene.reduced_pixel_um / self.per_px
+        # an even number of samples lies on both sides of a pixel's middle
+        self._between = 0.5 if self.per_px % 2 == 0 else 0.0
+        self._apertures = self._lenslets()
+        self._array = self._transmission((0, 0), scene.period)
+        self._table, self._size = self._main_field()
+        self._step = self._transfer()
+        band = min(2.0 * self.per_px, largest_angle(scene))
+        self._rule = fitted_rule(self.per_px, band, scene.pixel_fill, falloff=MANY_ANGLES)
+        self._weights = (self._rule.weights * scene.reduced_pixel_um).astype(self._real)
+        self._lit: tuple[Place, Complex] | None = None
+        self._ledger = Ledger()
+        self._pilot = Pilot(self)
+
+    # -- set-up ------------------------------------------------------------------------------------------
+    def _lenslets(self) -> tuple[Aperture, ...]:
+        """Return aperture and phase of each lens type on the grid's samples."""
+        scene, dx = self.scene, self._dx
+        reach = (self._half_lenslet + 1) * dx * math.sqrt(2)
+        bends = (-math.pi / (scene.wavelength_um * kind.focal_length_um) for kind in scene.lattice.types)
+        return tuple(aperture_tables(scene, dx, reach, bend, 1.0, self._real.type) for bend in bends)
+
+    @property
+    def _half_lenslet(self) -> int:
+        """Samples from a lenslet's middle to its edge."""
+        return math.ceil(aperture_radius(self.scene) / self._dx) + RING
+
+    def _transmission(self, first: tuple[int, int], count: tuple[int, int]) -> Complex:
+        """Return what the array lets through of the grids of positions from ``first`` (y, x) on, ``count`` of them."""
+        scene, dx, half = self.scene, self._dx, self._half_lenslet
+        rows, columns = ((c - 1) * self.per_px + self._n for c in count)
+        if max(rows, columns) > MOST_TABLE:
+            got, remedy = f"{rows} x {columns}", "choose another level"
+            raise InputError.expected("table of the array", f"at most {MOST_TABLE} samples a side", got, remedy)
+        top, left = ((f * self.per_px - self._n // 2 + self._between) * dx for f in first)
+        array = np.zeros((rows, columns), self._dtype)
+        reach = (half + 1) * dx
+        height, width = (rows - 1) / 2 * dx, (columns - 1) / 2 * dx
+        centres, kinds = scene.lattice.lenslets_within(width + reach, height + reach, (left + width, top + height))
+        gains = np.sqrt(scene.passed(centres))
+        parts = np.empty((2, 2 * half + 1, 2 * half + 1), self._real)
+        for (x, y), kind, gain in zip(centres, kinds, gains, strict=True):
+            own = self._apertures[kind]
+            i, j = round((y - top) / dx), round((x - left) / dx)
+            fill = mask_from_table if own.cell.size else mask_from_disc
+            fill(own, dx, left + j * dx - x, top + i * dx - y, Split(parts[0], parts[1]))
+            _lay(gain * (parts[0] + 1j * parts[1]), i - half, j - half, array)
+        return array
+
+    def _main_field(self) -> tuple[Complex, int]:
+        """Return the spectrum of the main lens's field about a source's image, and its side.
+
+        Without the sphere that converges to the image, which is not sampled finely enough to be shifted.
+        """
+        aside = self.scene.farthest_um / self.scene.scale
+        values = field_table(self.scene, self._dx, (self._n // 2 + 2) * self._dx + aside, self.mode).values
+        return sf.fft2(values.astype(self._dtype), overwrite_x=True, workers=1), values.shape[0]
+
+    def _transfer(self) -> Complex:
+        """Return the transfer function over the gap, with the pixels' response to the angle of light."""
+        scene, f = self.scene, sf.fftfreq(self._n, self._dx)
+        glass = (scene.glass[0] / scene.scale, scene.glass[1])
+        step, separable = sensor_propagator(f, scene.wavelength_um, scene.reduced_gap_um, scene.exact_rays, glass)
+        if separable:
+            step = step[:, None] * step[None, :]
+        if scene.accept[0]:
+            power, from_y, from_x = scene.accept
+            sines = scene.wavelength_um * f
+            # of the amplitude
+            step = step * pixel_response(power / 2, sines[:, None] + from_y, sines[None, :] + from_x)
+        return step.astype(self._dtype)
+
+    def displaced(self, offsets_um: NDArray[np.float64]) -> GridPlane:
+        """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``: its tables are shared."""
+        scene = replace(self.scene, offsets_um=offsets_um)
+        if scene.farthest_um > self.scene.farthest_um:
+            # its light reaches beyond this grid
+            return GridPlane(scene, self.sampling, self.mode)
+        other = copy(self)
+        other.scene, other._lit = scene, None
+        other._ledger, other._pilot = Ledger(), Pilot(other)
+        return other
+
+    # -- responses ---------------------------------------------------------------------------------------
+    @property
+    def certificate(self) -> Certificate:
+        """Energy in and out of all responses so far."""
+        return self._ledger.certificate
+
+    def rows(
+        self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
+    ) -> NDArray[np.float32]:
+        """Return the cutouts of positions ys x xs; see `PlaneEngine.rows`."""
+        scene = self.scene
+        rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
+        result = np.empty((rows.size, columns.size, *scene.cutout), np.float32) if out is None else out
+        mirrored = mirrored_rows(scene, rows)
+        own = [(r, c) for r in range(rows.size) if r not in mirrored for c in range(columns.size)]
+
+        def some(start: int, stop: int) -> None:
+            work = np.empty((self._n, self._n), self._dtype)
+            for r, c in own[start:stop]:
+                y, x = int(rows[r]), int(columns[c])
+                self._respond(scene.source_um(y, x), (y, x), work, result[r, c])
+
+        for_each_chunk(some, len(own), workers)
+        for r, twin in mirrored.items():
+            result[r] = result[twin][:, ::-1]
+        return result
+
+    def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
+        """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
+        out = np.empty(self.scene.cutout, np.float32)
+        work = np.empty((self._n, self._n), self._dtype)
+        self._respond((y_um, x_um), self.scene.nearest_pixel(y_um, x_um), work, out)
+        return out
+
+    def predicted_seconds(self, n_positions: int) -> float:
+        """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
+        return self._pilot.seconds(n_positions)
+
+    def _respond(self, source: Place, pixel: tuple[int, int], work: Complex, out: NDArray[np.float32]) -> None:
+        """Fill ``out`` (nt, ns) for a source (y, x) on the sensor and its cutout's middle pixel."""
+        scene, per = self.scene, self.per_px
+        aside = tuple((s - p * scene.pixel_um) / scene.scale / self._dx for s, p in zip(source, pixel, strict=True))
+        np.multiply(self._incoming((aside[0], aside[1])), self._seen(pixel), out=work)
+        energy_in = float(np.vdot(work, work).real) * self._dx**2
+        spectrum = sf.fft2(work, overwrite_x=True, workers=1)
+        spectrum *= self._step
+        light = sf.ifft2(spectrum, overwrite_x=True, workers=1)
+        # where the samples of the cutout's middle pixel begin, some of which lie in the pixel before it
+        first = self._n // 2 - per // 2 - self._rule.beyond
+        top, left = (first - (count // 2) * per for count in scene.cutout)
+        bin_light(light, self._weights, per, top, left, out)
+        self._certify(energy_in, float(out.sum(dtype=np.float64)))
+
+    def _seen(self, pixel: tuple[int, int]) -> Complex:
+        """Return the part of the array that the grid about a pixel covers."""
+        if not all(0 <= p < count for p, count in zip(pixel, self.scene.period, strict=True)):
+            return self._transmission(pixel, (1, 1))
+        top, left = pixel[0] * self.per_px, pixel[1] * self.per_px
+        return self._array[top : top + self._n, left : left + self._n]
+
+    def _incoming(self, aside: Place) -> Complex:
+        """Return the main lens's field ``(n, n)``, its sphere included, of a source ``aside`` (y, x) of the middle."""
+        known = self._lit
+        if known is not None and math.dist(known[0], aside) < 1e-9:
+            return known[1]
+        lit = self._shifted((self._between - aside[0], self._between - aside[1]))
+        if self.mode == "E":
+            bend = -math.pi / (self.scene.wavelength_um * self.scene.reduced_image_um)
+            axis = np.arange(self._n) - self._n // 2 + self._between
+            y, x = (np.exp(1j * bend * ((axis - a) * self._dx) ** 2).astype(self._dtype) for a in aside)
+            lit *= y[:, None]
+            lit *= x[None, :]
+        self._lit = aside, lit
+        return lit
+
+    def _shifted(self, by: Place) -> Complex:
+        """Return the ``(n, n)`` values of the main lens's field ``by`` samples (y, x) beside its own samples."""
+        n, size = self._n, self._size
+        whole = [math.floor(b + 0.5) for b in by]
+        f = sf.fftfreq(size)
+        y, x = (np.exp(2j * np.pi * f * (b - w)).astype(self._dtype) for b, w in zip(by, whole, strict=True))
+        field = sf.ifft2(self._table * y[:, None] * x[None, :], overwrite_x=True, workers=1)
+        part = np.zeros((n, n), self._dtype)
+        row, column = (n // 2 - size // 2 - w for w in whole)
+        _lay(field, row, column, part)
+        return part
+
+    def _certify(self, energy_in: float, energy_out: float) -> None:
+        ratio = energy_out / energy_in if energy_in > 0 else 0.0
+        if ratio > 1 + SLACK:
+            raise EnergyError.expected(
+                "energy on the sensor",
+                "at most what passed the array",
+                f"{ratio:.6g} times that",
+                f"raise samples_per_px above {self.per_px}",
+            )
+        self._ledger.add(1, energy_in, energy_out, ratio)
+
+
+def _lay(piece: Complex, row: int, column: int, on: Complex) -> None:
+    """Add ``piece`` to an array, its first sample at a row and column that may lie outside."""
+    top, left = max(0, -row), max(0, -column)
+    bottom, right = min(piece.shape[0], on.shape[0] - row), min(piece.shape[1], on.shape[1] - column)
+    if top < bottom and left < right:
+        on[row + top : row + bottom, column + left : column + right] += piece[top:bottom, left:right]
