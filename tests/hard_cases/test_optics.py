@@ -99,7 +99,7 @@ def test_overlapping_spots():
     bound=0.006,
 )
 def test_switch():
-    one = extent.SWITCH * 4 * camera_scene().f_number ** 2 * camera_scene().wavelength_um
+    one = field.SWITCH * 4 * camera_scene().f_number ** 2 * camera_scene().wavelength_um
     near, far = (replace(camera_scene(), image_um=one * (1 + side)) for side in (-1e-9, 1e-9))
     engines = [WavePlane(scene, FINE) for scene in (near, far)]
     assert [engine.mode for engine in engines] == ["U", "E"]
@@ -140,7 +140,9 @@ def test_small_iris():
     lattice = LensletLattice("hexagonal", pitch, 5 * pitch, types, clear_um=21.5 * PIXEL)
     scene = camera_scene(image_um=15 * pitch, lattice=lattice, f_number=20.0, cutout=(41, 41))
     at = (0.0, 8 * PIXEL)
-    return relative_error(wave(scene, steps_for(scene, "wave")[0].sampling, at), reference(scene, at))
+    # near the native plane only a tilted array, which no grid holds, is offered windows
+    narrowest = steps_for(replace(scene, tilt=(1e-9, 0.0)), "wave")[0].sampling
+    return relative_error(wave(scene, narrowest, at), reference(scene, at))
 
 
 @hard_case(

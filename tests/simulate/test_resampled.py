@@ -50,7 +50,8 @@ def test_frames_assemble_to_the_direct_h(name: str, side: int, options: dict, cu
         wanted = direct.rows([position[0]], [position[1]])[0, 0]
         found = from_frames(source, Cutout.for_plan(plan), position)
         assert difference(found, wanted) < cubic
-        assert found.sum() == pytest.approx(wanted.sum(), rel=2e-3)
+        # two computations, on pixels of two sizes, each within its own tolerance
+        assert found.sum() == pytest.approx(wanted.sum(), rel=5e-3)
         # the counter-test: a tenth of a pixel off in any direction is worse
         for off in ((0.1, 0.0), (-0.1, 0.0), (0.0, 0.1), (0.0, -0.1)):
             anchor = (plan.anchor[0] + off[0], plan.anchor[1] + off[1])

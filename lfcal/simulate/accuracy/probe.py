@@ -12,6 +12,7 @@ from lfcal.errors import InputError
 from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, WIDEST, Step, finer, steps_for
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.engines.extent import SWITCH
 from lfcal.simulate.scene import Scene
 
 __all__ = ["LARGEST_GRID", "RETRIES", "Settled", "balanced", "settle"]
@@ -25,8 +26,11 @@ MARGIN = 1.1
 LEFT_COHERENT, LEFT_SUMMED = 0.65, 0.5
 """Share of a step's error that shows against one with a window twice as wide, which errs itself (measured)."""
 
-LEFT_BY_GRID, LEFT_GRID = 0.9, 0.6
-"""The same of windows against a grid that has none, and of a grid against a finer one."""
+LEFT_BY_GRID = 0.9
+"""The same of windows against a grid, which has none."""
+
+FINER_GRID = ((2, 0.75), (2, 0.45), (3, 0.5))
+"""Step by which each step on a grid is judged, and the share of its error that shows: a sample more halves errors."""
 
 GRID_JUDGE = 0.003
 """Error of the grid by which windows are judged, at most."""
@@ -116,13 +120,12 @@ def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) ->
 
 
 def balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine, Responses, Sampling]:
-    """Return an engine whose energy balances, its responses at four positions, and how finely it samples."""
-    ny, nx = scene.period
+    """Return an engine whose energy balances, its responses at a few positions, and how finely it samples."""
+    ys, xs = _places(scene)
     for attempt in range(RETRIES + 1):
         engine = engine_for(scene, level, sampling)
         try:
-            # Four positions spread over the period stand for all; every response is certified again later.
-            found = engine.rows(sorted({0, ny // 2}), sorted({nx // 4, (3 * nx) // 4}), workers=1)
+            found = engine.rows(ys, xs, workers=1)  # every response is certified again later
         except EnergyError:
             if attempt == RETRIES:
                 raise
@@ -133,6 +136,17 @@ def balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine,
         else:
             break
     return engine, found.astype(np.float64), sampling
+
+
+def _places(scene: Scene) -> tuple[list[int], list[int]]:
+    """Return rows and columns of the positions that stand for all.
+
+    Four do, but near the native plane, where one lenslet has all the light, or the gap between two.
+    """
+    near = scene.objective is None and scene.fresnel_number < SWITCH
+    shares = ((0.0, 0.2, 0.5), (0.07, 0.25, 0.41, 0.75)) if near else ((0.0, 0.5), (0.25, 0.75))
+    rows, columns = (sorted({int(s * n) for s in some}) for some, n in zip(shares, scene.period, strict=True))
+    return rows, columns
 
 
 class _Judge:
@@ -183,8 +197,10 @@ class _Judge:
             for more in (3, 1):
                 yield step.level, replace(sampling, samples_per_px=(sampling.samples_per_px or 8) + more), 1.0
         elif step.level == "grid":
-            for other in (s for s in self._on_grid if s.expected <= LEFT_GRID * step.expected):
-                yield "grid", other.sampling, LEFT_GRID
+            if step in self._on_grid[: len(FINER_GRID)]:
+                judge, left = FINER_GRID[self._on_grid.index(step)]
+                if judge < len(self._on_grid):
+                    yield "grid", self._on_grid[judge].sampling, left
         else:
             for other in (s for s in self._on_grid if s.expected <= GRID_JUDGE):
                 yield "grid", other.sampling, LEFT_BY_GRID

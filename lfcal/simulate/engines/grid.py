@@ -23,7 +23,7 @@ from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot,
 from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_TABLE, SWITCH, Extent
 from lfcal.simulate.engines.field import choose_mode, field_table
 from lfcal.simulate.engines.masks import RING
-from lfcal.simulate.engines.nodes import MANY_ANGLES, fitted_rule
+from lfcal.simulate.engines.nodes import MANY_ANGLES, conserving, fitted_rule
 from lfcal.simulate.engines.reference import sensor_propagator
 from lfcal.simulate.engines.tables import aperture_radius, aperture_tables, lenslet_aberration, ray_aberration
 from lfcal.simulate.pupil import pixel_response
@@ -109,7 +109,9 @@ class GridPlane:
         self._table, self._size = self._main_field()
         self._step = self._transfer()
         band = min(2.0 * self.per_px, largest_angle(scene))
-        self._rule = fitted_rule(self.per_px, band, scene.pixel_fill, falloff=MANY_ANGLES)
+        rule = fitted_rule(self.per_px, band, scene.pixel_fill, falloff=MANY_ANGLES)
+        # pixels without gaps between them make no light of their own
+        self._rule = conserving(rule) if scene.pixel_fill == 1 else rule
         self._weights = (self._rule.weights * scene.reduced_pixel_um).astype(self._real)
         self._lit: tuple[Place, Complex] | None = None
         self._ledger = Ledger()

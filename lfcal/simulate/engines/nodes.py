@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-__all__ = ["MANY_ANGLES", "ONE_APERTURE", "NodeRule", "fitted_rule"]
+__all__ = ["MANY_ANGLES", "ONE_APERTURE", "NodeRule", "conserving", "fitted_rule"]
 
 ONE_APERTURE, MANY_ANGLES = 1.5, 3.0
 """How the spectrum of light ends: behind a round aperture, and behind many that are lit from different angles."""
@@ -79,3 +79,11 @@ def fitted_rule(
     solution, _ = nnls(basis * trust[:, None], fill * np.sinc(f * fill) * trust)
     weights = np.concatenate([solution[n % 2 :][::-1], solution])
     return NodeRule(per_px, beyond, weights * (fill / weights.sum()))
+
+
+def conserving(rule: NodeRule) -> NodeRule:
+    """Return the rule with weights by which the pixels together take all nodes alike: no light is made or lost."""
+    weights = rule.weights.copy()
+    for first in range(rule.per_px):
+        weights[first :: rule.per_px] *= rule.weights.sum() / (rule.per_px * weights[first :: rule.per_px].sum())
+    return NodeRule(rule.per_px, rule.beyond, weights)
