@@ -15,8 +15,10 @@ from lfcal.errors import InputError
 from lfcal.simulate.engines import (
     base,
     debye,
+    extent,
     field,
     geometric,
+    grid,
     microscope,
     objective,
     polygon,
@@ -312,6 +314,27 @@ MUTANTS = (
         "positions from 0 up to the last",
         rewritten(base.Pilot, "seconds", ("np.linspace(0, nx - 1, min(nx, self._columns))", "np.arange(0, nx - 1)")),
         IndexError,
+    ),
+    Mutant(
+        "Cutout smaller than the pattern",
+        "a grid as large as the cutout",
+        rewritten(extent.Extent, "side", ("half = max(lit, seen, min(", "half = min(seen, min(")),
+    ),
+    Mutant(
+        "Even and odd numbers of samples to a pixel",
+        "a pixel's middle is a sample",
+        rewritten(grid.GridPlane, "__init__", ("0.5 if self.per_px % 2 == 0 else 0.0", "0.0")),
+    ),
+    Mutant(
+        "Few samples to a pixel",
+        "weights as the fit leaves them",
+        value(grid, "conserving", lambda rule: rule),
+        EnergyError,
+    ),
+    Mutant(
+        "Fast lens on the native plane, exact angles",
+        "the Fresnel integral",
+        rewritten(grid.GridPlane, "_transfer", ("scene.exact_rays, glass", "False, glass")),
     ),
     Mutant("Threads", "one scratch array for all", one_target),
     Mutant(

@@ -47,14 +47,14 @@ MOST_NODES = 12
 DEBYE_GAIN = 2.5
 """What a node more per pixel divides the Debye path's error by, at least (measured: 2.6 to 5)."""
 
-GRID: tuple[tuple[float, float, float], ...] = (
-    (1.0, 0.008, 0.006),
-    (1.3, 0.004, 0.003),
-    (1.6, 0.002, 0.0015),
-    (2.4, 0.0008, 0.0006),
+GRID: tuple[tuple[float, int, float, float], ...] = (
+    (1.0, 4, 0.008, 0.006),
+    (1.3, 5, 0.004, 0.003),
+    (1.6, 6, 0.002, 0.0015),
+    (2.4, 9, 0.0008, 0.0006),
 )
-"""Steps on one grid: samples over the fewest that hold the light's angles, the share of light that its margins leave
-out, and the error expected of both."""
+"""Steps on one grid: samples over the fewest that hold the light's angles, the fewest that hold the lenslets' edges,
+the share of light that its margins leave out, and the error expected of all."""
 
 OUTSIDE = 0.15
 """Share of light farther outside the shadow than r, times r / (lambda Nw)."""
@@ -135,10 +135,13 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
     """Return the steps of a level, cheapest first.
 
     Of level ``"wave"``: windows whose intensities are added, then the whole array on one grid; windows whose fields
-    are added where no grid holds the scene.
+    are added where no grid holds the scene. Of level ``"debye"``: nodes of the separable path; other arrays on a grid.
     """
     fringes = Fringes.of(described)
     if level == "debye":
+        grid = _grid_steps(described, fringes) if isinstance(described, Scene) and not _separable(described) else ()
+        if grid:
+            return grid
         known = [Step(level, Sampling(nodes_per_px=n), error) for n, error in DEBYE_NODES]
         more = range(len(known) + 1, MOST_NODES + 1)
         return (*known, *(Step(level, Sampling(nodes_per_px=n), 0.04 / n**2) for n in more))
@@ -175,8 +178,8 @@ def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[Step, ...
     px = described.reduced_pixel_um if isinstance(described, Scene) else described.pixel_um
     airy = described.wavelength_um * described.f_number / px
     steps = []
-    for share, left_out, error in GRID:
-        per, margin = max(3, math.ceil(share * fringes.angle)), math.ceil(OUTSIDE * airy / left_out)
+    for share, fewest, left_out, error in GRID:
+        per, margin = max(fewest, math.ceil(share * fringes.angle)), math.ceil(OUTSIDE * airy / left_out)
         side = extent.side(per, margin)
         if side <= MOST_SAMPLES and side + per * max(described.period) <= MOST_TABLE:
             steps.append(Step("grid", Sampling(samples_per_px=per, margin_px=min(WIDEST, margin)), error))
@@ -192,6 +195,12 @@ def grid_extent(described: Scene | Outlook) -> Extent:
     outwards = _near(described) or described.shift_um < 0
     aside = described.gap_um / (2 * described.f_number) / described.pixel_um if outwards else 0.0
     return Extent(described.shadow_px, aside, max(described.cutout) / 2, described.camera.pitch_px)
+
+
+def _separable(scene: Scene) -> bool:
+    from lfcal.simulate.engines.microscope import is_separable  # compiled code: loaded when it is needed
+
+    return is_separable(scene)
 
 
 def _near(described: Scene | Outlook) -> bool:
