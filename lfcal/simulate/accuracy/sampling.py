@@ -51,7 +51,7 @@ GRID: tuple[tuple[float, int, float, float], ...] = (
     (1.0, 4, 0.008, 0.006),
     (1.3, 5, 0.004, 0.003),
     (1.6, 6, 0.002, 0.0015),
-    (2.4, 9, 0.0008, 0.0006),
+    (2.4, 9, 0.0012, 0.0007),
 )
 """Steps on one grid: samples over the fewest that hold the light's angles, the fewest that hold the lenslets' edges,
 the share of light that its margins leave out, and the error expected of all."""

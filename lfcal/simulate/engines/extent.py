@@ -41,14 +41,15 @@ class Extent:
     pitch: float
 
     def side(self, per_px: int, margin: float) -> int:
-        """Return the samples a side of a grid with ``margin`` pixels around the shadow, even and quick to transform.
+        """Return the samples a side of a grid with ``margin`` pixels around the light, even and quick to transform.
 
         Light that leaves the grid comes in again on its other side: there must be room until the cutout begins.
         """
         import scipy.fft as sf
 
         seen = self.seen + 2
-        lit = min(self.shadow + margin, seen + self.pitch + self.aside)
+        # beyond the shadow there is hardly any light; nor is there need of what does not reach the cutout
+        lit = min(self.shadow, seen + self.aside + self.pitch / 2) + margin
         lands = lit + self.aside
         half = max(lit, seen, min(lands, (lands + seen + self.pitch) / 2))
         size = int(sf.next_fast_len(2 * math.ceil(half * per_px)))
