@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Judged", "judge", "register"]
 
-FINEST = 0.0066
+FINEST = 0.003
 """Expected error of the computation that estimates are judged by."""
 
 REFERENCE = 0.002
@@ -191,16 +191,15 @@ def _difference(without: NDArray[np.float32], with_it: NDArray[np.float32]) -> f
 def _wave(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[int]) -> NDArray[np.float32]:
     """Return responses computed more finely than anything that is judged."""
     from lfcal.simulate.accuracy.sampling import steps_for
-    from lfcal.simulate.engines.base import Sampling
     from lfcal.simulate.response import PlaneResponse
     from lfcal.simulate.staging import resolve_level, scene_for
 
     scene, level = resolve_level(scene_for(plan, 0, effects))
-    sampling = Sampling()
-    if level != "geometric":
-        steps = [step for step in steps_for(scene, level) if level == "debye" or step.sampling.coherent]
-        sampling = next(step.sampling for step in steps if step.expected <= FINEST)
-    return PlaneResponse(plan, 0, effects, sampling=sampling).rows(ys, xs)
+    if level == "geometric":
+        return PlaneResponse(plan, 0, effects, level=level).rows(ys, xs)
+    steps = [step for step in steps_for(scene, level) if step.level != "wave" or step.sampling.coherent]
+    step = next((step for step in steps if step.expected <= FINEST), steps[-1])
+    return PlaneResponse(plan, 0, effects, level=step.level, sampling=step.sampling).rows(ys, xs)
 
 
 def _finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[int]) -> NDArray[np.float32]:
@@ -211,11 +210,12 @@ def _finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list
     from lfcal.simulate.staging import resolve_level, scene_for
 
     scene, level = resolve_level(scene_for(plan, 0, effects))
-    if level == "wave":
+    step = steps_for(scene, level)[-1]
+    if step.level != "debye":
         finest = next(step.sampling for step in steps_for(scene, "reference") if step.expected <= REFERENCE)
         try:
             return PlaneResponse(plan, 0, effects, level="reference", sampling=finest).rows(ys, xs)
         except LfcalError:  # a grid too large
             return _wave(plan, effects, ys, xs)
-    finest = replace(steps_for(scene, level)[-1].sampling, nodes_per_px=8)
+    finest = replace(step.sampling, nodes_per_px=8)
     return PlaneResponse(plan, 0, effects, sampling=finest).rows(ys, xs)
