@@ -26,9 +26,9 @@ CAMERAS = [
 
 
 def finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[int]) -> object:
-    """Return responses by the coherent reference; for a microscope by many nodes."""
+    """Return responses by the coherent reference; on the separable path of a microscope by many nodes."""
     scene, level = resolve_level(scene_for(plan, 0, effects))
-    if level == "debye":
+    if steps_for(scene, level)[0].level == "debye":
         return PlaneResponse(plan, 0, effects, sampling=Sampling(nodes_per_px=7)).rows(ys, xs)
     sampling = steps_for(scene, "reference")[2].sampling
     return PlaneResponse(plan, 0, effects, level="reference", sampling=sampling).rows(ys, xs)
