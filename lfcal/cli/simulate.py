@@ -153,14 +153,15 @@ def _show(found: EffectSelection, planned: ScanPlan, json: bool) -> None:
 def _write_h(
     task: _Task, out: Path, workers: int | None, choose: Callable[[float], EffectSelection] | None
 ) -> dict[str, Any]:
-    from lfcal.simulate import predict_seconds
-    from lfcal.units import format_seconds
+    from lfcal.simulate import predict_bytes, predict_seconds
+    from lfcal.units import format_bytes, format_seconds
 
     plan = task.planned
     predicted = predict_seconds(plan, task.found, task.level, tolerance=task.tolerance)
     # Told before the work begins, while there is still time to choose a larger tolerance.
     if not task.quiet:
-        report(f"about {format_seconds(predicted)} of processor time ahead")
+        most = predict_bytes(plan, task.found, task.level, tolerance=task.tolerance, to_file=True, workers=workers)
+        report(f"about {format_seconds(predicted)} of processor time ahead, at most {format_bytes(most)} of memory")
     whole: list[str] = []
     try:
         matrix = run_work(_simulation(task, out, workers, choose, whole), quiet=task.quiet)

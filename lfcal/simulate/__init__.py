@@ -12,6 +12,7 @@
 
 from lfcal.simulate.accuracy.forecast import predict_seconds
 from lfcal.simulate.accuracy.ladder import draw_ladder, iter_ladder, ladder
+from lfcal.simulate.accuracy.memory import predict_bytes
 from lfcal.simulate.accuracy.planner import EffectSelection, PlannedEffect, plan_effects
 from lfcal.simulate.progressive import iter_refine_psf
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
@@ -36,6 +37,7 @@ __all__ = [
     "plan_effects",
     "plume",
     "points",
+    "predict_bytes",
     "predict_seconds",
     "simulate_psf",
     "vesicle",

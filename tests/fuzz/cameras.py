@@ -15,12 +15,13 @@ from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Microscope,
 from lfcal.errors import InputError, LfcalError
 from lfcal.simulate import simulate_psf
 from lfcal.simulate.accuracy.forecast import predict_seconds
+from lfcal.simulate.accuracy.memory import predict_bytes
 from lfcal.simulate.effects import CATALOGUE, Effect
 
-__all__ = ["MEMORY", "Trial", "random_trial", "verdict"]
+__all__ = ["MOST_MEMORY", "Trial", "random_trial", "verdict"]
 
-MEMORY = 4 << 30
-"""Bytes that no camera may take: tables have caps of half to one GB, and some are held at once."""
+MOST_MEMORY = 8 << 30
+"""Bytes that no camera may need, by its forecast: it is not run then."""
 WAVES = 0.6
 """Share of the trials that are computed by waves, whatever else their effects call for."""
 BRIGHTEST = 1.005
@@ -121,6 +122,9 @@ def verdict(trial: Trial, *, timed: bool = False) -> tuple[str, str, float, floa
     if not timed:
         tracemalloc.start()
     try:
+        allowed = predict_bytes(plan, workers=1, **arguments)
+        if allowed > MOST_MEMORY:
+            return "", f"not run: {allowed / 1e9:.3g} GB by the forecast", 0.0, 0.0
         if timed:
             forecast = predict_seconds(plan, **arguments)
         start = time.process_time()
@@ -141,6 +145,6 @@ def verdict(trial: Trial, *, timed: bool = False) -> tuple[str, str, float, floa
         wrong.append(f"negative: {light.min():.3g}")
     if (most := float(light.sum((-2, -1)).max())) > BRIGHTEST + float(np.nanmax(H.facts.known()["error"])):
         wrong.append(f"{most:.4g} of the light")
-    if peak > MEMORY:
-        wrong.append(f"{peak / 1e9:.3g} GB")
+    if peak > allowed:
+        wrong.append(f"{peak / 1e6:.0f} MB, {allowed / 1e6:.0f} by the forecast")
     return "; ".join(wrong), "", forecast, taken

@@ -131,7 +131,7 @@ MUTANTS = (
     Mutant(
         "Lenslet exactly in focus",
         "the window follows sigma at once",
-        rewritten(tables, "_lens_table", ("math.ceil(extent / px - 1e-3)", "math.ceil(extent / px)")),
+        rewritten(tables, "window_of", ("math.ceil(extent / px - 1e-3)", "math.ceil(extent / px)")),
     ),
     Mutant(
         "Iris smaller than a lenslet",

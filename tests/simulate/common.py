@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +26,15 @@ BASE: tuple[Effect, ...] = (LensTypeDefocus(), LensletDiffraction(), IrisDiffrac
 
 FAST = Sampling(nodes_per_px=3, margin_px=4)
 """Incoherent and quick: differences between two simulations do not need more."""
+
+
+def peak_bytes(make: Callable[[], object]) -> tuple[object, int]:
+    """Return what ``make`` makes and the most memory that was held meanwhile."""
+    tracemalloc.start()
+    try:
+        return make(), tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
 
 
 def small_camera(rows: int = 160, columns: int = 160, **sensor: object) -> Camera:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -13,16 +10,8 @@ from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.field import field_table
 from lfcal.simulate.engines.tables import build_tables
 from lfcal.simulate.scene import Iris, Scene
+from tests.simulate.common import peak_bytes
 from tests.simulate.scenes import camera_scene
-
-
-def peak_bytes(make: Callable[[], object]) -> tuple[object, int]:
-    """Return what ``make`` makes and the most memory that was held meanwhile."""
-    tracemalloc.start()
-    try:
-        return make(), tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("shape", [(30, 30), (31, 31)])

@@ -28,6 +28,8 @@ __all__ = [
     "build_tables",
     "ray_aberration",
     "serve",
+    "table_reach",
+    "window_of",
 ]
 
 BEST = 1 / 16
@@ -122,7 +124,7 @@ def serve(tables: PlaneTables, scene: Scene, sampling: Sampling, mode: str) -> b
     """Return whether the tables of a plane reach as far as ``scene``, the same plane with other sources, needs."""
     for lens in tables.kinds:
         dx = lens.field.dx_um
-        if _table_reach(scene, sampling, mode, dx, lens.width // 2) + (lens.half + 2) * dx > lens.held_um + dx:
+        if table_reach(scene, sampling, mode, dx, lens.width // 2) + (lens.half + 2) * dx > lens.held_um + dx:
             return False
     return True
 
@@ -176,14 +178,8 @@ def _lens_table(
     fields: dict[float, tuple[Field, Lit, float]],
 ) -> LensTable:
     px, spread = scene.reduced_pixel_um, scene.wavelength_um * scene.reduced_gap_um
-    sigma, extent, pull = _spot(scene, mode, kind)
-    extent += abs(pull) * ray_aberration(scene) + lenslet_aberration(scene)
-    if scene.tilt != (0.0, 0.0):  # the farthest lenslets' spots are the widest
-        rim = (scene.shadow_radius_um + math.hypot(*scene.period) * scene.pixel_um) * np.array([[1.0, 0.0], [0.0, 1.0]])
-        _, widened = scene.tilted(np.concatenate([rim, -rim]), np.full(4, kind))
-        extent += math.sqrt(2) * float(np.abs(widened).max()) * aperture_radius(scene)
-    half_px = math.ceil(extent / px - 1e-3) + sampling.margin_px  # the same at sigma = 0 and next to it
-    dx = px / (sampling.samples_per_px or _fewest_samples(scene, mode, half_px))
+    sigma, _, pull = _spot(scene, mode, kind)
+    half_px, dx = window_of(scene, sampling, mode, kind)
     half = math.ceil(aperture_radius(scene) / dx) + RING
     if dx not in fields:
         fields[dx] = _field(scene, sampling, mode, dx, half, half_px)
@@ -194,6 +190,19 @@ def _lens_table(
     aperture = aperture_tables(scene, dx, (half + 1) * dx * math.sqrt(2), bend, dx * dx * px / spread, dtype)
     zoom = _zoom(rule, width, px, 2 * np.pi / spread * dx * np.arange(half + 1), dtype)
     return LensTable(width, pull, half, aperture, zoom, field, energy, held)
+
+
+def window_of(scene: Scene, sampling: Sampling, mode: str, kind: int) -> tuple[int, float]:
+    """Return half the window on the sensor (pixels) and the sample distance on the array (µm) of a lens type."""
+    px = scene.reduced_pixel_um
+    _, extent, pull = _spot(scene, mode, kind)
+    extent += abs(pull) * ray_aberration(scene) + lenslet_aberration(scene)
+    if scene.tilt != (0.0, 0.0):  # the farthest lenslets' spots are the widest
+        rim = (scene.shadow_radius_um + math.hypot(*scene.period) * scene.pixel_um) * np.array([[1.0, 0.0], [0.0, 1.0]])
+        _, widened = scene.tilted(np.concatenate([rim, -rim]), np.full(4, kind))
+        extent += math.sqrt(2) * float(np.abs(widened).max()) * aperture_radius(scene)
+    half_px = math.ceil(extent / px - 1e-3) + sampling.margin_px  # the same at sigma = 0 and next to it
+    return half_px, px / (sampling.samples_per_px or _fewest_samples(scene, mode, half_px))
 
 
 def _zoom(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: type) -> Zoom:
@@ -243,7 +252,7 @@ def _fewest_samples(scene: Scene, mode: str, half_px: int) -> float:
 
 def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, half_px: int) -> tuple[Field, Lit, float]:
     """Return the field table, what a lenslet at each of its samples passes, and how far it holds (µm)."""
-    reach = _table_reach(scene, sampling, mode, dx, half_px) + (half + 2) * dx
+    reach = table_reach(scene, sampling, mode, dx, half_px) + (half + 2) * dx
     values = field_table(scene, dx, reach, mode).values
     n = values.shape[0]
     f = sf.fftfreq(n, dx)
@@ -262,7 +271,7 @@ def _field(scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, ha
     return field, sf.irfft2(spectrum, s=(n, n), overwrite_x=True).astype(np.float32), reach
 
 
-def _table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px: int) -> float:
+def table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px: int) -> float:
     """Return how far from the source's image a lenslet that matters may lie (µm).
 
     The light farther than r outside the shadow is 2 lambda Nw / (pi^2 r), so its density near r is known; it

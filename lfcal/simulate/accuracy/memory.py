@@ -1,0 +1,211 @@
+"""How much memory a simulation takes at most, from its description: the tables of its engines, and H."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from lfcal.camera import ScanPlan
+from lfcal.simulate.accuracy.sampling import Step, grid_extent, steps_for
+from lfcal.simulate.effects.base import Effect
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.scene import Scene
+from lfcal.simulate.simulate import EffectsLike, budgeted
+from lfcal.simulate.staging import filter_kernel, resolve_level, scene_for
+from lfcal.threads import worker_count
+
+__all__ = ["engine_bytes", "predict_bytes"]
+
+BESIDE = 24 << 20
+"""Bytes of everything small: matrices, outlines, lists of lenslets."""
+
+TRIED, GRID_JUDGE = 2, 3
+"""Steps that are tried until one settles a plane, as a rule, and which on a grid judges others."""
+
+FIELD_MADE, FIELD_KEPT = 72, 16
+"""Bytes to a sample of the main lens's field while it is made, and once windows or a grid have it."""
+
+CELL_MADE, CELL_KEPT = 48, 4
+"""The same to a sample of the fine table of a lenslet's cell."""
+
+TRANSFER_MADE = 110
+"""Bytes to a sample of the propagation over the gap at exact angles, while it is made."""
+
+WORK = 32
+"""Bytes to a sample of a position's grid that each thread works on."""
+
+REFERENCE = 120
+"""Bytes to a sample of the reference's grid, in double precision."""
+
+
+def predict_bytes(
+    plan: ScanPlan,
+    effects: EffectsLike = "auto",
+    level: str = "auto",
+    *,
+    tolerance: float = 0.03,
+    sampling: Sampling | None = None,
+    to_file: bool = False,
+    workers: int | None = None,
+) -> int:
+    """Return the bytes that `simulate_psf` takes at most, H included.
+
+    Each plane is probed: the engine that judges another is in memory beside it.
+
+    Parameters
+    ----------
+    plan, effects, level, tolerance, sampling, workers
+        As in `simulate_psf`.
+    to_file
+        Whether H goes to a file: one plane of it is in memory then.
+    """
+    budget = budgeted(effects, plan, tolerance)
+    nz, *rest = plan.shape
+    held = 4 * math.prod(rest) * (2 if to_file else nz)
+    most = 0
+    for z, z_um in enumerate(plan.depths_um):
+        chosen, share = budget.at(z_um)
+        most = max(most, _plane_bytes(plan, z, chosen, level, share, sampling, worker_count(workers)))
+    return held + most
+
+
+def _plane_bytes(
+    plan: ScanPlan,
+    z: int,
+    effects: tuple[Effect, ...],
+    level: str,
+    share: float,
+    sampling: Sampling | None,
+    workers: int,
+) -> int:
+    scene, resolved = resolve_level(scene_for(plan, z, effects), level)
+    kernel = filter_kernel(effects, plan.camera)
+    # rows of responses that a filter goes over, copied
+    filtered = 0 if kernel is None else 12 * math.prod(plan.cutout) * plan.period[1] * 4
+    if sampling is not None:
+        return BESIDE + filtered + engine_bytes(scene, Step(resolved, sampling, 0.0), workers)
+    steps = steps_for(scene, resolved)
+    first = next((k for k, step in enumerate(steps) if step.expected <= share), len(steps) - 1)
+    if resolved == "reference":  # what others are judged by is not judged itself
+        return BESIDE + filtered + engine_bytes(scene, steps[first], workers)
+    # what was settled on stays while a finer step is made, or the one that judges it
+    tried = steps[first : first + TRIED]
+    grids = [step for step in steps if step.level == "grid"][:GRID_JUDGE]
+    others = [*tried, *grids[-1:]]
+    return (
+        BESIDE
+        + filtered
+        + max(engine_bytes(scene, step, workers) for step in others)
+        + engine_bytes(scene, tried[0], workers)
+    )
+
+
+def engine_bytes(scene: Scene, step: Step, workers: int) -> int:
+    """Return the bytes that an engine of one step takes at most, while it is made or at work with so many threads."""
+    if step.level == "geometric":
+        return 0
+    if step.level == "debye":
+        return _debye_bytes(scene, step.sampling)
+    if step.level == "reference":
+        return _reference_bytes(scene, step.sampling)
+    if step.level == "grid":
+        return _grid_bytes(scene, step.sampling, workers)
+    return _window_bytes(scene, step.sampling)
+
+
+def _field_samples(scene: Scene, dx: float, half: float, mode: str) -> float:
+    """Return about the samples of the table of the main lens's field; see `lfcal.simulate.engines.field`."""
+    fringe = math.sqrt(scene.wavelength_um * abs(scene.reduced_image_um))
+    shadow = scene.shadow_radius_um
+    reach = half
+    if mode == "E":
+        reach = max(min(shadow, half + 8 * fringe), half) + 4 * fringe
+    elif mode == "U" and not (scene.iris.circular and all(m == 0 for _, m, _ in scene.wavefront)):
+        reach = (half + shadow + 4 * fringe) / 0.75
+    return float(min(1.03 * (2 * reach / dx + 24), 8192.0) ** 2)
+
+
+def _cell_bytes(scene: Scene, dx: float, reach: float) -> tuple[float, float]:
+    """Return the bytes of the table of a lenslet's cell while it is made and afterwards; none of a disc."""
+    from lfcal.simulate.engines.masks import MOST_TABLE, fineness  # compiled code: loaded when it is needed
+
+    if scene.aperture == "circle":
+        return 0.0, 0.0
+    samples = min(2 * reach / dx * fineness(reach / dx) + 3, MOST_TABLE) ** 2
+    return CELL_MADE * samples, CELL_KEPT * samples
+
+
+def _mode(scene: Scene) -> str:
+    from lfcal.simulate.engines.field import choose_mode
+
+    return choose_mode(scene)
+
+
+def _fields(scene: Scene) -> int:
+    from lfcal.simulate.engines.field import field_modes
+
+    return len(field_modes(scene))
+
+
+def _window_bytes(scene: Scene, sampling: Sampling) -> int:
+    from lfcal.simulate.engines.tables import aperture_radius, table_reach, window_of
+
+    mode = _mode(scene)
+    kept = made = 0.0
+    spaced: set[float] = set()
+    for kind in range(len(scene.lattice.types)):
+        half_px, dx = window_of(scene, sampling, mode, kind)
+        lenslet = aperture_radius(scene) + 4 * dx
+        for_cell = _cell_bytes(scene, dx, lenslet)
+        kept, made = kept + for_cell[1], max(made, for_cell[0])
+        if dx not in spaced:
+            spaced.add(dx)
+            samples = _field_samples(scene, dx, table_reach(scene, sampling, mode, dx, half_px) + lenslet, mode)
+            kept, made = kept + FIELD_KEPT * samples, max(made, FIELD_MADE * samples)
+        window = ((2 * half_px + 1) * sampling.nodes_per_px + 4) * (lenslet / dx + 2)
+        kept += 16 * window
+    grids = 64 * math.prod(n * sampling.nodes_per_px + 4 for n in scene.cutout)
+    return int(_fields(scene) * (kept + grids) + made)
+
+
+def _grid_bytes(scene: Scene, sampling: Sampling, workers: int) -> int:
+    per = round(sampling.samples_per_px or 4)
+    side = grid_extent(scene).side(per, sampling.margin_px)
+    dx = scene.reduced_pixel_um / per
+    array = 8 * math.prod(side + per * n for n in scene.period)
+    field = _field_samples(scene, dx, side * dx / 2 + scene.farthest_um / scene.scale, _mode(scene))
+    made, kept = _cell_bytes(scene, dx, scene.lattice.pitch_um)
+    kinds = len(scene.lattice.types)
+    at_work = (WORK * workers + 16) * side**2 + 24 * field
+    peak = max(FIELD_MADE * field, TRANSFER_MADE * side**2, made, at_work)
+    return int(_fields(scene) * (array + 8 * field + 8 * side**2 + kinds * kept) + peak)
+
+
+def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
+    extent, px = grid_extent(scene), scene.reduced_pixel_um
+    blur = 4 * math.sqrt(scene.wavelength_um * abs(scene.reduced_image_um))
+    lit = 1.15 * extent.shadow + max(blur, 60 * scene.wavelength_um * scene.f_number) / px + 0.6 * extent.pitch
+    half = max(lit, extent.seen + scene.farthest_um / scene.scale / px) + 1.5 * extent.pitch + extent.aside
+    side = min(2.1 * round(sampling.samples_per_px or 8) * half, 6000.0)
+    return int(REFERENCE * side**2)
+
+
+def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
+    from lfcal.simulate.engines.microscope import KEPT_BYTES, MARGIN_PER_NODE, is_separable
+
+    if not is_separable(scene):
+        margin = max(sampling.margin_px, MARGIN_PER_NODE * sampling.nodes_per_px)
+        return _window_bytes(scene, replace(sampling, margin_px=margin))
+    cone = 1 / (2 * scene.f_number)
+    bend = scene.lattice.pitch_um / (2 * scene.gap_um)
+    half = max(scene.cutout) / 2 * scene.pixel_um + scene.farthest_um + 1.1 * (cone + bend) * scene.gap_um
+    samples = (half + scene.lattice.pitch_um) * 2.4 * cone / scene.wavelength_um + 3
+    nodes = max(scene.cutout) * sampling.nodes_per_px + 2
+    fields = _fields(scene)
+    phases = sum(scene.period) if scene.offsets_um is None else 2 * math.prod(scene.period)
+    matrices = 24 * nodes * samples * phases
+    lefts = 24 * nodes * samples * phases * fields
+    quarters = (12 * fields + 64) * samples**2
+    orders = 2 * scene.lattice.pitch_um**2 / (scene.wavelength_um * scene.lattice.types[0].focal_length_um) + 40
+    pulses = 40 * orders * (nodes + 4 * samples) * 16
+    return int(min(matrices, KEPT_BYTES) + min(lefts, KEPT_BYTES) + quarters + pulses + 24 * nodes * samples)
