@@ -31,7 +31,7 @@ SET_UP, PROBED = 0.6, 12
 """Seconds of the tables, twice as a probe judges them, and positions that it computes, in all."""
 
 REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 150.0, 25.0
-PER_SAMPLE, PER_TABLE_SAMPLE = 1.1e-9, 6e-7
+PER_SAMPLE, PER_TABLE_SAMPLE, GRID_SET_UP = 1.1e-9, 2e-6, 0.15
 
 
 @lru_cache(maxsize=1)
@@ -78,7 +78,7 @@ def _grid_seconds(outlook: Outlook, sampling: Sampling) -> tuple[float, float]:
     per = int(sampling.samples_per_px or 4)
     side = grid_extent(outlook).side(per, sampling.margin_px)
     rows, columns = (side + per * n for n in outlook.period)
-    return PER_SAMPLE * side**2 * math.log2(side), PER_TABLE_SAMPLE * rows * columns
+    return PER_SAMPLE * side**2 * math.log2(side), GRID_SET_UP + PER_TABLE_SAMPLE * rows * columns
 
 
 def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
