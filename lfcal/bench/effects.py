@@ -153,7 +153,13 @@ def _counting(selection: EffectSelection, known: Sequence[Effect]) -> tuple[Effe
 
 def _others(plan: ScanPlan) -> tuple[list[int], list[int]]:
     """Return rows and columns of positions where nothing was measured or settled."""
+    from lfcal.simulate.engines.extent import SWITCH
+    from lfcal.simulate.staging import outlook_of
+
     ny, nx = plan.period
+    outlook = outlook_of(plan, 0)
+    if outlook.has_lens and outlook.fresnel_main < SWITCH:  # what holds for one position says little of another
+        return sorted({(k * ny) // 4 + ny // 7 for k in range(4)}), sorted({(k * nx) // 7 + nx // 9 for k in range(7)})
     return sorted({ny // 3, (6 * ny) // 7}), sorted({nx // 5, (4 * nx) // 7, (9 * nx) // 10})
 
 

@@ -33,6 +33,7 @@ LEVELS = (
     ("auto", "auto: as the effects need"),
     ("geometric", "geometric: rays, instant"),
     ("wave", "wave: per lenslet"),
+    ("grid", "grid: all lenslets at once"),
     ("microscope", "microscope: coherent"),
 )
 """Levels of the computation, and what is shown of them."""

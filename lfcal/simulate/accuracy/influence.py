@@ -14,6 +14,7 @@ from lfcal.simulate.accuracy.sampling import Step, finer, step_for
 from lfcal.simulate.effects.base import Effect, FrameEffect, LightEffect, MotionEffect
 from lfcal.simulate.effects.optics import LensletDiffraction
 from lfcal.simulate.engines.base import EnergyError
+from lfcal.simulate.engines.extent import SWITCH
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, outlook_of, resolve_level, scene_for
@@ -29,8 +30,8 @@ MOST_RUNS = 24
 ROWS, COLUMNS = (0.2, 0.7), (0.07, 0.41, 0.76)
 """Positions that are computed, as shares of the period."""
 
-TILTED = 1e-9
-"""A tilt (per µm) that changes nothing but the steps that a scene is offered."""
+NEAR_ROWS, NEAR_COLUMNS = (0.05, 0.2, 0.45, 0.7), (0.07, 0.24, 0.41, 0.58, 0.76, 0.93)
+"""The same near the native plane, where one lenslet has all the light, or the gap between two."""
 
 ATTEMPTS = 3
 """Samplings tried until the energy balances."""
@@ -52,12 +53,12 @@ class Influence:
         self._plan, self._z = plan, z
         self._outlook = outlook_of(plan, z)
         self._still = tuple(e for e in effects if e.acts_on.enters_h and not isinstance(e, LightEffect))
-        # by whether the array is tilted, which calls for another level
-        self._steps: dict[bool, Step] = {}
-        self._beside: dict[bool, NDArray[np.float64]] = {}
-        ny, nx = plan.period
-        # near the native plane one lenslet has all the light, or the gap between two: a few places are too few
-        self._ys, self._xs = sorted({int(share * ny) for share in ROWS}), sorted({int(share * nx) for share in COLUMNS})
+        self._beside: dict[Step, NDArray[np.float64]] = {}
+        near = self._outlook.has_lens and self._outlook.fresnel_main < SWITCH
+        shares = (NEAR_ROWS, NEAR_COLUMNS) if near else (ROWS, COLUMNS)
+        self._ys, self._xs = (
+            sorted({int(share * n) for share in some}) for some, n in zip(shares, plan.period, strict=True)
+        )
 
     def of(self, effect: Effect) -> float | None:
         """Return sum(|without - with|) / sum(|with|) over the positions; None where it cannot be computed."""
@@ -74,10 +75,7 @@ class Influence:
             return 0.0
         changed_set = others if present else (*self._still, effect)
         try:
-            tilted = any(self._scene(some).tilt != (0.0, 0.0) for some in (self._still, changed_set))
-            if tilted not in self._beside:
-                self._beside[tilted] = self._responses(self._still, tilted=tilted)
-            beside, changed = self._beside[tilted], self._responses(changed_set, tilted=tilted)
+            beside, changed = self._beside_and(changed_set)
         except LfcalError:
             return None  # a scene that no engine computes: its formula is all there is
         with_it, without = (beside, changed) if present else (changed, beside)
@@ -94,27 +92,39 @@ class Influence:
     def _scene(self, effects: tuple[Effect, ...]) -> Scene:
         return scene_for(self._plan, self._z, effects)
 
-    def _responses(self, effects: tuple[Effect, ...], *, tilted: bool) -> NDArray[np.float64]:
-        """Return the responses with ``effects``; all are sampled alike, as finely as their energy needs."""
-        scene, level = resolve_level(self._scene(effects))
+    def _beside_and(self, changed: tuple[Effect, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the responses with all effects and with ``changed``, sampled alike and as finely as energy needs."""
+        step = self._common_step(self._still, changed)
         for attempt in range(ATTEMPTS):
-            if tilted not in self._steps:
-                self._steps[tilted] = step_for(self._common(scene, tilted=tilted), level, FINENESS)
-            step = self._steps[tilted]
-            # rays have no sampling, and stay rays beside waves
-            chosen = level if "geometric" in (level, step.level) else step.level
-            response = PlaneResponse(self._plan, self._z, effects, level=chosen, sampling=step.sampling)
             try:
-                return response.rows(self._ys, self._xs, workers=1).astype(np.float64)
+                if step not in self._beside:
+                    self._beside[step] = self._responses(self._still, step)
+                return self._beside[step], self._responses(changed, step)
             except EnergyError:
                 if attempt == ATTEMPTS - 1:
                     raise
-                self._steps[tilted] = replace(step, sampling=finer(step.sampling))
+                step = replace(step, sampling=finer(step.sampling))
         raise AssertionError  # the last attempt returns or raises
 
-    def _common(self, scene: Scene, *, tilted: bool) -> Scene:
-        """Return a scene whose steps serve those of both arrays that are compared."""
-        return replace(scene, tilt=(TILTED, 0.0)) if tilted and scene.tilt == (0.0, 0.0) else scene
+    def _common_step(self, *sets: tuple[Effect, ...]) -> Step:
+        """Return the step of that scene which fewer engines compute: it serves the other too.
+
+        No grid holds a tilted array, and the Debye path only separable ones; rays need no sampling.
+        """
+        from lfcal.simulate.engines.microscope import is_separable  # compiled code: not loaded before it is needed
+
+        def choosy(found: tuple[Scene, str]) -> tuple[bool, bool, bool]:
+            scene, level = found
+            return level != "geometric", scene.tilt != (0.0, 0.0), level == "debye" and not is_separable(scene)
+
+        scene, level = max((resolve_level(self._scene(effects)) for effects in sets), key=choosy)
+        return step_for(scene, level, FINENESS)
+
+    def _responses(self, effects: tuple[Effect, ...], step: Step) -> NDArray[np.float64]:
+        _, level = resolve_level(self._scene(effects))
+        level = level if level == "geometric" else step.level
+        response = PlaneResponse(self._plan, self._z, effects, level=level, sampling=step.sampling)
+        return response.rows(self._ys, self._xs, workers=1).astype(np.float64)
 
 
 def _same(one: NDArray[np.float64] | None, other: NDArray[np.float64] | None) -> bool:
