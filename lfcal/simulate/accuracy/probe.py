@@ -29,8 +29,8 @@ LEFT_COHERENT, LEFT_SUMMED = 0.65, 0.5
 LEFT_BY_GRID = 0.9
 """The same of windows against a grid, which has none."""
 
-FINER_GRID = ((2, 0.75), (2, 0.45), (3, 0.5))
-"""Step by which each step on a grid is judged, and the share of its error that shows: a sample more halves errors."""
+FINER_GRID = ((2, 0.75), (2, 0.45), (3, 0.8))
+"""Step by which each step on a grid is judged, and the share of its error that shows (measured)."""
 
 GRID_JUDGE = 0.003
 """Error of the grid by which windows are judged, at most."""
