@@ -178,7 +178,8 @@ def _grid_bytes(scene: Scene, sampling: Sampling, workers: int) -> int:
     kinds = len(scene.lattice.types)
     at_work = (WORK * workers + 16) * side**2 + 24 * field
     peak = max(FIELD_MADE * field, TRANSFER_MADE * side**2, made, at_work)
-    return int(_fields(scene) * (array + 8 * field + 8 * side**2 + kinds * kept) + peak)
+    # the fields of a microscope share the array
+    return int(array + 8 * side**2 + kinds * kept + _fields(scene) * (8 * field + 8 * side**2) + peak)
 
 
 def _reference_bytes(scene: Scene, sampling: Sampling) -> int:

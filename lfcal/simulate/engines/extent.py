@@ -18,6 +18,9 @@ MOST_SAMPLES = 4096
 MOST_TABLE = 12000
 """Largest side of the array's table: 1.2 GB."""
 
+TAILS = 3
+"""How many times narrower the margin beyond what reaches the cutout may be than that around the shadow (measured)."""
+
 
 @dataclass(frozen=True, slots=True)
 class Extent:
@@ -48,8 +51,8 @@ class Extent:
         import scipy.fft as sf
 
         seen = self.seen + 2
-        # beyond the shadow there is hardly any light; nor is there need of what does not reach the cutout
-        lit = min(self.shadow, seen + self.aside + self.pitch / 2) + margin
+        # beyond the shadow there is hardly any light, and of that and all else hardly any gets far into the cutout
+        lit = min(self.shadow + margin, seen + self.aside + self.pitch / 2 + margin / TAILS)
         lands = lit + self.aside
         half = max(lit, seen, min(lands, (lands + seen + self.pitch) / 2))
         size = int(sf.next_fast_len(2 * math.ceil(half * per_px)))

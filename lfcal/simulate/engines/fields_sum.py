@@ -19,7 +19,7 @@ from lfcal.simulate.scene import Scene
 __all__ = ["FieldsSum", "grid_plane", "reference_plane", "wave_plane"]
 
 Maker = Callable[[Scene], PlaneEngine]
-Kind = type[WavePlane] | type[GridPlane] | type[ReferencePlane]
+Kind = type[WavePlane] | type[ReferencePlane]
 
 
 def wave_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
@@ -29,7 +29,12 @@ def wave_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
 
 def grid_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
     """Return the engine of level ``"grid"``; of a vectorial scene the sum over its fields."""
-    return _plane(scene, sampling, GridPlane)
+    modes = field_modes(scene)
+    first = GridPlane(scene, sampling, modes[0])
+    if len(modes) == 1:
+        return first
+    makers: list[Maker] = [partial(GridPlane, sampling=sampling, mode=mode) for mode in modes]
+    return FieldsSum(scene, makers, [first, *(first.in_mode(mode) for mode in modes[1:])])
 
 
 def reference_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
@@ -51,10 +56,12 @@ class FieldsSum:
         What is computed.
     makers
         One for each field: returns its engine from a scene.
+    parts
+        The engines of the scene, where they are made already: they may share tables.
     """
 
-    def __init__(self, scene: Scene, makers: list[Maker]) -> None:
-        self._hold(scene, makers, [make(scene) for make in makers])
+    def __init__(self, scene: Scene, makers: list[Maker], parts: list[PlaneEngine] | None = None) -> None:
+        self._hold(scene, makers, [make(scene) for make in makers] if parts is None else parts)
 
     def _hold(self, scene: Scene, makers: list[Maker], parts: list[PlaneEngine]) -> None:
         self.scene, self._makers, self._parts = scene, makers, parts

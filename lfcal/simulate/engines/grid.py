@@ -175,6 +175,14 @@ class GridPlane:
             step = step * pixel_response(power / 2, sines[:, None] + from_y, sines[None, :] + from_x)
         return step.astype(self._dtype)
 
+    def in_mode(self, mode: str) -> GridPlane:
+        """Return the engine of another of the scene's fields: the array's table is shared."""
+        other = copy(self)
+        other.mode, other._lit = mode, None
+        other._table, other._size = other._main_field()
+        other._ledger, other._pilot = Ledger(), Pilot(other)
+        return other
+
     def displaced(self, offsets_um: NDArray[np.float64]) -> GridPlane:
         """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``: its tables are shared."""
         scene = replace(self.scene, offsets_um=offsets_um)
