@@ -184,4 +184,5 @@ def _noise(matrix: PSFMatrix, chosen: NDArray[np.intp], given: tuple[float, floa
     known = matrix.facts.noise
     if known is None:
         raise InputError.expected("noise of H", "a variance model", "none", "give noise=(constant, slope)")
-    return known[tuple(chosen.T)].astype(np.float64)
+    found: NDArray[np.float64] = known[tuple(chosen.T)].astype(np.float64)
+    return found

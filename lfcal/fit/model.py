@@ -52,7 +52,8 @@ class PlaneModel:
         self._samples, self._kernel = response.samples, response.kernel
         # the same margin with a filter and without: another grid would be another computation, by its own error
         self._halo = max(response.halo, 1)
-        scene = replace(response.scene, cutout=tuple(n + 2 * self._halo for n in plan.cutout))
+        rows, columns = plan.cutout
+        scene = replace(response.scene, cutout=(rows + 2 * self._halo, columns + 2 * self._halo))
         self._pixel, self._sampling = scene.pixel_um, sampling
         self._planned = np.zeros((*scene.period, 2)) if scene.offsets_um is None else np.array(scene.offsets_um)
         self._middle = (np.array(scene.period) - 1) / 2

@@ -100,7 +100,7 @@ def normal_equations(
     k, nz = len(columns.shared), len(levels.gains)
     size = k + 2 * nz
     matrix, gradient, left = np.zeros((size, size)), np.zeros(size), 0.0
-    factors, solved = levels.factors(planes), []
+    factors, solved = levels.factors(planes), list[tuple[F8, F8]]()
     precision = local.precision()
     for p, z in enumerate(planes.tolist()):
         weight = seen.inverse[p] * seen.robust[p]
@@ -128,7 +128,7 @@ def normal_equations(
         c, h = y @ y.T + np.diag(precision), y @ r - precision * now
         b = np.zeros((size, len(y)))
         b[used] = part @ y.T
-        cb, ch = np.linalg.solve(c, b.T), np.linalg.solve(c, h)
+        cb, ch = np.linalg.solve(c, b.T).astype(np.float64), np.linalg.solve(c, h).astype(np.float64)
         matrix -= b @ cb
         gradient -= b @ ch
         left += float(precision @ now**2 - h @ ch)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from lfcal.fit.normal import Columns, Normal
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import shared_of, solve, with_prior
-from lfcal.progress import Work
 
 __all__ = ["Selection", "choose", "gain_of", "prune"]
 
@@ -52,17 +51,14 @@ def gain_of(selection: Selection, chosen: Sequence[str], name: str) -> tuple[flo
 
 
 def choose(
-    problem: Problem, point: Point, chosen: Sequence[str], candidates: Sequence[str], note: str
-) -> Work[tuple[str, ...]]:
+    problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], candidates: Sequence[str]
+) -> tuple[str, ...]:
     """Return ``chosen`` and those of ``candidates`` that help beside it, the most helpful first.
 
-    Each is tried by the linear fit about ``point``; yields progress in derivatives.
+    Each is tried by the linear fit about ``point``, with the derivatives ``columns`` by all of them.
     """
-    every = [*chosen, *(name for name in candidates if name not in chosen)]
-    which = problem.vector.of_groups(every)
-    columns = yield from problem.columns(point, which.tolist(), note, own=point.local.stage_px > 0)
     selection = Selection(problem, point, columns)
-    found, left = list(chosen), [name for name in every if name not in chosen]
+    found, left = list(chosen), [name for name in candidates if name not in chosen]
     while left:
         gains = {name: gain_of(selection, found, name) for name in left}
         best = max(left, key=lambda name: gains[name][0] / gains[name][1])
@@ -74,11 +70,9 @@ def choose(
 
 
 def prune(
-    problem: Problem, point: Point, chosen: Sequence[str], core: Sequence[str], note: str
-) -> Work[tuple[str, ...]]:
+    problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], core: Sequence[str]
+) -> tuple[str, ...]:
     """Return ``chosen`` without the groups that do not help beside the others; those of ``core`` stay."""
-    which = problem.vector.of_groups(chosen)
-    columns = yield from problem.columns(point, which.tolist(), note, own=point.local.stage_px > 0)
     found = list(chosen)
     while more := [name for name in found if name not in core]:
         # what a group gains about its own start: its unknowns go back to it

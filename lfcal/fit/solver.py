@@ -19,7 +19,10 @@ __all__ = ["descend", "solve", "stepped"]
 LONGEST = 5.0
 """Longest step of an unknown, in its scales."""
 
-TRIES = 6
+STEPS = 4
+"""Steps that are taken by the same derivatives."""
+
+TRIES = 5
 """Dampings that are tried before a step is given up."""
 
 F8 = NDArray[np.float64]
@@ -39,10 +42,11 @@ def solve(matrix: F8, gradient: F8) -> F8:
     return out
 
 
-def shared_of(problem: Problem, which: Sequence[int]) -> NDArray[np.intp]:
+def shared_of(problem: Problem, which: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the places in the normal equations of unknowns ``which`` and of all gains and backgrounds."""
     k = len(problem.vector)
-    return np.r_[np.asarray(which, np.intp), k : k + 2 * problem.measured.plan.shape[0]]
+    levels = np.arange(k, k + 2 * problem.measured.plan.shape[0])
+    return np.concatenate([np.asarray(which, np.intp), levels])
 
 
 def with_prior(problem: Problem, normal: Normal, u: F8) -> tuple[F8, F8]:
@@ -103,24 +107,33 @@ def moved(problem: Problem, point: Point, normal: Normal, used: NDArray[np.intp]
 
 
 def descend(
-    problem: Problem, point: Point, which: Sequence[int], note: str, *, most: int = 8, enough: float = 1e-3
-) -> Work[Point]:
-    """Go down until a step gains less than the share ``enough`` of the loss, at most ``most`` steps.
+    problem: Problem,
+    point: Point,
+    which: Sequence[int],
+    note: str,
+    *,
+    most: int = 8,
+    enough: float = 1e-3,
+    columns: Columns | None = None,
+) -> Work[tuple[Point, Columns]]:
+    """Go down until a step gains less than the share ``enough`` of the loss, at most ``most`` rounds of derivatives.
 
-    Only the unknowns ``which`` move. Yields progress in derivatives.
+    Only the unknowns ``which`` move. ``columns`` are derivatives that are known already, for the first round. Returns
+    the point and the last derivatives; yields progress in derivatives.
     """
-    damping = 1e-3
+    damping, known = 1e-3, columns
     for turn in range(most):
-        own = point.local.stage_px > 0
-        columns = yield from problem.columns(point, which, f"{note}, step {turn + 1}", own=own)
-        before = problem.cost(point)
-        found, damping, better = stepped(problem, point, columns, which, damping)
-        # derivatives stay good for a second, smaller step
-        if better > 0:
-            found, damping, more = stepped(problem, found, columns, which, damping)
-            better += more
-        # weights are those of the new point
-        point = found
+        if known is None or turn:
+            own = point.local.stage_px > 0
+            known = yield from problem.columns(point, which, f"{note}, round {turn + 1}", own=own)
+        before, better = problem.cost(point), 0.0
+        # derivatives stay good for some smaller steps
+        for _ in range(STEPS):
+            point, damping, gained = stepped(problem, point, known, which, damping)
+            better += gained
+            if gained < max(enough * before, 0.05 * better):
+                break
         if better < enough * before:
             break
-    return point
+    assert known is not None
+    return point, known

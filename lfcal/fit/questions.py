@@ -1,0 +1,201 @@
+"""Discrete questions, answered by name: order of lens types, mirrored axes, sign of depth, another camera."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lfcal.camera import Camera
+from lfcal.errors import InputError
+from lfcal.fit.measured import Measured
+from lfcal.fit.model import Fineness
+from lfcal.fit.normal import Local
+from lfcal.fit.parameters import Vector
+from lfcal.fit.problem import Point, Problem
+from lfcal.fit.solver import descend
+from lfcal.fit.spread import spread_out
+from lfcal.fit.weighing import flat
+from lfcal.progress import Work
+from lfcal.units import format_share
+
+__all__ = ["Started", "answered", "check_explained", "misfit"]
+
+PLAIN = 0.35
+"""Share of the light (relative L2) that a described camera may leave unexplained, before questions are asked."""
+
+UNEXPLAINED = 0.5
+"""Share of the light beside noise from which on the patterns are not of such a camera."""
+
+BETTER = 0.6
+"""How much less another answer must leave unexplained than the description."""
+
+FEW = 8
+"""Patterns that questions are answered from."""
+
+
+@dataclass(frozen=True, eq=False)
+class Started:
+    """Where a fit goes on from.
+
+    Attributes
+    ----------
+    problem, point
+        The problem with the questions answered, and the point reached.
+    answers
+        What was not as described.
+    """
+
+    problem: Problem
+    point: Point
+    answers: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One way in which a recording may differ from its description.
+
+    Attributes
+    ----------
+    question, name
+        What is asked, and the answer.
+    change
+        Returns the patterns, or the camera in their plan, as they are by this answer.
+    remedy
+        What to do about it where a fit cannot go on with it; empty where it can.
+    """
+
+    question: str
+    name: str
+    change: Callable[[Measured], Measured]
+    remedy: str = ""
+
+
+def misfit(problem: Problem, point: Point) -> float:
+    """Return what fitted patterns have beside model and noise, as a share of their rms (relative L2)."""
+    keep = problem.fitted
+    data, valid = flat(problem.measured.of(keep))
+    inverse = np.where(valid, point.seen.inverse[keep], 1.0)
+    off = np.where(valid, point.seen.residual[keep] / inverse, 0.0)
+    light = point.model[keep] * point.levels.factors(problem.planes)[keep, None]
+    constant, slope = (problem.measured.noise[keep, k, None] for k in (0, 1))
+    noise = np.where(valid, constant + slope * np.maximum(light, 0), 0.0)
+    back = point.levels.backgrounds[problem.planes[keep], None]
+    power = float(np.square(np.where(valid, data - back, 0.0), dtype=np.float64).sum())
+    beside = float(np.square(off, dtype=np.float64).sum() - noise.sum())
+    return float(np.sqrt(max(0.0, beside) / max(power, 1e-300)))
+
+
+def check_explained(problem: Problem, point: Point) -> None:
+    """Raise `InputError` where the patterns are not of such a camera."""
+    left = misfit(problem, point)
+    if left > UNEXPLAINED:
+        name = problem.measured.plan.camera.name
+        raise InputError.expected(
+            "measured patterns",
+            f"those of a camera like {name!r}",
+            f"{format_share(left)} of their light unexplained",
+            "check pitch, gap, pixels, depths and lens types of the description",
+        )
+
+
+def answered(problem: Problem, core: Sequence[str]) -> Work[Started]:
+    """Return the fit of the unknowns ``core`` with the questions answered.
+
+    Other answers are tried only where the description leaves much unexplained. One that can be put into the camera is
+    taken and named; others end in `InputError`, which says what to do.
+    """
+    best = yield from _tried(problem, core, "as described", most=4)
+    left = misfit(best.problem, best.point)
+    if left < PLAIN:
+        return best
+    few = _few(problem)
+    plain = yield from _tried(few, core, "as described", most=3)
+    limit = BETTER * min(left, misfit(plain.problem, plain.point))
+    winner: Answer | None = None
+    for answer in _answers(problem.measured):
+        try:
+            changed = few.with_measured(answer.change(few.measured))
+            changed = _about(changed, changed.measured.plan.camera)
+            trial = yield from _tried(changed, core, f"{answer.question}: {answer.name}", most=3)
+        except InputError:  # there is no such plane before the lens, or no such camera
+            continue
+        share = misfit(trial.problem, trial.point)
+        if share < limit:
+            limit, winner = share, answer
+    if winner is None:
+        return best
+    if winner.remedy:
+        raise InputError.expected(winner.question, "as described", winner.name, winner.remedy)
+    changed = problem.with_measured(winner.change(problem.measured))
+    found = yield from _tried(_about(changed, changed.measured.plan.camera), core, winner.name, most=5)
+    return replace(found, answers={winner.question: winner.name})
+
+
+def _tried(problem: Problem, core: Sequence[str], note: str, *, most: int) -> Work[Started]:
+    which = problem.vector.of_groups(core).tolist()
+    local = Local(np.zeros((len(problem.measured), 2)))
+    point = problem.point(np.zeros(len(problem.vector)), local, Fineness.coarse, doubtful=True)
+    point, _ = yield from descend(problem, point, which, note, most=most, enough=5e-3)
+    return Started(problem, point)
+
+
+def _few(problem: Problem) -> Problem:
+    """Return the problem of a few patterns."""
+    measured = problem.measured.of(problem.fitted)
+    keep = np.zeros(len(measured), np.bool_)
+    keep[spread_out(measured.index, min(FEW, len(measured)), measured.plan.period)] = True
+    return problem.with_measured(measured.of(keep))
+
+
+def _about(problem: Problem, camera: Camera) -> Problem:
+    """Return the problem about another camera."""
+    vector = problem.vector
+    names = [group.name for group in vector.groups]
+    found = Vector(replace(vector.setup, camera=camera), vector.frame, names)
+    return Problem(problem.measured, found, problem.workers)
+
+
+# -- what may be otherwise than described --------------------------------------------------------------------
+
+
+def _answers(measured: Measured) -> list[Answer]:
+    types = len(measured.plan.camera.lattice.types)
+    orders = [order for order in itertools.permutations(range(types)) if order != tuple(range(types))]
+    found = [
+        Answer("order of lens types", f"{', '.join(map(str, order))} of the description", _in_order(order))
+        for order in orders
+    ]
+    turn = "mirror the frames, or turn the stage's axis round in the plan, and assemble again"
+    for name, axes in (("mirrored rows", (1,)), ("mirrored columns", (2,)), ("turned by 180°", (1, 2))):
+        found.append(Answer("axes of the patterns", name, _mirrored(axes), turn))
+    found.append(Answer("sign of depth", "nearer where it says farther", _nearer, "turn the sign of the depths round"))
+    return found
+
+
+def _with_camera(measured: Measured, camera: Camera) -> Measured:
+    return replace(measured, plan=replace(measured.plan, camera=camera))
+
+
+def _in_order(order: tuple[int, ...]) -> Callable[[Measured], Measured]:
+    def change(measured: Measured) -> Measured:
+        camera = measured.plan.camera
+        types = tuple(camera.lattice.types[k] for k in order)
+        return _with_camera(measured, replace(camera, lattice=replace(camera.lattice, types=types)))
+
+    return change
+
+
+def _mirrored(axes: tuple[int, ...]) -> Callable[[Measured], Measured]:
+    def change(measured: Measured) -> Measured:
+        patterns = np.ascontiguousarray(np.flip(measured.patterns, axes))
+        return replace(measured, patterns=patterns, valid=np.ascontiguousarray(np.flip(measured.valid, axes)))
+
+    return change
+
+
+def _nearer(measured: Measured) -> Measured:
+    depths = tuple(-z for z in measured.plan.depths_um)
+    return replace(measured, plan=replace(measured.plan, depths_um=depths))
