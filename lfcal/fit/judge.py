@@ -19,6 +19,9 @@ __all__ = ["ChiSquare", "ModelError", "chi_square", "covariance", "left_out_erro
 INCOMPLETE = 5.0
 """Standard deviations by which chi² lies above 1 where the model does not suffice."""
 
+SHOWN = 3.0
+"""Standard deviations by which what left-out patterns scatter must lie above their noise to be a value."""
+
 F8 = NDArray[np.float64]
 
 
@@ -73,7 +76,7 @@ class ModelError:
     @property
     def known(self) -> bool:
         """Whether there is a value, and not a limit only."""
-        return self.squared > 2.0 * self.squared_sigma
+        return self.squared > SHOWN * self.squared_sigma
 
     @property
     def value(self) -> float:

@@ -70,10 +70,7 @@ class Measured:
             raise InputError.expected(
                 "patterns", "on the sensor's own pixels", "on resampled ones", "assemble them without resampling"
             )
-        inside = (self.index >= 0) & (self.index < np.array(self.plan.shape[:3]))
-        if not inside.all():
-            first = tuple(int(v) for v in self.index[~inside.all(1)][0])
-            raise InputError.expected("position (z, y, x)", f"within {self.plan.shape[:3]}", first, "correct it")
+        _check_inside(self.index, self.plan.shape[:3])
         if not np.isfinite(self.patterns[self.valid]).all():
             raise InputError.expected("patterns", "finite values", "NaN or infinity", "leave these pixels out")
         good = np.isfinite(self.noise).all() and (self.noise >= 0).all() and (self.noise.sum(1) > 0).all()
@@ -140,6 +137,7 @@ def measured_of(
         chosen = chosen[spread_out(chosen, most, plan.period)]
     if len(chosen) < MOST_FEW:
         raise InputError.expected("recorded patterns", f"{MOST_FEW} or more", len(chosen), "record more positions")
+    _check_inside(chosen, plan.shape[:3])
     rows, columns = _middle(matrix.cutout, cutout)
     plan = replace(plan, cutout=(rows.stop - rows.start, columns.stop - columns.start))
     patterns = np.stack([np.asarray(matrix[z, y, x], np.float32)[rows, columns] for z, y, x in chosen.tolist()])
@@ -148,6 +146,13 @@ def measured_of(
     aside = np.zeros(len(chosen), np.bool_)
     aside[kept] = True
     return Measured(plan, chosen, patterns, _noise(matrix, chosen, noise), np.zeros((len(chosen), 2)), valid, aside)
+
+
+def _check_inside(index: NDArray[np.intp], shape: tuple[int, int, int]) -> None:
+    inside = ((index >= 0) & (index < np.array(shape))).all(1)
+    if not inside.all():
+        first = tuple(int(v) for v in index[~inside][0])
+        raise InputError.expected("position (z, y, x)", f"within {shape}", first, "correct it")
 
 
 MOST_FEW = 3

@@ -21,10 +21,10 @@ from lfcal.fit.weighing import flat
 from lfcal.progress import Work
 from lfcal.units import format_share
 
-__all__ = ["Started", "answered", "check_explained", "misfit"]
+__all__ = ["PLAIN", "Started", "answered", "as_described", "check_explained", "misfit"]
 
-PLAIN = 0.35
-"""Share of the light (relative L2) that a described camera may leave unexplained, before questions are asked."""
+PLAIN = 0.12
+"""Share of the light (relative L2) that a described camera may leave unexplained before questions are asked."""
 
 UNEXPLAINED = 0.5
 """Share of the light beside noise from which on the patterns are not of such a camera."""
@@ -101,19 +101,19 @@ def check_explained(problem: Problem, point: Point) -> None:
         )
 
 
-def answered(problem: Problem, core: Sequence[str]) -> Work[Started]:
-    """Return the fit of the unknowns ``core`` with the questions answered.
+def as_described(problem: Problem, core: Sequence[str]) -> Work[Started]:
+    """Return the fit of the unknowns ``core`` about the description."""
+    return (yield from _tried(problem, core, "as described", most=4))
 
-    Other answers are tried only where the description leaves much unexplained. One that can be put into the camera is
-    taken and named; others end in `InputError`, which says what to do.
+
+def answered(problem: Problem, core: Sequence[str]) -> Work[Started]:
+    """Return the fit of the unknowns ``core`` with the questions answered, by a few patterns.
+
+    An answer that can be put into the camera is taken and named; others end in `InputError`, which says what to do.
     """
-    best = yield from _tried(problem, core, "as described", most=4)
-    left = misfit(best.problem, best.point)
-    if left < PLAIN:
-        return best
     few = _few(problem)
     plain = yield from _tried(few, core, "as described", most=3)
-    limit = BETTER * min(left, misfit(plain.problem, plain.point))
+    limit = BETTER * misfit(plain.problem, plain.point)
     winner: Answer | None = None
     for answer in _answers(problem.measured):
         try:
@@ -126,7 +126,7 @@ def answered(problem: Problem, core: Sequence[str]) -> Work[Started]:
         if share < limit:
             limit, winner = share, answer
     if winner is None:
-        return best
+        return plain
     if winner.remedy:
         raise InputError.expected(winner.question, "as described", winner.name, winner.remedy)
     changed = problem.with_measured(winner.change(problem.measured))
