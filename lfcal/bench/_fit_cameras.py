@@ -55,17 +55,17 @@ def described_plan(name: str = "bench", *, cutout: int | None = None) -> ScanPla
     return ScanPlan.for_camera(small, virtual_depths=DEPTHS[name], cutout=size)
 
 
-def random_truth(plan: ScanPlan, rng: np.random.Generator) -> Truth:
-    """Return a camera with errors of 1-3 % of gap and focal lengths, 0.3 waves of aberrations, iris and offset errors.
+def random_truth(plan: ScanPlan, rng: np.random.Generator, *, size: float = 0.3) -> Truth:
+    """Return a camera with errors of 1-3 % of gap and focal lengths, aberrations, iris and offset errors.
 
-    Aberrations are 0.3 waves at the pupil's rim in all; the array is turned by 0.1 degrees (rms) and displaced by a
-    third of a pixel, the iris turned by 0.1 rad and of another size by 5 % (rms).
+    Aberrations are ``size`` waves at the pupil's rim in all; the array is turned by 0.1 degrees (rms) and displaced by
+    a third of a pixel, the iris turned by 0.1 rad and of another size by 5 % (rms).
     """
     setup = Setup(plan.camera, described_effects(plan.camera), (0.0,) * len(plan.depths_um))
     vector = _vector(plan, setup)
     camera, pixel = plan.camera, plan.camera.sensor.pixel_um
     waves = rng.standard_normal(5)
-    waves *= 0.3 / math.sqrt(float((waves**2).sum()))
+    waves *= size / math.sqrt(float((waves**2).sum()))
     off = {
         "gap_um": camera.lattice.gap_um * _percent(rng),
         "rotation_rad": math.radians(0.1) * rng.standard_normal(),

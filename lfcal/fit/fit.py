@@ -19,7 +19,7 @@ from lfcal.fit.nuisance import Spread, own_steps, spread_of
 from lfcal.fit.outliers import outliers_of
 from lfcal.fit.parameters import GROUPS, Frame, Vector
 from lfcal.fit.problem import Point, Problem
-from lfcal.fit.questions import PLAIN, answered, as_described, check_explained, misfit
+from lfcal.fit.questions import PLAIN, STRANGE, as_described, asked, check_explained, misfit
 from lfcal.fit.result import Fit, Outlier
 from lfcal.fit.select import choose, prune
 from lfcal.fit.setup import Setup, described_effects
@@ -55,19 +55,17 @@ def iter_fit_camera(
     _check_stage(stage)
     problem = problem_of(measured, setup, (*core, *candidates), workers)
     core = tuple(group.name for group in problem.vector.groups if group.name in core)
-    start = yield from as_described(problem, core)
-    point, groups = yield from _approached(problem, start.point, core, candidates)
+    point = yield from as_described(problem, core)
+    if misfit(problem, point) > STRANGE:
+        yield from asked(problem, core)
+    point, groups = yield from _approached(problem, point, core, candidates)
     if misfit(problem, point) > PLAIN:
         # much is left that no unknown explains: something may be otherwise than it is described
-        start = yield from answered(problem, core)
-        if start.answers:
-            problem = start.problem
-            point, groups = yield from _approached(problem, start.point, core, candidates)
-    answers = start.answers
+        yield from asked(problem, core)
     check_explained(problem, point)
     finished = yield from _finished(problem, point, groups, core, candidates, stage)
     problem, point, groups, columns, found = finished
-    return summarised(problem, point, columns, groups=groups, tried=candidates, outliers=found, answers=answers)
+    return summarised(problem, point, columns, groups=groups, tried=candidates, outliers=found)
 
 
 def fit_camera(

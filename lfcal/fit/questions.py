@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,18 +13,21 @@ from lfcal.errors import InputError
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Local
-from lfcal.fit.parameters import Vector
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import descend
 from lfcal.fit.spread import spread_out
 from lfcal.fit.weighing import flat
 from lfcal.progress import Work
+from lfcal.simulate.engines.base import EnergyError
 from lfcal.units import format_share
 
-__all__ = ["PLAIN", "Started", "answered", "as_described", "check_explained", "misfit"]
+__all__ = ["PLAIN", "STRANGE", "as_described", "asked", "check_explained", "misfit", "order_of_types"]
 
 PLAIN = 0.12
 """Share of the light (relative L2) that a described camera may leave unexplained before questions are asked."""
+
+STRANGE = 0.8
+"""The same before any aberration is looked for: patterns of other axes or depths have nothing in common."""
 
 UNEXPLAINED = 0.5
 """Share of the light beside noise from which on the patterns are not of such a camera."""
@@ -36,23 +39,6 @@ FEW = 8
 """Patterns that questions are answered from."""
 
 
-@dataclass(frozen=True, eq=False)
-class Started:
-    """Where a fit goes on from.
-
-    Attributes
-    ----------
-    problem, point
-        The problem with the questions answered, and the point reached.
-    answers
-        What was not as described.
-    """
-
-    problem: Problem
-    point: Point
-    answers: Mapping[str, str] = field(default_factory=dict)
-
-
 @dataclass(frozen=True, slots=True)
 class Answer:
     """One way in which a recording may differ from its description.
@@ -62,15 +48,15 @@ class Answer:
     question, name
         What is asked, and the answer.
     change
-        Returns the patterns, or the camera in their plan, as they are by this answer.
+        Returns the patterns and their plan as they are by this answer.
     remedy
-        What to do about it where a fit cannot go on with it; empty where it can.
+        What to do about it.
     """
 
     question: str
     name: str
     change: Callable[[Measured], Measured]
-    remedy: str = ""
+    remedy: str
 
 
 def misfit(problem: Problem, point: Point) -> float:
@@ -101,45 +87,53 @@ def check_explained(problem: Problem, point: Point) -> None:
         )
 
 
-def as_described(problem: Problem, core: Sequence[str]) -> Work[Started]:
+def as_described(problem: Problem, core: Sequence[str]) -> Work[Point]:
     """Return the fit of the unknowns ``core`` about the description."""
     return (yield from _tried(problem, core, "as described", most=4))
 
 
-def answered(problem: Problem, core: Sequence[str]) -> Work[Started]:
-    """Return the fit of the unknowns ``core`` with the questions answered, by a few patterns.
+def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
+    """Ask whether something is otherwise than described, by fits of a few patterns; yields progress in derivatives.
 
-    An answer that can be put into the camera is taken and named; others end in `InputError`, which says what to do.
+    Raises
+    ------
+    InputError
+        With the answer and what to do, where one leaves much less unexplained than the description.
     """
     few = _few(problem)
     plain = yield from _tried(few, core, "as described", most=3)
-    limit = BETTER * misfit(plain.problem, plain.point)
+    limit = BETTER * misfit(few, plain)
     winner: Answer | None = None
-    for answer in _answers(problem.measured):
+    for answer in _answers():
         try:
             changed = few.with_measured(answer.change(few.measured))
-            changed = _about(changed, changed.measured.plan.camera)
             trial = yield from _tried(changed, core, f"{answer.question}: {answer.name}", most=3)
-        except InputError:  # there is no such plane before the lens, or no such camera
+        except (InputError, EnergyError):  # there is no such plane before the lens, or none that is computed
             continue
-        share = misfit(trial.problem, trial.point)
+        share = misfit(changed, trial)
         if share < limit:
             limit, winner = share, answer
-    if winner is None:
-        return plain
-    if winner.remedy:
+    if winner is not None:
         raise InputError.expected(winner.question, "as described", winner.name, winner.remedy)
-    changed = problem.with_measured(winner.change(problem.measured))
-    found = yield from _tried(_about(changed, changed.measured.plan.camera), core, winner.name, most=5)
-    return replace(found, answers={winner.question: winner.name})
 
 
-def _tried(problem: Problem, core: Sequence[str], note: str, *, most: int) -> Work[Started]:
+def order_of_types(described: Camera, found: Camera) -> str:
+    """Return in which order the description has the lens types that were found, or nothing where it is theirs.
+
+    Focal lengths are free: those of a wrong order are found all the same, and belong to other types.
+    """
+    was, now = (np.log([kind.focal_length_um for kind in c.lattice.types]) for c in (described, found))
+    far = {order: float(np.abs(now - was[list(order)]).sum()) for order in itertools.permutations(range(len(was)))}
+    best, own = min(far, key=lambda order: far[order]), far[tuple(range(len(was)))]
+    return ", ".join(map(str, best)) if far[best] < 0.5 * own else ""
+
+
+def _tried(problem: Problem, core: Sequence[str], note: str, *, most: int) -> Work[Point]:
     which = problem.vector.of_groups(core).tolist()
     local = Local(np.zeros((len(problem.measured), 2)))
     point = problem.point(np.zeros(len(problem.vector)), local, Fineness.coarse, doubtful=True)
     point, _ = yield from descend(problem, point, which, note, most=most, enough=5e-3)
-    return Started(problem, point)
+    return point
 
 
 def _few(problem: Problem) -> Problem:
@@ -150,42 +144,16 @@ def _few(problem: Problem) -> Problem:
     return problem.with_measured(measured.of(keep))
 
 
-def _about(problem: Problem, camera: Camera) -> Problem:
-    """Return the problem about another camera."""
-    vector = problem.vector
-    names = [group.name for group in vector.groups]
-    found = Vector(replace(vector.setup, camera=camera), vector.frame, names)
-    return Problem(problem.measured, found, problem.workers)
-
-
 # -- what may be otherwise than described --------------------------------------------------------------------
 
 
-def _answers(measured: Measured) -> list[Answer]:
-    types = len(measured.plan.camera.lattice.types)
-    orders = [order for order in itertools.permutations(range(types)) if order != tuple(range(types))]
-    found = [
-        Answer("order of lens types", f"{', '.join(map(str, order))} of the description", _in_order(order))
-        for order in orders
-    ]
+def _answers() -> list[Answer]:
+    found = []
     turn = "mirror the frames, or turn the stage's axis round in the plan, and assemble again"
     for name, axes in (("mirrored rows", (1,)), ("mirrored columns", (2,)), ("turned by 180°", (1, 2))):
         found.append(Answer("axes of the patterns", name, _mirrored(axes), turn))
     found.append(Answer("sign of depth", "nearer where it says farther", _nearer, "turn the sign of the depths round"))
     return found
-
-
-def _with_camera(measured: Measured, camera: Camera) -> Measured:
-    return replace(measured, plan=replace(measured.plan, camera=camera))
-
-
-def _in_order(order: tuple[int, ...]) -> Callable[[Measured], Measured]:
-    def change(measured: Measured) -> Measured:
-        camera = measured.plan.camera
-        types = tuple(camera.lattice.types[k] for k in order)
-        return _with_camera(measured, replace(camera, lattice=replace(camera.lattice, types=types)))
-
-    return change
 
 
 def _mirrored(axes: tuple[int, ...]) -> Callable[[Measured], Measured]:

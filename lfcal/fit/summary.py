@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from lfcal.fit.normal import Columns
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.parameters import Unknown
 from lfcal.fit.problem import Point, Problem
+from lfcal.fit.questions import order_of_types
 from lfcal.fit.result import Fit, Outlier, Parameter
 
 __all__ = ["summarised", "unidentified"]
@@ -51,7 +52,6 @@ def summarised(
     groups: Sequence[str],
     tried: Sequence[str],
     outliers: tuple[Outlier, ...],
-    answers: Mapping[str, str],
 ) -> Fit:
     """Return the fit at a point, with the last derivatives that were computed."""
     vector = problem.vector
@@ -77,8 +77,10 @@ def summarised(
     nt, ns = problem.measured.plan.cutout
     places = [(int(z), int(y), int(x)) for z, y, x in problem.measured.index]
     images = point.seen.residual.reshape(-1, nt, ns)
+    setup = vector.setup_at(point.u)
+    order = order_of_types(problem.measured.plan.camera, setup.camera)
     return Fit(
-        setup=vector.setup_at(point.u),
+        setup=setup,
         planned=problem.measured.plan,
         parameters=parameters,
         groups=tuple(groups),
@@ -89,7 +91,7 @@ def summarised(
         held=tuple(dict.fromkeys(one.gauge for one in unknowns if one.gauge)),
         unidentified=unidentified(unknowns, data),
         outliers=outliers,
-        answers=answers,
+        answers={"order of lens types": f"{order} of the description"} if order else {},
         spread=Spread(point.local.stage_px, point.local.lamp),
         levels=point.levels,
         residuals=dict(zip(places, images, strict=True)),
