@@ -144,9 +144,10 @@ def _approached(
         columns: Columns | None = None
         before = groups
         if candidates:
-            every = vector.of_groups([*core, *candidates]).tolist()
+            tried = [name for name in candidates if turn or not GROUPS.get(name).late]
+            every = vector.of_groups([*groups, *tried]).tolist()
             columns = yield from problem.columns(point, every, f"groups, round {turn + 1}", own=False)
-            groups = choose(problem, point, columns, groups, candidates)
+            groups = choose(problem, point, columns, groups, tried)
         if turn and groups == before:
             break
         which = vector.of_groups(groups).tolist()

@@ -121,6 +121,8 @@ class Group(ABC):
     """For people."""
     rank: int = 50
     """Order in lists."""
+    late: bool = False
+    """Whether it is tried only where others have been found: each pattern takes many runs of the engine."""
     core: bool = False
     """Whether ``unknowns="auto"`` starts with it; others are added where they lower the error of left-out patterns."""
 

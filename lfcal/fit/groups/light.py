@@ -19,6 +19,7 @@ class SourceSize(Group):
     name = "source"
     title = "diameter of the source"
     rank = 60
+    late = True
 
     def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
         """Return the diameter; a quarter of it adds to the spots' rms width."""
@@ -26,7 +27,9 @@ class SourceSize(Group):
         own, camera = setup.effect(FiniteSource), setup.camera
         start = 0.0 if own is None else float(own.magnitude("diameter_um", camera))
         step = camera.step_um(0.0)
-        return (Unknown("source_um", self.name, "µm", start, 2.0 * step, None, 0.0, 50.0 * step, squared=True),)
+        # an image of six pixels: larger ones take hundreds of source points
+        most = max(6.0 * step, 1.5 * start)
+        return (Unknown("source_um", self.name, "µm", start, 2.0 * step, None, 0.0, most, squared=True),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
         """Return the setup with such a source; without size it is a point."""
@@ -43,6 +46,7 @@ class Spectrum(Group):
     name = "bandwidth"
     title = "width of the spectrum"
     rank = 62
+    late = True
 
     def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
         """Return the width."""
