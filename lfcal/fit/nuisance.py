@@ -37,7 +37,7 @@ class Spread:
 def spread_of(problem: Problem, point: Point, columns: Columns) -> Spread:
     """Return the spread that the patterns show beyond their noise, by the moments of each one's own best values.
 
-    Displacements o with errors v have E[o² - v] = sigma², weighted by 1/v².
+    Displacements o with errors v have E[o² - v] = sigma².
     """
     free = replace(point, local=replace(point.local, stage_px=1e3, lamp=1e3))
     only = Columns(columns.shared[:0], columns.own)
@@ -75,13 +75,22 @@ def _plane_means(values: F8, errors: F8, planes: NDArray[np.intp]) -> F8:
 
 
 def _excess(values: F8, errors: F8) -> float:
-    """Return the root of the variance beyond the errors', 0 unless it is surely above none."""
+    """Return the root of the variance beyond the errors', 0 unless it is surely above none.
+
+    Weights are 1/(v + sigma²)², of the sigma of the round before: by 1/v² the best patterns alone would count.
+    """
     weight = 1.0 / errors**2
-    total = float(weight.sum())
-    found = float((weight * (values**2 - errors)).sum()) / total
     # of squares of noise alone: their variance is 2 v²
-    sigma = float(np.sqrt((weight**2 * 2 * errors**2).sum())) / total
-    return float(np.sqrt(found)) if found > SURE * sigma else 0.0
+    found, sigma = _moment(values, errors, weight), float(np.sqrt((weight**2 * 2 * errors**2).sum()) / weight.sum())
+    if found <= SURE * sigma:
+        return 0.0
+    for _ in range(20):
+        found = max(0.0, _moment(values, errors, 1.0 / (errors + found) ** 2))
+    return float(np.sqrt(found))
+
+
+def _moment(values: F8, errors: F8, weight: F8) -> float:
+    return float((weight * (values**2 - errors)).sum() / weight.sum())
 
 
 def own_steps(problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bool_]) -> Point:
