@@ -18,11 +18,14 @@ from lfcal.fit.spread import spread_out
 CORE = ("geometry", "focal_lengths", "iris")
 
 
-@cache
-def small_plan(cutout: int = 29, depths: tuple[float, ...] = (2.2, 2.7), name: str = "bench") -> ScanPlan:
+def small_camera(name: str = "bench") -> Camera:
     camera = preset(name)
-    small: Camera = replace(camera, sensor=replace(camera.sensor, shape=(120, 120)))
-    return ScanPlan.for_camera(small, virtual_depths=depths, cutout=cutout)
+    return replace(camera, sensor=replace(camera.sensor, shape=(120, 120)))
+
+
+@cache
+def small_plan(cutout: int = 29, depths: tuple[float, ...] = (2.2, 2.7)) -> ScanPlan:
+    return ScanPlan.for_camera(small_camera(), virtual_depths=depths, cutout=cutout)
 
 
 def setup_of(plan: ScanPlan) -> Setup:

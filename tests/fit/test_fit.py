@@ -10,7 +10,7 @@ import pytest
 
 from lfcal.bench._fit_cameras import Truth, described_plan, random_truth, recorded
 from lfcal.bench.fit import judged, measured_error
-from lfcal.camera import Camera
+from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
 from lfcal.fit import Fit, Measured, fit_camera, iter_fit_camera, measured_of
 from lfcal.fit.model import Fineness, predict
@@ -19,7 +19,7 @@ from lfcal.progress import Progress
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts
 from lfcal.simulate.effects import Crosstalk, LensletSpherical
-from tests.fit.common import CORE, small_plan
+from tests.fit.common import CORE, small_camera, small_plan, vector_of
 
 PLAN = small_plan()
 SMALL = small_plan(21)
@@ -187,3 +187,22 @@ def test_random_cameras(seed: int) -> None:
     found = judged(fit, truth, 40)
     assert found["error_l1"] < 0.005 and set(fit.groups) == set(KNOWN)
     assert 0.5 < found["pull_rms"] < 1.6
+
+
+@long
+def test_a_microscope_is_found() -> None:
+    """Of an objective only terms of rotational symmetry are unknowns."""
+    plan = ScanPlan.for_camera(small_camera("lfm_20x05"), depths_um=(5.0, 12.0), cutout=45)
+    vector, rng = (
+        vector_of(plan, ("geometry", "focal_lengths", "iris", "wavefront", "trefoil")),
+        np.random.default_rng(0),
+    )
+    off = {"gap_um": 0.5, "offset_x_um": 1.0, "numerical_aperture": -0.5, "zernike_4_0": 1.5, "focal_0_um": 2.0}
+    names = [one.name for one in vector.unknowns]
+    assert "zernike_4_0" in names and "zernike_2_2" not in names and "zernike_3_3" not in names
+    u = np.array([off.get(name, 0.0) for name in names])
+    truth = Truth(plan, vector.setup_at(u), vector.values(u))
+    fit = fit_camera(recorded(truth, 20, rng), unknowns=("geometry", "focal_lengths", "iris", "wavefront"))
+    found = judged(fit, truth, 8)
+    assert found["described_l1"] > 0.05 and found["error_l1"] < 0.003
+    assert max(map(abs, found["pulls"].values())) < 4

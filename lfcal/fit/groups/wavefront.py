@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from lfcal.camera import MainLens
 from lfcal.fit.parameters import Frame, Group, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import Zernike
@@ -38,7 +39,7 @@ class Terms(Group):
         known = {} if own is None else {(n, m): waves for n, m, waves in own.terms}
         return tuple(
             Unknown(_name(n, m), self.name, "waves", known.get((n, m), 0.0), 0.1, None, -10.0, 10.0, gauge=HELD)
-            for n, m in self.terms
+            for n, m in self._terms_of(setup)
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
@@ -46,8 +47,13 @@ class Terms(Group):
         del frame
         own = setup.effect(Zernike)
         known = {} if own is None else {(n, m): waves for n, m, waves in own.terms}
-        known |= {(n, m): values[_name(n, m)] for n, m in self.terms}
+        known |= {(n, m): values[_name(n, m)] for n, m in self._terms_of(setup)}
         return setup.with_effect(Zernike(tuple((n, m, waves) for (n, m), waves in known.items())))
+
+    def _terms_of(self, setup: Setup) -> tuple[tuple[int, int], ...]:
+        """Return the terms that the camera's simulation has: of an objective those of rotational symmetry."""
+        lens = isinstance(setup.camera.optics, MainLens)
+        return tuple((n, m) for n, m in self.terms if lens or m == 0)
 
 
 GROUPS = (
