@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from lfcal.bench._fit_cameras import Truth
     from lfcal.fit import Fit
 
-__all__ = ["measured_error", "register"]
+__all__ = ["judged", "measured_error", "register"]
 
 
 def register(bench: typer.Typer) -> None:

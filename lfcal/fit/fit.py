@@ -19,7 +19,7 @@ from lfcal.fit.nuisance import Spread, own_steps, spread_of
 from lfcal.fit.outliers import outliers_of
 from lfcal.fit.parameters import GROUPS, Frame, Vector
 from lfcal.fit.problem import Point, Problem
-from lfcal.fit.questions import PLAIN, STRANGE, as_described, asked, check_explained, misfit
+from lfcal.fit.questions import PLAIN, STRANGE, as_described, asked, check_explained, check_light, misfit
 from lfcal.fit.result import Fit, Outlier
 from lfcal.fit.select import choose, prune
 from lfcal.fit.setup import Setup, described_effects
@@ -46,6 +46,7 @@ def iter_fit_camera(
     measured = source if isinstance(source, Measured) else measured_of(source, camera, **reading)
     if isinstance(source, Measured) and camera is not None:
         measured = replace(measured, plan=replace(measured.plan, camera=camera))
+    check_light(measured)
     core, candidates = _groups(unknowns)
     setup = Setup(
         measured.plan.camera,

@@ -22,9 +22,6 @@ INCOMPLETE = 5.0
 SHOWN = 3.0
 """Standard deviations by which what left-out patterns scatter must lie above their noise to be a value."""
 
-WILD = 25.0
-"""Standard deviations from which on a pixel among others is no measurement."""
-
 F8 = NDArray[np.float64]
 
 
@@ -106,7 +103,7 @@ class ModelError:
 def chi_square(point: Point, keep: NDArray[np.bool_], unknowns: int) -> ChiSquare:
     """Return chi² of the patterns ``keep``, of which ``unknowns`` were found."""
     seen = point.seen.of(keep)
-    good = seen.inverse > 0
+    good = (seen.inverse > 0) & ~seen.wild
     size = np.abs(seen.residual[good], dtype=np.float64)
     # as the loss has it: single wild pixels are no model error
     loss = np.where(size <= 4.0, size * size, 4.0 * (2 * size - 4.0))
@@ -152,9 +149,7 @@ def left_out_error(problem: Problem, point: Point, columns: Columns, which: NDAr
     light = point.model[aside] * point.levels.factors(problem.planes)[aside, None]
     back = point.levels.backgrounds[planes, None]
     noise = variance(part, light.astype(np.float32), doubtful=False, error=0.0).astype(np.float64)
-    # wild pixels are faults of the pattern; where all are far off it is the model
-    size = np.abs(point.seen.residual[aside])
-    good = valid & (size < np.maximum(WILD, 6 * np.sqrt(np.square(size).mean(1, keepdims=True))))
+    good = valid & ~point.seen.wild[aside]
     square = np.where(good, np.square(data - light - back, dtype=np.float64) - noise, 0.0)
     power = float(np.square(np.where(good, light, 0.0), dtype=np.float64).sum())
     scatter = math.sqrt(2.0 * float(np.where(good, noise**2, 0.0).sum())) / power

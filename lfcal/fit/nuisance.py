@@ -14,6 +14,9 @@ __all__ = ["Spread", "own_steps", "spread_of"]
 
 F8 = NDArray[np.float64]
 
+UNKNOWN = 1e9
+"""Variance of what a pattern does not show."""
+
 SURE = 4.0
 """Standard errors by which a variance must lie above 0 to be taken for more than noise."""
 
@@ -62,7 +65,9 @@ def _errors(problem: Problem, point: Point, columns: Columns) -> F8:
         rows = [*(columns.own[:, p] * (factors[p] * weight)), point.model[p] * (gain * weight)]
         y = np.stack(rows).astype(np.float64)
         found.append(np.diag(np.linalg.pinv(y @ y.T)))
-    return np.array(found)
+    # what does not show at all is not known at all
+    errors = np.array(found)
+    return np.where(errors > 0, errors, UNKNOWN)
 
 
 def _plane_means(values: F8, errors: F8, planes: NDArray[np.intp]) -> F8:

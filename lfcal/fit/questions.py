@@ -21,7 +21,7 @@ from lfcal.progress import Work
 from lfcal.simulate.engines.base import EnergyError
 from lfcal.units import format_share
 
-__all__ = ["PLAIN", "STRANGE", "as_described", "asked", "check_explained", "misfit", "order_of_types"]
+__all__ = ["PLAIN", "STRANGE", "as_described", "asked", "check_explained", "check_light", "misfit", "order_of_types"]
 
 PLAIN = 0.12
 """Share of the light (relative L2) that a described camera may leave unexplained before questions are asked."""
@@ -31,6 +31,9 @@ STRANGE = 0.8
 
 UNEXPLAINED = 0.5
 """Share of the light beside noise from which on the patterns are not of such a camera."""
+
+LIGHT = 10.0
+"""Standard deviations of the noise's own squares by which patterns with light lie above it."""
 
 BETTER = 0.6
 """How much less another answer must leave unexplained than the description."""
@@ -72,6 +75,20 @@ def misfit(problem: Problem, point: Point) -> float:
     power = float(np.square(np.where(valid, data - back, 0.0), dtype=np.float64).sum())
     beside = float(np.square(off, dtype=np.float64).sum() - noise.sum())
     return float(np.sqrt(max(0.0, beside) / max(power, 1e-300)))
+
+
+def check_light(measured: Measured) -> None:
+    """Raise `InputError` where the patterns show no light beyond their noise."""
+    keep = measured.of(~measured.left_out)
+    data, valid = flat(keep)
+    # of a constant background nothing is told
+    middle = np.array([np.median(one[good]) if good.any() else 0.0 for one, good in zip(data, valid, strict=True)])
+    off = np.where(valid, data - middle[:, None], 0.0)
+    noise = keep.noise[:, :1] + keep.noise[:, 1:] * np.maximum(np.where(valid, data, 0.0), 0)
+    beyond = float(np.where(valid, np.square(off, dtype=np.float64) - noise, 0.0).sum())
+    if beyond <= LIGHT * float(np.sqrt(2 * np.square(noise).sum())):
+        remedy = "check the files and the background that was taken off"
+        raise InputError.expected("light of the patterns", "more than their noise", "none", remedy)
 
 
 def check_explained(problem: Problem, point: Point) -> None:

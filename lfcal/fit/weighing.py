@@ -14,6 +14,9 @@ __all__ = ["BEND", "Levels", "Weighed", "levels_of", "weighed"]
 BEND = 4.0
 """Residual (sigmas) from which on it counts linearly, after Huber: noise alone hardly ever reaches it."""
 
+WILD = 25.0
+"""Residual (sigmas) from which on a pixel among others is no measurement."""
+
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
@@ -67,6 +70,13 @@ class Weighed:
         size = np.abs(self.residual, dtype=np.float64)
         loss = np.where(size <= BEND, size * size, BEND * (2 * size - BEND))
         found: F8 = loss.sum(1)
+        return found
+
+    @property
+    def wild(self) -> NDArray[np.bool_]:
+        """Which pixels are no measurement: far off where the others of the pattern are not."""
+        size = np.abs(self.residual)
+        found: NDArray[np.bool_] = size > np.maximum(WILD, 6 * np.sqrt(np.square(size).mean(1, keepdims=True)))
         return found
 
     def of(self, keep: NDArray[np.bool_]) -> Weighed:

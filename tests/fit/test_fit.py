@@ -108,6 +108,14 @@ def test_unknowns_that_are_none(unknowns: object, what: str) -> None:
         fit_camera(patterns()[1], unknowns=CORE, stage=-1.0)
 
 
+@pytest.mark.parametrize("noise", [0.0, 8.0])
+def test_patterns_without_light_are_refused(noise: float) -> None:
+    measured = patterns()[1]
+    dark = noise * np.random.default_rng(0).standard_normal(measured.patterns.shape) + 3.0
+    with pytest.raises(InputError, match="light of the patterns: expected more than their noise, got none"):
+        fit_camera(replace(measured, patterns=dark.astype(np.float32)))
+
+
 def described(camera: Camera) -> Measured:
     return replace(patterns()[1], plan=replace(PLAN, camera=camera))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -81,6 +82,16 @@ def test_chi_square_lies_about_one_and_shows_a_wrong_model() -> None:
     assert not wrong.complete and wrong.excess > 20
     # dark pixels dilute it
     assert wrong.lit - 1 > 1.5 * (wrong.all_pixels - 1)
+
+
+def test_a_hot_pixel_is_no_fault_of_the_model() -> None:
+    one = problem()
+    hot = one.measured.patterns.copy()
+    hot[:, 5, 7] += 5000
+    spoilt = one.with_measured(replace(one.measured, patterns=hot))
+    at = point(spoilt)
+    assert at.seen.wild.sum() == COUNT and chi_square(at, spoilt.fitted, 4).complete
+    assert stated(spoilt, at).squared == pytest.approx(stated(one, point(one)).squared, abs=3e-4)
 
 
 def derivatives(one: Problem, at: Point) -> Columns:
