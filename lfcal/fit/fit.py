@@ -148,7 +148,7 @@ def _approached(
             tried = [name for name in candidates if turn or not GROUPS.get(name).late]
             every = vector.of_groups([*groups, *tried]).tolist()
             columns = yield from problem.columns(point, every, f"groups, round {turn + 1}", own=False)
-            groups = choose(problem, point, columns, groups, tried)
+            groups = choose(problem, point, columns, groups, tried, least=0.0 if turn else FAR)
         if turn and groups == before:
             break
         which = vector.of_groups(groups).tolist()
@@ -161,6 +161,9 @@ def _approached(
 
 ROUNDS = 4
 """How often groups are looked for."""
+
+FAR = 0.1
+"""Share of the left-out patterns' misfit that a group must take away in the first of them."""
 
 Finished = tuple[Problem, Point, tuple[str, ...], Columns, tuple[Outlier, ...]]
 

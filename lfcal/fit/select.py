@@ -51,18 +51,25 @@ def gain_of(selection: Selection, chosen: Sequence[str], name: str) -> tuple[flo
 
 
 def choose(
-    problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], candidates: Sequence[str]
+    problem: Problem,
+    point: Point,
+    columns: Columns,
+    chosen: Sequence[str],
+    candidates: Sequence[str],
+    *,
+    least: float = 0.0,
 ) -> tuple[str, ...]:
     """Return ``chosen`` and those of ``candidates`` that help beside it, the most helpful first.
 
-    Each is tried by the linear fit about ``point``, with the derivatives ``columns`` by all of them.
+    Each is tried by the linear fit about ``point``, with the derivatives ``columns`` by all of them. It must take away
+    the share ``least`` of what is left: far from the best point all help a little.
     """
     selection = Selection(problem, point, columns)
     found, left = list(chosen), [name for name in candidates if name not in chosen]
     while left:
         gains = {name: gain_of(selection, found, name) for name in left}
         best = max(left, key=lambda name: gains[name][0] / gains[name][1])
-        if gains[best][0] <= gains[best][1]:
+        if gains[best][0] <= max(gains[best][1], least * selection.left(found)):
             break
         found.append(best)
         left.remove(best)
