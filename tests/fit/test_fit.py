@@ -129,15 +129,16 @@ def described(camera: Camera) -> Measured:
     ],
 )
 def test_what_is_not_as_described_is_refused_by_name(case: str, what: str) -> None:
-    measured, lattice = patterns()[1], PLAN.camera.lattice
+    measured, lattice = small()[1], SMALL.camera.lattice
     if case == "rows":
         wrong = replace(measured, patterns=np.ascontiguousarray(measured.patterns[:, ::-1]))
     elif case == "depth":
-        wrong = replace(measured, plan=replace(PLAN, depths_um=tuple(-z for z in PLAN.depths_um)))
+        wrong = replace(measured, plan=replace(SMALL, depths_um=tuple(-z for z in SMALL.depths_um)))
     else:
-        wrong = described(replace(PLAN.camera, lattice=replace(lattice, pitch_um=2 * lattice.pitch_um, clear_um=None)))
+        twice = replace(lattice, pitch_um=2 * lattice.pitch_um, clear_um=None)
+        wrong = replace(measured, plan=replace(SMALL, camera=replace(SMALL.camera, lattice=twice)))
     with pytest.raises(InputError, match=what):
-        fit_camera(wrong.of(np.arange(12) % 2 == 0), unknowns=CORE, workers=1)
+        fit_camera(wrong.of(np.arange(40) % 7 == 0), unknowns=CORE, workers=1)
 
 
 def test_the_order_of_lens_types_is_named() -> None:
