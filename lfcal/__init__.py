@@ -6,6 +6,7 @@
 - ``frames``: where frames come from and how they are cleaned
 - ``psf``: the matrix H: cutout, assembly, storage, transpose, judgement, export
 - ``simulate``: the simulated camera
+- ``fit``: the optics retrieved from measured patterns
 - ``reconstruct``: projector pair and solvers
 - ``multiplex``: plenoptic multiplexing
 - ``accuracy``: curves of error against seconds, bytes or frames, everywhere accuracy is paid for

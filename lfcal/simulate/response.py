@@ -256,7 +256,13 @@ def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:
     scale = scene.wavelength_um / wavelength_um
     # The glass keeps its path length in µm; in waves of another light it is another number.
     terms = tuple((n, m, waves * scale) for n, m, waves in scene.wavefront)
-    found = replace(scene, wavelength_um=wavelength_um, wavefront=terms, lenslet_waves=scene.lenslet_waves * scale)
+    found = replace(
+        scene,
+        wavelength_um=wavelength_um,
+        wavefront=terms,
+        lenslet_waves=scene.lenslet_waves * scale,
+        type_waves=tuple(waves * scale for waves in scene.type_waves),
+    )
     if scene.colour_rate:
         found = found.refocused(scene.colour_rate * (wavelength_um - scene.wavelength_um))
     if scene.dispersion_um2:

@@ -90,6 +90,8 @@ class Scene:
         Lenslets that pass less light, by their place in ``lattice`` (rows r, columns q).
     lenslet_waves
         Spherical aberration W040 of the lenslets (waves), at the rim of the clear diameter.
+    type_waves
+        What each lens type has beyond that (waves); empty: nothing.
     glass
         Thickness (µm) and index of a plate between lenslets and sensor: its aberration at exact angles. The gap is
         that in air to which lenslets and plate come, B - t (1 - 1/n).
@@ -126,6 +128,7 @@ class Scene:
     tilt: tuple[float, float] = (0.0, 0.0)
     defects: Defects = ()
     lenslet_waves: float = 0.0
+    type_waves: tuple[float, ...] = ()
     glass: tuple[float, float] = (0.0, 1.0)
     accept: tuple[float, float, float] = (0.0, 0.0, 0.0)
     colour_rate: float = 0.0
@@ -147,6 +150,9 @@ class Scene:
         for n in self.period:
             check_number("period (positions)", n, at_least=1, integer=True)
         self._check_pupil()
+        if self.type_waves and len(self.type_waves) != len(self.lattice.types):
+            wanted, got = f"{len(self.lattice.types)}, one a lens type", len(self.type_waves)
+            raise InputError.expected("spherical aberrations of lenslets", wanted, got, "give one for each type")
         check_wavefront(self.wavefront)
         object.__setattr__(self, "wavefront", tuple((int(n), int(m), float(w)) for n, m, w in self.wavefront))
         if self.offsets_um is not None:
@@ -236,10 +242,15 @@ class Scene:
             return 1.0
         return math.pi * self.clear_radius_um**2 / (self.lattice.pitch_um * self.lattice.row_step_um)
 
+    def quartic(self, kind: int) -> float:
+        """Return the phase of a type's spherical aberration per fourth power of the distance (rad/µm^4)."""
+        waves = self.lenslet_waves + (self.type_waves[kind] if self.type_waves else 0.0)
+        return 2 * math.pi * waves / self.clear_radius_um**4
+
     @property
     def lenslet_quartic(self) -> float:
-        """Phase of the lenslets' spherical aberration per fourth power of the distance from their middle (rad/µm^4)."""
-        return 2 * math.pi * self.lenslet_waves / self.clear_radius_um**4
+        """The largest of the types' `quartic` by size: how far the lenslets' aberration turns light at most."""
+        return max((self.quartic(kind) for kind in range(len(self.lattice.types))), key=abs)
 
     def lens_curvature(self, kind: int) -> float:
         """Return B'/f of lenslets of type ``kind``."""

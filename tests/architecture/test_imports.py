@@ -49,6 +49,7 @@ ALLOWED: dict[str, set[str]] = {
     "frames": COMMON | {"camera", "lattice"},
     "psf": COMMON | {"camera", "frames"},
     "simulate": COMMON | {"camera", "frames", "psf"},
+    "fit": COMMON | {"camera", "psf", "simulate"},
     "devices": COMMON | {"camera", "frames"},
     "acquire": COMMON | {"devices", "camera", "frames", "psf"},
     "reconstruct": COMMON | {"psf"},

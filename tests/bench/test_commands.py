@@ -204,6 +204,19 @@ def test_effects(bench: Bench, scene: int, kind: str, names: set[str]) -> None:
     assert {name for name, *_ in judged["pairs"]} >= names
 
 
+def test_fit_of_another_camera(bench: Bench) -> None:
+    assert "camera: expected bench or r29, got 'lfm_20x05'" in bench("fit", "lfm_20x05", code=2)
+
+
+@pytest.mark.long
+def test_fit(bench: Bench) -> None:
+    options = ("--cameras", 1, "--patterns", 12, "--cutout", 21, "--positions", 4, "--workers", 1)
+    (found,) = bench.json("fit", "bench", *options, "--seed", 3)
+    assert found["seed"] == 3 and found["error_l1"] < 0.02 < found["described_l1"] and len(found["pulls"]) > 8
+    said = bench("fit", *options, "--seed", 3, "--stage", 0.05)
+    assert "camera 3: H" in said and "of 1" in said
+
+
 def test_forecast(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfcal.bench.forecast.CUTOUTS", (21,))
     monkeypatch.setattr("lfcal.bench.forecast.DEPTHS_UM", (0.0, 5.0))

@@ -197,7 +197,11 @@ def brute_force(scene, source_yx, pixel_yx, fine=None):
         to_pupil, to_pixel = (np.square(c[0] - o[0] + x) + np.square(c[1] - o[1] + y)[:, None] for o in (0 * c, middle))
         bend = (np.square(x) + np.square(y)[:, None]) / scene.lattice.types[kind].focal_length_um
         phase = to_pupil / scene.pupil_um + to_pixel / gap - bend
-        fields[..., k] = on_rows * wx * wy[:, None] * np.exp(1j * np.pi / lam * phase)
+        # W040 (r/R)^4 of a lenslet whose rim is at R
+        waves = scene.lenslet_waves + (scene.type_waves[kind] if scene.type_waves else 0.0)
+        rim = (scene.lattice.clear_um or scene.lattice.pitch_um) / 2
+        aberration = 2 * waves * ((np.square(x) + np.square(y)[:, None]) / rim**2) ** 2
+        fields[..., k] = on_rows * wx * wy[:, None] * np.exp(1j * np.pi * (phase / lam + aberration))
     turn = -2j * np.pi / (lam * gap)
     shift_x, shift_y = (
         np.exp(turn * np.outer(s, c)) for s, c in zip((across, down), (centres - middle).T, strict=True)

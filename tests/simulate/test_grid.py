@@ -12,7 +12,9 @@ from lfcal.simulate.engines.base import Displaceable, EnergyError, PlaneEngine, 
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.grid import GridPlane
 from lfcal.simulate.engines.reference import ReferencePlane
+from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Iris, Scene
+from tests.simulate.common import BASE, small_plan
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, relative_error
 
 FINE = Sampling(samples_per_px=8, margin_px=40)
@@ -113,6 +115,15 @@ def test_light_is_kept() -> None:
     assert float(found.sum()) == pytest.approx(book.energy_out, rel=1e-5)
     with pytest.raises(EnergyError, match="energy on the sensor"):
         engine._certify(1.0, 1.01)
+
+
+@pytest.mark.parametrize(("samples", "error"), [(4, 0.015), (6, 0.005)])
+def test_few_samples_are_not_taken_for_light_too_much(samples: int, error: float) -> None:
+    plan = small_plan(3.0, cutout=55)
+    found, finer = (
+        PlaneResponse(plan, 0, BASE, level="grid", sampling=Sampling(n)).rows([1, 9], [2, 9, 23]) for n in (samples, 10)
+    )
+    assert relative_error(found, finer) < error
 
 
 def test_single_and_double_precision_agree() -> None:

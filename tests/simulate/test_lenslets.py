@@ -180,6 +180,51 @@ def test_aberrated_lenslets_keep_their_glass_in_other_light() -> None:
     assert not isinstance(debye_plane(microscope_scene(lenslet_waves=0.5)), DebyePlane)
 
 
+@pytest.mark.parametrize("level", ["wave", "grid"])
+def test_each_lens_type_has_its_own_aberration(level: str) -> None:
+    """Of one lens type alone: its light is that of an array in which all lenslets are aberrated as it is."""
+    scene = camera_scene(3.0, cutout=(41, 41))
+    own = (0.4, -0.3, 0.0)
+    sampling = Sampling(None, 4, 14, coherent=True) if level == "wave" else Sampling(6.0)
+    centres, kinds = scene.lattice.lenslets_within(600.0, 600.0, (0.0, 0.0))
+    index = np.rint(scene.lattice.lenslet_at(centres)).astype(int)
+    for kind in range(3):
+        dark = tuple((int(r), int(q), 0.0) for (q, r), k in zip(index, kinds, strict=True) if k != kind)
+        typed = replace(scene, defects=dark, lenslet_waves=0.1, type_waves=own)
+        alike = replace(scene, defects=dark, lenslet_waves=0.1 + own[kind])
+        found, wanted, plain = (
+            engine_for(one, level, sampling).rows([3], [20])[0, 0]
+            for one in (typed, alike, replace(scene, defects=dark))
+        )
+        assert relative_error(found, wanted) < 2e-3
+        assert relative_error(plain, wanted) > 0.02
+
+
+@pytest.mark.long
+def test_aberrations_of_lens_types_are_those_of_the_reference() -> None:
+    scene = camera_scene(3.0, cutout=(41, 41), type_waves=(0.4, -0.3, 0.0))
+    grid = engine_for(scene, "grid", Sampling(8.0)).rows([3], [20])[0, 0]
+    reference = engine_for(scene, "reference", Sampling(8.0)).rows([3], [20])[0, 0]
+    assert relative_error(grid, reference) < 0.01
+
+
+def test_aberrations_of_lens_types_are_one_a_type() -> None:
+    plan, camera = small_plan(cutout=31), small_camera()
+    alike = replace(camera, lattice=replace(camera.lattice, types=camera.lattice.types[:1]))
+    one = small_plan(camera=alike, cutout=31)
+    with pytest.raises(InputError, match="lens type: expected below 1, got 2"):
+        PlaneResponse(one, 0, (*BASE, LensletSpherical(0.0, type_2=0.1)))
+    with pytest.raises(InputError, match="expected 3, one a lens type"):
+        camera_scene(type_waves=(0.1,))
+    with pytest.raises(InputError, match="type_1"):
+        LensletSpherical(type_1=math.inf)
+    response = PlaneResponse(plan, 0, (*BASE, LensletSpherical(0.25), LensletSpherical(0.0, 0.1, 0.0, -0.1)))
+    assert response.scene.lenslet_waves == 0.25 and response.scene.type_waves == (0.1, 0.0, -0.1)
+    assert at_wavelength(response.scene, response.scene.wavelength_um / 2).type_waves == pytest.approx((0.2, 0, -0.2))
+    (found,) = parse_effects(["lenslet_spherical=0.1,type_1:0.2"])[1]
+    assert found == LensletSpherical(0.1, type_1=0.2)
+
+
 def test_rays_do_not_show_aberrated_lenslets_and_waves_are_called_for() -> None:
     plan = small_plan(cutout=31)
     found = plan_effects(

@@ -11,12 +11,15 @@ import numpy as np
 
 from lfcal.camera.lens_centre import nearest_lens
 from lfcal.checks import check_number, check_tuple
+from lfcal.errors import InputError
 from lfcal.simulate.effects.base import Effect, Estimate, SceneEffect
 from lfcal.simulate.effects.field import overlap
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Defects, Scene
 
 __all__ = ["LensletSpherical", "MissingLenslets"]
+
+OF_TYPES = ("type_0", "type_1", "type_2")
 
 PLACES = 7
 """Source positions per axis over which the light behind a lenslet is averaged."""
@@ -93,30 +96,51 @@ class LensletSpherical(SceneEffect):
     waves
         W040 at the rim of the clear diameter (waves of the design wavelength); positive: the rim focuses farther.
         Square lenslets that touch have four times as much in their corners.
+    type_0, type_1, type_2
+        What each lens type has beyond that (waves).
     """
 
     waves: float = 0.25
+    type_0: float = 0.0
+    type_1: float = 0.0
+    type_2: float = 0.0
 
     name: ClassVar[str] = "lenslet_spherical"
-    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"waves": (-10.0, 10.0)}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = dict.fromkeys(("waves", *OF_TYPES), (-10.0, 10.0))
     title: ClassVar[str] = "lenslets' spherical aberration"
     rank: ClassVar[int] = 25
     deviation: ClassVar[bool] = True
     needs_waves: ClassVar[bool] = True
-    units: ClassVar[Mapping[str, str]] = {"waves": "waves"}
+    units: ClassVar[Mapping[str, str]] = dict.fromkeys(("waves", *OF_TYPES), "waves")
+    titles: ClassVar[Mapping[str, str]] = {name: f"more in lens type {k}" for k, name in enumerate(OF_TYPES)}
+
+    def of_types(self, types: int) -> tuple[float, ...]:
+        """Return what each of a camera's ``types`` lens types has beyond `waves`; raise for a type it lacks."""
+        own = self.type_0, self.type_1, self.type_2
+        if any(own[types:]):
+            missing = next(k for k in range(types, len(own)) if own[k])
+            raise InputError.expected(f"{self.title}: lens type", f"below {types}", missing, "leave it out")
+        return own[:types]
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return W, and the light moved by 0.4 of the rim's 4 W lambda B/R, in all directions: 0.6 of a shift."""
         radius = 0.5 * outlook.clear_um
-        shift = 4 * abs(self.waves) * outlook.wavelength_um * outlook.gap_um / (radius * outlook.pixel_um)
+        # light is moved in proportion to the size: types count alike
+        sizes = [abs(self.waves + more) for more in self.of_types(len(outlook.camera.lattice.types))]
+        size = sum(sizes) / len(sizes)
+        shift = 4 * size * outlook.wavelength_um * outlook.gap_um / (radius * outlook.pixel_um)
         error = 0.6 * outlook.moved(0.4 * shift)
-        return Estimate(abs(self.waves), "waves", error, "0.6 of a shift 0.4 * 4 W lambda B/R")
+        return Estimate(size, "waves", error, "0.6 of a shift 0.4 * 4 W lambda B/R")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with aberrated lenslets."""
         del outlook
+        own = self.of_types(len(scene.lattice.types))
+        more = tuple(a + b for a, b in zip(scene.type_waves or (0.0,) * len(own), own, strict=True))
         waves = scene.lenslet_waves + self.waves
-        return replace(scene, lenslet_waves=waves) if self.waves else scene
+        if not (self.waves or any(more)):
+            return scene
+        return replace(scene, lenslet_waves=waves, type_waves=more if any(more) else ())
 
 
 EFFECTS = (LensletSpherical, MissingLenslets)

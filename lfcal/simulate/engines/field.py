@@ -25,7 +25,7 @@ from lfcal.simulate.engines.extent import SWITCH, SWITCH_EXACT
 from lfcal.simulate.engines.masks import taper
 from lfcal.simulate.engines.polygon import Points, area, clip, disc_transform, iris_outline, spectrum
 from lfcal.simulate.engines.radial import Radial, focus_integral, parity_spline
-from lfcal.simulate.engines.zernike import zernike_radial
+from lfcal.simulate.engines.zernike import zernike_wavefront
 from lfcal.simulate.scene import Scene
 
 __all__ = ["DIPOLE_MODES", "FieldTable", "choose_mode", "field_modes", "field_table", "wavefront_waves"]
@@ -95,11 +95,7 @@ def wavefront_waves(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float6
     if scene.exact_defocus:
         sine2 = np.minimum(rho2 / (2 * scene.f_number) ** 2, 1.0)
         total += scene.reduced_image_um / scene.wavelength_um * sine2**2 / (2 * (1 + np.sqrt(1 - sine2)) ** 2)
-    rho, theta = np.sqrt(rho2), np.arctan2(uy, ux)
-    for n, m, waves in scene.wavefront:
-        angular = np.cos(m * theta) if m >= 0 else np.sin(-m * theta)
-        total += waves * zernike_radial(n, abs(m), rho) * angular
-    return total
+    return total + zernike_wavefront(scene.wavefront, ux, uy) if scene.wavefront else total
 
 
 def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -> FieldTable:

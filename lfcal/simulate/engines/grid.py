@@ -123,7 +123,9 @@ class GridPlane:
         scene, dx = self.scene, self._dx
         reach = (self._half_lenslet + 1) * dx * math.sqrt(2)
         bends = (-math.pi / (scene.wavelength_um * kind.focal_length_um) for kind in scene.lattice.types)
-        return tuple(aperture_tables(scene, dx, reach, bend, 1.0, self._real.type) for bend in bends)
+        return tuple(
+            aperture_tables(scene, dx, reach, bend, 1.0, self._real.type, kind=kind) for kind, bend in enumerate(bends)
+        )
 
     @property
     def _half_lenslet(self) -> int:

@@ -8,6 +8,7 @@ every field band-limited to W: what is cut off could only alias.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import scipy.fft as sf
@@ -58,6 +59,7 @@ def disc_values(radius: float, dx: float, r: NDArray[np.float64], flat: float = 
     return np.concatenate([np.einsum("rf,f->r", j0(2 * np.pi * np.outer(part, f)), g) for part in parts])
 
 
+@lru_cache(maxsize=16)
 def disc_table(
     radius: float, dx: float, reach: float, flat: float = FLAT, fine: int = 128
 ) -> tuple[NDArray[np.float64], float]:
@@ -67,7 +69,10 @@ def disc_table(
     """
     step = 2 * radius * dx / fine
     r2 = step * np.arange(math.ceil(reach**2 / step) + 2)
-    return disc_values(radius, dx, np.sqrt(r2), flat), step
+    values = disc_values(radius, dx, np.sqrt(r2), flat)
+    # lens types, and scenes that differ in anything else, share it
+    values.setflags(write=False)
+    return values, step
 
 
 def cell_outline(pitch: float, row_step: float, hexagonal: bool, rotation_rad: float) -> Points:

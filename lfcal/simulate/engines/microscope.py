@@ -73,7 +73,7 @@ def is_separable(scene: Scene) -> bool:
     """Return whether the array acts on rows and columns separately."""
     lattice = scene.lattice
     upright = lattice.rotation_rad == lattice.shear_rad == 0 and scene.tilt == (0, 0)
-    alike = len(lattice.types) == 1 and not scene.defects and scene.lenslet_waves == scene.accept[0] == 0
+    alike = len(lattice.types) == 1 and not scene.defects and scene.lenslet_quartic == scene.accept[0] == 0
     square = lattice.kind == "square" and scene.aperture == "cell" and upright
     return square and math.isinf(scene.pupil_um) and alike
 

@@ -183,9 +183,9 @@ class ReferencePlane:
             x, y = axis[columns] - cx, axis[rows] - cy
             bend = -np.pi / (scene.wavelength_um * scene.lattice.types[kind].focal_length_um)
             lens = np.exp(1j * bend * y * y)[:, None] * np.exp(1j * bend * x * x)[None, :]
-            if scene.lenslet_waves:
+            if scene.quartic(kind):
                 r2 = y[:, None] ** 2 + x[None, :] ** 2
-                lens = lens * np.exp(1j * scene.lenslet_quartic * r2 * r2)
+                lens = lens * np.exp(1j * scene.quartic(kind) * r2 * r2)
             seen = gain * self._mask(x, y) * lens * self._carried(self._field[rows, columns], -step)
             behind[rows, columns] += self._carried(seen, step)
         return behind

@@ -187,7 +187,7 @@ def _lens_table(
     width = 2 * half_px + 1
     bend = math.pi * sigma / spread
     dtype = np.float64 if sampling.double else np.float32
-    aperture = aperture_tables(scene, dx, (half + 1) * dx * math.sqrt(2), bend, dx * dx * px / spread, dtype)
+    aperture = aperture_tables(scene, dx, (half + 1) * dx * math.sqrt(2), bend, dx * dx * px / spread, dtype, kind=kind)
     zoom = _zoom(rule, width, px, 2 * np.pi / spread * dx * np.arange(half + 1), dtype)
     return LensTable(width, pull, half, aperture, zoom, field, energy, held)
 
@@ -217,17 +217,19 @@ def _zoom(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: typ
     return Zoom(cosine, sine, *turned, bins, np.ascontiguousarray(bins.T), nodes, rule.per_px)
 
 
-def aperture_tables(scene: Scene, dx: float, reach: float, bend: float, level: float, dtype: type) -> Aperture:
-    """Return the aperture's tables, ``level`` high: then the square of the transform is energy per pixel's area."""
+def aperture_tables(
+    scene: Scene, dx: float, reach: float, bend: float, level: float, dtype: type, *, kind: int = 0
+) -> Aperture:
+    """Return a lens type's tables, ``level`` high: then the square of the transform is energy per pixel's area."""
     if scene.aperture == "circle":
         m, step = disc_table(scene.clear_radius_um, dx, reach)
-        r2, quartic = step * np.arange(m.size), scene.lenslet_quartic
+        r2, quartic = step * np.arange(m.size), scene.quartic(kind)
         value = level * m * np.exp(1j * r2 * (bend + quartic * r2))
         parts = value.real.astype(dtype), value.imag.astype(dtype)
         return Aperture(*parts, step, np.zeros((0, 0), dtype), 1.0, bend, quartic)
     table, step = polygon_table(aperture_outline(scene), dx, reach / math.sqrt(2))  # a square, not the disc about it
     none: Array = np.zeros(2, dtype)
-    return Aperture(none, none, 1.0, (level * table).astype(dtype), step, bend, scene.lenslet_quartic)
+    return Aperture(none, none, 1.0, (level * table).astype(dtype), step, bend, scene.quartic(kind))
 
 
 def bent(aperture: Aperture, by: float, gain: float = 1.0) -> Aperture:

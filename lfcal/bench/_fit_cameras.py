@@ -1,0 +1,119 @@
+"""Random cameras that depart from their description, and what is recorded of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, ScanPlan, preset
+from lfcal.fit.fit import problem_of
+from lfcal.fit.measured import Measured
+from lfcal.fit.model import Fineness, predict
+from lfcal.fit.parameters import GROUPS, Vector
+from lfcal.fit.setup import Setup, described_effects
+from lfcal.fit.spread import spread_out
+
+__all__ = ["Truth", "described_plan", "random_truth", "recorded"]
+
+FULL = 0.8
+"""Share of the full well that the brightest pixel reaches."""
+
+DEPTHS = {"bench": (3.0, 4.0), "r29": (3.0, 4.0)}
+CUTOUTS = {"bench": 55, "r29": 141}
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """A camera as it is, beside its description.
+
+    Attributes
+    ----------
+    plan
+        The scan with the described camera.
+    setup
+        The true camera.
+    values
+        True values of all unknowns by name.
+    """
+
+    plan: ScanPlan
+    setup: Setup
+    values: Mapping[str, float]
+
+
+def described_plan(name: str = "bench", *, cutout: int | None = None) -> ScanPlan:
+    """Return the scan of two depths of a preset on a sensor that is no larger than it must be."""
+    camera = preset(name)
+    size = cutout or CUTOUTS[name]
+    ny, nx = (round(n) for n in camera.period_px)
+    rows, columns = (n + size + 40 for n in (ny, nx))
+    small: Camera = replace(camera, sensor=replace(camera.sensor, shape=(rows, columns)))
+    return ScanPlan.for_camera(small, virtual_depths=DEPTHS[name], cutout=size)
+
+
+def random_truth(plan: ScanPlan, rng: np.random.Generator, *, size: float = 0.3) -> Truth:
+    """Return a camera with errors of 1-3 % of gap and focal lengths, aberrations, iris and offset errors.
+
+    Aberrations are ``size`` waves at the pupil's rim in all; the array is turned by 0.1 degrees (rms) and displaced by
+    a third of a pixel, the iris turned by 0.1 rad and of another size by 5 % (rms).
+    """
+    setup = Setup(plan.camera, described_effects(plan.camera), (0.0,) * len(plan.depths_um))
+    vector = _vector(plan, setup)
+    camera, pixel = plan.camera, plan.camera.sensor.pixel_um
+    waves = rng.standard_normal(5)
+    waves *= size / math.sqrt(float((waves**2).sum()))
+    off = {
+        "gap_um": camera.lattice.gap_um * _percent(rng),
+        "rotation_rad": math.radians(0.1) * rng.standard_normal(),
+        "offset_y_um": 0.33 * pixel * rng.standard_normal(),
+        "offset_x_um": 0.33 * pixel * rng.standard_normal(),
+        "f_number": 0.05 * 4.0 * rng.standard_normal(),
+        "iris_rotation_rad": 0.1 * rng.standard_normal(),
+    }
+    off |= {f"focal_{k}_um": t.focal_length_um * _percent(rng) for k, t in enumerate(camera.lattice.types)}
+    off |= dict(zip(("zernike_2_2", "zernike_2_m2", "zernike_3_1", "zernike_3_m1", "zernike_4_0"), waves, strict=True))
+    u = np.array([off.get(one.name, 0.0) / one.scale for one in vector.unknowns])
+    return Truth(plan, vector.setup_at(u), vector.values(u))
+
+
+def _percent(rng: np.random.Generator) -> float:
+    """Return 1 to 3 %, more or less."""
+    return float(rng.choice([-1.0, 1.0]) * rng.uniform(0.01, 0.03))
+
+
+def _vector(plan: ScanPlan, setup: Setup) -> Vector:
+    nothing = np.zeros((0, *plan.cutout), np.float32)
+    empty = np.zeros((0, 2))
+    index = np.zeros((0, 3), np.intp)
+    measured = Measured(plan, index, nothing, empty, empty, nothing > 0, np.zeros(0, np.bool_))
+    return problem_of(measured, setup, GROUPS.names(), 1).vector
+
+
+def recorded(
+    truth: Truth,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    stage_px: float = 0.0,
+    index: NDArray[np.intp] | None = None,
+) -> Measured:
+    """Return ``count`` noisy patterns spread over period and planes, in electrons; a fifth is kept aside.
+
+    The brightest pixel has 80 % of the full well; noise is that of photons and of the read-out.
+    """
+    plan, sensor = truth.plan, truth.plan.camera.sensor
+    every = np.argwhere(np.ones(plan.shape[:3], np.bool_))
+    chosen = every[spread_out(every, count, plan.period)] if index is None else index
+    beside = stage_px * rng.standard_normal((len(chosen), 2))
+    light = predict(truth.setup, plan, chosen, beside, Fineness.finest).astype(np.float64)
+    electrons = FULL * sensor.full_well_e * np.maximum(light, 0) / light.max()
+    values = rng.poisson(electrons) + sensor.read_noise_e * rng.standard_normal(light.shape)
+    aside = np.zeros(len(chosen), np.bool_)
+    aside[spread_out(chosen, round(0.2 * len(chosen)), plan.period)] = True
+    noise = np.tile([sensor.read_noise_e**2, 1.0], (len(chosen), 1))
+    patterns = values.astype(np.float32)
+    return Measured(plan, chosen, patterns, noise, np.zeros((len(chosen), 2)), patterns == patterns, aside)

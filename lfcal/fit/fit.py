@@ -1,0 +1,222 @@
+"""A camera retrieved from measured patterns: from the description to the model that predicts every position."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+from lfcal.fit.measured import Measured, measured_of
+from lfcal.fit.model import Fineness
+from lfcal.fit.normal import Columns, Local
+from lfcal.fit.nuisance import Spread, own_steps, spread_of
+from lfcal.fit.outliers import outliers_of
+from lfcal.fit.parameters import GROUPS, Frame, Vector
+from lfcal.fit.problem import Point, Problem
+from lfcal.fit.questions import PLAIN, STRANGE, as_described, asked, check_explained, check_light, misfit
+from lfcal.fit.result import Fit, Outlier
+from lfcal.fit.select import choose, prune
+from lfcal.fit.setup import Setup, described_effects
+from lfcal.fit.solver import descend
+from lfcal.fit.summary import summarised
+from lfcal.progress import Work, drain
+from lfcal.psf import PSFMatrix
+from lfcal.simulate.effects.base import Effect
+
+__all__ = ["fit_camera", "iter_fit_camera"]
+
+
+def iter_fit_camera(
+    source: PSFMatrix | Measured,
+    camera: Camera | None = None,
+    unknowns: str | Sequence[str] = "auto",
+    *,
+    effects: Sequence[Effect] | None = None,
+    stage: str | float = "auto",
+    workers: int | None = None,
+    **reading: Any,
+) -> Work[Fit]:
+    """Fit as `fit_camera`; yields progress in derivatives, and closing it stops the fit."""
+    measured = source if isinstance(source, Measured) else measured_of(source, camera, **reading)
+    if isinstance(source, Measured) and camera is not None:
+        measured = replace(measured, plan=replace(measured.plan, camera=camera))
+    check_light(measured)
+    core, candidates = _groups(unknowns)
+    setup = Setup(
+        measured.plan.camera,
+        described_effects(measured.plan.camera) if effects is None else tuple(effects),
+        (0.0,) * measured.plan.shape[0],
+    )
+    _check_stage(stage)
+    problem = problem_of(measured, setup, (*core, *candidates), workers)
+    core = tuple(group.name for group in problem.vector.groups if group.name in core)
+    point = yield from as_described(problem, core)
+    if misfit(problem, point) > STRANGE:
+        yield from asked(problem, core)
+    point, groups = yield from _approached(problem, point, core, candidates)
+    if misfit(problem, point) > PLAIN:
+        # much is left that no unknown explains: something may be otherwise than it is described
+        yield from asked(problem, core)
+    check_explained(problem, point)
+    finished = yield from _finished(problem, point, groups, core, candidates, stage)
+    problem, point, groups, columns, found = finished
+    return summarised(problem, point, columns, groups=groups, tried=candidates, outliers=found)
+
+
+def fit_camera(
+    source: PSFMatrix | Measured,
+    camera: Camera | None = None,
+    unknowns: str | Sequence[str] = "auto",
+    *,
+    effects: Sequence[Effect] | None = None,
+    stage: str | float = "auto",
+    workers: int | None = None,
+    **reading: Any,
+) -> Fit:
+    """Return the camera that explains measured patterns.
+
+    Parameters
+    ----------
+    source
+        H, of which the recorded positions are used, or patterns.
+    camera
+        The camera as described, where the fit starts; None takes that of the source.
+    unknowns
+        Groups of unknowns by name, or ``"auto"``: gap, rotation and offset of the array, focal lengths and iris, and
+        of all others those that lower the error of patterns that are never fitted.
+    effects
+        What the camera is simulated with at the start; None takes what its description holds.
+    stage
+        How far sources lie beside their places (rms, pixels); 0: nowhere; ``"auto"``: what the patterns show.
+    workers
+        Threads over derivatives; None takes every processor.
+    reading
+        What of an H is read: see `measured_of`.
+
+    Raises
+    ------
+    InputError
+        If the patterns are not of such a camera, or too few, or their noise is not known.
+    """
+    work = iter_fit_camera(source, camera, unknowns, effects=effects, stage=stage, workers=workers, **reading)
+    return drain(work)
+
+
+def problem_of(measured: Measured, setup: Setup, groups: Sequence[str], workers: int | None = None) -> Problem:
+    """Return the problem of fitting ``groups`` of unknowns about a setup."""
+    plan = measured.plan
+    middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
+    y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
+    frame = Frame(plan.shape[0], max(plan.cutout) / 2, (float(x), float(y)))
+    return Problem(measured, Vector(setup, frame, groups), workers)
+
+
+def _groups(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the groups that are fitted, and those that are tried."""
+    if isinstance(unknowns, str):
+        if unknowns != "auto":
+            names = " or ".join(GROUPS.names())
+            raise InputError.expected("unknowns", "'auto' or a list of groups", repr(unknowns), f"groups are {names}")
+        core = tuple(group.name for group in GROUPS if group.core)
+        return core, tuple(group.name for group in GROUPS if not group.core)
+    found = tuple(GROUPS.get(name).name for name in unknowns)
+    if not found:
+        raise InputError.expected("unknowns", "one group or more", "none", f"choose of {', '.join(GROUPS.names())}")
+    return found, ()
+
+
+def _check_stage(stage: str | float) -> None:
+    if stage != "auto":
+        check_number("rms of sources beside their places (px)", stage, at_least=0, at_most=5, remedy="or 'auto'")
+
+
+def _approached(
+    problem: Problem, point: Point, core: Sequence[str], candidates: Sequence[str]
+) -> Work[tuple[Point, tuple[str, ...]]]:
+    """Return a point near the best one and the groups that helped, computed coarsely."""
+    vector, groups = problem.vector, tuple(core)
+    for turn in range(ROUNDS):
+        columns: Columns | None = None
+        before = groups
+        if candidates:
+            tried = [name for name in candidates if turn or not GROUPS.get(name).late]
+            every = vector.of_groups([*groups, *tried]).tolist()
+            columns = yield from problem.columns(point, every, f"groups, round {turn + 1}", own=False)
+            groups = choose(problem, point, columns, groups, tried, least=0.0 if turn else FAR)
+        if turn and groups == before:
+            break
+        which = vector.of_groups(groups).tolist()
+        point, _ = yield from descend(problem, point, which, "approach", most=4, enough=2e-3, columns=columns)
+        point = problem.weigh(point.u, point.local, point.model, point.sampling)
+        if not candidates:
+            break
+    return point, groups
+
+
+ROUNDS = 4
+"""How often groups are looked for."""
+
+FAR = 0.1
+"""Share of the left-out patterns' misfit that a group must take away in the first of them."""
+
+Finished = tuple[Problem, Point, tuple[str, ...], Columns, tuple[Outlier, ...]]
+
+
+def _finished(
+    problem: Problem,
+    point: Point,
+    groups: tuple[str, ...],
+    core: Sequence[str],
+    candidates: Sequence[str],
+    stage: str | float,
+) -> Work[Finished]:
+    """Return the best point, computed finely: groups settled, patterns' own unknowns found, outliers left out."""
+    vector = problem.vector
+    point = problem.point(point.u, point.local, Fineness.fine)
+    every = vector.of_groups([*groups, *candidates]).tolist()
+    columns = yield from problem.columns(point, every, "fine", own=True)
+    which = vector.of_groups(groups).tolist()
+    point, _ = yield from descend(problem, point, which, "fine", most=1, columns=columns, enough=1e-5)
+    far, outliers = outliers_of(problem, point)
+    if far.any():
+        problem, point, columns = _without(problem, point, columns, ~far)
+    point = _with_spread(problem, point, columns, stage)
+    if candidates:
+        groups = prune(problem, point, columns, choose(problem, point, columns, groups, candidates), core)
+        left = np.setdiff1d(np.arange(len(vector)), vector.of_groups(groups))
+        u = point.u.copy()
+        u[left] = 0.0
+        which = vector.of_groups(groups).tolist()
+        point = problem.point(u, point.local, Fineness.finest, lamps=point.levels.lamps)
+    else:
+        point = problem.point(point.u, point.local, Fineness.finest, lamps=point.levels.lamps)
+    point, columns = yield from descend(problem, point, which, "finest", most=3, columns=columns, enough=1e-4)
+    return problem, own_steps(problem, point, columns, problem.measured.left_out), groups, columns, outliers
+
+
+def _without(
+    problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bool_]
+) -> tuple[Problem, Point, Columns]:
+    """Return problem, point and derivatives without some of the patterns."""
+    found = problem.with_measured(problem.measured.of(keep))
+    local = replace(point.local, offsets_px=point.local.offsets_px[keep])
+    own = None if columns.own is None else columns.own[:, keep]
+    at = found.weigh(point.u, local, point.model[keep], point.sampling, lamps=point.levels.lamps[keep])
+    return found, at, Columns(columns.shared[:, keep], own)
+
+
+def _with_spread(problem: Problem, point: Point, columns: Columns, stage: str | float) -> Point:
+    """Return the point at which each pattern has unknowns of its own, as widely spread as they show."""
+    shown = spread_of(problem, point, columns)
+    own = Spread(shown.stage_px if stage == "auto" else float(stage), shown.lamp)
+    local = Local(point.local.offsets_px, own.stage_px, own.lamp)
+    if local.count == 0:
+        return point
+    at = problem.weigh(point.u, local, point.model, point.sampling, lamps=point.levels.lamps)
+    return own_steps(problem, at, columns, np.ones(len(problem.measured), np.bool_))

@@ -1,0 +1,11 @@
+"""Groups of unknowns, one concept a module; each names what it brings in ``GROUPS``.
+
+- ``array``: the lenslet array's gap, rotation, offset, pitch
+- ``lenslets``: focal length and spherical aberration of each lens type
+- ``iris``: size, rotation, curvature of the blades; the second stop of a cat's eye
+- ``depths``: how far away the planes are
+- ``wavefront``: Zernike terms of the main lens or objective
+- ``light``: size of the source, bandwidth
+- ``pixels``: crosstalk
+- ``stage``: length of the stage's steps
+"""

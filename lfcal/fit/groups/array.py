@@ -1,0 +1,94 @@
+"""The lenslet array's gap, rotation and offset, its pitch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from lfcal.camera import Camera, LensletLattice
+from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.setup import Setup
+
+__all__ = ["Geometry", "Pitch"]
+
+STEP_PX = 0.05
+"""Displacement of lenslets at the cutout's edge that shows."""
+
+
+def about(lattice: LensletLattice, point_um: tuple[float, float], turn_rad: float, grow: float) -> LensletLattice:
+    """Return the lattice turned and grown about a point (x, y): rotation and pitch move no lenslet that is there.
+
+    Otherwise an error of either would be one of the offset, times the region's distance from the sensor's centre.
+    """
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    away = np.array(lattice.offset_um) - point_um
+    x, y = (1.0 + grow) * np.array([c * away[0] - s * away[1], s * away[0] + c * away[1]]) + point_um
+    rows = None if lattice.row_pitch_um is None else lattice.row_pitch_um * (1.0 + grow)
+    return replace(
+        lattice,
+        pitch_um=lattice.pitch_um * (1.0 + grow),
+        row_pitch_um=rows,
+        rotation_rad=lattice.rotation_rad + turn_rad,
+        offset_um=(float(x), float(y)),
+    )
+
+
+class Geometry(Group):
+    """Gap, rotation and offset of the array."""
+
+    name = "geometry"
+    title = "gap, rotation and offset of the array"
+    rank = 10
+    core = True
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return gap, rotation about the region's middle, and offset (as what is added to the described one)."""
+        lattice, pixel = setup.camera.lattice, setup.camera.sensor.pixel_um
+        gap, aside = lattice.gap_um, 0.5 * lattice.pitch_um
+        held = "the wavefront's tilt is held at 0"
+        return (
+            Unknown("gap_um", self.name, "µm", gap, 0.01 * gap, None, 0.2 * gap, 3 * gap),
+            Unknown("rotation_rad", self.name, "rad", lattice.rotation_rad, STEP_PX / frame.reach_px),
+            Unknown("offset_y_um", self.name, "µm", 0.0, 0.2 * pixel, None, -aside, aside, gauge=held),
+            Unknown("offset_x_um", self.name, "µm", 0.0, 0.2 * pixel, None, -aside, aside, gauge=held),
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with the array so placed."""
+
+        def placed(camera: Camera) -> Camera:
+            lattice = about(camera.lattice, frame.middle_um, values["rotation_rad"] - camera.lattice.rotation_rad, 0.0)
+            x, y = lattice.offset_um
+            moved = (x + values["offset_x_um"], y + values["offset_y_um"])
+            return replace(camera, lattice=replace(lattice, gap_um=values["gap_um"], offset_um=moved))
+
+        return setup.edited(placed)
+
+
+class Pitch(Group):
+    """Pitch of the array."""
+
+    name = "pitch"
+    title = "pitch of the array"
+    rank = 12
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the pitch."""
+        pitch = setup.camera.lattice.pitch_um
+        scale = STEP_PX / frame.reach_px * pitch
+        return (Unknown("pitch_um", self.name, "µm", pitch, scale, None, 0.8 * pitch, 1.25 * pitch),)
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with the array grown about the region's middle; lenslets keep their clear share."""
+
+        def grown(camera: Camera) -> Camera:
+            grow = values["pitch_um"] / camera.lattice.pitch_um - 1.0
+            return replace(camera, lattice=about(camera.lattice, frame.middle_um, 0.0, grow))
+
+        return setup.edited(grown)
+
+
+GROUPS = (Geometry(), Pitch())

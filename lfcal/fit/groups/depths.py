@@ -1,0 +1,73 @@
+"""How far away the planes are: all of them, and each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from lfcal.camera import Camera, MainLens
+from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.setup import Setup
+from lfcal.simulate.effects import DepthError
+
+__all__ = ["CommonDepth", "PlaneDepths"]
+
+HELD = "the wavefront's defocus is held at 0"
+WORKING_SHARE = 0.005
+"""How well a working distance is known beforehand."""
+
+
+def depth_scale(camera: Camera) -> float:
+    """Return the displacement of the source (µm) that moves its image by a fiftieth of the gap."""
+    small = 1e-4 * (camera.optics.working_distance_um if isinstance(camera.optics, MainLens) else 1e4)
+    rate = abs(camera.image_shift_um(small) - camera.image_shift_um(0.0)) / small
+    return 0.02 * camera.lattice.gap_um / rate
+
+
+class CommonDepth(Group):
+    """The stage's zero against the working plane: all planes farther away by the same."""
+
+    name = "distance"
+    title = "distance of all planes"
+    rank = 40
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return what is added to every depth."""
+        del frame
+        camera = setup.camera
+        scale = depth_scale(camera)
+        known = WORKING_SHARE * camera.optics.working_distance_um if isinstance(camera.optics, MainLens) else 5 * scale
+        return (Unknown("distance_um", self.name, "µm", 0.0, scale, known, gauge=HELD),)
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with all planes there."""
+        del frame
+        moved = tuple(error + values["distance_um"] for error in setup.depth_errors_um)
+        return replace(setup, depth_errors_um=moved)
+
+
+class PlaneDepths(Group):
+    """Each plane beside where the stage says it is."""
+
+    name = "depths"
+    title = "depth of each plane"
+    rank = 42
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return what is added to each depth; beforehand known as well as a stage's depth is."""
+        if frame.planes < 2:
+            return ()
+        known, scale = DepthError().rms(setup.camera), depth_scale(setup.camera)
+        held = f"{HELD}, the mean of all planes by the stage's own error"
+        return tuple(
+            Unknown(f"depth_{z}_um", self.name, "µm", 0.0, scale, known, gauge=held) for z in range(frame.planes)
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with the planes there."""
+        del frame
+        pairs = zip(setup.depth_errors_um, values.values(), strict=True)
+        return replace(setup, depth_errors_um=tuple(error + more for error, more in pairs))
+
+
+GROUPS = (CommonDepth(), PlaneDepths())

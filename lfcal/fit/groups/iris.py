@@ -1,0 +1,102 @@
+"""The iris: its size and rotation, the curvature of its blades, and the second stop of a cat's eye."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from lfcal.camera import Camera, MainLens, Microscope
+from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.setup import Setup
+from lfcal.simulate.effects import MechanicalVignetting
+
+__all__ = ["Aperture", "BladeCurvature", "SecondStop"]
+
+
+def _optics(setup: Setup, **values: Any) -> Setup:
+    def changed(camera: Camera) -> Camera:
+        return replace(camera, optics=replace(camera.optics, **values))
+
+    return setup.edited(changed)
+
+
+class Aperture(Group):
+    """Size of the pupil, and rotation of its blades."""
+
+    name = "iris"
+    title = "size and rotation of the iris"
+    rank = 30
+    core = True
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return f-number and rotation, or a microscope's numerical aperture."""
+        del frame
+        optics = setup.camera.optics
+        if isinstance(optics, Microscope):
+            na, most = optics.numerical_aperture, 0.999 * optics.medium_index
+            return (Unknown("numerical_aperture", self.name, "", na, 0.02 * na, None, 0.3 * na, min(most, 2 * na)),)
+        n = optics.f_number
+        size = Unknown("f_number", self.name, "", n, 0.025 * n, None, 0.4 * n, 2.5 * n)
+        if optics.blades == 0 or optics.blade_curvature == 1:
+            return (size,)
+        # beyond half the angle between blades the iris is one that was described already
+        half = math.pi / optics.blades
+        turn = optics.blade_rotation_rad
+        return size, Unknown("iris_rotation_rad", self.name, "rad", turn, 0.05, None, turn - half, turn + half)
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with this iris."""
+        del frame
+        names = {"iris_rotation_rad": "blade_rotation_rad"}
+        return _optics(setup, **{names.get(name, name): value for name, value in values.items()})
+
+
+class BladeCurvature(Group):
+    """Curvature of the iris's blades."""
+
+    name = "blades"
+    title = "curvature of the iris's blades"
+    rank = 32
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the curvature of an iris that has blades."""
+        del frame
+        optics = setup.camera.optics
+        if not isinstance(optics, MainLens) or optics.blades == 0:
+            return ()
+        return (Unknown("iris_curvature", self.name, "", optics.blade_curvature, 0.2, None, 0.0, 1.0),)
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with such blades."""
+        del frame
+        return _optics(setup, blade_curvature=values["iris_curvature"])
+
+
+class SecondStop(Group):
+    """The rim that cuts the pupil seen from off axis, where the setup has one."""
+
+    name = "cats_eye"
+    title = "place and radius of the rim that cuts the pupil"
+    rank = 34
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return distance and radius of the rim; none on the axis, where its place does not show."""
+        own = setup.effect(MechanicalVignetting)
+        off = math.hypot(*frame.middle_um) > 100.0 * setup.camera.sensor.pixel_um
+        if own is None or not isinstance(setup.camera.optics, MainLens) or not off:
+            return ()
+        away = abs(own.distance_um) or setup.camera.optics.focal_length_um
+        return (
+            Unknown("rim_distance_um", self.name, "µm", own.distance_um, 0.05 * away),
+            Unknown("rim_radius", self.name, "pupil radii", own.radius, 0.02, None, 0.1, 3.0),
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with the rim there."""
+        del frame
+        return setup.with_effect(MechanicalVignetting(values["rim_distance_um"], values["rim_radius"]))
+
+
+GROUPS = (Aperture(), BladeCurvature(), SecondStop())

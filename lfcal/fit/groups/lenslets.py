@@ -1,0 +1,68 @@
+"""Focal length and spherical aberration of each lens type."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from lfcal.camera import Camera
+from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.setup import Setup
+from lfcal.simulate.effects import LensletSpherical
+
+__all__ = ["FocalLengths", "LensletAberration"]
+
+
+class FocalLengths(Group):
+    """Focal length of each lens type."""
+
+    name = "focal_lengths"
+    title = "focal length of each lens type"
+    rank = 20
+    core = True
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the focal lengths, by lens type."""
+        del frame
+        return tuple(
+            Unknown(f"focal_{k}_um", self.name, "µm", f, 0.005 * f, None, 0.3 * f, 3.0 * f)
+            for k, f in enumerate(kind.focal_length_um for kind in setup.camera.lattice.types)
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with lenslets of these focal lengths."""
+        del frame
+
+        def ground(camera: Camera) -> Camera:
+            lattice = camera.lattice
+            types = tuple(replace(t, focal_length_um=values[f"focal_{k}_um"]) for k, t in enumerate(lattice.types))
+            return replace(camera, lattice=replace(lattice, types=types))
+
+        return setup.edited(ground)
+
+
+class LensletAberration(Group):
+    """Spherical aberration of each lens type, which terms of the main lens do not replace."""
+
+    name = "lenslet_spherical"
+    title = "spherical aberration of each lens type"
+    rank = 22
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return W040 at the rim of the clear diameter, by lens type."""
+        del frame
+        types = len(setup.camera.lattice.types)
+        own = setup.effect(LensletSpherical)
+        start = [0.0] * types if own is None else [own.waves + more for more in own.of_types(types)]
+        return tuple(
+            Unknown(f"lenslet_waves_{k}", self.name, "waves", w, 0.1, None, -5.0, 5.0) for k, w in enumerate(start)
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with lenslets so aberrated."""
+        del frame
+        own = {f"type_{k}": value for k, value in enumerate(values.values())}
+        return setup.with_effect(LensletSpherical(0.0, **own))
+
+
+GROUPS = (FocalLengths(), LensletAberration())

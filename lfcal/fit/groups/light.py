@@ -1,0 +1,73 @@
+"""The size of the source and the width of its spectrum."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.setup import Setup
+from lfcal.simulate.effects import Bandwidth, FiniteSource
+
+__all__ = ["SourceSize", "Spectrum"]
+
+
+class SourceSize(Group):
+    """Diameter of the source: it blurs by its square."""
+
+    name = "source"
+    title = "diameter of the source"
+    rank = 60
+    late = True
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the diameter; a quarter of it adds to the spots' rms width."""
+        del frame
+        own, camera = setup.effect(FiniteSource), setup.camera
+        start = 0.0 if own is None else float(own.magnitude("diameter_um", camera))
+        step = camera.step_um(0.0)
+        # an image of six pixels: larger ones take hundreds of source points
+        most = max(6.0 * step, 1.5 * start)
+        return (Unknown("source_um", self.name, "µm", start, 2.0 * step, None, 0.0, most, squared=True),)
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with such a source; without size it is a point."""
+        del frame
+        size = values["source_um"]
+        if size == 0.0:
+            return without(setup, FiniteSource)
+        return setup.with_effect(FiniteSource(size))
+
+
+class Spectrum(Group):
+    """Full width of the light's spectrum: it washes fringes out by its square."""
+
+    name = "bandwidth"
+    title = "width of the spectrum"
+    rank = 62
+    late = True
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the width."""
+        del frame
+        own, camera = setup.effect(Bandwidth), setup.camera
+        start = 0.0 if own is None else float(own.magnitude("width_um", camera))
+        wave = camera.wavelength_um
+        return (Unknown("bandwidth_um", self.name, "µm", start, 0.1 * wave, None, 0.0, 0.5 * wave, squared=True),)
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with such light; without width it is of one wavelength."""
+        del frame
+        width = values["bandwidth_um"]
+        if math.isclose(width, 0.0):
+            return without(setup, Bandwidth)
+        return setup.with_effect(Bandwidth(width))
+
+
+def without(setup: Setup, kind: type) -> Setup:
+    """Return the setup without effects of a kind."""
+    return replace(setup, effects=tuple(one for one in setup.effects if type(one) is not kind))
+
+
+GROUPS = (SourceSize(), Spectrum())

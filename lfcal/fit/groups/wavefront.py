@@ -1,0 +1,68 @@
+"""Zernike terms of the main lens or objective."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from lfcal.camera import MainLens
+from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.setup import Setup
+from lfcal.simulate.effects import Zernike
+
+__all__ = ["Terms"]
+
+HELD = "piston, tilt and defocus are held at 0"
+
+
+def _name(n: int, m: int) -> str:
+    return f"zernike_{n}_{m}" if m >= 0 else f"zernike_{n}_m{-m}"
+
+
+class Terms(Group):
+    """Some terms of the wavefront.
+
+    Parameters
+    ----------
+    name, title, rank
+        As of every group.
+    terms
+        Orders (n, m) of the terms, each 1 at the pupil's rim.
+    """
+
+    def __init__(self, name: str, title: str, rank: int, terms: tuple[tuple[int, int], ...]) -> None:
+        self.name, self.title, self.rank, self.terms = name, title, rank, terms
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the coefficients of the terms (waves at the rim)."""
+        del frame
+        own = setup.effect(Zernike)
+        known = {} if own is None else {(n, m): waves for n, m, waves in own.terms}
+        return tuple(
+            Unknown(_name(n, m), self.name, "waves", known.get((n, m), 0.0), 0.1, None, -10.0, 10.0, gauge=HELD)
+            for n, m in self._terms_of(setup)
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with these terms; others stay."""
+        del frame
+        own = setup.effect(Zernike)
+        known = {} if own is None else {(n, m): waves for n, m, waves in own.terms}
+        known |= {(n, m): values[_name(n, m)] for n, m in self._terms_of(setup)}
+        return setup.with_effect(Zernike(tuple((n, m, waves) for (n, m), waves in known.items())))
+
+    def _terms_of(self, setup: Setup) -> tuple[tuple[int, int], ...]:
+        """Return the terms that the camera's simulation has: of an objective those of rotational symmetry."""
+        lens = isinstance(setup.camera.optics, MainLens)
+        return tuple((n, m) for n, m in self.terms if lens or m == 0)
+
+
+GROUPS = (
+    Terms("wavefront", "astigmatism, coma and spherical aberration", 50, ((2, 2), (2, -2), (3, 1), (3, -1), (4, 0))),
+    Terms("trefoil", "trefoil", 52, ((3, 3), (3, -3))),
+    Terms(
+        "higher_wavefront",
+        "further wavefront of fourth and sixth order",
+        54,
+        ((4, 2), (4, -2), (4, 4), (4, -4), (6, 0)),
+    ),
+)

@@ -1,0 +1,171 @@
+"""How good a fit is: chi² against its own spread, the error of the model from patterns that were never fitted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.fit.normal import Columns
+from lfcal.fit.problem import Point, Problem
+from lfcal.fit.solver import shared_of, with_prior
+from lfcal.fit.weighing import Weighed, flat, variance
+from lfcal.units import format_share
+
+__all__ = ["ChiSquare", "ModelError", "chi_square", "covariance", "left_out_error"]
+
+INCOMPLETE = 5.0
+"""Standard deviations by which chi² lies above 1 where the model does not suffice."""
+
+SHOWN = 3.0
+"""Standard deviations by which what left-out patterns scatter must lie above their noise to be a value."""
+
+F8 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ChiSquare:
+    """Mean square of the residuals in units of their noise; 1 for a true model.
+
+    Attributes
+    ----------
+    all_pixels
+        Over all valid pixels: mostly dark ones dilute it.
+    lit
+        Weighted by the light's share of each pixel's variance.
+    sigma
+        Standard deviation of ``lit`` for a true model.
+    """
+
+    all_pixels: float
+    lit: float
+    sigma: float
+
+    @property
+    def excess(self) -> float:
+        """By how many standard deviations ``lit`` lies above 1."""
+        return (self.lit - 1.0) / self.sigma
+
+    @property
+    def complete(self) -> bool:
+        """Whether the model suffices."""
+        return self.excess < INCOMPLETE
+
+
+@dataclass(frozen=True, slots=True)
+class ModelError:
+    """Error of the model's patterns, as rms over rms of the light (relative L2).
+
+    Attributes
+    ----------
+    squared, squared_sigma
+        What left-out patterns scatter beyond their noise, as a share of their squares, and its standard deviation.
+    statistical
+        What the unknowns' own errors make of it.
+    patterns
+        How many were left out.
+    """
+
+    squared: float
+    squared_sigma: float
+    statistical: float
+    patterns: int
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a value, and not a limit only."""
+        return self.squared > SHOWN * self.squared_sigma
+
+    @property
+    def value(self) -> float:
+        """The error; where it is not `known` what the unknowns' errors make alone."""
+        return math.sqrt(self.squared) if self.known else self.statistical
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of a `known` value."""
+        return 0.5 * self.squared_sigma / math.sqrt(self.squared) if self.known else math.inf
+
+    @property
+    def limit(self) -> float:
+        """What the error is below, by two standard deviations."""
+        return max(self.statistical, math.sqrt(max(0.0, self.squared) + 2.0 * self.squared_sigma))
+
+    def __str__(self) -> str:
+        """Return the value with its standard deviation, or the limit."""
+        if self.known:
+            return f"{format_share(self.value)} ± {format_share(self.sigma)}"
+        return f"below {format_share(self.limit)}"
+
+
+def chi_square(point: Point, keep: NDArray[np.bool_], unknowns: int) -> ChiSquare:
+    """Return chi² of the patterns ``keep``, of which ``unknowns`` were found."""
+    seen = point.seen.of(keep)
+    good = (seen.inverse > 0) & ~seen.wild
+    size = np.abs(seen.residual[good], dtype=np.float64)
+    # as the loss has it: single wild pixels are no model error
+    loss = np.where(size <= 4.0, size * size, 4.0 * (2 * size - 4.0))
+    weight = seen.bright[good].astype(np.float64)
+    total = float(weight.sum())
+    n = loss.size
+    if n <= unknowns or total <= unknowns:
+        return ChiSquare(1.0, 1.0, math.inf)
+    spread = math.sqrt(2.0 * float((weight**2).sum())) / total
+    return ChiSquare(float(loss.sum()) / (n - unknowns), float((weight * loss).sum()) / (total - unknowns), spread)
+
+
+def covariance(problem: Problem, point: Point, columns: Columns, which: NDArray[np.intp]) -> tuple[F8, F8]:
+    """Return the covariance of the unknowns ``which``, then gains and backgrounds, and the matrix of the data alone.
+
+    In scales, for noise as stated; of the matrix gains and backgrounds are eliminated.
+    """
+    normal = problem.normal(columns, point, problem.fitted)
+    matrix, _ = with_prior(problem, normal, point.u)
+    used, k = shared_of(problem, which), len(which)
+    found = _inverse(matrix[np.ix_(used, used)])
+    data = normal.matrix[np.ix_(used, used)]
+    alone: F8 = data[:k, :k] - data[:k, k:] @ _inverse(data[k:, k:]) @ data[k:, :k]
+    return found, alone
+
+
+def _inverse(matrix: F8) -> F8:
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True)
+    found: F8 = scaled / np.outer(size, size)
+    return found
+
+
+def left_out_error(problem: Problem, point: Point, columns: Columns, which: NDArray[np.intp], spread: F8) -> ModelError:
+    """Return the error of the model from left-out patterns; ``spread`` is the covariance of what is shared.
+
+    The squares of their residuals have the noise's variance beside the error's: E[(d - m)² - v] = error².
+    """
+    measured = problem.measured
+    aside = measured.left_out if measured.left_out.any() else problem.fitted
+    part, planes = measured.of(aside), problem.planes[aside]
+    data, valid = flat(part)
+    light = point.model[aside] * point.levels.factors(problem.planes)[aside, None]
+    back = point.levels.backgrounds[planes, None]
+    noise = variance(part, light.astype(np.float32), doubtful=False, error=0.0).astype(np.float64)
+    good = valid & ~point.seen.wild[aside]
+    square = np.where(good, np.square(data - light - back, dtype=np.float64) - noise, 0.0)
+    power = float(np.square(np.where(good, light, 0.0), dtype=np.float64).sum())
+    scatter = math.sqrt(2.0 * float(np.where(good, noise**2, 0.0).sum())) / power
+    ones = np.ones_like(point.seen.inverse[aside])
+    plain = Weighed(0 * ones, np.where(good, ones, 0).astype(np.float32), ones, ones)
+    whole = replace(point, local=replace(point.local, stage_px=0.0, lamp=0.0))
+    normal = problem.normal(columns, replace(whole, seen=_placed(point.seen, plain, aside)), aside)
+    used = shared_of(problem, which)
+    made = float(np.trace(normal.matrix[np.ix_(used, used)] @ spread)) / power
+    return ModelError(float(square.sum()) / power, scatter, math.sqrt(max(0.0, made)), int(aside.sum()))
+
+
+def _placed(seen: Weighed, part: Weighed, keep: NDArray[np.bool_]) -> Weighed:
+    """Return ``seen`` with ``part`` in the place of the patterns ``keep``."""
+    values = {}
+    for name in ("residual", "inverse", "robust", "bright"):
+        values[name] = getattr(seen, name).copy()
+        values[name][keep] = getattr(part, name)
+    return Weighed(**values)

@@ -1,0 +1,193 @@
+"""What is fitted: patterns with their places, their noise, and which of them are kept aside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera import Camera, ScanPlan
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+from lfcal.fit.spread import spread_out
+from lfcal.psf import PSFMatrix
+
+__all__ = ["Measured", "measured_of"]
+
+LEFT_OUT = 0.2
+"""Share of the patterns that is kept aside for validation."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Patterns of known places with a model of their noise.
+
+    Attributes
+    ----------
+    plan
+        The scan that they belong to, with the camera as described; its cutout is the patterns'.
+    index
+        Positions ``(n, 3)`` as (z, y, x).
+    patterns
+        Values ``(n, nt, ns)``, background subtracted or not.
+    noise
+        ``(n, 2)``: the variance of a sample of true value v is ``noise[0] + noise[1] * max(v, 0)``.
+    places_px
+        How far (dy, dx) the source was from its position where that is known ``(n, 2)`` (pixels on the sensor).
+    valid
+        Which pixels ``(n, nt, ns)`` carry a measurement.
+    left_out
+        Which patterns ``(n,)`` are never fitted: they tell how good the fit is.
+    """
+
+    plan: ScanPlan
+    index: NDArray[np.intp]
+    patterns: NDArray[np.float32]
+    noise: NDArray[np.float64]
+    places_px: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+    left_out: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        """Check that everything belongs together."""
+        n, cutout = len(self.index), self.plan.cutout
+        wanted = {
+            "index": (n, 3),
+            "patterns": (n, *cutout),
+            "noise": (n, 2),
+            "places_px": (n, 2),
+            "valid": (n, *cutout),
+            "left_out": (n,),
+        }
+        for name, shape in wanted.items():
+            if getattr(self, name).shape != shape:
+                raise InputError.expected(
+                    name, f"shape {shape}", getattr(self, name).shape, "give one for each pattern"
+                )
+        if self.plan.resample:
+            raise InputError.expected(
+                "patterns", "on the sensor's own pixels", "on resampled ones", "assemble them without resampling"
+            )
+        _check_inside(self.index, self.plan.shape[:3])
+        if not np.isfinite(self.patterns[self.valid]).all():
+            raise InputError.expected("patterns", "finite values", "NaN or infinity", "leave these pixels out")
+        good = np.isfinite(self.noise).all() and (self.noise >= 0).all() and (self.noise.sum(1) > 0).all()
+        if not good:
+            got = "unknown or without any"
+            raise InputError.expected(
+                "noise of the patterns", "a variance above 0", got, "give noise=(constant, slope)"
+            )
+
+    def __len__(self) -> int:
+        """Return the number of patterns."""
+        return len(self.index)
+
+    def of(self, keep: NDArray[np.bool_]) -> Measured:
+        """Return the patterns that are kept."""
+        names = ("index", "patterns", "noise", "places_px", "valid", "left_out")
+        return replace(self, **{name: getattr(self, name)[keep] for name in names})
+
+    def with_left_out(self, left_out: ArrayLike) -> Measured:
+        """Return the same patterns with others kept aside."""
+        return replace(self, left_out=np.asarray(left_out, np.bool_))
+
+
+def measured_of(
+    matrix: PSFMatrix,
+    camera: Camera | None = None,
+    *,
+    positions: Sequence[tuple[int, int, int]] | NDArray[np.intp] | None = None,
+    noise: tuple[float, float] | None = None,
+    cutout: int | tuple[int, int] | None = None,
+    most: int | None = None,
+    left_out: float = LEFT_OUT,
+) -> Measured:
+    """Return the recorded patterns of an H.
+
+    Parameters
+    ----------
+    matrix
+        H; positions that were never recorded are left out.
+    camera
+        The camera as described; None takes that of H.
+    positions
+        Positions (z, y, x) to take; None takes all that were recorded.
+    noise
+        Constant and slope of a sample's variance; None takes what H states.
+    cutout
+        Pixels about the middle that are taken, odd; None takes all.
+    most
+        Take no more patterns than this, spread evenly.
+    left_out
+        Share of the patterns to keep aside, spread over each plane.
+
+    Raises
+    ------
+    InputError
+        Where H has no camera, no noise, or too few patterns.
+    """
+    check_number("share of patterns left out", left_out, at_least=0, below=0.9)
+    if matrix.is_transposed:
+        raise InputError.expected("patterns", "those of H", "those of HT", "give H")
+    plan = _plan_of(matrix, camera)
+    chosen = np.argwhere(matrix.recorded > 0) if positions is None else np.asarray(positions, np.intp).reshape(-1, 3)
+    if positions is None and most is not None and len(chosen) > most:
+        chosen = chosen[spread_out(chosen, most, plan.period)]
+    if len(chosen) < MOST_FEW:
+        raise InputError.expected("recorded patterns", f"{MOST_FEW} or more", len(chosen), "record more positions")
+    _check_inside(chosen, plan.shape[:3])
+    rows, columns = _middle(matrix.cutout, cutout)
+    plan = replace(plan, cutout=(rows.stop - rows.start, columns.stop - columns.start))
+    patterns = np.stack([np.asarray(matrix[z, y, x], np.float32)[rows, columns] for z, y, x in chosen.tolist()])
+    valid = np.stack([matrix.valid(z, y, x)[rows, columns] for z, y, x in chosen.tolist()])
+    kept = spread_out(chosen, round(left_out * len(chosen)), plan.period)
+    aside = np.zeros(len(chosen), np.bool_)
+    aside[kept] = True
+    return Measured(plan, chosen, patterns, _noise(matrix, chosen, noise), np.zeros((len(chosen), 2)), valid, aside)
+
+
+def _check_inside(index: NDArray[np.intp], shape: tuple[int, int, int]) -> None:
+    inside = ((index >= 0) & (index < np.array(shape))).all(1)
+    if not inside.all():
+        first = tuple(int(v) for v in index[~inside][0])
+        raise InputError.expected("position (z, y, x)", f"within {shape}", first, "correct it")
+
+
+MOST_FEW = 3
+"""Fewest patterns from which anything is told."""
+
+
+def _plan_of(matrix: PSFMatrix, camera: Camera | None) -> ScanPlan:
+    owner = camera or matrix.camera
+    if owner is None:
+        raise InputError.expected("camera", "a description", "none in H", "name the camera")
+    if matrix.pixel_scale != (1.0, 1.0):
+        raise InputError.expected(
+            "patterns", "on the sensor's own pixels", "on resampled ones", "assemble them without resampling"
+        )
+    depths = tuple(float(z) for z in matrix.depths)
+    return ScanPlan(owner, matrix.period, matrix.cutout, depths, matrix.anchor)
+
+
+def _middle(have: tuple[int, int], want: int | tuple[int, int] | None) -> tuple[slice, slice]:
+    wanted = have if want is None else (want, want) if isinstance(want, int) else want
+    for size, most in zip(wanted, have, strict=True):
+        check_number("cutout (pixels)", size, at_least=3, at_most=most, integer=True)
+        if size % 2 == 0:
+            raise InputError.expected("cutout (pixels)", "an odd number", size, "take one more or less")
+    first, second = (slice((n - w) // 2, (n + w) // 2) for n, w in zip(have, wanted, strict=True))
+    return first, second
+
+
+def _noise(matrix: PSFMatrix, chosen: NDArray[np.intp], given: tuple[float, float] | None) -> NDArray[np.float64]:
+    if given is not None:
+        for name, value in zip(("constant", "slope"), given, strict=True):
+            check_number(f"noise: {name}", value, at_least=0)
+        return np.tile(np.asarray(given, np.float64), (len(chosen), 1))
+    known = matrix.facts.noise
+    if known is None:
+        raise InputError.expected("noise of H", "a variance model", "none", "give noise=(constant, slope)")
+    found: NDArray[np.float64] = known[tuple(chosen.T)].astype(np.float64)
+    return found

@@ -1,0 +1,136 @@
+"""Normal equations of all patterns: unknowns that all share, and those of each pattern eliminated (Schur)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.fit.weighing import Levels, Weighed
+
+__all__ = ["Columns", "Local", "Normal", "normal_equations"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Derivatives of the patterns of unit gain.
+
+    Attributes
+    ----------
+    shared
+        By each unknown, ``(k, n, m)``.
+    own
+        By displacements (dy, dx) of each source, ``(2, n, m)``; None where sources are where they should be.
+    """
+
+    shared: F4
+    own: F4 | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Local:
+    """Unknowns of each pattern by itself: their values now and how well they are known beforehand.
+
+    Attributes
+    ----------
+    offsets_px
+        Displacements ``(n, 2)`` as (dy, dx).
+    stage_px
+        Rms of displacements known beforehand; 0: sources are where they should be.
+    lamp
+        Relative rms of the lamp; 0: it is steady.
+    """
+
+    offsets_px: F8
+    stage_px: float = 0.0
+    lamp: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """Unknowns of each pattern."""
+        return 2 * (self.stage_px > 0) + (self.lamp > 0)
+
+    def precision(self) -> F8:
+        """Return 1/sigma² of each unknown of a pattern, in their order."""
+        parts = ([self.stage_px**-2.0] * 2 if self.stage_px > 0 else []) + ([self.lamp**-2.0] if self.lamp > 0 else [])
+        return np.array(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """Normal equations N d = g over what is shared: the unknowns, then gain and background of each plane.
+
+    Attributes
+    ----------
+    matrix, gradient
+        N ``(k, k)`` and g ``(k,)`` with each pattern's own unknowns eliminated.
+    chi2
+        Sum of squares that is left where the shared unknowns stay as they are and each pattern's own are best.
+    solved
+        Of each pattern: C^-1 B^T and C^-1 h, which give its own unknowns' steps from the shared ones'.
+    """
+
+    matrix: F8
+    gradient: F8
+    chi2: float
+    solved: tuple[tuple[F8, F8], ...]
+
+    def change(self, step: F8, which: NDArray[np.intp] | slice = slice(None)) -> float:
+        """Return by how much the sum of squares falls for a step of the shared unknowns ``which``."""
+        inner = self.matrix[which][:, which] if isinstance(which, slice) else self.matrix[np.ix_(which, which)]
+        return float(2 * self.gradient[which] @ step - step @ inner @ step)
+
+
+def normal_equations(
+    columns: Columns,
+    model: F4,
+    seen: Weighed,
+    levels: Levels,
+    planes: NDArray[np.intp],
+    local: Local,
+) -> Normal:
+    """Return the normal equations of patterns; ``planes`` are theirs, ``model`` ``(n, m)`` has unit gain.
+
+    The priors of each pattern's own unknowns are in them, those of the shared ones are not.
+    """
+    k, nz = len(columns.shared), len(levels.gains)
+    size = k + 2 * nz
+    matrix, gradient, left = np.zeros((size, size)), np.zeros(size), 0.0
+    factors, solved = levels.factors(planes), list[tuple[F8, F8]]()
+    precision = local.precision()
+    for p, z in enumerate(planes.tolist()):
+        weight = seen.inverse[p] * seen.robust[p]
+        r = (seen.residual[p] * seen.robust[p]).astype(np.float64)
+        light = np.float32(factors[p]) * weight
+        x = np.zeros((size, r.size), np.float32)
+        x[:k] = columns.shared[:, p] * light
+        x[k + z] = model[p] * np.float32(1.0 + levels.lamps[p]) * weight
+        x[k + nz + z] = weight
+        own = []
+        if local.stage_px > 0 and columns.own is not None:
+            own += [columns.own[0, p] * light, columns.own[1, p] * light]
+        if local.lamp > 0:
+            own.append(model[p] * np.float32(levels.gains[z]) * weight)
+        used = np.r_[0:k, k + z, k + nz + z]
+        part = x[used].astype(np.float64)
+        matrix[np.ix_(used, used)] += part @ part.T
+        gradient[used] += part @ r
+        left += float(r @ r)
+        if not own:
+            solved.append((np.zeros((0, size)), np.zeros(0)))
+            continue
+        y = np.stack(own).astype(np.float64)
+        now = np.r_[local.offsets_px[p] if local.stage_px > 0 else [], [levels.lamps[p]] if local.lamp > 0 else []]
+        c, h = y @ y.T + np.diag(precision), y @ r - precision * now
+        b = np.zeros((size, len(y)))
+        b[used] = part @ y.T
+        cb, ch = np.linalg.solve(c, b.T).astype(np.float64), np.linalg.solve(c, h).astype(np.float64)
+        matrix -= b @ cb
+        gradient -= b @ ch
+        left += float(precision @ now**2 - h @ ch)
+        solved.append((cb, ch))
+    return Normal(matrix, gradient, left, tuple(solved))

@@ -1,0 +1,216 @@
+"""The unknowns of a fit: numbers with a unit, a start and a scale, in groups that are found by registry."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+from lfcal.fit.setup import Setup
+from lfcal.registry import Registry
+
+__all__ = ["GROUP", "GROUPS", "Frame", "Group", "Unknown", "Vector", "find_groups"]
+
+GROUP = "lfcal.unknowns"
+"""Entry point group of groups of unknowns of other distributions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """What of the scan unknowns need for their scales.
+
+    Attributes
+    ----------
+    planes
+        Depth planes.
+    reach_px
+        Half the cutout: the lever of what turns or grows (pixels).
+    middle_um
+        The scanned cell's middle (x, y) from the sensor's centre (µm).
+    """
+
+    planes: int
+    reach_px: float
+    middle_um: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """One number that is to be found.
+
+    Attributes
+    ----------
+    name, group, unit
+        What it is called, the group it belongs to, and its unit.
+    start
+        Value from which the fit starts, as described.
+    scale
+        A change that shows: steps of derivatives and of damping are measured by it.
+    sigma
+        Standard deviation of what is known beforehand about the start; None: nothing is.
+    low, high
+        Least and largest value that has a meaning.
+    squared
+        Patterns change with its square, which is what is fitted: a width that adds in quadrature.
+    gauge
+        What is held so that this unknown means something, for people; empty where nothing must be.
+    """
+
+    name: str
+    group: str
+    unit: str
+    start: float
+    scale: float
+    sigma: float | None = None
+    low: float = -math.inf
+    high: float = math.inf
+    squared: bool = False
+    gauge: str = ""
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number(f"{self.name}: start", self.start)
+        check_number(f"{self.name}: scale", self.scale, above=0)
+        if self.sigma is not None:
+            check_number(f"{self.name}: sigma", self.sigma, above=0)
+        if not self.low <= self.start <= self.high:
+            wanted = f"{self.low:g} to {self.high:g}"
+            raise InputError.expected(f"{self.name}: start", wanted, f"{self.start:g}", "correct the description")
+
+    def value(self, u: float) -> float:
+        """Return the value at ``u`` scales from the start, within its bounds."""
+        if self.squared:
+            square = self.start**2 + u * self.scale**2
+            return min(self.high, max(self.low, math.sqrt(max(0.0, square))))
+        return min(self.high, max(self.low, self.start + u * self.scale))
+
+    def sigma_of(self, u: float, sigma: float) -> float:
+        """Return the standard deviation of the value where that of ``u`` is ``sigma``."""
+        if not self.squared:
+            return sigma * self.scale
+        value = self.value(u)
+        # a square that is not above its own error has no first-order error of the root
+        return (
+            min(sigma * self.scale**2 / (2 * value), math.sqrt(sigma) * self.scale)
+            if value > 0
+            else (math.sqrt(sigma) * self.scale)
+        )
+
+    def clipped(self, u: float) -> float:
+        """Return ``u`` or the nearest that is within the bounds."""
+        if self.squared:
+            low, high = (self.low**2 if self.low > 0 else 0.0), self.high**2
+            bounds = ((low - self.start**2) / self.scale**2, (high - self.start**2) / self.scale**2)
+        else:
+            bounds = (self.low - self.start) / self.scale, (self.high - self.start) / self.scale
+        return min(bounds[1], max(bounds[0], u))
+
+
+class Group(ABC):
+    """Unknowns that belong together, and what they change."""
+
+    name: str
+    """What options, files and commands call it."""
+    title: str
+    """For people."""
+    rank: int = 50
+    """Order in lists."""
+    late: bool = False
+    """Whether it is tried only where others have been found: each pattern takes many runs of the engine."""
+    core: bool = False
+    """Whether ``unknowns="auto"`` starts with it; others are added where they lower the error of left-out patterns."""
+
+    @abstractmethod
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the unknowns about a setup; none where the camera has no such thing."""
+
+    @abstractmethod
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup, from which the fit started, with the unknowns' ``values`` by name."""
+
+
+def check_group(group: Group) -> None:
+    """Raise `TypeError` unless ``group`` can be listed and applied."""
+    if not isinstance(group, Group):
+        raise TypeError("it is not an object derived from Group")
+    if not isinstance(getattr(group, "title", None), str):
+        raise TypeError("it has no title")
+
+
+def find_groups() -> Registry[Group]:
+    """Return every group of unknowns by name, by rank; those of other distributions included."""
+    return Registry(
+        "unknowns", "lfcal.fit.groups", "GROUPS", GROUP, order=lambda g: (g.rank, g.name), check=check_group
+    )
+
+
+GROUPS = find_groups()
+"""Every group of unknowns."""
+
+
+class Vector:
+    """The unknowns of several groups as one vector ``u``, in scales from the start.
+
+    Parameters
+    ----------
+    setup, frame
+        Where the fit starts.
+    groups
+        Names of groups; those that the camera has no unknowns of are left out.
+
+    Raises
+    ------
+    InputError
+        For an unknown group.
+    """
+
+    def __init__(self, setup: Setup, frame: Frame, groups: Sequence[str]) -> None:
+        self.setup, self.frame = setup, frame
+        found = [(GROUPS.get(name), GROUPS.get(name).unknowns(setup, frame)) for name in groups]
+        self.groups = tuple(group for group, own in found if own)
+        self.unknowns = tuple(one for _, own in found for one in own)
+        names = [one.name for one in self.unknowns]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError.expected("unknowns", "each one once", f"{twice} twice", "leave one group out")
+
+    def __len__(self) -> int:
+        """Return the number of unknowns."""
+        return len(self.unknowns)
+
+    def values(self, u: NDArray[np.float64]) -> dict[str, float]:
+        """Return the values of all unknowns by name."""
+        return {one.name: one.value(float(v)) for one, v in zip(self.unknowns, u, strict=True)}
+
+    def clipped(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the vector within the unknowns' bounds."""
+        return np.array([one.clipped(float(v)) for one, v in zip(self.unknowns, u, strict=True)])
+
+    def setup_at(self, u: NDArray[np.float64]) -> Setup:
+        """Return the setup that a vector describes.
+
+        Raises
+        ------
+        InputError
+            Where it describes no camera.
+        """
+        values, setup = self.values(u), self.setup
+        for group in self.groups:
+            own = {one.name: values[one.name] for one in self.unknowns if one.group == group.name}
+            setup = group.applied(setup, own, self.frame)
+        return setup
+
+    def prior(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the vectors of prior precision (1/sigma²) and of its centre, in scales; precision 0: nothing known."""
+        precision = [0.0 if one.sigma is None else (one.scale / one.sigma) ** 2 for one in self.unknowns]
+        return np.array(precision), np.zeros(len(precision))
+
+    def of_groups(self, names: Sequence[str]) -> NDArray[np.intp]:
+        """Return the places of the unknowns of these groups."""
+        return np.array([k for k, one in enumerate(self.unknowns) if one.group in names], np.intp)

@@ -1,0 +1,196 @@
+"""The patterns and the unknowns of one fit: predictions at a vector, their derivatives, how well they meet the data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.fit.measured import Measured
+from lfcal.fit.model import Fineness, predict
+from lfcal.fit.normal import Columns, Local, Normal, normal_equations
+from lfcal.fit.parameters import Vector
+from lfcal.fit.weighing import Levels, Weighed, levels_of, weighed
+from lfcal.progress import Clock, Work
+from lfcal.simulate.engines.base import EnergyError, Sampling
+from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
+
+__all__ = ["ERRORS", "STEP", "Point", "Problem"]
+
+STEP = 0.1
+"""Step of a finite difference, in scales of its unknown."""
+
+STEP_PX = 0.05
+"""Step of a source's displacement (pixels)."""
+
+ERRORS = {Fineness.coarse: 4e-3, Fineness.fine: 1e-3, Fineness.finest: 6e-4}
+"""What the computation errs by at each sampling, as a share of the light (relative L2, of the bench camera)."""
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A vector with all that was computed there.
+
+    Attributes
+    ----------
+    u
+        The unknowns, in scales from their start.
+    local
+        Each pattern's own unknowns.
+    model
+        Predictions of unit gain ``(n, m)``.
+    levels, seen
+        Gains and backgrounds; residuals.
+    sampling, doubtful
+        How it was computed and weighed.
+    """
+
+    u: F8
+    local: Local
+    model: F4
+    levels: Levels
+    seen: Weighed
+    sampling: Sampling
+    doubtful: bool
+
+
+class Problem:
+    """What is fitted to what.
+
+    Parameters
+    ----------
+    measured
+        The patterns, those left out among them.
+    vector
+        All unknowns that may be used.
+    workers
+        Threads over derivatives; None takes every processor.
+    """
+
+    def __init__(self, measured: Measured, vector: Vector, workers: int | None = None) -> None:
+        self.measured, self.vector = measured, vector
+        self.workers = worker_count(workers)
+        self.planes = measured.index[:, 0]
+        self.fitted = ~measured.left_out
+
+    def with_measured(self, measured: Measured) -> Problem:
+        """Return the same problem with other patterns."""
+        return Problem(measured, self.vector, self.workers)
+
+    # -- predictions -------------------------------------------------------------------------------------
+    def model(self, u: F8, offsets_px: F8, sampling: Sampling) -> F4:
+        """Return the predictions ``(n, m)`` of unit gain at a vector.
+
+        Raises
+        ------
+        InputError, EnergyError
+            Where the vector describes no camera, or one that cannot be computed so.
+        """
+        measured = self.measured
+        offsets = offsets_px + measured.places_px
+        setup = self.vector.setup_at(u)
+        found = predict(setup, measured.plan, measured.index, offsets, sampling)
+        return found.reshape(len(measured), -1)
+
+    def point(
+        self, u: F8, local: Local, sampling: Sampling, *, lamps: F8 | None = None, doubtful: bool = False
+    ) -> Point:
+        """Return what is computed at a vector."""
+        model = self.model(u, local.offsets_px, sampling)
+        return self.weigh(u, local, model, sampling, lamps=lamps, doubtful=doubtful)
+
+    def weigh(
+        self, u: F8, local: Local, model: F4, sampling: Sampling, *, lamps: F8 | None = None, doubtful: bool = False
+    ) -> Point:
+        """Return the point of a prediction that is known already."""
+        own = np.zeros(len(self.measured)) if lamps is None else lamps
+        error = ERRORS[sampling]
+        levels = levels_of(self.measured, model, own, doubtful=doubtful, error=error)
+        seen = weighed(self.measured, model, levels, doubtful=doubtful, error=error)
+        return Point(u, local, model, levels, seen, sampling, doubtful)
+
+    def cost(self, point: Point, by: Point | None = None) -> float:
+        """Return the loss of the fitted patterns and the priors; noise as at ``by``, its own by default."""
+        seen = point.seen
+        if by is not None and by is not point:
+            seen = weighed(
+                self.measured,
+                point.model,
+                point.levels,
+                doubtful=point.doubtful,
+                error=ERRORS[point.sampling],
+                inverse=by.seen.inverse,
+            )
+        precision, _ = self.vector.prior()
+        own = self._own(point)
+        return float(seen.cost[self.fitted].sum() + precision @ point.u**2 + own)
+
+    def _own(self, point: Point) -> float:
+        local, lamps = point.local, point.levels.lamps
+        total = 0.0
+        if local.stage_px > 0:
+            total += float((local.offsets_px[self.fitted] ** 2).sum()) / local.stage_px**2
+        if local.lamp > 0:
+            total += float((lamps[self.fitted] ** 2).sum()) / local.lamp**2
+        return total
+
+    # -- derivatives -------------------------------------------------------------------------------------
+    def columns(self, point: Point, which: Sequence[int], note: str, *, own: bool) -> Work[Columns]:
+        """Compute the derivatives by the unknowns ``which``, and with ``own`` by each source's displacement.
+
+        Yields progress in columns; they are computed at the coarse sampling, several at a time.
+        """
+        tasks: list[tuple[str, int]] = [("shared", int(k)) for k in which]
+        tasks += [("own", axis) for axis in (0, 1)] if own else []
+        clock = Clock(note, len(tasks) + 1)
+        yield clock.at(0)
+        base = point.model if point.sampling == Fineness.coarse else self._coarse(point)
+        shared = np.zeros((len(self.vector), *base.shape), np.float32)
+        moved = np.zeros((2, *base.shape), np.float32) if own else None
+
+        def some(start: int, stop: int) -> None:
+            for kind, k in tasks[start:stop]:
+                if kind == "shared":
+                    shared[k] = self._derivative(point, base, k)
+                elif moved is not None:
+                    by = np.zeros(2)
+                    by[k] = STEP_PX
+                    further = self.model(point.u, point.local.offsets_px + by, Fineness.coarse)
+                    moved[k] = (further - base) / np.float32(STEP_PX)
+
+        with one_blas_thread():
+            for first in range(0, len(tasks), self.workers):
+                last = min(len(tasks), first + self.workers)
+                for_each_chunk(lambda a, b, at=first: some(at + a, at + b), last - first, self.workers)  # type: ignore[misc]
+                yield clock.at(1 + last)
+        return Columns(shared, moved)
+
+    def _coarse(self, point: Point) -> F4:
+        return self.model(point.u, point.local.offsets_px, Fineness.coarse)
+
+    def _derivative(self, point: Point, base: F4, k: int) -> F4:
+        """Return the derivative by unknown ``k``, by a step to the side on which there is room."""
+        for step in (STEP, -STEP):
+            u = point.u.copy()
+            u[k] += step
+            if not np.isclose(self.vector.clipped(u)[k], u[k]):
+                continue
+            try:
+                found: F4 = (self.model(u, point.local.offsets_px, Fineness.coarse) - base) / np.float32(step)
+            except (InputError, EnergyError):
+                continue
+            return found
+        return np.zeros_like(base)
+
+    def normal(self, columns: Columns, point: Point, keep: NDArray[np.bool_]) -> Normal:
+        """Return the normal equations of the patterns ``keep``, without the shared unknowns' priors."""
+        part = Columns(columns.shared[:, keep], None if columns.own is None else columns.own[:, keep])
+        local = replace(point.local, offsets_px=point.local.offsets_px[keep])
+        levels = replace(point.levels, lamps=point.levels.lamps[keep])
+        return normal_equations(part, point.model[keep], point.seen.of(keep), levels, self.planes[keep], local)

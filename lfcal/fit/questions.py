@@ -1,0 +1,186 @@
+"""Discrete questions, answered by name: order of lens types, mirrored axes, sign of depth, another camera."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lfcal.camera import Camera
+from lfcal.errors import InputError
+from lfcal.fit.measured import Measured
+from lfcal.fit.model import Fineness
+from lfcal.fit.normal import Local
+from lfcal.fit.problem import Point, Problem
+from lfcal.fit.solver import descend
+from lfcal.fit.spread import spread_out
+from lfcal.fit.weighing import flat
+from lfcal.progress import Work
+from lfcal.simulate.engines.base import EnergyError
+from lfcal.units import format_share
+
+__all__ = ["PLAIN", "STRANGE", "as_described", "asked", "check_explained", "check_light", "misfit", "order_of_types"]
+
+PLAIN = 0.12
+"""Share of the light (relative L2) that a described camera may leave unexplained before questions are asked."""
+
+STRANGE = 0.8
+"""The same before any aberration is looked for: patterns of other axes or depths have nothing in common."""
+
+UNEXPLAINED = 0.5
+"""Share of the light beside noise from which on the patterns are not of such a camera."""
+
+LIGHT = 10.0
+"""Standard deviations of the noise's own squares by which patterns with light lie above it."""
+
+BETTER = 0.6
+"""How much less another answer must leave unexplained than the description."""
+
+FEW = 8
+"""Patterns that questions are answered from."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One way in which a recording may differ from its description.
+
+    Attributes
+    ----------
+    question, name
+        What is asked, and the answer.
+    change
+        Returns the patterns and their plan as they are by this answer.
+    remedy
+        What to do about it.
+    """
+
+    question: str
+    name: str
+    change: Callable[[Measured], Measured]
+    remedy: str
+
+
+def misfit(problem: Problem, point: Point) -> float:
+    """Return what fitted patterns have beside model and noise, as a share of their rms (relative L2)."""
+    keep = problem.fitted
+    data, valid = flat(problem.measured.of(keep))
+    inverse = np.where(valid, point.seen.inverse[keep], 1.0)
+    off = np.where(valid, point.seen.residual[keep] / inverse, 0.0)
+    light = point.model[keep] * point.levels.factors(problem.planes)[keep, None]
+    constant, slope = (problem.measured.noise[keep, k, None] for k in (0, 1))
+    noise = np.where(valid, constant + slope * np.maximum(light, 0), 0.0)
+    back = point.levels.backgrounds[problem.planes[keep], None]
+    power = float(np.square(np.where(valid, data - back, 0.0), dtype=np.float64).sum())
+    beside = float(np.square(off, dtype=np.float64).sum() - noise.sum())
+    return float(np.sqrt(max(0.0, beside) / max(power, 1e-300)))
+
+
+def check_light(measured: Measured) -> None:
+    """Raise `InputError` where the patterns show no light beyond their noise."""
+    keep = measured.of(~measured.left_out)
+    data, valid = flat(keep)
+    # of a constant background nothing is told
+    middle = np.array([np.median(one[good]) if good.any() else 0.0 for one, good in zip(data, valid, strict=True)])
+    off = np.where(valid, data - middle[:, None], 0.0)
+    noise = keep.noise[:, :1] + keep.noise[:, 1:] * np.maximum(np.where(valid, data, 0.0), 0)
+    beyond = float(np.where(valid, np.square(off, dtype=np.float64) - noise, 0.0).sum())
+    if beyond <= LIGHT * float(np.sqrt(2 * np.square(noise).sum())):
+        remedy = "check the files and the background that was taken off"
+        raise InputError.expected("light of the patterns", "more than their noise", "none", remedy)
+
+
+def check_explained(problem: Problem, point: Point) -> None:
+    """Raise `InputError` where the patterns are not of such a camera."""
+    left = misfit(problem, point)
+    if left > UNEXPLAINED:
+        name = problem.measured.plan.camera.name
+        raise InputError.expected(
+            "measured patterns",
+            f"those of a camera like {name!r}",
+            f"{format_share(left)} of their light unexplained",
+            "check pitch, gap, pixels, depths and lens types of the description",
+        )
+
+
+def as_described(problem: Problem, core: Sequence[str]) -> Work[Point]:
+    """Return the fit of the unknowns ``core`` about the description."""
+    return (yield from _tried(problem, core, "as described", most=4))
+
+
+def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
+    """Ask whether something is otherwise than described, by fits of a few patterns; yields progress in derivatives.
+
+    Raises
+    ------
+    InputError
+        With the answer and what to do, where one leaves much less unexplained than the description.
+    """
+    few = _few(problem)
+    plain = yield from _tried(few, core, "as described", most=3)
+    limit = BETTER * misfit(few, plain)
+    winner: Answer | None = None
+    for answer in _answers():
+        try:
+            changed = few.with_measured(answer.change(few.measured))
+            trial = yield from _tried(changed, core, f"{answer.question}: {answer.name}", most=3)
+        except (InputError, EnergyError):  # there is no such plane before the lens, or none that is computed
+            continue
+        share = misfit(changed, trial)
+        if share < limit:
+            limit, winner = share, answer
+    if winner is not None:
+        raise InputError.expected(winner.question, "as described", winner.name, winner.remedy)
+
+
+def order_of_types(described: Camera, found: Camera) -> str:
+    """Return in which order the description has the lens types that were found, or nothing where it is theirs.
+
+    Focal lengths are free: those of a wrong order are found all the same, and belong to other types.
+    """
+    was, now = (np.log([kind.focal_length_um for kind in c.lattice.types]) for c in (described, found))
+    far = {order: float(np.abs(now - was[list(order)]).sum()) for order in itertools.permutations(range(len(was)))}
+    best, own = min(far, key=lambda order: far[order]), far[tuple(range(len(was)))]
+    return ", ".join(map(str, best)) if far[best] < 0.5 * own else ""
+
+
+def _tried(problem: Problem, core: Sequence[str], note: str, *, most: int) -> Work[Point]:
+    which = problem.vector.of_groups(core).tolist()
+    local = Local(np.zeros((len(problem.measured), 2)))
+    point = problem.point(np.zeros(len(problem.vector)), local, Fineness.coarse, doubtful=True)
+    point, _ = yield from descend(problem, point, which, note, most=most, enough=5e-3)
+    return point
+
+
+def _few(problem: Problem) -> Problem:
+    """Return the problem of a few patterns."""
+    measured = problem.measured.of(problem.fitted)
+    keep = np.zeros(len(measured), np.bool_)
+    keep[spread_out(measured.index, min(FEW, len(measured)), measured.plan.period)] = True
+    return problem.with_measured(measured.of(keep))
+
+
+# -- what may be otherwise than described --------------------------------------------------------------------
+
+
+def _answers() -> list[Answer]:
+    found = []
+    turn = "mirror the frames, or turn the stage's axis round in the plan, and assemble again"
+    for name, axes in (("mirrored rows", (1,)), ("mirrored columns", (2,)), ("turned by 180°", (1, 2))):
+        found.append(Answer("axes of the patterns", name, _mirrored(axes), turn))
+    found.append(Answer("sign of depth", "nearer where it says farther", _nearer, "turn the sign of the depths round"))
+    return found
+
+
+def _mirrored(axes: tuple[int, ...]) -> Callable[[Measured], Measured]:
+    def change(measured: Measured) -> Measured:
+        patterns = np.ascontiguousarray(np.flip(measured.patterns, axes))
+        return replace(measured, patterns=patterns, valid=np.ascontiguousarray(np.flip(measured.valid, axes)))
+
+    return change
+
+
+def _nearer(measured: Measured) -> Measured:
+    depths = tuple(-z for z in measured.plan.depths_um)
+    return replace(measured, plan=replace(measured.plan, depths_um=depths))

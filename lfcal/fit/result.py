@@ -1,0 +1,187 @@
+"""What a fit found, how sure it is, and the model it stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.axes import Position
+from lfcal.camera import Camera, ScanPlan
+from lfcal.errors import InputError
+from lfcal.fit.judge import ChiSquare, ModelError
+from lfcal.fit.model import Fineness, PlaneModel
+from lfcal.fit.nuisance import Spread
+from lfcal.fit.setup import Setup
+from lfcal.fit.weighing import Levels
+from lfcal.progress import Clock, Work, drain
+from lfcal.psf import PSFMatrix
+from lfcal.simulate.effects.base import Effect
+from lfcal.threads import for_each_chunk, worker_count
+
+__all__ = ["Fit", "Outlier", "Parameter"]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One number that was found.
+
+    Attributes
+    ----------
+    name, group, unit
+        As of the unknown.
+    value, sigma
+        What was found, and its standard deviation.
+    start
+        What the description said.
+    """
+
+    name: str
+    group: str
+    unit: str
+    value: float
+    sigma: float
+    start: float
+
+
+@dataclass(frozen=True, slots=True)
+class Outlier:
+    """A pattern that was left out of the fit because it is not like the others."""
+
+    z: int
+    y: int
+    x: int
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A camera retrieved from measured patterns.
+
+    Attributes
+    ----------
+    setup
+        Camera, effects, depths and stage as found.
+    planned
+        The scan as it was planned, with the camera as it was described.
+    parameters
+        What was found, by name.
+    groups, unhelpful
+        Groups of unknowns that were fitted; those tried that did not lower the error of left-out patterns.
+    chi_square
+        Of the fitted patterns.
+    left_out_error
+        Error of the model's patterns, from patterns that were never fitted.
+    correlations
+        Of the parameters, in their order ``(k, k)``.
+    held
+        What is held, so that the parameters mean something.
+    unidentified
+        Combinations of parameters that this scan does not tell apart.
+    outliers
+        Patterns that were left out with a reason.
+    answers
+        What discrete questions were answered with, where not as described.
+    spread
+        How far sources were from their places, and how steady the lamp was.
+    residuals
+        Measured minus predicted in sigmas ``(nt, ns)`` by position (z, y, x).
+    levels
+        Gain and background of each plane.
+    """
+
+    setup: Setup
+    planned: ScanPlan
+    parameters: Mapping[str, Parameter]
+    groups: tuple[str, ...]
+    unhelpful: tuple[str, ...]
+    chi_square: ChiSquare
+    left_out_error: ModelError
+    correlations: NDArray[np.float64]
+    held: tuple[str, ...]
+    unidentified: tuple[str, ...]
+    outliers: tuple[Outlier, ...]
+    answers: Mapping[str, str]
+    spread: Spread
+    levels: Levels = field(repr=False)
+    residuals: Mapping[tuple[int, int, int], NDArray[np.float32]] = field(repr=False)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera as found."""
+        return self.setup.camera
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects of the model as found."""
+        return self.setup.effects
+
+    @property
+    def chi2(self) -> float:
+        """Mean square of the residuals over their variance, weighted by the light; 1 for a true model."""
+        return self.chi_square.lit
+
+    @property
+    def complete(self) -> bool:
+        """Whether the model suffices: chi² lies within five of its standard deviations of 1."""
+        return self.chi_square.complete
+
+    @property
+    def verdict(self) -> str:
+        """How far the fit is to be trusted, in a line."""
+        error = f"error of the model {self.left_out_error}"
+        if self.complete:
+            return f"chi² {self.chi2:.3f}; {error}"
+        more = f"chi² {self.chi2:.3f}, {self.chi_square.excess:.0f} sigma above 1"
+        return f"model incomplete: {more}; {error}; more patterns do not help"
+
+    def residual(self, z: int, y: int, x: int) -> NDArray[np.float32]:
+        """Return measured minus predicted values of a measured pattern ``(nt, ns)``, in sigmas of their noise.
+
+        Raises
+        ------
+        InputError
+            For a position that was not measured.
+        """
+        if (z, y, x) not in self.residuals:
+            where = Position(z, y, x)
+            raise InputError.expected("residual", "a measured position", tuple(where), "choose one that was recorded")
+        return self.residuals[z, y, x]
+
+    def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
+        """Compute H of the fitted camera as `model`; yields progress in rows."""
+        nz, ny, nx = self.planned.shape[:3]
+        out = np.empty(self.planned.shape, np.float32)
+        clock, count = Clock("model", nz * ny), worker_count(workers)
+        yield clock.at(0)
+        for z in range(nz):
+            plane = PlaneModel(self.ideal_places, self.planned, z, Fineness.finest)
+            gain = np.float32(self.levels.gains[z])
+
+            def rows(start: int, stop: int, z: int = z, plane: PlaneModel = plane, gain: np.float32 = gain) -> None:
+                for y in range(start, stop):
+                    places = np.stack([np.full(nx, y), np.arange(nx)], axis=1)
+                    out[z, y] = gain * plane.patterns(places, np.zeros((nx, 2)))
+
+            for first in range(0, ny, count):
+                last = min(ny, first + count)
+                for_each_chunk(lambda a, b, at=first, go=rows: go(at + a, at + b), last - first, count)  # type: ignore[misc]
+                yield clock.at(z * ny + last)
+        return PSFMatrix(
+            out,
+            depths=self.planned.depths_um,
+            camera=self.camera,
+            anchor=self.planned.anchor,
+            provenance={"fit": {"chi2": self.chi2, "error": self.left_out_error.value, "groups": list(self.groups)}},
+        )
+
+    @property
+    def ideal_places(self) -> Setup:
+        """The setup with sources where H has them: depths stay as found, steps of the stage are the planned ones."""
+        return replace(self.setup, stage_scale=0.0)
+
+    def model(self, workers: int | None = None) -> PSFMatrix:
+        """Return H of the fitted camera over all positions and depths, without noise, in the units of the data."""
+        return drain(self.iter_model(workers))

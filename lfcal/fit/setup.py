@@ -1,0 +1,76 @@
+"""What a fit describes: the camera, its effects, and where the source truly was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from lfcal.camera import Camera, ScanPlan
+from lfcal.checks import check_number
+from lfcal.simulate.effects import (
+    ExactAngles,
+    IrisDiffraction,
+    IrisShape,
+    LensletDiffraction,
+    LensTypeDefocus,
+    PixelFill,
+    Telecentricity,
+)
+from lfcal.simulate.effects.base import Effect
+
+__all__ = ["Setup", "described_effects"]
+
+E = TypeVar("E", bound=Effect)
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """Everything of which a pattern's light is computed, but for the scan's own positions.
+
+    Attributes
+    ----------
+    camera
+        The camera as it is supposed to be.
+    effects
+        What it is simulated with.
+    depth_errors_um
+        How much farther away each plane is than planned (µm).
+    stage_scale
+        Length of the stage's steps over the planned ones, minus 1.
+    """
+
+    camera: Camera
+    effects: tuple[Effect, ...]
+    depth_errors_um: tuple[float, ...]
+    stage_scale: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("stage scale", self.stage_scale, above=-0.5, below=0.5)
+
+    def plan(self, planned: ScanPlan) -> ScanPlan:
+        """Return the plan with this camera; positions stay where they were planned on the sensor."""
+        return replace(planned, camera=self.camera)
+
+    def effect(self, kind: type[E]) -> E | None:
+        """Return the effect of a kind, or None."""
+        return next((effect for effect in self.effects if type(effect) is kind), None)
+
+    def with_effect(self, effect: Effect) -> Setup:
+        """Return the setup with an effect in the place of the one of its kind, or beside the others."""
+        others = tuple(one for one in self.effects if type(one) is not type(effect))
+        return replace(self, effects=(*others, effect))
+
+    def edited(self, change: Callable[[Camera], Camera]) -> Setup:
+        """Return the setup with a changed camera."""
+        return replace(self, camera=change(self.camera))
+
+
+def described_effects(camera: Camera) -> tuple[Effect, ...]:
+    """Return the effects that a camera's description holds, whatever their size: what a fit starts from."""
+    found: tuple[Effect, ...] = (LensTypeDefocus(), LensletDiffraction(), IrisDiffraction(), IrisShape())
+    # a microscope's Debye integral has exact angles, and its pupil lies at infinity
+    if not camera.optics.telecentric:
+        found = (*found, Telecentricity(), ExactAngles())
+    return (*found, PixelFill()) if camera.sensor.fill_factor < 1 else found

@@ -1,0 +1,139 @@
+"""Levenberg-Marquardt on weighted patterns: which step to take, and when to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.fit.normal import Columns, Normal
+from lfcal.fit.problem import Point, Problem
+from lfcal.progress import Work
+from lfcal.simulate.engines.base import EnergyError
+
+__all__ = ["descend", "solve", "stepped"]
+
+LONGEST = 5.0
+"""Longest step of an unknown, in its scales."""
+
+STEPS = 4
+"""Steps that are taken by the same derivatives."""
+
+TRIES = 5
+"""Dampings that are tried before a step is given up."""
+
+F8 = NDArray[np.float64]
+
+
+def solve(matrix: F8, gradient: F8) -> F8:
+    """Return the solution of N d = g for a positive semidefinite N whose unknowns differ in size."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    known = size > 0
+    out = np.zeros_like(gradient)
+    scaled = matrix[np.ix_(known, known)] / np.outer(size[known], size[known])
+    # eigenvectors that no pattern shows are left alone
+    values, vectors = np.linalg.eigh(scaled)
+    good = values > 1e-12 * values.max(initial=0.0)
+    part = vectors[:, good].T @ (gradient[known] / size[known])
+    out[known] = vectors[:, good] @ (part / values[good]) / size[known]
+    return out
+
+
+def shared_of(problem: Problem, which: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the places in the normal equations of unknowns ``which`` and of all gains and backgrounds."""
+    k = len(problem.vector)
+    levels = np.arange(k, k + 2 * problem.measured.plan.shape[0])
+    return np.concatenate([np.asarray(which, np.intp), levels])
+
+
+def with_prior(problem: Problem, normal: Normal, u: F8) -> tuple[F8, F8]:
+    """Return matrix and gradient with what is known of the unknowns beforehand."""
+    precision, _ = problem.vector.prior()
+    matrix, gradient = normal.matrix.copy(), normal.gradient.copy()
+    k = len(precision)
+    matrix[np.arange(k), np.arange(k)] += precision
+    gradient[:k] -= precision * u
+    return matrix, gradient
+
+
+def stepped(
+    problem: Problem, point: Point, columns: Columns, which: Sequence[int], damping: float
+) -> tuple[Point, float, float]:
+    """Return the first point that is better than ``point``, the damping to go on with, and by how much it is better.
+
+    The same point and 0 where none is found.
+    """
+    normal = problem.normal(columns, point, problem.fitted)
+    matrix, gradient = with_prior(problem, normal, point.u)
+    used = shared_of(problem, which)
+    inner, slope = matrix[np.ix_(used, used)], gradient[used]
+    before = problem.cost(point)
+    for _ in range(TRIES):
+        damped = inner + damping * np.diag(np.diag(inner))
+        step = solve(damped, slope)
+        trial = moved(problem, point, normal, used, step, len(which))
+        better = before - problem.cost(trial, point) if trial is not None else -1.0
+        if trial is not None and better > 0:
+            return trial, max(1e-6, damping / 6), better
+        damping = max(1e-4, damping) * 6
+    return point, damping, 0.0
+
+
+def moved(problem: Problem, point: Point, normal: Normal, used: NDArray[np.intp], step: F8, count: int) -> Point | None:
+    """Return the point a step away, or None where there is no camera; each pattern's own unknowns follow."""
+    longest = float(np.abs(step[:count]).max(initial=0.0))
+    step = step * min(1.0, LONGEST / longest) if longest > 0 else step
+    u = point.u.copy()
+    u[used[:count]] += step[:count]
+    u = problem.vector.clipped(u)
+    whole = np.zeros(len(normal.gradient))
+    whole[used] = step
+    local, lamps = point.local, point.levels.lamps.copy()
+    offsets = local.offsets_px.copy()
+    for p, (cb, ch) in zip(np.flatnonzero(problem.fitted).tolist(), normal.solved, strict=True):
+        own = ch - cb @ whole
+        if local.stage_px > 0:
+            offsets[p] = np.clip(offsets[p] + own[:2], -8 * local.stage_px, 8 * local.stage_px)
+        if local.lamp > 0:
+            lamps[p] = np.clip(lamps[p] + own[-1], -0.9, 9.0)
+    try:
+        found = replace(local, offsets_px=offsets)
+        return problem.point(u, found, point.sampling, lamps=lamps, doubtful=point.doubtful)
+    except (InputError, EnergyError):
+        return None
+
+
+def descend(
+    problem: Problem,
+    point: Point,
+    which: Sequence[int],
+    note: str,
+    *,
+    most: int = 8,
+    enough: float = 1e-3,
+    columns: Columns | None = None,
+) -> Work[tuple[Point, Columns]]:
+    """Go down until a step gains less than the share ``enough`` of the loss, at most ``most`` rounds of derivatives.
+
+    Only the unknowns ``which`` move. ``columns`` are derivatives that are known already, for the first round. Returns
+    the point and the last derivatives; yields progress in derivatives.
+    """
+    damping, known = 1e-3, columns
+    for turn in range(most):
+        if known is None or turn:
+            own = point.local.stage_px > 0
+            known = yield from problem.columns(point, which, f"{note}, round {turn + 1}", own=own)
+        before, better = problem.cost(point), 0.0
+        # derivatives stay good for some smaller steps
+        for _ in range(STEPS):
+            point, damping, gained = stepped(problem, point, known, which, damping)
+            better += gained
+            if gained < max(enough * before, 0.05 * better):
+                break
+        if better < enough * before:
+            break
+    assert known is not None
+    return point, known

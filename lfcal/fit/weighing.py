@@ -1,0 +1,158 @@
+"""Residuals in units of their noise: gain and background of each plane, the variance of the model, robust weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.fit.measured import Measured
+
+__all__ = ["BEND", "Levels", "Weighed", "levels_of", "weighed"]
+
+BEND = 4.0
+"""Residual (sigmas) from which on it counts linearly, after Huber: noise alone hardly ever reaches it."""
+
+WILD = 25.0
+"""Residual (sigmas) from which on a pixel among others is no measurement."""
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """How a model becomes a recorded pattern: recorded = gain (1 + lamp) model + background.
+
+    Attributes
+    ----------
+    gains, backgrounds
+        Of each plane ``(nz,)``.
+    lamps
+        Relative brightness of the lamp at each pattern, minus 1 ``(n,)``.
+    """
+
+    gains: F8
+    backgrounds: F8
+    lamps: F8
+
+    def factors(self, planes: NDArray[np.intp]) -> F8:
+        """Return gain (1 + lamp) of each pattern; ``planes`` are their planes."""
+        found: F8 = self.gains[planes] * (1.0 + self.lamps)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """Residuals of patterns and their weights, each ``(n, m)``.
+
+    Attributes
+    ----------
+    residual
+        Recorded minus predicted, in sigmas of the model's noise; 0 where a pixel is not valid.
+    inverse
+        1/sigma of each pixel; 0 where it is not valid.
+    robust
+        Square root of Huber's weight.
+    bright
+        Share of the variance that the light has, between 0 and 1.
+    """
+
+    residual: F4
+    inverse: F4
+    robust: F4
+    bright: F4
+
+    @property
+    def cost(self) -> F8:
+        """Huber's loss of each pattern ``(n,)``, twice: the sum of squares where no residual is large."""
+        size = np.abs(self.residual, dtype=np.float64)
+        loss = np.where(size <= BEND, size * size, BEND * (2 * size - BEND))
+        found: F8 = loss.sum(1)
+        return found
+
+    @property
+    def wild(self) -> NDArray[np.bool_]:
+        """Which pixels are no measurement: far off where the others of the pattern are not."""
+        size = np.abs(self.residual)
+        found: NDArray[np.bool_] = size > np.maximum(WILD, 6 * np.sqrt(np.square(size).mean(1, keepdims=True)))
+        return found
+
+    def of(self, keep: NDArray[np.bool_]) -> Weighed:
+        """Return some of the patterns."""
+        return replace(
+            self, **{name: getattr(self, name)[keep] for name in ("residual", "inverse", "robust", "bright")}
+        )
+
+
+def flat(measured: Measured) -> tuple[F4, NDArray[np.bool_]]:
+    """Return patterns and valid pixels as ``(n, m)``."""
+    n = len(measured)
+    return measured.patterns.reshape(n, -1), measured.valid.reshape(n, -1)
+
+
+def variance(measured: Measured, light: F4, *, doubtful: bool, error: float) -> F4:
+    """Return the variance ``(n, m)`` of samples whose light is predicted as ``light``.
+
+    While the model is ``doubtful`` the larger of model and data: a dark model would give bright data no noise. What
+    the engine itself errs by, a share ``error`` of the light, is added.
+    """
+    shown = np.maximum(light, 0)
+    if doubtful:
+        shown = np.maximum(shown, flat(measured)[0])
+    constant, slope = (measured.noise[:, k, None].astype(np.float32) for k in (0, 1))
+    floor = np.float32(1e-12) * np.float32(max(1e-30, float(np.square(measured.patterns).max(initial=0.0))))
+    found: F4 = constant + slope * shown + np.square(np.float32(error) * shown) + floor
+    return found
+
+
+def levels_of(measured: Measured, model: F4, lamps: F8, *, doubtful: bool, error: float) -> Levels:
+    """Return gain and background of each plane that fit the patterns best, by weighted least squares.
+
+    ``model`` ``(n, m)`` are predictions of unit gain. Patterns left out do not count.
+    """
+    data, valid = flat(measured)
+    planes, nz = measured.index[:, 0], measured.plan.shape[0]
+    gains, backgrounds = np.ones(nz), np.zeros(nz)
+    for z in np.unique(planes).tolist():
+        own = (planes == z) & ~measured.left_out
+        if not own.any():
+            own = planes == z
+        part, m, d, good = measured.of(own), model[own], data[own], valid[own]
+        m = m * (1.0 + lamps[own, None]).astype(np.float32)
+        total = float(m[good].sum(dtype=np.float64))
+        gain, background = (float(d[good].sum(dtype=np.float64)) / total if total > 0 else 1.0), 0.0
+        for _ in range(3):
+            var = variance(part, np.float32(gain) * m, doubtful=doubtful, error=error)
+            weight = np.where(good, 1.0 / var, 0.0)
+            # what is farther off than the bend counts less, as in the fit itself
+            size = np.abs(d - gain * m - background) / np.sqrt(var)
+            weight *= np.minimum(1.0, BEND / np.maximum(size, BEND))
+            a, b, c = (float((weight * v).sum(dtype=np.float64)) for v in (m * m, m, np.ones_like(m)))
+            e, f = float((weight * m * d).sum(dtype=np.float64)), float((weight * d).sum(dtype=np.float64))
+            det = a * c - b * b
+            if det > 1e-9 * a * c:
+                gain, background = (c * e - b * f) / det, (a * f - b * e) / det
+        gains[z], backgrounds[z] = gain, background
+    return Levels(gains, backgrounds, lamps)
+
+
+def weighed(
+    measured: Measured, model: F4, levels: Levels, *, doubtful: bool, error: float, inverse: F4 | None = None
+) -> Weighed:
+    """Return the residuals of predictions ``model`` ``(n, m)`` of unit gain.
+
+    ``inverse`` is 1/sigma where it is not the model's own: two models are compared by the same one.
+    """
+    data, valid = flat(measured)
+    planes = measured.index[:, 0]
+    light = model * levels.factors(planes)[:, None].astype(np.float32)
+    var = variance(measured, light, doubtful=doubtful, error=error)
+    if inverse is None:
+        inverse = np.where(valid, 1.0 / np.sqrt(var), 0.0).astype(np.float32)
+    back = levels.backgrounds[planes, None].astype(np.float32)
+    residual = np.where(valid, (data - light - back) * inverse, 0.0).astype(np.float32)
+    robust = np.sqrt(BEND / np.maximum(np.abs(residual), BEND)).astype(np.float32)
+    bright = (1.0 - (measured.noise[:, 0, None] / var)).astype(np.float32)
+    return Weighed(residual, inverse, robust, np.clip(bright, 0.0, 1.0))

@@ -1,0 +1,115 @@
+"""What is read of an H, and what is not fit for a fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.errors import InputError
+from lfcal.fit.measured import measured_of
+from lfcal.fit.spread import spread_out
+from lfcal.psf import PSFMatrix
+from lfcal.psf.facts import Facts, pack_valid
+from tests.fit.common import small_plan
+
+PLAN = small_plan(5, (2.2, 2.7))
+RNG = np.random.default_rng(3)
+
+
+def matrix(recorded: np.ndarray | None = None, **facts: object) -> PSFMatrix:
+    shape = PLAN.shape
+    values = np.random.default_rng(4).normal(10, 1, shape).astype(np.float32)
+    known = {"recorded": np.ones(shape[:3]) if recorded is None else recorded, **facts}
+    return PSFMatrix(
+        values,
+        depths=PLAN.depths_um,
+        camera=PLAN.camera,
+        anchor=PLAN.anchor,
+        facts=Facts.of(shape[:3], shape[3:], **known),  # type: ignore[arg-type]
+    )
+
+
+def test_only_recorded_positions_are_taken() -> None:
+    recorded = np.zeros(PLAN.shape[:3])
+    places = [(0, 3, 5), (0, 17, 30), (1, 0, 0), (1, 9, 12), (1, 18, 32)]
+    for place in places:
+        recorded[place] = 2
+    source = matrix(recorded)
+    found = measured_of(source, noise=(4.0, 1.0))
+    assert [tuple(one) for one in found.index.tolist()] == places
+    for k, place in enumerate(places):
+        assert (found.patterns[k] == source[place]).all()
+    assert found.left_out.sum() == 1 and found.plan == replace(PLAN, exposure_s=found.plan.exposure_s)
+    assert (found.noise == [4.0, 1.0]).all()
+
+
+def test_noise_and_masks_are_those_of_the_file() -> None:
+    noise = np.stack([RNG.uniform(1, 2, PLAN.shape[:3]), RNG.uniform(0, 1, PLAN.shape[:3])], -1)
+    valid = RNG.random(PLAN.shape) > 0.1
+    found = measured_of(matrix(noise=noise, valid=pack_valid(valid)), most=12)
+    assert len(found) == 12
+    np.testing.assert_allclose(found.noise, noise[tuple(found.index.T)].astype(np.float32))
+    assert (found.valid == valid[tuple(found.index.T)]).all()
+
+
+def test_a_smaller_cutout_is_the_middle() -> None:
+    source = matrix()
+    found = measured_of(source, noise=(1.0, 0.0), cutout=3, positions=[(0, 1, 2), (1, 3, 4), (0, 5, 6)])
+    assert found.plan.cutout == (3, 3) and (found.patterns[0] == source[0, 1, 2][1:4, 1:4]).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({}, "noise of H: expected a variance model, got none"),
+        ({"noise": (0.0, 0.0)}, "noise of the patterns: expected a variance above 0"),
+        ({"noise": (-1.0, 0.0)}, "noise: constant"),
+        ({"noise": (1.0, 0.0), "cutout": 4}, "an odd number, got 4"),
+        ({"noise": (1.0, 0.0), "cutout": 7}, "cutout"),
+        ({"noise": (1.0, 0.0), "left_out": 1.0}, "left out"),
+        ({"noise": (1.0, 0.0), "positions": [(0, 0, 0), (0, 1, 1)]}, "3 or more, got 2"),
+        (
+            {"noise": (1.0, 0.0), "positions": [(0, 0, 0), (0, 1, 1), (2, 0, 0)]},
+            r"position \(z, y, x\): expected within",
+        ),
+    ],
+)
+def test_what_is_missing_is_said_in_a_line(options: dict[str, object], what: str) -> None:
+    with pytest.raises(InputError, match=what):
+        measured_of(matrix(), **options)  # type: ignore[arg-type]
+
+
+def test_ht_and_an_h_of_nobody_are_refused() -> None:
+    with pytest.raises(InputError, match="those of H, got those of HT"):
+        measured_of(matrix().T, noise=(1.0, 0.0))
+    with pytest.raises(InputError, match="camera: expected a description"):
+        measured_of(PSFMatrix(np.ones((1, 2, 2, 3, 3))), noise=(1.0, 0.0))
+
+
+def test_nan_is_no_pattern_unless_it_is_masked() -> None:
+    source = matrix()
+    found = measured_of(source, noise=(1.0, 0.0), most=6)
+    patterns = found.patterns.copy()
+    patterns[2, 1, 1] = np.nan
+    with pytest.raises(InputError, match="finite values"):
+        replace(found, patterns=patterns)
+    valid = found.valid.copy()
+    valid[2, 1, 1] = False
+    assert len(replace(found, patterns=patterns, valid=valid)) == 6
+
+
+def test_positions_are_spread_over_planes_and_period() -> None:
+    every = np.argwhere(np.ones((2, 19, 33), bool))
+    chosen = every[spread_out(every, 20, (19, 33))]
+    assert (np.bincount(chosen[:, 0]) == 10).all() and len(np.unique(chosen, axis=0)) == 20
+    size = np.array([19, 33])
+    for z in (0, 1):
+        own = chosen[chosen[:, 0] == z, 1:]
+        apart = np.abs(own[:, None] - own[None])
+        apart = np.sqrt((np.minimum(apart, size - apart) ** 2).sum(2))
+        np.fill_diagonal(apart, np.inf)
+        # ten discs of this distance would fill half of the period
+        assert apart.min() > 0.6 * np.sqrt(19 * 33 / 10)
+    assert len(spread_out(every[:3], 9, (19, 33))) == 3

@@ -1,0 +1,83 @@
+"""Predictions are those of the simulator, with each source where it was."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.fit.model import LEVEL, Fineness, predict
+from lfcal.simulate.effects import Crosstalk, FiniteSource
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines.choose import engine_for
+from lfcal.simulate.response import PlaneResponse
+from lfcal.simulate.staging import scene_for
+from tests.fit.common import setup_of, small_plan, some_index, vector_of
+from tests.simulate.common import difference
+
+PLAN = small_plan()
+INDEX = some_index(PLAN, 6)
+STILL = np.zeros((6, 2))
+
+
+@pytest.mark.parametrize("more", [(), (Crosstalk(0.03),), (FiniteSource(30.0), Crosstalk(0.02))])
+def test_predictions_are_the_simulator_s(more: tuple[object, ...]) -> None:
+    setup = replace(setup_of(PLAN), effects=(*setup_of(PLAN).effects, *more))  # type: ignore[arg-type]
+    found = predict(setup, PLAN, INDEX[:2], STILL[:2], Fineness.fine)
+    for k, (z, y, x) in enumerate(INDEX[:2].tolist()):
+        wanted = PlaneResponse(PLAN, z, setup.effects, level=LEVEL, sampling=Fineness.fine).rows([y], [x])[0, 0]
+        # the grids are not of one size
+        assert difference(found[k], wanted) < 5e-3
+
+
+def test_the_grid_is_as_fine_as_is_said() -> None:
+    """Against the coherent reference, which shares no sampling with the grid."""
+    setup = setup_of(PLAN)
+    own = INDEX[INDEX[:, 0] == 0][:2]
+    reference = np.stack(
+        [
+            PlaneResponse(PLAN, 0, setup.effects, level="reference", sampling=Sampling(10.0)).rows([y], [x])[0, 0]
+            for _, y, x in own.tolist()
+        ]
+    ).astype(float)
+    for sampling, least in ((Fineness.coarse, 6e-3), (Fineness.fine, 2e-3), (Fineness.finest, 1.2e-3)):
+        found = predict(setup, PLAN, own, np.zeros((2, 2)), sampling)
+        assert np.sqrt(np.square(found - reference).sum() / np.square(reference).sum()) < least
+
+
+def test_displaced_sources_are_computed_where_they_are() -> None:
+    """Also of one position measured twice."""
+    setup = setup_of(PLAN)
+    index = np.array([[0, 4, 7], [1, 4, 7], [0, 4, 7]])
+    moved = np.array([[0.2, -0.1], [0.0, 0.3], [-0.4, 0.25]])
+    found = predict(setup, PLAN, index, moved, Fineness.fine)
+    pixel = PLAN.camera.sensor.pixel_um
+    for k in range(3):
+        scene = scene_for(PLAN, int(index[k, 0]), setup.effects)
+        offsets = np.broadcast_to(moved[k] * pixel, (*scene.period, 2))
+        wanted = engine_for(replace(scene, offsets_um=offsets), LEVEL, Fineness.fine).rows([4], [7])[0, 0]
+        assert difference(found[k], wanted) < 3e-3
+    assert difference(found[0], found[2]) > 0.1
+
+
+def test_longer_steps_of_the_stage_grow_from_the_period_s_middle() -> None:
+    setup = setup_of(PLAN)
+    longer = replace(setup, stage_scale=0.02)
+    middle = (np.array(PLAN.period) - 1) / 2
+    moved = 0.02 * (INDEX[:, 1:] - middle)
+    found = predict(longer, PLAN, INDEX, STILL, Fineness.fine)
+    np.testing.assert_allclose(found, predict(setup, PLAN, INDEX, moved, Fineness.fine), atol=1e-6 * found.max())
+
+
+def test_predictions_are_smooth_in_every_unknown() -> None:
+    """Half a step to the side changes half as much: derivatives are no artefact of a grid that jumps."""
+    vector = vector_of(PLAN, ("geometry", "focal_lengths", "lenslet_spherical", "iris", "wavefront", "crosstalk"))
+    base = predict(vector.setup, PLAN, INDEX, STILL, Fineness.coarse).astype(float)
+    for k, one in enumerate(vector.unknowns):
+        changes = []
+        for step in (0.1, 0.05):
+            u = np.zeros(len(vector))
+            u[k] = step
+            changes.append((predict(vector.setup_at(u), PLAN, INDEX, STILL, Fineness.coarse) - base) / step)
+        assert difference(changes[0], changes[1]) < 0.06, one.name
