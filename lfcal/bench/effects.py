@@ -137,8 +137,8 @@ def judge(number: int, tolerance: float) -> Judged:
     chosen, share = budgeted(selection, plan, tolerance).at(plan.depths_um[0])
     ys, xs = _others(plan)
     response = PlaneResponse(plan, 0, chosen, tolerance=share)
-    found = response.rows(ys[:1], xs[:2])
-    error = _difference(found, _finest(plan, counting, ys[:1], xs[:2]))
+    some = (ys[:2], xs[:4]) if len(xs) > 3 else (ys[:1], xs[:2])
+    error = _difference(response.rows(*some), _finest(plan, counting, *some))
     kind = f"v {outlook.virtual_depth:.2g}" if outlook.has_lens else f"z {outlook.z_um:.2g} µm"
     name = f"scene {number}, {plan.camera.name} f/{outlook.f_number:.3g}, {kind}"
     return Judged(name, pairs, tolerance, error, response.reached + selection.left_out[0], seconds)

@@ -19,6 +19,9 @@ __all__ = ["ExactAngles", "IrisDiffraction", "IrisShape", "LensTypeDefocus", "Le
 INSEPARABLE = 8.0
 """Fresnel number of the shadow below which it is computed with its fringes or not at all, exact angles or not."""
 
+FRINGED, SHOWN = 20.0, 0.5
+"""Fresnel number of the iris, and rms width of spots (px), below which angles change more, or less, than a shift."""
+
 
 @dataclass(frozen=True, slots=True)
 class LensTypeDefocus(SceneEffect):
@@ -190,8 +193,10 @@ class ExactAngles(SceneEffect):
         return Estimate(rim, "px", outlook.moved(share * rim * near), "B/(2 (2 Nw)³); a shift of 0.56 to 0.65 of it")
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether spots move as rays do: not where one lenslet sees all of the iris's fringes."""
-        return outlook.regular and outlook.fresnel_main >= INSEPARABLE
+        """Return whether spots move as rays do: of many lenslets, lit by more than fringes, wide enough for pixels."""
+        width = sum(outlook.widths_px) / len(outlook.widths_px)
+        spread = abs(outlook.virtual_depth) >= 1.2 and outlook.fresnel_main >= FRINGED and width >= SHOWN
+        return outlook.regular and spread
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with exact defocus and exact rays."""
