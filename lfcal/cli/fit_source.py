@@ -101,10 +101,15 @@ def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:
 
     if how.noise is not None:
         return
-    noise = matrix.facts.noise
-    if noise is None or not np.isfinite(noise[matrix.recorded > 0]).all():
+    noise = None if matrix.facts.noise is None else matrix.facts.noise[matrix.recorded > 0]
+    if noise is None or not np.isfinite(noise).all():
         raise InputError.expected(
             f"{source}, noise", "a variance of the samples", "none", "state it with --noise CONSTANT,SLOPE"
+        )
+    # of samples above a black level the variance begins there, and at 0 it would be below nothing
+    if (noise[:, 0] < 0).any():
+        raise InputError.expected(
+            f"{source}, samples", "without their black level", "with it", "name --dark, or --black-level"
         )
 
 

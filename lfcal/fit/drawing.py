@@ -122,7 +122,8 @@ def draw_leftover(left: Leftover, path: str | os.PathLike[str]) -> None:
     shown = [z for z in range(len(left.maps)) if np.isfinite(left.maps[z]).any()]
     few = [shown[k] for k in np.unique(np.linspace(0, len(shown) - 1, min(3, len(shown))).round().astype(int))]
     with figure(9.6, 6.0) as fig:
-        above, below = np.ravel(fig.subfigures(2, 1))
+        grid = fig.add_gridspec(2, 1)
+        above, below = fig.add_subfigure(grid[0, 0]), fig.add_subfigure(grid[1, 0])
         for panel, z in zip(np.ravel(above.subplots(1, len(few))), few, strict=True):
             draw_image(panel, left.maps[z], title=f"plane {z}: mean square residual", unit="σ²")
         places, planes, types = below.subplots(1, 3)
