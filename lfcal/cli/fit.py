@@ -86,7 +86,7 @@ def _groups(text: str) -> tuple[str, ...]:
     """Return the names of groups, each one known; before anything is read."""
     from lfcal.fit import GROUPS
 
-    names = tuple(part.strip() for part in text.split(",") if part.strip())
+    names = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
     known = GROUPS.names()
     wrong = [name for name in names if name not in known]
     if wrong or not names:

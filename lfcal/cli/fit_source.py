@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.errors import InputError
+from lfcal.errors import FileFormatError, InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
@@ -123,10 +123,19 @@ def _picked(source: Path, how: Reading, stack: ExitStack, *, quiet: bool) -> tup
     from lfcal.cli.orientation import upright
     from lfcal.fit.spread import spread_out
     from lfcal.frames import corrected_view
+    from lfcal.frames.colour_scan import colours_of
     from lfcal.psf.picked import iter_pick
 
-    frames, plan = open_scan(source, how.plan, orientation=how.orientation)
+    one = "assemble one with lfcal assemble --channel G, and fit that H"
+    try:
+        frames, plan = open_scan(source, how.plan, orientation=how.orientation)
+    except FileFormatError as error:
+        # the library's word for it is not an option here
+        raise FileFormatError(str(error).replace(' (colour="G")', f": {one}")) from None
     stack.enter_context(frames)
+    colours = colours_of(frames, plan)
+    if colours:
+        raise InputError.expected(str(source), "frames of one colour", f"a mosaic of {', '.join(colours)}", one)
     report_notes(frames.metadata.get("notes", ()))
     view, lie = upright(corrected_view(frames, how.recipe, plan), plan, how.orientation, quiet=quiet)
     if how.camera is not None:

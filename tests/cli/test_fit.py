@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -21,6 +22,7 @@ from tests.fit.common import few_patterns, small_plan
 
 Lfcal = Callable[..., Run]
 FILES = ("H.h5", "camera.json", "effects.json", "fit.json", "report/index.html")
+SAMPLE = Path(__file__).parents[2] / "sample_data"
 GAP = 1.01
 """True gap of the few patterns over the described one."""
 
@@ -33,7 +35,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_fit_writes_camera_effects_numbers_h_and_report(lfcal: Lfcal, place: Path) -> None:
-    run = lfcal("fit", "few.h5", "--unknowns", "geometry", "--workers", 1)
+    run = lfcal("fit", "few.h5", "--unknowns", "geometry,geometry", "--workers", 1)
     assert run.code == 0, run.err
     assert all((place / "fit" / name).is_file() for name in FILES) and "gap_um" in run.out
     found = json.loads((place / "fit" / "fit.json").read_text())
@@ -148,6 +150,31 @@ def test_other_files_are_no_h_and_no_frames(lfcal: Lfcal, place: Path) -> None:
     for name in ("missing.h5", "missing", "text.h5"):
         run = lfcal("fit", name)
         assert run.code == 2 and run.err.count("\n") == 1 and name in run.err, run.err
+
+
+def test_frames_of_several_colours_are_refused_with_the_way_out(lfcal: Lfcal, place: Path) -> None:
+    plan = replace(small_plan(15, (2.2,)), period=(2, 4))
+    mosaic = replace(plan, camera=replace(plan.camera, sensor=replace(plan.camera.sensor, cfa="GRBG")))
+    rng = np.random.default_rng(0)
+    for name, own, shape in (("mosaic", mosaic, (120, 120)), ("picture", plan, (120, 120, 3))):
+        (place / name).mkdir()
+        (place / name / "plan.json").write_text(own.to_json())
+        for y, x in np.ndindex(2, 4):
+            frame = rng.integers(0, 4000, shape).astype(np.uint16)
+            cv2.imwrite(str(place / name / f"z0_y{y}_x{x}.png"), frame)
+        run = lfcal("fit", name)
+        assert run.code == 2 and run.err.count("\n") == 1, run.err
+        assert "assemble one with lfcal assemble --channel G, and fit that H" in run.err
+
+
+@pytest.mark.long
+def test_a_recorded_session_is_fitted(lfcal: Lfcal, place: Path) -> None:
+    words = ("--positions", 12, "--unknowns", "geometry,focal_lengths,iris", "--no-h", "--json")
+    run = lfcal("fit", SAMPLE / "recorded", *words)
+    assert run.code == 0 and isinstance(run.json, dict), run.err
+    assert run.json["patterns"] + len(run.json["outliers"]) == 12 and run.json["left_out_error"]["limit"] < 0.03
+    # frames were simulated to 3 %: that is how well they tell the camera
+    assert all(abs(one["value"] - one["start"]) < 0.02 * abs(one["start"]) + 0.02 for one in run.json["parameters"])
 
 
 def test_noise_in_words() -> None:
