@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 
 from lfcal.camera import Camera
+from lfcal.cli import main
 from lfcal.cli.fit_source import parse_noise
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix, open_psf, save
@@ -34,12 +37,26 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_fit_writes_camera_effects_numbers_h_and_report(lfcal: Lfcal, place: Path) -> None:
-    run = lfcal("fit", "few.h5", "--unknowns", "geometry,geometry", "--workers", 1)
-    assert run.code == 0, run.err
-    assert all((place / "fit" / name).is_file() for name in FILES) and "gap_um" in run.out
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Return the folder in which the few patterns were fitted, and what was said."""
+    folder = tmp_path_factory.mktemp("whole")
+    save(few_patterns(), folder / "few.h5")
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
+        patch.chdir(folder)
+        patch.setattr("sys.argv", ["lfcal", "fit", "few.h5", "--unknowns", "geometry,geometry", "--workers", "1"])
+        with pytest.raises(SystemExit) as end:
+            main()
+    assert not end.value.code
+    return folder, said.getvalue()
+
+
+def test_a_fit_writes_camera_effects_numbers_h_and_report(whole: tuple[Path, str]) -> None:
+    place, out = whole
+    assert all((place / "fit" / name).is_file() for name in FILES) and "gap_um" in out
     found = json.loads((place / "fit" / "fit.json").read_text())
-    assert found["format"] == "lfcal-fit" and found["source"] == "few.h5" and found["verdict"] in run.out
+    assert found["format"] == "lfcal-fit" and found["source"] == "few.h5" and found["verdict"] in out
     assert found["patterns"] == 6 and found["left_out_error"]["limit"] < 0.03 and found["complete"]
     gap = next(one for one in found["parameters"] if one["name"] == "gap_um")
     assert abs(gap["value"] - GAP * gap["start"]) < 4 * gap["sigma"] < 0.01 * gap["value"]
@@ -62,18 +79,16 @@ def test_a_fit_writes_camera_effects_numbers_h_and_report(lfcal: Lfcal, place: P
         assert all(H[0, y, x].sum() > 0 for y, x in np.ndindex(2, 4))
 
 
-def test_the_camera_and_effects_make_the_same_h(lfcal: Lfcal, place: Path) -> None:
+def test_the_camera_and_effects_make_the_same_h(lfcal: Lfcal, whole: tuple[Path, str], place: Path) -> None:
     """What simulate computes of the two files is the model; the engines' settings are chosen anew."""
-    run = lfcal("fit", "few.h5", "--unknowns", "geometry", "-o", "found", "--json")
-    assert run.code == 0 and isinstance(run.json, dict) and not run.err, run.err
-    assert [Path(name).name for name in run.json["files"]] == ["H.h5", "index.html", *FILES[1:4]]
-    settings, given = parse_entries(place / "found" / "effects.json")
+    found = whole[0] / "fit"
+    settings, given = parse_entries(found / "effects.json")
     assert {"lens_types", "iris_shape"} <= settings.keys() | {one.name for one in given}
     assert set(settings.values()) == {"on"}
-    with open_psf(place / "found" / "H.h5") as H:
+    with open_psf(found / "H.h5") as H:
         assert H.camera is not None
         (place / "plan.json").write_text(replace(small_plan(15, (2.2,)), camera=H.camera, period=(2, 4)).to_json())
-        words = ("simulate", "plan.json", "--effects", "found/effects.json", "--tolerance", 0.01, "-o", "again.h5")
+        words = ("simulate", "plan.json", "--effects", found / "effects.json", "--tolerance", 0.01, "-o", "again.h5")
         made = lfcal(*words)
         assert made.code == 0, made.err
         with open_psf(place / "again.h5") as again:
@@ -91,6 +106,7 @@ def test_frames_are_corrected_and_cut_out_at_the_chosen_positions(lfcal: Lfcal, 
     more = ("--plan", "kept.json", "--dark", "scan/dark", "--positions", 5, "--orientation", "as-is")
     run = lfcal("fit", "scan/frames", *more, "--unknowns", "geometry", "--no-h", "--json")
     assert run.code == 0 and isinstance(run.json, dict), run.err
+    assert [Path(name).name for name in run.json["files"]] == ["index.html", *FILES[1:4]] and not run.err
     assert len(run.json["positions"]) == run.json["patterns"] == 5
     # the dark frame is subtracted
     assert abs(run.json["backgrounds"][0]) < 5 and not (place / "fit" / "H.h5").exists()
