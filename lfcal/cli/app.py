@@ -24,6 +24,7 @@ ORDER = (
     "verify",
     "assemble",
     "inspect",
+    "fit",
     "transpose",
     "export",
     "reconstruct",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
 from lfcal.fit.weighing import Levels
+from lfcal.plain import plain
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects.base import Effect
@@ -150,32 +152,54 @@ class Fit:
             raise InputError.expected("residual", "a measured position", tuple(where), "choose one that was recorded")
         return self.residuals[z, y, x]
 
-    def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
-        """Compute H of the fitted camera as `model`; yields progress in rows."""
+    def iter_planes(self, take: Callable[[int, NDArray[np.float32]], object], workers: int | None = None) -> Work[None]:
+        """Compute H of the fitted camera one plane after the other; yields progress in rows.
+
+        Parameters
+        ----------
+        take
+            Is handed the number of each plane and its values ``(ny, nx, nt, ns)``, which the next plane replaces.
+        workers
+            Threads; None takes every processor.
+        """
         nz, ny, nx = self.planned.shape[:3]
-        out = np.empty(self.planned.shape, np.float32)
+        out = np.empty(self.planned.shape[1:], np.float32)
         clock, count = Clock("model", nz * ny), worker_count(workers)
         yield clock.at(0)
         for z in range(nz):
             plane = PlaneModel(self.ideal_places, self.planned, z, Fineness.finest)
             gain = np.float32(self.levels.gains[z])
 
-            def rows(start: int, stop: int, z: int = z, plane: PlaneModel = plane, gain: np.float32 = gain) -> None:
+            def rows(start: int, stop: int, plane: PlaneModel = plane, gain: np.float32 = gain) -> None:
                 for y in range(start, stop):
                     places = np.stack([np.full(nx, y), np.arange(nx)], axis=1)
-                    out[z, y] = gain * plane.patterns(places, np.zeros((nx, 2)))
+                    out[y] = gain * plane.patterns(places, np.zeros((nx, 2)))
 
             for first in range(0, ny, count):
                 last = min(ny, first + count)
                 for_each_chunk(lambda a, b, at=first, go=rows: go(at + a, at + b), last - first, count)  # type: ignore[misc]
                 yield clock.at(z * ny + last)
+            take(z, out)
+
+    def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
+        """Compute H of the fitted camera as `model`; yields progress in rows."""
+        whole = np.empty(self.planned.shape, np.float32)
+        yield from self.iter_planes(whole.__setitem__, workers)
         return PSFMatrix(
-            out,
+            whole,
             depths=self.planned.depths_um,
             camera=self.camera,
             anchor=self.planned.anchor,
-            provenance={"fit": {"chi2": self.chi2, "error": self.left_out_error.value, "groups": list(self.groups)}},
+            provenance=self.provenance,
         )
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """What H of the fitted camera says of where it comes from, as plain JSON types."""
+        fit = {"chi2": self.chi2, "error": self.left_out_error.value, "groups": list(self.groups)}
+        fit |= {"depth_errors_um": list(self.setup.depth_errors_um), "patterns": len(self.residuals)}
+        effects = [{"name": one.name, **plain(one)} for one in self.effects]
+        return {"fit": fit, "effects": effects, "plan": self.setup.plan(self.planned).to_dict()}
 
     @property
     def ideal_places(self) -> Setup:

@@ -6,6 +6,7 @@
   viewers what to plot
 - ``specification``, ``json_schema``: an H file held against the published schema of its format
 - ``cutout``, ``gather``, ``assemble``, ``assemble_plan``, ``pedestal``: frames to H with the shifting cutout
+- ``picked``: patterns of a few positions, no other frame read
 - ``orientation``, ``spot_path``: which way the frames of a scan lie, from where the pattern is in some of them
 - ``transpose``: HT, one slice of it, depth-plane sums
 - ``verify``: is a file still what was written?

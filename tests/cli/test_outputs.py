@@ -34,6 +34,7 @@ COMMANDS = (
     ("assemble",),
     ("acquire",),
     ("inspect",),
+    ("fit",),
     ("transpose",),
     ("export",),
     ("reconstruct",),
@@ -127,6 +128,8 @@ def test_force_replaces_through_a_link(lfcal: Lfcal, place: Path, name: str) -> 
         ("plan camera.json --virtual-depths 3 -o camera.json", "camera.json"),
         ("simulate scan.json -o scan.json", "scan.json"),
         ("accuracy H.h5 --draw H.h5", "H.h5"),
+        ("fit out/H.h5 -o out", "out/H.h5"),
+        ("fit fit.h5 --camera out/camera.json -o out", "out/camera.json"),
         ("assemble session/frames -o session/frames/z0_y0_x0.png", "session/frames/z0_y0_x0.png"),
         ("assemble session/frames/manifest.csv -o session/frames/z0_y0_x0.png", "session/frames/z0_y0_x0.png"),
         ("assemble session/frames --dark session/dark -o session/dark/0.png", "session/dark/0.png"),
@@ -141,8 +144,8 @@ def test_force_replaces_through_a_link(lfcal: Lfcal, place: Path, name: str) -> 
 )
 def test_an_input_is_never_replaced(lfcal: Lfcal, place: Path, command: str, kept: str) -> None:
     (place / "link.h5").symlink_to("H.h5")
-    for folder, name in (("frames", "frame.tif"), ("out", "camera.json")):
-        (place / folder).mkdir()
+    for folder, name in (("frames", "frame.tif"), ("out", "camera.json"), ("out", "H.h5")):
+        (place / folder).mkdir(exist_ok=True)
         shutil.copy(place / name, place / folder / ("a.tif" if folder == "frames" else name))
     before = listing(place)
     run = lfcal(*command.split(), "--force")

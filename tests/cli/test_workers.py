@@ -32,6 +32,7 @@ COMPUTING = (
     ("acquire",),
     ("assemble",),
     ("inspect",),
+    ("fit",),
     ("transpose",),
     ("export",),
     ("reconstruct",),

@@ -1,0 +1,154 @@
+"""A fit in pictures: patterns beside their model, what is left over by place and lens type, parameters."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, ScanPlan
+from lfcal.figures import COLOURS, LINES, draw_image, figure, save_figure
+from lfcal.fit.measured import Measured
+from lfcal.fit.model import Fineness, predict
+from lfcal.fit.result import Fit
+from lfcal.fit.weighing import BEND
+
+__all__ = ["Leftover", "draw_leftover", "draw_parameters", "draw_patterns", "leftover_of"]
+
+F4 = NDArray[np.float32]
+
+SHOWN = 4
+"""Patterns that are drawn beside their model."""
+
+
+@dataclass(frozen=True, eq=False)
+class Leftover:
+    """What a fit leaves of its patterns.
+
+    Attributes
+    ----------
+    index
+        Positions ``(n, 3)`` as (z, y, x).
+    measured, model, residual
+        Patterns ``(n, nt, ns)``: as recorded, as predicted with gain and background, and their difference in sigmas.
+    chi2
+        Of each pattern ``(n,)``: mean square of the residuals, weighted by the light.
+    by_plane
+        The same of each plane ``(nz,)``, NaN where nothing was measured.
+    by_type
+        The same of the pixels behind each lens type.
+    maps
+        Mean square of the residuals of each plane's patterns ``(nz, nt, ns)``, NaN where nothing was measured.
+    """
+
+    index: NDArray[np.intp]
+    measured: F4
+    model: F4
+    residual: F4
+    chi2: NDArray[np.float64]
+    by_plane: NDArray[np.float64]
+    by_type: NDArray[np.float64]
+    maps: NDArray[np.float64]
+
+
+def leftover_of(fit: Fit, measured: Measured) -> Leftover:
+    """Return what is left of the patterns ``measured`` that were fitted or kept aside; outliers are left out."""
+    index = np.array(list(fit.residuals), np.intp).reshape(-1, 3)
+    rows = {tuple(at): k for k, at in enumerate(measured.index.tolist())}
+    own = np.array([rows[tuple(at)] for at in index.tolist()], np.intp)
+    z = index[:, 0]
+    # sources where the plan has them: how far each was beside its place is not part of the camera
+    light = predict(fit.setup, measured.plan, index, np.zeros((len(index), 2)), Fineness.finest)
+    light *= fit.levels.factors(z)[:, None, None].astype(np.float32)
+    residual = np.stack(list(fit.residuals.values()))
+    constant, slope = (measured.noise[own, k, None, None] for k in (0, 1))
+    bright = slope * np.maximum(light, 0)
+    weight = np.where(measured.valid[own], bright / (constant + bright + 1e-300), 0.0)
+    size = np.abs(residual, dtype=np.float64)
+    loss = weight * np.where(size <= BEND, size * size, BEND * (2 * size - BEND))
+    types = np.stack([lens_types(fit.camera, measured.plan, int(y), int(x)) for _, y, x in index.tolist()])
+    planes, kinds = range(measured.plan.shape[0]), range(len(fit.camera.lattice.types))
+    empty = np.full(residual.shape[1:], np.nan)
+    return Leftover(
+        index,
+        measured.patterns[own],
+        (light + fit.levels.backgrounds[z, None, None]).astype(np.float32),
+        residual,
+        _ratio(loss.sum((1, 2)), weight.sum((1, 2))),
+        np.array([float(_ratio(loss[z == k].sum(), weight[z == k].sum())) for k in planes]),
+        np.array([float(_ratio(loss[types == k].sum(), weight[types == k].sum())) for k in kinds]),
+        np.stack([np.square(residual[z == k], dtype=np.float64).mean(0) if (z == k).any() else empty for k in planes]),
+    )
+
+
+def _ratio(above: NDArray[np.float64], below: NDArray[np.float64]) -> NDArray[np.float64]:
+    found: NDArray[np.float64] = np.where(below > 0, above / np.where(below > 0, below, 1.0), np.nan)
+    return found
+
+
+def lens_types(camera: Camera, plan: ScanPlan, y: int, x: int) -> NDArray[np.intp]:
+    """Return the type of the lenslet in front of each pixel ``(nt, ns)`` of the pattern of a source position."""
+    nt, ns = plan.cutout
+    rows = round(plan.anchor[0] + y) + np.arange(nt) - (nt - 1) // 2
+    columns = round(plan.anchor[1] + x) + np.arange(ns) - (ns - 1) // 2
+    points = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
+    near = np.rint(camera.lattice.lenslet_at(points)).astype(np.intp)
+    steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
+    # of a hexagonal array the nearest lenslet is among the neighbours of the rounded index
+    around = near[..., None, :] + steps
+    centres = camera.lattice.centres_um(around[..., 0], around[..., 1])
+    nearest = np.square(centres - points[..., None, :]).sum(-1).argmin(-1)
+    best = np.take_along_axis(around, nearest[..., None, None], axis=-2)[..., 0, :]
+    return camera.lattice.type_of(best[..., 0], best[..., 1])
+
+
+def draw_patterns(left: Leftover, path: str | os.PathLike[str]) -> None:
+    """Draw measured, model and residual of some patterns, from the best to the worst."""
+    order = np.argsort(np.nan_to_num(left.chi2))
+    chosen = order[np.unique(np.linspace(0, len(order) - 1, SHOWN).round().astype(int))]
+    with figure(9.6, 2.7 * len(chosen)) as fig:
+        for panels, k in zip(fig.subplots(len(chosen), 3, squeeze=False), chosen, strict=True):
+            at = tuple(int(v) for v in left.index[k])
+            draw_image(panels[0], left.measured[k], title=f"measured, (z, y, x) = {at}")
+            draw_image(panels[1], left.model[k], title="model")
+            draw_image(panels[2], left.residual[k], title=f"residual, χ² {left.chi2[k]:.2f}", unit="σ", signed=True)
+        save_figure(fig, path)
+
+
+def draw_leftover(left: Leftover, path: str | os.PathLike[str]) -> None:
+    """Draw the mean square of the residuals over each plane's cutouts, and chi² by position, plane and lens type."""
+    shown = [z for z in range(len(left.maps)) if np.isfinite(left.maps[z]).any()]
+    few = [shown[k] for k in np.unique(np.linspace(0, len(shown) - 1, min(3, len(shown))).round().astype(int))]
+    with figure(9.6, 6.0) as fig:
+        grid = fig.add_gridspec(2, 1)
+        above, below = fig.add_subfigure(grid[0, 0]), fig.add_subfigure(grid[1, 0])
+        for panel, z in zip(np.ravel(above.subplots(1, len(few))), few, strict=True):
+            draw_image(panel, left.maps[z], title=f"plane {z}: mean square residual", unit="σ²")
+        places, planes, types = below.subplots(1, 3)
+        dots = places.scatter(left.index[:, 2], left.index[:, 1], c=left.chi2, s=22)
+        places.invert_yaxis()
+        places.set(title="χ² of each position", xlabel="source x (px)", ylabel="source y (px)")
+        fig.colorbar(dots, ax=places, shrink=0.85)
+        for panel, values, name in ((planes, left.by_plane, "depth plane"), (types, left.by_type, "lens type")):
+            panel.bar(np.arange(len(values)), np.nan_to_num(values), color=LINES[0], width=0.6)
+            panel.axhline(1.0, color=COLOURS["muted"], linewidth=0.8)
+            panel.set(title=f"χ² by {name}", xlabel=name)
+            panel.xaxis.get_major_locator().set_params(integer=True)
+        save_figure(fig, path)
+
+
+def draw_parameters(fit: Fit, path: str | os.PathLike[str]) -> None:
+    """Draw how far every parameter is from what was described, in its own standard deviations."""
+    found = list(fit.parameters.values())
+    off = [(one.value - one.start) / one.sigma if one.sigma > 0 else 0.0 for one in found]
+    with figure(7.0, 1.2 + 0.24 * len(found)) as fig:
+        panel = fig.subplots()
+        panel.errorbar(off, np.arange(len(found)), xerr=1.0, fmt="o", color=LINES[0], markersize=4, capsize=2)
+        panel.set_yticks(np.arange(len(found)), [one.name for one in found])
+        panel.invert_yaxis()
+        panel.axvline(0.0, color=COLOURS["muted"], linewidth=0.8)
+        panel.set_xscale("symlog", linthresh=5.0)
+        panel.set_xlabel("found minus described (standard deviations)")
+        save_figure(fig, path)

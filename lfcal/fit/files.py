@@ -1,0 +1,141 @@
+"""A fit as files: the camera and its effects as every other command reads them, the numbers, and H."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+from lfcal.camera import Camera, quantities_of, value_at
+from lfcal.files import replace_whole
+from lfcal.fit.result import Fit
+from lfcal.plain import plain
+from lfcal.progress import Work
+from lfcal.psf import PSFWriter
+from lfcal.simulate.effects.described import Entry, entries_json
+
+__all__ = [
+    "FORMAT",
+    "VERSION",
+    "effects_text",
+    "fit_dict",
+    "iter_write_model",
+    "json_text",
+    "measured_camera",
+    "write_text",
+]
+
+FORMAT = "lfcal-fit"
+VERSION = 1
+
+
+def measured_camera(fit: Fit) -> Camera:
+    """Return the camera as found; every value that is otherwise than described is marked as measured."""
+    camera, described = fit.camera, fit.planned.camera
+    known = {quantity.path for quantity in quantities_of(described)}
+    paths = [quantity.path for quantity in quantities_of(camera)]
+    other = [path for path in paths if path not in known or value_at(camera, path) != value_at(described, path)]
+    return replace(camera, marks=camera.marks.marked(other, "measured"))
+
+
+def effects_text(fit: Fit) -> str:
+    """Return the effects as the JSON file that ``lfcal simulate --effects`` reads; all of them are switched on."""
+    return entries_json(
+        Entry(
+            effect,
+            effect.name,
+            {one.name: "measured" for one in fields(effect) if getattr(effect, one.name) is not None},  # type: ignore[arg-type]  # effects are dataclasses
+            "on",
+        )
+        for effect in fit.effects
+    )
+
+
+def fit_dict(fit: Fit) -> dict[str, Any]:
+    """Return everything that was found as plain JSON types; lengths in µm, angles in radians."""
+    error = fit.left_out_error
+    found: dict[str, Any] = plain(
+        {
+            "format": FORMAT,
+            "version": VERSION,
+            "camera": fit.camera.name,
+            "verdict": fit.verdict,
+            "complete": fit.complete,
+            "chi2": {
+                "lit": fit.chi_square.lit,
+                "sigma": fit.chi_square.sigma,
+                "excess": fit.chi_square.excess,
+                "all_pixels": fit.chi_square.all_pixels,
+            },
+            "left_out_error": {
+                "known": error.known,
+                "value": error.value,
+                "sigma": error.sigma,
+                "limit": error.limit,
+                "statistical": error.statistical,
+                "patterns": error.patterns,
+            },
+            "patterns": len(fit.residuals),
+            "positions": [list(at) for at in fit.residuals],
+            "parameters": list(fit.parameters.values()),
+            "correlations": fit.correlations,
+            "groups": fit.groups,
+            "unhelpful": fit.unhelpful,
+            "held": fit.held,
+            "unidentified": fit.unidentified,
+            "outliers": fit.outliers,
+            "answers": dict(fit.answers),
+            "spread": fit.spread,
+            "depths_um": fit.planned.depths_um,
+            "depth_errors_um": fit.setup.depth_errors_um,
+            "stage_scale": fit.setup.stage_scale,
+            "gains": fit.levels.gains,
+            "backgrounds": fit.levels.backgrounds,
+        }
+    )
+    return found
+
+
+def iter_write_model(
+    fit: Fit,
+    out: str | os.PathLike[str],
+    *,
+    provenance: Mapping[str, Any] | None = None,
+    compression: str = "gzip",
+    workers: int | None = None,
+) -> Work[Path]:
+    """Write H of the fitted camera to a file, one plane in memory at a time; yields progress in rows.
+
+    Closing it leaves nothing half-written. ``provenance`` is kept beside the fit's own.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written.
+    """
+    with PSFWriter(
+        out,
+        fit.planned.shape,
+        depths=fit.planned.depths_um,
+        camera=measured_camera(fit),
+        anchor=fit.planned.anchor,
+        compression=compression,
+        provenance={**fit.provenance, **(provenance or {})},
+        workers=workers,
+    ) as writer:
+        yield from fit.iter_planes(writer.write_plane, workers)
+    return Path(out)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all."""
+    with replace_whole(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def json_text(value: Any) -> str:
+    """Return ``value`` as the text of a JSON file."""
+    return json.dumps(plain(value), indent=2, ensure_ascii=False) + "\n"

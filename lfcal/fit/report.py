@@ -1,0 +1,139 @@
+"""A fit as a page for people: verdict, parameters, what is left over, and what the scan does not tell."""
+
+from __future__ import annotations
+
+import base64
+import html
+import tempfile
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from lfcal import __version__
+from lfcal.files import replace_whole
+from lfcal.fit.drawing import Leftover, draw_leftover, draw_parameters, draw_patterns, leftover_of
+from lfcal.fit.measured import Measured
+from lfcal.fit.result import Fit
+from lfcal.progress import Clock, Work
+from lfcal.psf.report.style import stylesheet
+
+__all__ = ["iter_fit_report", "report_files"]
+
+PAGE = "index.html"
+PICTURES = ("patterns.png", "leftover.png", "parameters.png")
+CAPTIONS = (
+    "Measured, model, and residual in standard deviations of the noise; from the best explained pattern to the worst.",
+    "Mean square of the residuals over the cutout; chi² of each position, plane, and of the pixels behind each type.",
+    "How far each parameter is from the description, in its own standard deviations.",
+)
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+
+
+def report_files(folder: Path) -> list[Path]:
+    """Return what a report in ``folder`` consists of, the page last."""
+    return [folder / name for name in (*PICTURES, PAGE)]
+
+
+def iter_fit_report(fit: Fit, measured: Measured, folder: Path, source: str = "") -> Work[Path]:
+    """Write the pictures and the page of a fit of ``measured`` into ``folder``; return the page.
+
+    Everything is drawn before the first file is written; each file appears whole or not at all, the page last.
+    """
+    clock = Clock("drawing the report", 1 + len(PICTURES))
+    yield clock.at(0)
+    left = leftover_of(fit, measured)
+    draws: tuple[Callable[[Path], None], ...] = (
+        lambda path: draw_patterns(left, path),
+        lambda path: draw_leftover(left, path),
+        lambda path: draw_parameters(fit, path),
+    )
+    drawn: dict[str, bytes] = {}
+    with tempfile.TemporaryDirectory() as scratch:
+        for k, (name, draw) in enumerate(zip(PICTURES, draws, strict=True)):
+            yield clock.at(1 + k)
+            draw(Path(scratch) / name)
+            drawn[name] = (Path(scratch) / name).read_bytes()
+    text = _page(fit, left, drawn, source)
+    for path, content in zip(report_files(folder), (*drawn.values(), text.encode()), strict=True):
+        with replace_whole(path) as part:
+            part.write_bytes(content)
+    yield clock.at(1 + len(PICTURES))
+    return folder / PAGE
+
+
+def _page(fit: Fit, left: Leftover, drawn: dict[str, bytes], source: str) -> str:
+    title = f"{source or fit.camera.name}: the optics from {len(left.index)} patterns"
+    patterns, leftover, parameters = (
+        _figure(content, caption) for content, caption in zip(drawn.values(), CAPTIONS, strict=True)
+    )
+    merit = "good" if fit.complete else "bad"
+    body = [
+        f'<section class="verdict {merit}">{_text(_sentence(fit))}<p>{_text(_rest(fit))}</p></section>',
+        _section("Parameters", _parameters(fit) + parameters),
+        _section("Patterns", patterns),
+        _section("What is left over", _chi2(left) + leftover),
+        _section("What is held, and what this scan does not tell", _limits(fit)),
+    ]
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        f'<meta name="viewport" content="width=device-width"><title>{_text(title)}</title>'
+        f"<style>{stylesheet()}</style></head>\n<body><main>\n<header><h1>{_text(title)}</h1>"
+        f"<p>{_text(fit.camera.name)}</p></header>\n"
+        + "\n".join(body)
+        + f"\n<footer>lfcal {_text(__version__)}</footer></main></body></html>\n"
+    )
+
+
+def _sentence(fit: Fit) -> str:
+    return fit.verdict[0].upper() + fit.verdict[1:]
+
+
+def _rest(fit: Fit) -> str:
+    chi2 = fit.chi_square
+    return (
+        f"χ² lies {chi2.excess:.1f} of its standard deviations ({chi2.sigma:.2g}) above 1; over all pixels, most of "
+        f"them dark, it is {chi2.all_pixels:.3f}. {fit.left_out_error.patterns} patterns were never fitted."
+    )
+
+
+def _text(value: object) -> str:
+    return html.escape(str(value))
+
+
+def _section(title: str, body: str) -> str:
+    return f"<section><h2>{_text(title)}</h2>\n{body}</section>"
+
+
+def _figure(content: bytes, caption: str) -> str:
+    data = base64.b64encode(content).decode("ascii")
+    words = _text(caption)
+    return f'<figure><img alt="{words}" src="data:image/png;base64,{data}"><figcaption>{words}</figcaption></figure>\n'
+
+
+def _table(headers: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    head = "".join(f"<th>{_text(one)}</th>" for one in headers)
+    body = "\n".join("<tr>" + "".join(f"<td>{_text(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table>\n"
+
+
+def _parameters(fit: Fit) -> str:
+    rows = [
+        (one.name, f"{one.value:.6g} ± {one.sigma:.2g}", f"{one.start:.6g}", one.unit, one.group)
+        for one in fit.parameters.values()
+    ]
+    return _table(("parameter", "found", "described", "unit", "group"), rows)
+
+
+def _chi2(left: Leftover) -> str:
+    rows = [(f"plane {z}", f"{value:.3f}") for z, value in enumerate(left.by_plane) if value == value]
+    rows += [(f"lens type {k}", f"{value:.3f}") for k, value in enumerate(left.by_type) if value == value]
+    return _table(("", "χ²"), rows)
+
+
+def _limits(fit: Fit) -> str:
+    rows = [("held", one) for one in fit.held]
+    rows += [("not told apart", one) for one in fit.unidentified]
+    rows += [("tried, did not help", one) for one in fit.unhelpful]
+    rows += [(name, answer) for name, answer in fit.answers.items()]
+    rows += [(f"left out: ({one.z}, {one.y}, {one.x})", one.reason) for one in fit.outliers]
+    return _table(("", ""), rows) if rows else "<p>Nothing.</p>"

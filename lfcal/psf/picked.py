@@ -1,0 +1,99 @@
+"""Patterns of a few positions of a scan, as an H of which the others were never recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError
+from lfcal.frames.source import FrameSource
+from lfcal.progress import Clock, Work
+from lfcal.psf.cutout import Cutout
+from lfcal.psf.facts import Facts, pack_valid, packed_bytes
+from lfcal.psf.gather import Gatherer, by_position
+from lfcal.psf.matrix import PSFMatrix
+from lfcal.psf.planes import Planes, TransposedPlanes
+
+__all__ = ["PickedPlanes", "iter_pick"]
+
+Place = tuple[int, int, int]
+
+
+class PickedPlanes:
+    """Planes of which only some patterns exist; the others are zero and take no memory."""
+
+    def __init__(self, shape: tuple[int, int, int, int, int], patterns: Mapping[Place, NDArray[np.float32]]) -> None:
+        self.shape = shape
+        self.dtype = np.dtype(np.float32)
+        self._patterns = dict(patterns)
+
+    def plane(self, z: int) -> NDArray[Any]:
+        """Return plane ``z`` as a new array."""
+        out = np.zeros(self.shape[1:], np.float32)
+        for (own, y, x), pattern in self._patterns.items():
+            if own == z:
+                out[y, x] = pattern
+        return out
+
+    def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
+        """Return one pattern."""
+        found = self._patterns.get((z, y, x))
+        return np.zeros(self.shape[3:], np.float32) if found is None else found
+
+    def transposed(self) -> Planes:
+        """Return the planes of the transposed matrix."""
+        return TransposedPlanes(self)
+
+
+def iter_pick(source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp]) -> Work[PSFMatrix]:
+    """Cut out the patterns of some positions; yields progress in positions.
+
+    Parameters
+    ----------
+    source
+        The frames, which are taken as they come: hand over the corrected view. No other frames are read.
+    plan
+        Positions, depths, anchor and cutout. Pixels beyond the frame are marked as not valid.
+    positions
+        Positions ``(n, 3)`` as (z, y, x).
+
+    Raises
+    ------
+    InputError
+        If a position has no frame, lies outside the plan, or its cutout beside the frame.
+    """
+    infos = tuple(source.info(k) for k in range(len(source)))
+    order, starts = by_position(infos, plan.shape[:3])
+    gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"))
+    shape = plan.shape[:3]
+    recorded = np.zeros(shape, np.uint16)
+    noise = np.full((*shape, 2), np.nan, np.float32)
+    saturated = np.full(shape, -1, np.int32)
+    masks: dict[Place, NDArray[np.uint8]] = {}
+    patterns: dict[Place, NDArray[np.float32]] = {}
+    clock = Clock("cut out patterns", len(positions))
+    yield clock.at(0)
+    for done, at in enumerate(map(tuple, np.asarray(positions, np.intp).tolist()), 1):
+        place: Place = (at[0], at[1], at[2])
+        flat = int(np.ravel_multi_index(place, shape))
+        own = order[starts[flat] : starts[flat + 1]]
+        if not len(own):
+            raise InputError.expected("position (z, y, x)", "one with a frame", place, "choose another")
+        found = gatherer.pattern(own)
+        patterns[place] = found.values
+        recorded[place], noise[place], saturated[place] = len(own), found.noise, found.saturated
+        if found.valid is not None:
+            masks[place] = pack_valid(found.valid)
+        yield clock.at(done)
+    valid = np.full((*shape, packed_bytes(plan.cutout)), 255, np.uint8) if masks else None
+    for place, mask in masks.items():
+        assert valid is not None
+        valid[place] = mask
+    facts = Facts.of(shape, plan.cutout, recorded=recorded, noise=noise, saturated=saturated, valid=valid)
+    return PSFMatrix(
+        PickedPlanes(plan.shape, patterns), depths=plan.depths_um, camera=plan.camera, anchor=plan.anchor, facts=facts
+    )

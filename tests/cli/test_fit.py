@@ -1,0 +1,200 @@
+"""``lfcal fit``: from an H file or frames to camera, effects, numbers, H and a report."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from lfcal.camera import Camera
+from lfcal.cli import main
+from lfcal.cli.fit_source import parse_noise
+from lfcal.errors import InputError
+from lfcal.psf import PSFMatrix, open_psf, save
+from lfcal.psf.facts import Facts
+from lfcal.simulate.effects.described import parse_entries
+from tests.cli.conftest import Run
+from tests.fit.common import few_patterns, small_plan
+
+Lfcal = Callable[..., Run]
+FILES = ("H.h5", "camera.json", "effects.json", "fit.json", "report/index.html")
+SAMPLE = Path(__file__).parents[2] / "sample_data"
+GAP = 1.01
+"""True gap of the few patterns over the described one."""
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    save(few_patterns(), tmp_path / "few.h5")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Return the folder in which the few patterns were fitted, and what was said."""
+    folder = tmp_path_factory.mktemp("whole")
+    save(few_patterns(), folder / "few.h5")
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
+        patch.chdir(folder)
+        patch.setattr("sys.argv", ["lfcal", "fit", "few.h5", "--unknowns", "geometry,geometry", "--workers", "1"])
+        with pytest.raises(SystemExit) as end:
+            main()
+    assert not end.value.code
+    return folder, said.getvalue()
+
+
+def test_a_fit_writes_camera_effects_numbers_h_and_report(whole: tuple[Path, str]) -> None:
+    place, out = whole
+    assert all((place / "fit" / name).is_file() for name in FILES) and "gap_um" in out
+    found = json.loads((place / "fit" / "fit.json").read_text())
+    assert found["format"] == "lfcal-fit" and found["source"] == "few.h5" and found["verdict"] in out
+    assert found["patterns"] == 6 and found["left_out_error"]["limit"] < 0.03 and found["complete"]
+    gap = next(one for one in found["parameters"] if one["name"] == "gap_um")
+    assert abs(gap["value"] - GAP * gap["start"]) < 4 * gap["sigma"] < 0.01 * gap["value"]
+    described = few_patterns().camera
+    assert described is not None
+    camera = Camera.from_json((place / "fit" / "camera.json").read_text())
+    assert camera.lattice.gap_um == gap["value"] and camera.sensor == described.sensor
+    assert camera.marks["lattice.gap_um"] == "measured" and "optics.f_number" not in camera.marks.paths("measured")
+    page = (place / "fit" / "report" / "index.html").read_text()
+    assert page.count("data:image/png") == 3 and "gap_um" in page and "http" not in page.replace("http-equiv", "")
+    with open_psf(place / "fit" / "H.h5") as H:
+        assert H.shape == few_patterns().shape and len(H.missing) == 0 and H.camera == camera
+        said = H.provenance
+        assert said["source"] == "few.h5" and said["fit"]["chi2"] == pytest.approx(found["chi2"]["lit"])
+        # every pattern is there, in the units of the data; those recorded are as good as their noise
+        data = few_patterns()
+        for z, y, x in np.argwhere(data.recorded > 0).tolist():
+            noise = np.sqrt(64.0 + np.maximum(H[z, y, x], 0))
+            assert np.square((data[z, y, x] - H[z, y, x]) / noise).mean() < 1.4
+        assert all(H[0, y, x].sum() > 0 for y, x in np.ndindex(2, 4))
+
+
+def test_the_camera_and_effects_make_the_same_h(lfcal: Lfcal, whole: tuple[Path, str], place: Path) -> None:
+    """What simulate computes of the two files is the model; the engines' settings are chosen anew."""
+    found = whole[0] / "fit"
+    settings, given = parse_entries(found / "effects.json")
+    assert {"lens_types", "iris_shape"} <= settings.keys() | {one.name for one in given}
+    assert set(settings.values()) == {"on"}
+    with open_psf(found / "H.h5") as H:
+        assert H.camera is not None
+        (place / "plan.json").write_text(replace(small_plan(15, (2.2,)), camera=H.camera, period=(2, 4)).to_json())
+        words = ("simulate", "plan.json", "--effects", found / "effects.json", "--tolerance", 0.01, "-o", "again.h5")
+        made = lfcal(*words)
+        assert made.code == 0, made.err
+        with open_psf(place / "again.h5") as again:
+            a, b = np.asarray(H), np.asarray(again)
+    b *= (a * b).sum() / (b * b).sum()
+    assert np.abs(a - b).sum() / np.abs(a).sum() < 0.012
+
+
+def test_frames_are_corrected_and_cut_out_at_the_chosen_positions(lfcal: Lfcal, place: Path) -> None:
+    plan = replace(small_plan(15, (2.2,)), period=(2, 4))
+    (place / "plan.json").write_text(plan.to_json())
+    assert lfcal("simulate", "plan.json", "--frames", "scan", "--level", "grid").code == 0
+    (place / "scan" / "plan.json").rename(place / "kept.json")
+    (place / "plan.json").unlink()
+    more = ("--plan", "kept.json", "--dark", "scan/dark", "--positions", 5, "--orientation", "as-is")
+    run = lfcal("fit", "scan/frames", *more, "--unknowns", "geometry", "--no-h", "--json")
+    assert run.code == 0 and isinstance(run.json, dict), run.err
+    assert [Path(name).name for name in run.json["files"]] == ["index.html", *FILES[1:4]] and not run.err
+    assert len(run.json["positions"]) == run.json["patterns"] == 5
+    # the dark frame is subtracted
+    assert abs(run.json["backgrounds"][0]) < 5 and not (place / "fit" / "H.h5").exists()
+    gap = next(one for one in run.json["parameters"] if one["name"] == "gap_um")
+    assert gap["value"] == pytest.approx(plan.camera.lattice.gap_um, rel=0.002)
+    said = json.loads((place / "fit" / "fit.json").read_text())
+    assert said["corrections"] and said["orientation"]["applied"] == "as is"
+    # noise is stated for light above the black level
+    again = lfcal("fit", "scan/frames", *more[:2], "--dark", "none", "--unknowns", "geometry", "--no-h", "-o", "b")
+    assert again.code == 2 and "samples: expected without their black level, got with it; name --dark" in again.err
+    assert not (place / "b").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("--unknowns", "gap"), "--unknowns: expected auto or groups of unknowns, got gap; groups are geometry"),
+        (("--unknowns", ","), "--unknowns: expected auto or groups"),
+        (("--noise", "64"), "--noise: expected CONSTANT,SLOPE of the variance of a sample, got '64'"),
+        (("--noise", "0,0"), "noise of the patterns: expected a variance above 0"),
+        (("--noise=-1,1",), "noise: constant: expected a number ≥ 0, got -1"),
+        (("--positions", 2), "recorded patterns: expected 3 or more, got 2"),
+        (("--camera", "nowhere.json"), "camera: expected"),
+        (("--orientation", "sideways"), "--orientation: expected"),
+        (("--white", "w.tif", "--black-level", 3, "--out", "few.h5"), "few.h5"),
+    ],
+)
+def test_bad_words_end_in_one_line(lfcal: Lfcal, place: Path, words: tuple[object, ...], what: str) -> None:
+    run = lfcal("fit", "few.h5", *words)
+    assert run.code == 2 and run.err.count("\n") == 1 and what in run.err, run.err
+    assert [path.name for path in place.iterdir()] == ["few.h5"]
+
+
+def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: Path) -> None:
+    data = few_patterns()
+    plain = Facts.of(data.shape[:3], data.cutout, recorded=data.recorded)
+    values = np.asarray(data)
+    save(PSFMatrix(values, depths=data.depths, anchor=data.anchor, facts=plain), place / "bare.h5")
+    run = lfcal("fit", "bare.h5")
+    assert run.code == 2 and "bare.h5: expected an H with its camera, got none; name it with --camera" in run.err
+    assert data.camera is not None
+    (place / "c.json").write_text(data.camera.to_json())
+    run = lfcal("fit", "bare.h5", "--camera", "c.json")
+    assert run.code == 2 and "state it with --noise CONSTANT,SLOPE" in run.err, run.err
+    words = ("--camera", "c.json", "--noise", "64,1", "--unknowns", "geometry", "--no-h")
+    run = lfcal("fit", "bare.h5", *words)
+    assert run.code == 0, run.err
+    again = lfcal("fit", "bare.h5", *words)
+    assert again.code == 2 and "exists; add --force to replace it" in again.err
+    (place / "fit" / "H.h5").write_text("of another camera")
+    mixed = lfcal("fit", "bare.h5", *words, "--force")
+    assert mixed.code == 2 and "H.h5: expected no H with --no-h, got one of an earlier fit" in mixed.err
+
+
+def test_other_files_are_no_h_and_no_frames(lfcal: Lfcal, place: Path) -> None:
+    (place / "text.h5").write_text("no HDF5")
+    for name in ("missing.h5", "missing", "text.h5"):
+        run = lfcal("fit", name)
+        assert run.code == 2 and run.err.count("\n") == 1 and name in run.err, run.err
+
+
+def test_frames_of_several_colours_are_refused_with_the_way_out(lfcal: Lfcal, place: Path) -> None:
+    plan = replace(small_plan(15, (2.2,)), period=(2, 4))
+    mosaic = replace(plan, camera=replace(plan.camera, sensor=replace(plan.camera.sensor, cfa="GRBG")))
+    rng = np.random.default_rng(0)
+    for name, own, shape in (("mosaic", mosaic, (120, 120)), ("picture", plan, (120, 120, 3))):
+        (place / name).mkdir()
+        (place / name / "plan.json").write_text(own.to_json())
+        for y, x in np.ndindex(2, 4):
+            frame = rng.integers(0, 4000, shape).astype(np.uint16)
+            cv2.imwrite(str(place / name / f"z0_y{y}_x{x}.png"), frame)
+        run = lfcal("fit", name)
+        assert run.code == 2 and run.err.count("\n") == 1, run.err
+        assert "assemble one with lfcal assemble --channel G, and fit that H" in run.err
+
+
+@pytest.mark.long
+def test_a_recorded_session_is_fitted(lfcal: Lfcal, place: Path) -> None:
+    words = ("--positions", 12, "--unknowns", "geometry,focal_lengths,iris", "--no-h", "--json")
+    run = lfcal("fit", SAMPLE / "recorded", *words)
+    assert run.code == 0 and isinstance(run.json, dict), run.err
+    assert run.json["patterns"] + len(run.json["outliers"]) == 12 and run.json["left_out_error"]["limit"] < 0.03
+    # frames were simulated to 3 %: that is how well they tell the camera
+    assert all(abs(one["value"] - one["start"]) < 0.02 * abs(one["start"]) + 0.02 for one in run.json["parameters"])
+
+
+def test_noise_in_words() -> None:
+    assert parse_noise("") is None and parse_noise("64, 0.5") == (64.0, 0.5)
+    for text in ("a,b", "1,2,3", ","):
+        with pytest.raises(InputError, match="--noise"):
+            parse_noise(text)
