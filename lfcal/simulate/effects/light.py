@@ -20,9 +20,6 @@ DEGREE_PER_WIDTH = 3.0
 MOST_DEGREE = 150
 """5738 points: a source a hundred spots wide, of which nobody waits for more."""
 
-SMALL = 2.5e-3
-"""Share of the image below which what a spectrum washes out need not be known better than by formula."""
-
 
 @dataclass(frozen=True, slots=True)
 class FiniteSource(LightEffect):
@@ -139,8 +136,8 @@ class Bandwidth(LightEffect):
         return Estimate(x, "relative", error, "x = dl/l; (0.25 + 0.13 N_F) x²/(1 + 8.3 x (1 + 0.1 N_F)) + fringes")
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether little is washed out, whatever the fringes: the formula errs by up to 8 (measured)."""
-        return outlook.regular and outlook.fresnel_main >= 12.0 and self.estimate(outlook).error < SMALL
+        """Return whether lenslets see enough of the iris's fringes for them to wash out alike."""
+        return outlook.regular and abs(outlook.virtual_depth) >= 1.2 and outlook.fresnel_main >= 12.0
 
     @staticmethod
     def _between(outlook: Outlook, x: float) -> float:
