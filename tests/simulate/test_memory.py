@@ -49,3 +49,7 @@ def test_h_is_counted_whole_or_by_the_plane() -> None:
     few, many = (predict_bytes(plan, BASE, tolerance=0.02, workers=count) for count in (1, 8))
     assert many > few
     assert predict_bytes(plan, BASE, sampling=Sampling(nodes_per_px=3), workers=1) < few
+    double = Sampling(nodes_per_px=3, double=True)
+    assert predict_bytes(plan, BASE, sampling=double) > predict_bytes(
+        plan, BASE, sampling=replace(double, double=False)
+    )

@@ -104,6 +104,8 @@ def engine_bytes(scene: Scene, step: Step, workers: int) -> int:
     """Return the bytes that an engine of one step takes at most, while it is made or at work with so many threads."""
     if step.level == "geometric":
         return 0
+    if step.sampling.double and step.level != "reference":
+        return 2 * engine_bytes(scene, replace(step, sampling=replace(step.sampling, double=False)), workers)
     if step.level == "debye":
         return _debye_bytes(scene, step.sampling)
     if step.level == "reference":

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_TABLE, SWITCH, Extent
@@ -97,23 +95,20 @@ class Fringes:
     def of(cls, described: Scene | Outlook) -> Fringes:
         """Return those of a scene, or of an outlook (apart from cells that are turned)."""
         if isinstance(described, Outlook):
-            lattice = described.camera.lattice
-            width, pitch, px = described.clear_um, lattice.pitch_um, described.pixel_um
-            wave, gap = described.wavelength_um, described.gap_um
-            types, cone = lattice.types, 1 / (2 * described.f_number)
+            lattice, px = described.camera.lattice, described.pixel_um
+            width, spread = described.clear_um, described.wavelength_um * described.gap_um
+            shortest = min(abs(kind.focal_length_um) for kind in lattice.types)
+            steepest = 1 / (2 * described.f_number) + width / 2 / shortest
+            angle = 2 * px * min(steepest, 1.0) / described.wavelength_um
         else:
-            width, pitch, px = 2 * described.clear_radius_um, described.lattice.pitch_um, described.reduced_pixel_um
-            if described.aperture == "cell":
-                from lfcal.simulate.engines.tables import aperture_outline  # compiled code: loaded when it is needed
+            from lfcal.simulate.engines.grid import largest_angle  # compiled code: loaded when it is needed
+            from lfcal.simulate.engines.tables import aperture_width
 
-                width = float(np.ptp(aperture_outline(described), axis=0).max())
-            wave, gap = described.wavelength_um, described.reduced_gap_um
-            types, cone = described.lattice.types, 1 / (2 * described.f_number)
-            # rays that the lenslets' spherical aberration turns
-            cone += 4 * abs(described.lenslet_quartic) * wave / (2 * math.pi) * (width / 2) ** 3
-        spread = wave * gap
-        steepest = cone + width / 2 / min(abs(kind.focal_length_um) for kind in types)
-        return cls(width * px / spread, pitch * px / spread, pitch / px, 2 * px * min(steepest, 1.0) / wave)
+            lattice, px = described.lattice, described.reduced_pixel_um
+            width, spread = aperture_width(described), described.wavelength_um * described.reduced_gap_um
+            angle = largest_angle(described)
+        pitch = lattice.pitch_um
+        return cls(width * px / spread, pitch * px / spread, pitch / px, angle)
 
     @property
     def nodes(self) -> int:

@@ -25,7 +25,13 @@ from lfcal.simulate.engines.field import choose_mode, field_table
 from lfcal.simulate.engines.masks import RING
 from lfcal.simulate.engines.nodes import MANY_ANGLES, conserving, fitted_rule
 from lfcal.simulate.engines.reference import sensor_propagator
-from lfcal.simulate.engines.tables import aperture_radius, aperture_tables, lenslet_aberration, ray_aberration
+from lfcal.simulate.engines.tables import (
+    aperture_radius,
+    aperture_tables,
+    aperture_width,
+    lenslet_aberration,
+    ray_aberration,
+)
 from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.symmetry import mirrored_rows
@@ -42,10 +48,10 @@ Place = tuple[float, float]
 
 def largest_angle(scene: Scene) -> float:
     """Return the samples per pixel that hold every angle of the light between lenslets and sensor."""
-    cone = 1 / (2 * scene.f_number)
+    cone, half = 1 / (2 * scene.f_number), aperture_width(scene) / 2
     # rays that the lenslets' spherical aberration turns
-    cone += 4 * abs(scene.lenslet_quartic) * scene.wavelength_um / (2 * math.pi) * aperture_radius(scene) ** 3
-    steepest = cone + aperture_radius(scene) / min(abs(kind.focal_length_um) for kind in scene.lattice.types)
+    cone += 4 * abs(scene.lenslet_quartic) * scene.wavelength_um / (2 * math.pi) * half**3
+    steepest = cone + half / min(abs(kind.focal_length_um) for kind in scene.lattice.types)
     return 2 * scene.reduced_pixel_um * min(steepest, 1.0) / scene.wavelength_um
 
 
@@ -114,6 +120,7 @@ class GridPlane:
         self._rule = conserving(rule) if scene.pixel_fill == 1 else rule
         self._weights = (self._rule.weights * scene.reduced_pixel_um).astype(self._real)
         self._lit: tuple[Place, Complex] | None = None
+        self._wider: GridPlane | None = None
         self._ledger = Ledger()
         self._pilot = Pilot(self)
 
@@ -180,7 +187,7 @@ class GridPlane:
     def in_mode(self, mode: str) -> GridPlane:
         """Return the engine of another of the scene's fields: the array's table is shared."""
         other = copy(self)
-        other.mode, other._lit = mode, None
+        other.mode, other._lit, other._wider = mode, None, None
         other._table, other._size = other._main_field()
         other._ledger, other._pilot = Ledger(), Pilot(other)
         return other
@@ -189,8 +196,10 @@ class GridPlane:
         """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``: its tables are shared."""
         scene = replace(self.scene, offsets_um=offsets_um)
         if scene.farthest_um > self.scene.farthest_um:
-            # its light reaches beyond this grid
-            return GridPlane(scene, self.sampling, self.mode)
+            # its light reaches beyond this grid; twice as far: the next source may lie farther still
+            if self._wider is None or scene.farthest_um > self._wider.scene.farthest_um:
+                self._wider = GridPlane(replace(scene, offsets_um=2 * offsets_um), self.sampling, self.mode)
+            return self._wider.displaced(offsets_um)
         other = copy(self)
         other.scene, other._lit = scene, None
         other._ledger, other._pilot = Ledger(), Pilot(other)

@@ -24,6 +24,7 @@ __all__ = [
     "aperture_outline",
     "aperture_radius",
     "aperture_tables",
+    "aperture_width",
     "bent",
     "build_tables",
     "ray_aberration",
@@ -104,6 +105,13 @@ def aperture_radius(scene: Scene) -> float:
     if scene.aperture == "circle":
         return scene.clear_radius_um
     return float(np.hypot(*aperture_outline(scene).T).max())
+
+
+def aperture_width(scene: Scene) -> float:
+    """Return the larger side of the box about a lenslet's aperture."""
+    if scene.aperture == "circle":
+        return 2 * scene.clear_radius_um
+    return float(np.ptp(aperture_outline(scene), axis=0).max())
 
 
 def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
