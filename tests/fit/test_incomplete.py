@@ -44,7 +44,7 @@ def ghosted(light: np.ndarray) -> np.ndarray:
 
 
 def tilted(setup: Setup, index: np.ndarray) -> np.ndarray:
-    """Return patterns behind a tilted array, by the reference, which carries every lenslet's light itself."""
+    """Return patterns behind a tilted array, by the reference."""
     out = np.empty((len(index), *PLAN.cutout))
     for z in np.unique(index[:, 0]).tolist():
         plane = PlaneResponse(
