@@ -217,6 +217,23 @@ def test_fit(bench: Bench) -> None:
     assert "camera 3: H" in said and "of 1" in said
 
 
+def test_retrieve_wants_numbers(bench: Bench, tmp_path: Path) -> None:
+    assert "--counts: expected whole numbers from 3 on, got '6,x'" in bench("retrieve", "--counts", "6,x", code=2)
+    (tmp_path / "old.png").write_bytes(b"old")
+    assert "exists" in bench("retrieve", "--chart", tmp_path / "old.png", code=2)
+
+
+@pytest.mark.long
+def test_retrieve(bench: Bench, tmp_path: Path) -> None:
+    options = ("--counts", "6,18", "--cameras", 1, "--cutout", 21, "--positions", 4, "--workers", 1, "--seed", 3)
+    found = bench.json("retrieve", *options, "--chart", tmp_path / "frames.png")
+    few, more = (one["errors"][0] for one in found["fitted"])
+    assert more < few < found["recorded"]["errors"][0] and found["recorded"]["frames"] == 1254
+    assert found["fitted"][0]["hours"] < 0.01 * found["recorded"]["hours"]
+    assert (tmp_path / "frames.png").stat().st_size > 5000
+    assert "recorded, every position" in bench("retrieve", *options, "--force")
+
+
 def test_forecast(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfcal.bench.forecast.CUTOUTS", (21,))
     monkeypatch.setattr("lfcal.bench.forecast.DEPTHS_UM", (0.0, 5.0))
