@@ -47,6 +47,8 @@ def iter_record(
     *,
     resume: bool = False,
     redo: Sequence[Position] | None = None,
+    only: Sequence[Position] | None = None,
+    kept_aside: Sequence[Position] = (),
     control: Control | None = None,
     preview: Preview | None = None,
     observers: tuple[Observer, ...] = (),
@@ -64,7 +66,12 @@ def iter_record(
         stage's origin are the same. Every frame is checked first, and those that are damaged are taken again: in
         their place, or, where the recording was packed, in a file of their own.
     redo
-        Record these positions of a finished session again, into a file of their own; the later frame counts.
+        Record these positions of a finished session again, into a file of their own; the later frame counts. Where
+        the session has no others they are added to it.
+    only
+        Record these positions and no others; a session that goes on has its own.
+    kept_aside
+        Positions among them that a fit is not to use.
     control, preview, observers
         See `Runner`.
 
@@ -84,7 +91,7 @@ def iter_record(
     if earlier:
         earlier.check_same(plan, options, devices)  # before the lock, for the clearer message
     with _locked(folder):
-        new = SessionFile(uuid.uuid4().hex, plan, options, devices)
+        new = _new(SessionFile(uuid.uuid4().hex, plan, options, devices), only, kept_aside)
         file, first = _prepare(folder, rig, new, resume=resume, redo=redo)
         found = None
         if resume:
@@ -107,12 +114,25 @@ def record(
     *,
     resume: bool = False,
     redo: Sequence[Position] | None = None,
+    only: Sequence[Position] | None = None,
+    kept_aside: Sequence[Position] = (),
     control: Control | None = None,
     observers: tuple[Observer, ...] = (),
 ) -> Outcome:
     """Record ``plan`` into the session ``folder``; see `iter_record`."""
     return drain(
-        iter_record(folder, plan, rig, options, resume=resume, redo=redo, control=control, observers=observers)
+        iter_record(
+            folder,
+            plan,
+            rig,
+            options,
+            resume=resume,
+            redo=redo,
+            only=only,
+            kept_aside=kept_aside,
+            control=control,
+            observers=observers,
+        )
     )
 
 
@@ -136,6 +156,17 @@ def _check_folder(folder: Path, *, new: bool) -> None:
         )
 
 
+def _new(file: SessionFile, only: Sequence[Position] | None, kept_aside: Sequence[Position]) -> SessionFile:
+    """Return a new session, of ``only`` some positions where they are given."""
+    aside = tuple(tuple(map(int, p)) for p in kept_aside)
+    if only is None:
+        return replace(file, kept_aside=aside)
+    if not len(only):
+        raise InputError.expected("positions to record", "at least one", "none", "check the list")
+    positions = tuple(tuple(map(int, p)) for p in file.plan.in_scan_order(only).tolist())
+    return replace(file, redo=(positions,), kept_aside=aside)
+
+
 def _prepare(
     folder: Path, rig: Rig, new: SessionFile, *, resume: bool, redo: Sequence[Position] | None
 ) -> tuple[SessionFile, int]:
@@ -146,6 +177,7 @@ def _prepare(
     file = SessionFile.read(folder)
     file.check_same(new.plan, new.options, new.devices)  # again: another program may have been at it before the lock
     if redo is not None:
+        file = replace(file, kept_aside=tuple(dict.fromkeys((*file.kept_aside, *new.kept_aside))))
         file = _add_recording(folder, file, redo, rig, new.options)
         return file, len(file.recordings) - 1
     return file, 0

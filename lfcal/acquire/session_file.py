@@ -70,9 +70,11 @@ class SessionFile:
     recordings
         Files with positions, oldest first; a later one counts where both have a position.
     redo
-        Positions (z, y, x) of each recording, empty for all.
+        Positions (z, y, x) of each recording, empty for all: of the first one where no others are recorded.
     runs
         Every stretch of recording.
+    kept_aside
+        Positions (z, y, x) that a fit is not to use: they tell how good it is.
     """
 
     identity: str
@@ -82,14 +84,18 @@ class SessionFile:
     recordings: tuple[str, ...] = ("recording.h5",)
     redo: tuple[tuple[tuple[int, ...], ...], ...] = ((),)
     runs: tuple[Run, ...] = ()
+    kept_aside: tuple[tuple[int, ...], ...] = ()
 
     def schedule(self, run: int) -> Schedule:
         """Return the steps of recording ``run``."""
         whole = Schedule.of(self.plan, self.options)
         if not self.redo[run]:  # an empty list stands for all positions
             return whole
-        # the same region of the sensor is read out as before, so that only the position is taken again
-        return replace(Schedule.of(self.plan, self.options, [Position(*p) for p in self.redo[run]]), roi=whole.roi)
+        own = [Position(*p) for p in self.redo[run]]
+        # the first recording brings what belongs to a session: darks, and controls
+        part = Schedule.of(self.plan, self.options, only=own) if run == 0 else Schedule.of(self.plan, self.options, own)
+        # the same region of the sensor is read out in all, so that only the position is taken again
+        return replace(part, roi=whole.roi)
 
     def attributes(self, run: int, schedule: Schedule) -> dict[str, Any]:
         """Return what the files of recording ``run`` say of themselves."""
@@ -115,6 +121,8 @@ class SessionFile:
             "redo": self.redo,
             "runs": [asdict(run) for run in self.runs],
         }
+        if self.kept_aside:  # sessions without them stay as older versions read them
+            data["kept_aside"] = self.kept_aside
         if not folder.is_dir():
             raise StorageError(f"{folder}: the session folder is gone; restore it, or start a new session")
         with replace_whole(folder / NAME) as part:
@@ -131,7 +139,7 @@ class SessionFile:
             raise FileFormatError.expected(
                 str(path), f'"format": "{FORMAT}", version {VERSION}', "something else", "check the file"
             )
-        body = {key: value for key, value in data.items() if key not in ("format", "version")}
+        body = {"kept_aside": (), **{key: value for key, value in data.items() if key not in ("format", "version")}}
         try:
             body["plan"] = ScanPlan.from_dict(body["plan"])
             body["options"] = Options.from_dict(body["options"])
@@ -147,6 +155,7 @@ class SessionFile:
         return replace(
             session,
             redo=tuple(tuple(tuple(int(v) for v in p) for p in positions) for positions in session.redo),
+            kept_aside=tuple(tuple(int(v) for v in p) for p in session.kept_aside),
         )
 
     def check_same(self, plan: ScanPlan, options: Options, devices: Devices) -> None:

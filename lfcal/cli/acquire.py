@@ -42,7 +42,12 @@ def command(
     stage: str = typer.Option("", "--stage", help="Backend of the stage, if it is another one."),
     option: list[str] = typer.Option([], "--option", help="Option of the backend, NAME=VALUE; may be repeated."),
     resume: bool = typer.Option(False, "--resume", help="Go on where an interrupted session was."),
-    redo: Path | None = typer.Option(None, "--redo", help="Record these positions again (list from lfcal inspect)."),
+    redo: Path | None = typer.Option(
+        None, "--redo", help="Record these positions again, or further ones (list from lfcal inspect or lfcal plan)."
+    ),
+    positions: Path | None = typer.Option(
+        None, "--positions", help="Record these positions and no others (list from lfcal plan --for-fit)."
+    ),
     order: str | None = typer.Option(None, "--order", help="plan, or coarse for a first look at all planes."),
     bracket: str | None = typer.Option(None, "--bracket", help="Exposures as factors, merged to HDR, e.g. 1,0.25."),
     margin: int | None = typer.Option(None, "--margin", help="Pixels kept around the cutout."),
@@ -85,10 +90,12 @@ def command(
     from lfcal.cli.console import report
     from lfcal.cli.outputs import check_output
     from lfcal.devices.registry import open_rig
-    from lfcal.errors import LfcalError
+    from lfcal.errors import InputError, LfcalError
 
     if assemble is not None:
-        check_output(assemble, plan, redo, out, force=force)
+        check_output(assemble, plan, redo, positions, out, force=force)
+    if positions is not None and (resume or redo is not None):
+        raise InputError("--positions: is of a new session; one that goes on has its own, and --redo adds to them")
     scan = _read_plan(plan, origin)
     tell_assumed(scan.camera, plan.name, quiet=json)
     given = {
@@ -106,8 +113,8 @@ def command(
     }
     # A session that goes on keeps the options it began with; those given now replace single ones.
     options = _options(out if resume or redo is not None else None, given, check_origin)
-    positions = RedoList.read(redo) if redo is not None else None
-    task = _Task(out, scan, options, resume, positions, json)
+    again, only = (None if path is None else RedoList.read(path) for path in (redo, positions))
+    task = _Task(out, scan, options, resume, again, only, json)
     with open_rig(scan, backend, _pairs(option), stage=stage) as rig:
         # A light that can be switched needs nobody to cover the lens, whatever was asked for.
         if cover and rig.light is None:
@@ -141,6 +148,7 @@ class _Task:
     options: Options
     resume: bool
     redo: RedoList | None
+    only: RedoList | None
     quiet: bool
 
 
@@ -165,6 +173,7 @@ def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome, tuple[Alarm
 def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome, tuple[Alarm, ...]]:
     from lfcal.acquire.blocks import window_shape
     from lfcal.acquire.live_quality import LiveQuality
+    from lfcal.acquire.redo import RedoList
     from lfcal.acquire.session import iter_record
     from lfcal.cli.console import run_work
 
@@ -176,6 +185,8 @@ def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome, tuple[Ala
         task.options,
         resume=task.resume,
         redo=None if task.redo is None else task.redo.positions,
+        only=None if task.only is None else task.only.positions,
+        kept_aside=(task.redo or task.only or RedoList((), ())).kept_aside,
         control=control,
         observers=(quality,),
     )
@@ -308,7 +319,8 @@ def _show_forecast(task: _Task, rig: Rig) -> None:
     from lfcal.plain import plain
     from lfcal.units import format_bytes, format_seconds
 
-    found = forecast(task.plan, rig, task.options, task.out)
+    only = () if task.only is None else task.only.positions
+    found = forecast(task.plan, rig, task.options, task.out, only=only)
     if task.quiet:
         print_json(plain(found) | {"assumed": task.plan.camera.marks.paths("assumed")})
         return

@@ -128,6 +128,7 @@ class RecordingSource(Frames):
             "left_out": found.left_out,
             "noise": self._noise_of_means(),
             "suspect": [[*position, what.words] for position, what in self.suspects()],
+            "kept_aside": [list(p) for p in self.session.kept_aside if self._shape3 == self.plan.shape[:3]],
         }
         return known | {name: value for name, value in more.items() if value}
 
