@@ -7,7 +7,9 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from lfcal.camera import Forecast, ScanPlan, StageAxes
 from lfcal.camera.derived import DEPTH, STEP, WHOLE_FRAMES, assumed_of
@@ -24,7 +26,7 @@ from lfcal.cli.options import (
     WorkersOption,
 )
 from lfcal.cli.outputs import check_output
-from lfcal.cli.plan_for_fit import Wanted, check_wanted, ready_plan, show_chosen
+from lfcal.cli.plan_for_fit import Wanted, check_wanted, half_positions, ready_plan, show_chosen, write_positions
 from lfcal.errors import InputError
 from lfcal.files import replace_whole
 from lfcal.units import format_bytes, format_length, format_seconds
@@ -204,11 +206,16 @@ def command(
     settle: float = typer.Option(0.05, help="Wait after each move (s)."),
     average: int = typer.Option(1, help="Frames per position."),
     speed: float = typer.Option(1000.0, help="Speed of the stage (µm/s)."),
+    half_cell: bool = typer.Option(
+        False, "--half-cell", help="Record half of a hexagonal period, where the other half is the same patterns."
+    ),
     for_fit: int = typer.Option(
         0, "--for-fit", min=0, help="Choose so many positions that tell most of the optics; CAMERA may be a plan."
     ),
     chosen: Path | None = typer.Option(
-        None, "--list", help="With --for-fit: write the positions (.json), for lfcal acquire --positions or --redo."
+        None,
+        "--list",
+        help="With --for-fit or --half-cell: write the positions (.json), for lfcal acquire --positions or --redo.",
     ),
     earlier: Path | None = typer.Option(None, "--from", help="With --for-fit: go on from this folder of lfcal fit."),
     unknowns: str = typer.Option(
@@ -229,7 +236,7 @@ def command(
 
     Example: `lfcal plan r29 --virtual-depths 2:5.5:0.35 -o plan.json`
     """
-    wanted = Wanted(for_fit, chosen, earlier, unknowns, full, beside, candidates, draw, speed, workers)
+    wanted = Wanted(for_fit, half_cell, chosen, earlier, unknowns, full, beside, candidates, draw, speed, workers)
     check_wanted(wanted, out, camera, positions, force=force)
     if out is not None:
         check_output(out, camera, positions, frames, force=force)
@@ -281,25 +288,43 @@ def command(
         _write(plan, speed, out)
         show_chosen(plan, wanted, json=json)
         return
-    _show(plan, speed, out, json, computed=tuple(computed))
+    half = half_positions(plan) if half_cell else None
+    _show(plan, speed, out, json, computed=tuple(computed), half=half)
+    if half is not None and chosen is not None:
+        write_positions(half, chosen, json=json)
 
 
-def _write(plan: ScanPlan, speed: float, out: Path | None) -> Forecast:
-    """Write the plan where asked, and return its forecast."""
+def _write(plan: ScanPlan, speed: float, out: Path | None, positions: NDArray[np.intp] | None = None) -> Forecast:
+    """Write the plan where asked, and return the forecast of its positions or of some of them."""
     # Forecast before writing: a speed that makes no sense must leave no file behind.
-    forecast = Forecast.of(plan, stage_um_per_s=speed)
+    forecast = Forecast.of(plan, stage_um_per_s=speed, positions=positions)
     if out is not None:
         with replace_whole(out) as part:
             part.write_text(plan.to_json(), encoding="utf-8")
     return forecast
 
 
-def _show(plan: ScanPlan, speed: float, out: Path | None, json: bool, *, computed: tuple[str, ...]) -> None:
-    """Write the plan where asked, and print it with its cost; ``computed`` are the planes that follow from others."""
-    forecast = _write(plan, speed, out)
+def _show(
+    plan: ScanPlan,
+    speed: float,
+    out: Path | None,
+    json: bool,
+    *,
+    computed: tuple[str, ...],
+    half: NDArray[np.intp] | None,
+) -> None:
+    """Write the plan where asked, and print it with its cost.
+
+    ``computed`` are the planes that follow from others, ``half`` the positions of a half-cell scan.
+    """
+    forecast = _write(plan, speed, out, half)
     if json:
-        print_json(_as_json(plan, forecast))
+        print_json(_as_json(plan, forecast) | {"half_cell": half})
         return
-    print_table(["scan plan", "value"], _rows(plan, forecast, speed, computed))
+    rows = _rows(plan, forecast, speed, computed)
+    if half is not None:
+        ny, nx = plan.period
+        rows.append(["half-cell scan", f"rows 0 to {ny // 2 - 1}; the rest is the same, {ny // 2}, {nx // 2} px away"])
+    print_table(["scan plan", "value"], rows)
     if out is not None:
         typer.echo(f"written: {out}")

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from lfcal.cli.console import print_json, print_table, report, run_work
 from lfcal.cli.outputs import check_outputs
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
     from lfcal.fit.design import Design
     from lfcal.fit.earlier import Earlier
 
-__all__ = ["Wanted", "check_wanted", "ready_plan", "show_chosen"]
+__all__ = ["Wanted", "check_wanted", "half_positions", "ready_plan", "show_chosen", "write_positions"]
 
 FIT_FILES = ("camera.json", "effects.json", "fit.json")
 
@@ -32,6 +34,7 @@ class Wanted:
     """Which positions are to be chosen, by the options' words."""
 
     count: int
+    half_cell: bool
     out: Path | None
     earlier: Path | None
     unknowns: str
@@ -50,8 +53,10 @@ class Wanted:
 
 def check_wanted(wanted: Wanted, out: Path | None, *inputs: Path | str | None, force: bool) -> None:
     """Raise where positions are not to be chosen and options say how, or an output cannot be written."""
+    if wanted.count and wanted.half_cell:
+        raise InputError("--half-cell: is a whole scan of half the positions; leave it out beside --for-fit")
     given = {
-        "--list": wanted.out,
+        "--list": None if wanted.half_cell else wanted.out,
         "--from": wanted.earlier,
         "--unknowns": wanted.unknowns or None,
         "--beside": wanted.beside,
@@ -65,6 +70,22 @@ def check_wanted(wanted: Wanted, out: Path | None, *inputs: Path | str | None, f
         raise InputError.expected("outputs", "each under a name of its own", str(written[-1]), "choose other names")
     read = [] if wanted.earlier is None else [wanted.earlier / name for name in FIT_FILES]
     check_outputs(wanted.files, *inputs, *read, force=force)
+
+
+def half_positions(plan: ScanPlan) -> NDArray[np.intp]:
+    """Return the positions ``(n, 3)`` of a half-cell scan; raises where half of them are not enough."""
+    from lfcal.camera.half_cell import half_cell
+
+    return half_cell(plan).half(plan)
+
+
+def write_positions(positions: NDArray[np.intp], out: Path, *, json: bool) -> None:
+    """Write the list of positions ``(n, 3)`` to record."""
+    from lfcal.acquire.redo import RedoList
+
+    RedoList.of(positions.tolist()).write(out)
+    if not json:
+        typer.echo(f"written: {out}")
 
 
 def ready_plan(path: Path) -> ScanPlan | None:

@@ -13,6 +13,7 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.fit.spread import spread_out
 from lfcal.psf import PSFMatrix
+from lfcal.psf.half_cell import copied_positions
 
 __all__ = ["Measured", "measured_of"]
 
@@ -109,7 +110,7 @@ def measured_of(
     Parameters
     ----------
     matrix
-        H; positions that were never recorded are left out.
+        H; positions that were never recorded are left out, and patterns of a half-cell scan that stand for others.
     camera
         The camera as described; None takes that of H.
     positions
@@ -131,7 +132,8 @@ def measured_of(
     if matrix.is_transposed:
         raise InputError.expected("patterns", "those of H", "those of HT", "give H")
     plan = _plan_of(matrix, camera)
-    chosen = np.argwhere(matrix.recorded > 0) if positions is None else np.asarray(positions, np.intp).reshape(-1, 3)
+    own = (matrix.recorded > 0) & ~copied_positions(matrix)
+    chosen = np.argwhere(own) if positions is None else np.asarray(positions, np.intp).reshape(-1, 3)
     if positions is None and most is not None and len(chosen) > most:
         chosen = chosen[spread_out(chosen, most, plan.period)]
     if len(chosen) < MOST_FEW:
