@@ -36,7 +36,7 @@ from lfcal.files import storage_errors
 from lfcal.frames.source import Position
 from lfcal.progress import Work, drain
 
-__all__ = ["check_devices", "iter_record", "record"]
+__all__ = ["check_devices", "check_new", "iter_record", "record"]
 
 
 def iter_record(
@@ -85,7 +85,8 @@ def iter_record(
     control = control or Control()
     devices = check_devices(plan, rig)
     goes_on = resume or redo is not None
-    _check_folder(folder, new=not goes_on)
+    if not goes_on:
+        check_new(folder)
     earlier = SessionFile.read(folder) if goes_on else None
     options = options or (earlier.options if earlier else Options())
     if earlier:
@@ -149,8 +150,9 @@ def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
     return devices
 
 
-def _check_folder(folder: Path, *, new: bool) -> None:
-    if new and (folder / "session.json").exists():
+def check_new(folder: Path) -> None:
+    """Raise `InputError` if there is a session in ``folder``."""
+    if (folder / "session.json").exists():
         raise InputError.expected(
             str(folder), "a new folder", "a session", "choose another folder, or resume this session"
         )
@@ -273,7 +275,7 @@ def _record_one(
         )
         if found is not None and todo.any():
             _check_origin(folder, file, rig, options, watching.control, found)
-        file = replace(file, runs=(*file.runs, Run(_now())))
+        file = replace(file, runs=(*file.runs, Run(_now(), recording=run)))
         file.write(folder)  # before the first frame: a crash leaves the run as interrupted
         return (yield from _run_noted(folder, file, runner))
     finally:

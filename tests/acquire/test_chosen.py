@@ -73,6 +73,26 @@ def test_further_positions_are_added(tmp_path: Path) -> None:
     assert_same_frames(before, {place: found[place] for place in before})
 
 
+def test_an_interrupted_recording_of_as_many_positions_as_another_is_not_complete(tmp_path: Path) -> None:
+    """What was never taken is not lost because another recording of the session had as many positions."""
+    record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL, only=CHOSEN[:2])
+    with pytest.raises(AcquisitionStopped):
+        faulty = rig_for(PLAN, Fault("times out", 1, 99))
+        record(tmp_path / "s", PLAN, faulty, replace(CAREFUL, retries=0), redo=CHOSEN[2:4])
+    assert len(frames_of(tmp_path / "s")) == 3
+    report = verify(tmp_path / "s")
+    assert report.ok and len(report.never_taken) == 1
+    session = SessionFile.read(tmp_path / "s")
+    assert session.was_complete(0) and not session.was_complete(1)
+    # a session of an older version does not say of which recording a run is
+    data = json.loads((tmp_path / "s" / "session.json").read_text())
+    for run in data["runs"]:
+        del run["recording"]
+    (tmp_path / "s" / "session.json").write_text(json.dumps(data))
+    assert SessionFile.read(tmp_path / "s").was_complete(0)
+    assert record(tmp_path / "s", PLAN, rig_for(PLAN), resume=True).how == "complete"
+
+
 def test_what_it_costs(tmp_path: Path) -> None:
     some, every = (forecast(PLAN, rig_for(PLAN), CAREFUL, tmp_path / "s", only=only) for only in (CHOSEN, ()))
     assert some.positions == 5 and every.positions == 27 and some.recording_bytes < 0.2 * every.recording_bytes
@@ -115,4 +135,5 @@ def test_the_list_keeps_what_is_kept_aside(tmp_path: Path) -> None:
 
 def test_sessions_of_all_positions_stay_as_they_were(tmp_path: Path) -> None:
     record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL)
-    assert "kept_aside" not in json.loads((tmp_path / "s" / "session.json").read_text())
+    data = json.loads((tmp_path / "s" / "session.json").read_text())
+    assert "kept_aside" not in data and all("recording" not in run for run in data["runs"])
