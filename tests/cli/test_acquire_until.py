@@ -62,7 +62,7 @@ def test_goals_by_their_words() -> None:
     named = parse_goal("0.02", 50, "iris,geometry,iris")
     assert named == replace(goal, error=0.02, most=50, unknowns=("iris", "geometry"))
     assert parse_goal("", 0, "") is None
-    with pytest.raises(InputError, match="for example 0.5%"):
+    with pytest.raises(InputError, match=r"for example 0\.5%"):
         parse_goal("half", 0, "")
 
 
