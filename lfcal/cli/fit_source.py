@@ -90,7 +90,7 @@ def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured,
             matrix = stack.enter_context(open_psf(source))
             matrix = matrix.T if matrix.is_transposed else matrix
             known: dict[str, Any] = {"source": source.name}
-            aside: list[list[int]] = []
+            aside = _aside_of(matrix)
         else:
             matrix, known, aside = _picked(source, how, stack, quiet=quiet)
         camera = how.camera or matrix.camera
@@ -98,9 +98,24 @@ def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured,
             raise InputError.expected(str(source), "an H with its camera", "none", "name it with --camera")
         _check_noise(matrix, source, how)
         tell_assumed(matrix.camera if how.camera is None else None, source.name, quiet=quiet)
-        apart = aside or LEFT_OUT
-        most = None if aside else (SOME if how.most is None else how.most) or None
-        return measured_of(matrix, camera, noise=how.noise, most=most, left_out=apart), known
+        most = (0 if aside else SOME) if how.most is None else how.most
+        all_of_them = not most or int((matrix.recorded > 0).sum()) <= most
+        apart = aside if aside and all_of_them else LEFT_OUT
+        return measured_of(matrix, camera, noise=how.noise, most=most or None, left_out=apart), known
+
+
+def _aside_of(matrix: PSFMatrix) -> list[list[int]]:
+    """Return the positions that H says are not to be fitted; what is no such list says nothing."""
+    said = matrix.provenance.get("kept_aside")
+    shape = (matrix.shape[0], *matrix.period)
+    # provenance comes from a file that anyone may have written
+    good = isinstance(said, list) and all(
+        isinstance(p, list)
+        and len(p) == 3
+        and all(type(v) is int and 0 <= v < n for v, n in zip(p, shape, strict=True))
+        for p in said
+    )
+    return said if good and said else []
 
 
 def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:

@@ -105,7 +105,9 @@ def iter_assemble_plan(
         check_pedestal(Gatherer(source, infos, cutout), plan.shape[0])
     metadata = source.metadata
     known = {
-        key: metadata[key] for key in ("session", "devices", "simulated", "suspect", "half_cell") if key in metadata
+        key: metadata[key]
+        for key in ("session", "devices", "simulated", "suspect", "half_cell", "kept_aside")
+        if key in metadata
     }
     return (
         yield from iter_assemble(

@@ -71,6 +71,11 @@ def test_positions_are_chosen_recorded_and_fitted(lfcal: Lfcal, place: Path) -> 
     assert found["patterns"] == 10 and found["left_out_error"]["patterns"] == 2 and found["complete"]
     assert {tuple(p) for p in found["positions"]} == set(map(tuple, listed.positions))
 
+    # H knows which ones are kept aside, too
+    assert lfcal("fit", "H.h5", "-o", "fitH", "--unknowns", "iris", "--no-h").code == 0
+    ofh = json.loads((place / "fitH" / "fit.json").read_text())
+    assert ofh["patterns"] == 10 and ofh["left_out_error"]["patterns"] == 2
+
     # further positions, from what the fit knows: added to the same session
     more = lfcal(
         "plan",
