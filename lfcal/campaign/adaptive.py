@@ -29,6 +29,8 @@ from lfcal.fit.design import Design, iter_next_positions
 from lfcal.fit.earlier import Earlier
 from lfcal.fit.information import Expected
 from lfcal.fit.judge import ModelError
+from lfcal.fit.model import Fineness
+from lfcal.fit.problem import ERRORS
 from lfcal.frames.described import stated_noise
 from lfcal.frames.source import Position
 from lfcal.progress import Progress, Work
@@ -55,7 +57,7 @@ class Goal:
     Attributes
     ----------
     error
-        Wanted relative error (L2) of H.
+        Wanted relative error (L2) of H; what the computation of patterns itself errs by at the least.
     most
         Record no more positions than this; None: all of the plan.
     first
@@ -74,7 +76,9 @@ class Goal:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        check_number("wanted error of H", self.error, above=0, below=1, remedy="for example 0.5%")
+        least = ERRORS[Fineness.finest]
+        remedy = f"for example 0.005; the computation of patterns itself errs by {format_share(least)}"
+        check_number("wanted error of H", self.error, at_least=least, below=1, remedy=remedy)
         check_number("positions before the first fit", self.first, at_least=FEWEST, integer=True)
         if self.most is not None:
             check_number("most positions", self.most, at_least=self.first, integer=True)

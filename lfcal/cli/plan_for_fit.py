@@ -161,6 +161,8 @@ def _steadiness(wanted: Wanted, earlier: Earlier | None) -> tuple[float, float]:
 
 
 def _show(found: Design, whole: Any, earlier: Earlier | None) -> None:
+    from lfcal.fit.model import Fineness
+    from lfcal.fit.problem import ERRORS
     from lfcal.units import format_seconds, format_share
 
     rows = [
@@ -177,4 +179,7 @@ def _show(found: Design, whole: Any, earlier: Earlier | None) -> None:
     )
     if earlier is not None and not earlier.complete:
         report("note: the model of the earlier fit is incomplete: more patterns do not help where it does not suffice")
+    floor = ERRORS[Fineness.finest]
+    if found.curve[-1].error < floor:
+        report(f"note: the computation of patterns itself errs by about {format_share(floor)}, whatever is recorded")
     report("note: expected errors hold where the unknowns suffice; what they do not contain stays in the model")

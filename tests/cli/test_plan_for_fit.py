@@ -108,6 +108,12 @@ def test_positions_are_chosen_recorded_and_fitted(lfcal: Lfcal, place: Path) -> 
         assert not any(H.recorded[tuple(p)] for p in more.json["positions"])
 
 
+def test_errors_below_that_of_the_computation_are_named(lfcal: Lfcal, place: Path) -> None:
+    run = planned(lfcal, "--unknowns", "iris", "--full", "1", "--beside", "0", "--for-fit", "20")
+    assert run.code == 0 and "the computation of patterns itself errs by about 0.06 %" in run.err, run.out
+    assert "itself errs" not in planned(lfcal, "--unknowns", SOME, "--full", "0.1").err
+
+
 def test_all_positions_of_such_a_session_can_be_thinned(lfcal: Lfcal, place: Path) -> None:
     assert planned(lfcal, "-o", "plan.json", "--list", "list.json").code == 0
     assert lfcal("acquire", "plan.json", "--positions", "list.json", "-o", "s", *SIMULATED).code == 0
