@@ -14,7 +14,7 @@ from lfcal.errors import InputError
 from lfcal.fit.earlier import Earlier
 from lfcal.fit.information import Expected, Information, iter_information
 from lfcal.fit.parameters import GROUPS
-from lfcal.fit.setup import Setup, described_effects
+from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.spread import spread_out
 from lfcal.progress import Clock, Work, drain
 
@@ -336,7 +336,7 @@ def _start(
         earlier.check_plan(plan)
         return setup or earlier.setup, tuple(groups or earlier.groups)
     core = tuple(group.name for group in GROUPS if group.core)
-    own = setup or Setup(plan.camera, described_effects(plan.camera), (0.0,) * plan.shape[0])
+    own = setup or Setup(plan.camera, called_for(plan), (0.0,) * plan.shape[0])
     return own, tuple(groups or core)
 
 
