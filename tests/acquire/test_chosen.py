@@ -133,6 +133,14 @@ def test_the_list_keeps_what_is_kept_aside(tmp_path: Path) -> None:
             RedoList.read(path)
 
 
+def test_a_whole_scan_is_no_session_of_chosen_positions(tmp_path: Path) -> None:
+    """Positions of it that are recorded again do not make a fit take all of it."""
+    record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL)
+    record(tmp_path / "s", PLAN, rig_for(PLAN), redo=CHOSEN[:3], kept_aside=CHOSEN[:1])
+    with RecordingSource(tmp_path / "s") as source:
+        assert "kept_aside" not in source.metadata and len(source) == 27
+
+
 def test_sessions_of_all_positions_stay_as_they_were(tmp_path: Path) -> None:
     record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL)
     data = json.loads((tmp_path / "s" / "session.json").read_text())
