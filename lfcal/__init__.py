@@ -7,6 +7,7 @@
 - ``psf``: the matrix H: cutout, assembly, storage, transpose, judgement, export
 - ``simulate``: the simulated camera
 - ``fit``: the optics retrieved from measured patterns
+- ``campaign``: what needs both recording and fit: adaptive sessions
 - ``reconstruct``: projector pair and solvers
 - ``multiplex``: plenoptic multiplexing
 - ``accuracy``: curves of error against seconds, bytes or frames, everywhere accuracy is paid for

@@ -58,8 +58,12 @@ class Block:
         return places
 
 
-def blocks_of(plan: ScanPlan, options: Options, redo: Sequence[Position] | None) -> list[Block]:
+def blocks_of(
+    plan: ScanPlan, options: Options, redo: Sequence[Position] | None, only: Sequence[Position] = ()
+) -> list[Block]:
     """Return everything to record of ``plan``, or of the positions ``redo`` of it.
+
+    With ``only`` positions the session records these and no others, with all that belongs to a session.
 
     Raises
     ------
@@ -70,8 +74,12 @@ def blocks_of(plan: ScanPlan, options: Options, redo: Sequence[Position] | None)
         again = _redo_positions(plan, redo)
         count = len(again)
         return [Block.of(Kind.POSITION, again, np.arange(count)), *_references(plan, options, count, count)]
-    positions = coarse_order(plan) if options.order == "coarse" else plan.order_indices()
-    slots = np.ravel_multi_index(tuple(positions.T), plan.shape[:3]).astype(np.int64)
+    if only:
+        positions = plan.in_scan_order(only)
+        slots = np.arange(len(positions))
+    else:
+        positions = coarse_order(plan) if options.order == "coarse" else plan.order_indices()
+        slots = np.ravel_multi_index(tuple(positions.T), plan.shape[:3]).astype(np.int64)
     count = len(positions)
     return [
         Block.of(Kind.POSITION, positions, np.arange(count), slots),

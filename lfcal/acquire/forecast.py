@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from lfcal.acquire.lighting import check_light
 from lfcal.acquire.motion import check_limits, limits_of
@@ -17,6 +20,7 @@ from lfcal.acquire.session_file import frame_dtype
 from lfcal.camera import Forecast, ScanPlan
 from lfcal.devices.protocols import Rig
 from lfcal.files import require_space, storage_errors
+from lfcal.frames.source import Position
 
 __all__ = ["SessionForecast", "forecast"]
 
@@ -46,8 +50,12 @@ class SessionForecast:
     stage: str
 
 
-def forecast(plan: ScanPlan, rig: Rig, options: Options, folder: Path) -> SessionForecast:
+def forecast(
+    plan: ScanPlan, rig: Rig, options: Options, folder: Path, *, only: Sequence[Position] = ()
+) -> SessionForecast:
     """Return what the session will cost, after checking devices, limits, light and disk; nothing moves.
+
+    With ``only`` positions no others are recorded.
 
     Raises
     ------
@@ -55,7 +63,7 @@ def forecast(plan: ScanPlan, rig: Rig, options: Options, folder: Path) -> Sessio
         What would stop the session at its start.
     """
     devices = check_devices(plan, rig)
-    schedule = Schedule.of(plan, options)
+    schedule = Schedule.of(plan, options, only=only)
     moved = schedule.targets[schedule.kinds != Kind.DARK]
     check_limits(moved, limits_of(rig.stage), options.motion(plan).overshoot_um)
     dark = schedule.kinds == Kind.DARK
@@ -89,7 +97,9 @@ def _recording_bytes(schedule: Schedule, sample_bytes: int) -> int:
 
 def _seconds(plan: ScanPlan, options: Options, schedule: Schedule) -> float:
     """Return the time of all frames; a reference or control frame takes that of a position."""
-    cost = Forecast.of(plan)
+    planned = schedule.flat[schedule.kinds == Kind.POSITION]
+    index = np.stack(np.unravel_index(planned, plan.shape[:3]), axis=1)
+    cost = Forecast.of(plan, positions=plan.in_scan_order(index))
     hours = cost.exposure_hours * sum(options.bracket) + cost.settle_hours + cost.move_hours
     dark = schedule.kinds == Kind.DARK
     exposed = sum(plan.exposures[z] for z in schedule.planes[dark].tolist()) * sum(options.bracket) * options.darks

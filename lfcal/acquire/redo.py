@@ -1,4 +1,4 @@
-"""The list of positions to record again, as the quality report writes it and a session takes it."""
+"""A list of positions: to record again, as the quality report writes it, or those that a session records at all."""
 
 from __future__ import annotations
 
@@ -22,16 +22,26 @@ LARGEST = 1 << 28
 
 @dataclass(frozen=True, slots=True)
 class RedoList:
-    """Positions (z, y, x) to record again, with a reason each."""
+    """Positions (z, y, x) to record, with a reason each.
+
+    ``kept_aside`` are those among them that a fit must not use: they tell how good it is.
+    """
 
     positions: tuple[Position, ...]
     reasons: tuple[str, ...]
+    kept_aside: tuple[Position, ...] = ()
 
     @classmethod
-    def of(cls, positions: Sequence[tuple[int, int, int]], reasons: Sequence[str] = ()) -> RedoList:
+    def of(
+        cls,
+        positions: Sequence[tuple[int, int, int]],
+        reasons: Sequence[str] = (),
+        *,
+        kept_aside: Sequence[tuple[int, int, int]] = (),
+    ) -> RedoList:
         """Return the list of ``positions``; missing reasons are empty."""
         given = tuple(reasons) + ("",) * (len(positions) - len(reasons))
-        return cls(tuple(Position(*p) for p in positions), given)
+        return cls(tuple(Position(*p) for p in positions), given, tuple(Position(*p) for p in kept_aside))
 
     def write(self, path: Path) -> None:
         """Write the list as JSON, whole or not at all."""
@@ -41,6 +51,8 @@ class RedoList:
             "positions": [list(p) for p in self.positions],
             "reasons": list(self.reasons),
         }
+        if self.kept_aside:
+            data["kept_aside"] = [list(p) for p in self.kept_aside]
         with replace_whole(path) as part:
             part.write_text(json.dumps(data), encoding="utf-8")
 
@@ -54,14 +66,26 @@ class RedoList:
             )
         positions: Any = data.get("positions")
         reasons: Any = data.get("reasons", [])
+        aside: Any = data.get("kept_aside", [])
         if (
-            not isinstance(positions, list)
+            not _are_positions(positions)
+            or not _are_positions(aside)
+            or not all(p in positions for p in aside)
             or not isinstance(reasons, list)
             or len(reasons) > len(positions)
-            # bool is a kind of int: type() and not isinstance() keeps true and false out
-            or not all(isinstance(p, list) and len(p) == 3 and all(type(v) is int for v in p) for p in positions)
         ):
             raise FileFormatError.expected(
-                f"{path}: positions", "a list of [z, y, x]", "something else", "write it with lfcal inspect"
+                f"{path}: positions",
+                "a list of [z, y, x]",
+                "something else",
+                "write it with lfcal inspect",
             )
-        return cls.of([tuple(p) for p in positions], [str(r) for r in reasons])
+        apart = [tuple(p) for p in aside]
+        return cls.of([tuple(p) for p in positions], [str(r) for r in reasons], kept_aside=apart)
+
+
+def _are_positions(value: Any) -> bool:
+    # bool is a kind of int: type() and not isinstance() keeps true and false out
+    return isinstance(value, list) and all(
+        isinstance(p, list) and len(p) == 3 and all(type(v) is int for v in p) for p in value
+    )

@@ -97,15 +97,22 @@ class Schedule:
                 yield Step(kinds[kind], slot, flat, z, (a, b, c), row, column, py, px)
 
     @classmethod
-    def of(cls, plan: ScanPlan, options: Options, redo: Sequence[Position] | None = None) -> Schedule:
-        """Return the schedule of ``plan``, or of the positions ``redo`` of it.
+    def of(
+        cls,
+        plan: ScanPlan,
+        options: Options,
+        redo: Sequence[Position] | None = None,
+        *,
+        only: Sequence[Position] = (),
+    ) -> Schedule:
+        """Return the schedule of ``plan``, of the positions ``redo`` of it, or of a session of ``only`` some of it.
 
         Raises
         ------
         InputError
             If a frame to be kept would leave the sensor, or ``redo`` lies outside the plan.
         """
-        blocks = blocks_of(plan, options, redo)
+        blocks = blocks_of(plan, options, redo, only)
         kinds = np.concatenate([np.full(len(b.slots), b.kind, np.uint8) for b in blocks])
         order = _order(blocks, kinds)
         places = np.concatenate([b.places(plan) for b in blocks])[order]

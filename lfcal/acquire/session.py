@@ -36,7 +36,7 @@ from lfcal.files import storage_errors
 from lfcal.frames.source import Position
 from lfcal.progress import Work, drain
 
-__all__ = ["check_devices", "iter_record", "record"]
+__all__ = ["check_devices", "check_new", "iter_record", "record"]
 
 
 def iter_record(
@@ -47,6 +47,8 @@ def iter_record(
     *,
     resume: bool = False,
     redo: Sequence[Position] | None = None,
+    only: Sequence[Position] | None = None,
+    kept_aside: Sequence[Position] = (),
     control: Control | None = None,
     preview: Preview | None = None,
     observers: tuple[Observer, ...] = (),
@@ -64,7 +66,12 @@ def iter_record(
         stage's origin are the same. Every frame is checked first, and those that are damaged are taken again: in
         their place, or, where the recording was packed, in a file of their own.
     redo
-        Record these positions of a finished session again, into a file of their own; the later frame counts.
+        Record these positions of a finished session again, into a file of their own; the later frame counts. Where
+        the session has no others they are added to it.
+    only
+        Record these positions and no others; a session that goes on has its own.
+    kept_aside
+        Positions among them that a fit is not to use.
     control, preview, observers
         See `Runner`.
 
@@ -78,13 +85,14 @@ def iter_record(
     control = control or Control()
     devices = check_devices(plan, rig)
     goes_on = resume or redo is not None
-    _check_folder(folder, new=not goes_on)
+    if not goes_on:
+        check_new(folder)
     earlier = SessionFile.read(folder) if goes_on else None
     options = options or (earlier.options if earlier else Options())
     if earlier:
         earlier.check_same(plan, options, devices)  # before the lock, for the clearer message
     with _locked(folder):
-        new = SessionFile(uuid.uuid4().hex, plan, options, devices)
+        new = _new(SessionFile(uuid.uuid4().hex, plan, options, devices), only, kept_aside)
         file, first = _prepare(folder, rig, new, resume=resume, redo=redo)
         found = None
         if resume:
@@ -107,12 +115,25 @@ def record(
     *,
     resume: bool = False,
     redo: Sequence[Position] | None = None,
+    only: Sequence[Position] | None = None,
+    kept_aside: Sequence[Position] = (),
     control: Control | None = None,
     observers: tuple[Observer, ...] = (),
 ) -> Outcome:
     """Record ``plan`` into the session ``folder``; see `iter_record`."""
     return drain(
-        iter_record(folder, plan, rig, options, resume=resume, redo=redo, control=control, observers=observers)
+        iter_record(
+            folder,
+            plan,
+            rig,
+            options,
+            resume=resume,
+            redo=redo,
+            only=only,
+            kept_aside=kept_aside,
+            control=control,
+            observers=observers,
+        )
     )
 
 
@@ -129,11 +150,23 @@ def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
     return devices
 
 
-def _check_folder(folder: Path, *, new: bool) -> None:
-    if new and (folder / "session.json").exists():
+def check_new(folder: Path) -> None:
+    """Raise `InputError` if there is a session in ``folder``."""
+    if (folder / "session.json").exists():
         raise InputError.expected(
             str(folder), "a new folder", "a session", "choose another folder, or resume this session"
         )
+
+
+def _new(file: SessionFile, only: Sequence[Position] | None, kept_aside: Sequence[Position]) -> SessionFile:
+    """Return a new session, of ``only`` some positions where they are given."""
+    aside = tuple(tuple(map(int, p)) for p in kept_aside)
+    if only is None:
+        return replace(file, kept_aside=aside)
+    if not len(only):
+        raise InputError.expected("positions to record", "at least one", "none", "check the list")
+    positions = tuple(tuple(map(int, p)) for p in file.plan.in_scan_order(only).tolist())
+    return replace(file, redo=(positions,), kept_aside=aside)
 
 
 def _prepare(
@@ -146,6 +179,7 @@ def _prepare(
     file = SessionFile.read(folder)
     file.check_same(new.plan, new.options, new.devices)  # again: another program may have been at it before the lock
     if redo is not None:
+        file = replace(file, kept_aside=tuple(dict.fromkeys((*file.kept_aside, *new.kept_aside))))
         file = _add_recording(folder, file, redo, rig, new.options)
         return file, len(file.recordings) - 1
     return file, 0
@@ -241,7 +275,7 @@ def _record_one(
         )
         if found is not None and todo.any():
             _check_origin(folder, file, rig, options, watching.control, found)
-        file = replace(file, runs=(*file.runs, Run(_now())))
+        file = replace(file, runs=(*file.runs, Run(_now(), recording=run)))
         file.write(folder)  # before the first frame: a crash leaves the run as interrupted
         return (yield from _run_noted(folder, file, runner))
     finally:

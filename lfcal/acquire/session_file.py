@@ -47,7 +47,10 @@ class Devices:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One stretch of recording: when (ISO 8601), how it ended, positions safe then, seconds, a message."""
+    """One stretch of recording: when (ISO 8601), how it ended, positions safe then, seconds, a message.
+
+    ``recording`` says of which recording; -1: an older version did not note it.
+    """
 
     started: str
     ended: str = ""
@@ -55,6 +58,7 @@ class Run:
     acknowledged: int = 0
     seconds: float = 0.0
     message: str = ""
+    recording: int = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +74,11 @@ class SessionFile:
     recordings
         Files with positions, oldest first; a later one counts where both have a position.
     redo
-        Positions (z, y, x) of each recording, empty for all.
+        Positions (z, y, x) of each recording, empty for all: of the first one where no others are recorded.
     runs
         Every stretch of recording.
+    kept_aside
+        Positions (z, y, x) that a fit is not to use: they tell how good it is.
     """
 
     identity: str
@@ -82,14 +88,18 @@ class SessionFile:
     recordings: tuple[str, ...] = ("recording.h5",)
     redo: tuple[tuple[tuple[int, ...], ...], ...] = ((),)
     runs: tuple[Run, ...] = ()
+    kept_aside: tuple[tuple[int, ...], ...] = ()
 
     def schedule(self, run: int) -> Schedule:
         """Return the steps of recording ``run``."""
         whole = Schedule.of(self.plan, self.options)
         if not self.redo[run]:  # an empty list stands for all positions
             return whole
-        # the same region of the sensor is read out as before, so that only the position is taken again
-        return replace(Schedule.of(self.plan, self.options, [Position(*p) for p in self.redo[run]]), roi=whole.roi)
+        own = [Position(*p) for p in self.redo[run]]
+        # the first recording brings what belongs to a session: darks, and controls
+        part = Schedule.of(self.plan, self.options, only=own) if run == 0 else Schedule.of(self.plan, self.options, own)
+        # the same region of the sensor is read out in all, so that only the position is taken again
+        return replace(part, roi=whole.roi)
 
     def attributes(self, run: int, schedule: Schedule) -> dict[str, Any]:
         """Return what the files of recording ``run`` say of themselves."""
@@ -100,11 +110,13 @@ class SessionFile:
     def was_complete(self, run: int) -> bool:
         """Return whether recording ``run`` is known to have been completed at some time."""
         count = len(set(self.redo[run])) or int(np.prod(self.plan.shape[:3]))
-        return any(past.how == "complete" and past.acknowledged == count for past in self.runs)
+        # another recording may have had as many positions
+        own = [past for past in self.runs if past.recording in (run, -1)]
+        return any(past.how == "complete" and past.acknowledged == count for past in own)
 
     def write(self, folder: Path) -> None:
         """Write ``session.json`` into ``folder``, whole or not at all."""
-        data = {
+        data: dict[str, Any] = {
             "format": FORMAT,
             "version": VERSION,
             "identity": self.identity,
@@ -115,6 +127,11 @@ class SessionFile:
             "redo": self.redo,
             "runs": [asdict(run) for run in self.runs],
         }
+        if len(self.recordings) == 1:  # there is no other
+            for run in data["runs"]:
+                del run["recording"]
+        if self.kept_aside:  # sessions without them stay as older versions read them
+            data["kept_aside"] = self.kept_aside
         if not folder.is_dir():
             raise StorageError(f"{folder}: the session folder is gone; restore it, or start a new session")
         with replace_whole(folder / NAME) as part:
@@ -131,7 +148,8 @@ class SessionFile:
             raise FileFormatError.expected(
                 str(path), f'"format": "{FORMAT}", version {VERSION}', "something else", "check the file"
             )
-        body = {key: value for key, value in data.items() if key not in ("format", "version")}
+        body = {"kept_aside": (), **{key: value for key, value in data.items() if key not in ("format", "version")}}
+        body["runs"] = _runs(body.get("runs"), body.get("recordings"))
         try:
             body["plan"] = ScanPlan.from_dict(body["plan"])
             body["options"] = Options.from_dict(body["options"])
@@ -147,6 +165,7 @@ class SessionFile:
         return replace(
             session,
             redo=tuple(tuple(tuple(int(v) for v in p) for p in positions) for positions in session.redo),
+            kept_aside=tuple(tuple(int(v) for v in p) for p in session.kept_aside),
         )
 
     def check_same(self, plan: ScanPlan, options: Options, devices: Devices) -> None:
@@ -167,6 +186,14 @@ class SessionFile:
                 got,
                 "record with the same plan and devices, or start a new session folder",
             )
+
+
+def _runs(runs: Any, recordings: Any) -> Any:
+    """Return the entries of runs, those without their recording with it: the only one, or -1 where it is not known."""
+    only = 0 if isinstance(recordings, list) and len(recordings) == 1 else -1
+    if not isinstance(runs, list):
+        return runs
+    return [{"recording": only, **run} if isinstance(run, Mapping) else run for run in runs]
 
 
 def frame_dtype(plan: ScanPlan, options: Options, devices: Devices) -> np.dtype[Any]:

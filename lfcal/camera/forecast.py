@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.camera.plan import ScanPlan
 from lfcal.checks import check_number
@@ -53,34 +54,39 @@ class Forecast:
         return self.h_float32_bytes
 
     @classmethod
-    def of(cls, plan: ScanPlan, *, stage_um_per_s: float = 1000.0) -> Forecast:
+    def of(
+        cls, plan: ScanPlan, *, stage_um_per_s: float = 1000.0, positions: NDArray[np.intp] | None = None
+    ) -> Forecast:
         """Return the forecast of ``plan`` with a stage that moves at ``stage_um_per_s`` (µm/s).
 
-        The axes move at the same time; the camera's readout is taken to fall into the settle time.
+        With ``positions`` ``(n, 3)`` as (z, y, x) no others are recorded, in that order; H has all of them all the
+        same. The axes move at the same time; the camera's readout is taken to fall into the settle time.
         """
         check_number("stage speed (µm/s)", stage_um_per_s, above=0)
         _, ny, nx, nt, ns = plan.shape
         per_plane = ny * nx
         pixels = math.prod(plan.camera.sensor.shape)
-        frames = plan.n_positions * plan.frames_averaged
+        order = plan.order_indices() if positions is None else positions
+        frames = len(order) * plan.frames_averaged
+        planes = np.bincount(order[:, 0], minlength=len(plan.depths_um)).tolist()
         entries = plan.n_positions * nt * ns
         return cls(
-            positions=plan.n_positions,
+            positions=len(order),
             frames=frames,
-            exposure_hours=sum(plan.exposures) * per_plane * plan.frames_averaged / 3600,
-            settle_hours=plan.n_positions * plan.settle_s / 3600,
-            move_hours=_travel_um(plan) / stage_um_per_s / 3600,
+            exposure_hours=sum(plan.exposures[z] * n for z, n in enumerate(planes)) * plan.frames_averaged / 3600,
+            settle_hours=len(order) * plan.settle_s / 3600,
+            move_hours=_travel_um(plan, order) / stage_um_per_s / 3600,
             # cameras deliver up to 8 bits in one byte, up to 16 in two
             frame_bytes=frames * pixels * (1 if plan.camera.sensor.bit_depth <= 8 else 2),
-            cutout_bytes=2 * entries,
+            cutout_bytes=2 * len(order) * nt * ns,
             h_float32_bytes=4 * entries,
             h_uint16_bytes=2 * entries,
             assembly_bytes=2 * per_plane * nt * ns * 4,
         )
 
 
-def _travel_um(plan: ScanPlan) -> float:
+def _travel_um(plan: ScanPlan, order: NDArray[np.intp]) -> float:
     """Return the way of the stage, its longest axis counted in each move (µm)."""
     # the axes run at the same time, so a move lasts as long as its longest component
-    path = plan.stage_um()
+    path = plan.stage_um(order)
     return float(np.abs(np.diff(path, axis=0)).max(axis=1).sum()) if len(path) > 1 else 0.0

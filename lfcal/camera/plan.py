@@ -273,6 +273,25 @@ class ScanPlan:
             rows[1::2] = nx - 1 - rows[1::2]
         return index.reshape(3, -1).T
 
+    def in_scan_order(self, positions: ArrayLike) -> NDArray[np.intp]:
+        """Return some positions ``(n, 3)`` as (z, y, x) in scan order, each once.
+
+        Raises
+        ------
+        InputError
+            If one lies outside the plan.
+        """
+        index = np.asarray(positions, np.intp).reshape(-1, 3)
+        outside = ((index < 0) | (index >= np.array(self.shape[:3]))).any(axis=1)
+        if outside.any():
+            first = tuple(index[outside][0].tolist())
+            raise InputError.expected("position", f"(z, y, x) inside {self.shape[:3]}", first, "use this plan's list")
+        wanted = np.zeros(self.shape[:3], np.bool_)
+        wanted[tuple(index.T)] = True
+        order = self.order_indices()
+        found: NDArray[np.intp] = order[wanted[tuple(order.T)]]
+        return found
+
     def positions(self) -> Iterator[Position]:
         """Iterate over all positions in scan order."""
         return map(Position._make, self.order_indices().tolist())

@@ -9,11 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
 from lfcal.cli.acquire_outcome import finish, list_suspects, show_outcome
+from lfcal.cli.acquire_until import adapted_facts, parse_goal, show_adapted, tell_step
+from lfcal.cli.acquire_words import numbers, options_of, pairs, read_plan
 from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 
 if TYPE_CHECKING:
@@ -23,9 +25,11 @@ if TYPE_CHECKING:
     from lfcal.acquire.redo import RedoList
     from lfcal.acquire.runner import Outcome
     from lfcal.camera import ScanPlan
+    from lfcal.campaign import Adapted, Goal
     from lfcal.devices.protocols import Rig
     from lfcal.progress import Work
 
+R = TypeVar("R")
 ALARM_EVERY_S = 5.0
 
 
@@ -42,7 +46,17 @@ def command(
     stage: str = typer.Option("", "--stage", help="Backend of the stage, if it is another one."),
     option: list[str] = typer.Option([], "--option", help="Option of the backend, NAME=VALUE; may be repeated."),
     resume: bool = typer.Option(False, "--resume", help="Go on where an interrupted session was."),
-    redo: Path | None = typer.Option(None, "--redo", help="Record these positions again (list from lfcal inspect)."),
+    redo: Path | None = typer.Option(
+        None, "--redo", help="Record these positions again, or further ones (list from lfcal inspect or lfcal plan)."
+    ),
+    positions: Path | None = typer.Option(
+        None, "--positions", help="Record these positions and no others (list from lfcal plan --for-fit)."
+    ),
+    until_error: str = typer.Option(
+        "", "--until-error", help="Record, fit, choose the next positions, until H is this good, e.g. 0.5%."
+    ),
+    most: int = typer.Option(0, "--most", min=0, help="With --until-error: positions at most; 0: all of the plan."),
+    unknowns: str = typer.Option("", "--unknowns", help="With --until-error: groups A,B,C, or auto (default)."),
     order: str | None = typer.Option(None, "--order", help="plan, or coarse for a first look at all planes."),
     bracket: str | None = typer.Option(None, "--bracket", help="Exposures as factors, merged to HDR, e.g. 1,0.25."),
     margin: int | None = typer.Option(None, "--margin", help="Pixels kept around the cutout."),
@@ -81,19 +95,25 @@ def command(
     Example: `lfcal acquire plan.json --backend sim --out session/ --assemble H.h5`
     """
     from lfcal.acquire.redo import RedoList
+    from lfcal.acquire.runner import Outcome
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import report
     from lfcal.cli.outputs import check_output
     from lfcal.devices.registry import open_rig
-    from lfcal.errors import LfcalError
+    from lfcal.errors import InputError, LfcalError
 
     if assemble is not None:
-        check_output(assemble, plan, redo, out, force=force)
-    scan = _read_plan(plan, origin)
+        check_output(assemble, plan, redo, positions, out, force=force)
+    if positions is not None and (resume or redo is not None):
+        raise InputError("--positions: is of a new session; one that goes on has its own, and --redo adds to them")
+    goal = parse_goal(until_error, most, unknowns)
+    if goal is not None and (positions is not None or redo is not None):
+        raise InputError("--until-error: chooses positions itself; leave --positions and --redo out")
+    scan = read_plan(plan, origin)
     tell_assumed(scan.camera, plan.name, quiet=json)
     given = {
         "order": order,
-        "bracket": _numbers(bracket, "--bracket"),
+        "bracket": numbers(bracket, "--bracket"),
         "margin_px": margin,
         "darks": darks,
         "dark_every": dark_every,
@@ -101,23 +121,26 @@ def command(
         "controls": controls,
         "retries": retries,
         "on_suspect": on_suspect,
-        "tolerance_um": _numbers(tolerance, "--tolerance"),
-        "overshoot_um": _numbers(overshoot, "--overshoot"),
+        "tolerance_um": numbers(tolerance, "--tolerance"),
+        "overshoot_um": numbers(overshoot, "--overshoot"),
     }
     # A session that goes on keeps the options it began with; those given now replace single ones.
-    options = _options(out if resume or redo is not None else None, given, check_origin)
-    positions = RedoList.read(redo) if redo is not None else None
-    task = _Task(out, scan, options, resume, positions, json)
-    with open_rig(scan, backend, _pairs(option), stage=stage) as rig:
+    options = options_of(out if resume or redo is not None else None, given, check_origin)
+    again, only = (None if path is None else RedoList.read(path) for path in (redo, positions))
+    task = _Task(out, scan, options, resume, again, only, goal, json)
+    with open_rig(scan, backend, pairs(option), stage=stage) as rig:
         # A light that can be switched needs nobody to cover the lens, whatever was asked for.
         if cover and rig.light is None:
             rig = replace(rig, light=_Cover())
         if dry_run:
             _show_forecast(task, rig)
             return
-        outcome, alarms, ended_by = _run(task, rig, check_stage)
+        found, alarms, ended_by = _run(task, rig, check_stage)
+    adapted = None if isinstance(found, Outcome) else found
+    outcome = found if isinstance(found, Outcome) else found.outcome
     result: dict[str, Any] = {"session": out, "outcome": outcome, "alarms": alarms, **list_suspects(out, outcome)}
     result["assumed"] = scan.camera.marks.paths("assumed")
+    result |= {} if adapted is None else adapted_facts(adapted)
     if outcome.how == "complete":
         try:
             result |= finish(out, assemble, pack, json)
@@ -127,6 +150,8 @@ def command(
             report(f"the recording is whole: lfcal assemble {out} makes H of it")
             raise
     show_outcome(result, outcome, out, json)
+    if adapted is not None and not json:
+        show_adapted(adapted, out)
     if outcome.how != "complete":
         # A session that was stopped is not a success: scripts must be able to see it.
         raise typer.Exit(128 + ended_by)
@@ -141,10 +166,12 @@ class _Task:
     options: Options
     resume: bool
     redo: RedoList | None
+    only: RedoList | None
+    goal: Goal | None
     quiet: bool
 
 
-def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome, tuple[Alarm, ...], int]:
+def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome | Adapted, tuple[Alarm, ...], int]:
     """Check light and stage, then record until the end or a signal; return what came of it, and the signal."""
     from lfcal.acquire.control import Control
     from lfcal.acquire.lighting import check_light
@@ -162,13 +189,16 @@ def _run(task: _Task, rig: Rig, check_stage: bool) -> tuple[Outcome, tuple[Alarm
     return outcome, alarms, next(iter(asked), signal.SIGINT)
 
 
-def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome, tuple[Alarm, ...]]:
+def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome | Adapted, tuple[Alarm, ...]]:
     from lfcal.acquire.blocks import window_shape
     from lfcal.acquire.live_quality import LiveQuality
+    from lfcal.acquire.redo import RedoList
     from lfcal.acquire.session import iter_record
     from lfcal.cli.console import run_work
 
     quality = LiveQuality(task.plan, window_shape(task.plan, task.options))
+    if task.goal is not None:
+        return _adapted(task, rig, control, quality), quality.state().alarms
     work = iter_record(
         task.out,
         task.plan,
@@ -176,13 +206,34 @@ def _record(task: _Task, rig: Rig, control: Control) -> tuple[Outcome, tuple[Ala
         task.options,
         resume=task.resume,
         redo=None if task.redo is None else task.redo.positions,
+        only=None if task.only is None else task.only.positions,
+        kept_aside=(task.redo or task.only or RedoList((), ())).kept_aside,
         control=control,
         observers=(quality,),
     )
     return run_work(_watched(work, quality), quiet=task.quiet), quality.state().alarms
 
 
-def _watched(work: Work[Outcome], quality: LiveQuality) -> Work[Outcome]:
+def _adapted(task: _Task, rig: Rig, control: Control, quality: LiveQuality) -> Adapted:
+    from lfcal.campaign import iter_adaptive
+    from lfcal.cli.console import run_work
+
+    assert task.goal is not None
+    work = iter_adaptive(
+        task.out,
+        task.plan,
+        rig,
+        task.goal,
+        task.options,
+        resume=task.resume,
+        control=control,
+        observers=(quality,),
+        seen=(lambda _: None) if task.quiet else tell_step,
+    )
+    return run_work(_watched(work, quality), quiet=task.quiet)
+
+
+def _watched(work: Work[R], quality: LiveQuality) -> Work[R]:
     """Yield the progress of ``work``, and report every alarm once while there is time to act on it."""
     from lfcal.cli.console import report
 
@@ -192,7 +243,7 @@ def _watched(work: Work[Outcome], quality: LiveQuality) -> Work[Outcome]:
         try:
             record = next(work)
         except StopIteration as stop:
-            result: Outcome = stop.value
+            result: R = stop.value
             return result
         if time.monotonic() > look:
             look = time.monotonic() + ALARM_EVERY_S
@@ -245,53 +296,6 @@ class _Cover:
             raise DeviceError("lens cover: nobody answered; run in a terminal, or record without darks (--darks 0)")
 
 
-def _read_plan(path: Path, origin: str) -> ScanPlan:
-    from lfcal.camera import ScanPlan
-    from lfcal.errors import InputError
-    from lfcal.files import read_text
-
-    plan = ScanPlan.from_json(read_text(path))
-    if not origin:
-        return plan
-    place = _numbers(origin, "--origin") or ()
-    if len(place) != 3:
-        raise InputError.expected("--origin", "X,Y,Z in µm", origin, "give three numbers")
-    return replace(plan, stage=replace(plan.stage, origin_um=(place[0], place[1], place[2])))
-
-
-def _options(session: Path | None, given: dict[str, Any], check_origin: bool) -> Options:
-    """Return the session's options where it exists, else the defaults, changed by what was given."""
-    from lfcal.acquire.options import Options
-    from lfcal.acquire.session_file import SessionFile
-
-    base = SessionFile.read(session).options if session is not None else Options()
-    options = replace(base, **{k: v for k, v in given.items() if v is not None})
-    return options if check_origin else replace(options, origin_tolerance_px=None)
-
-
-def _numbers(text: str | None, what: str) -> tuple[float, ...] | None:
-    from lfcal.errors import InputError
-
-    if text is None:
-        return None
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError.expected(what, "numbers separated by commas", text, "correct it") from None
-
-
-def _pairs(options: list[str]) -> dict[str, str]:
-    from lfcal.errors import InputError
-
-    pairs = {}
-    for text in options:
-        key, sign, value = text.partition("=")
-        if not sign or not key:
-            raise InputError.expected("--option", "NAME=VALUE", text, "correct it")
-        pairs[key.strip()] = value.strip()
-    return pairs
-
-
 def _check_stage(task: _Task, rig: Rig, control: Control) -> None:
     from lfcal.acquire.session import check_devices
     from lfcal.acquire.setup import check_stage, iter_stage_fit
@@ -304,11 +308,17 @@ def _check_stage(task: _Task, rig: Rig, control: Control) -> None:
 
 def _show_forecast(task: _Task, rig: Rig) -> None:
     from lfcal.acquire.forecast import forecast
-    from lfcal.cli.console import print_json, print_table
+    from lfcal.cli.console import print_json, print_table, report
+    from lfcal.frames.source import Position
     from lfcal.plain import plain
     from lfcal.units import format_bytes, format_seconds
 
-    found = forecast(task.plan, rig, task.options, task.out)
+    only: tuple[Position, ...] = () if task.only is None else task.only.positions
+    if task.goal is not None:
+        most = task.goal.most or task.plan.n_positions
+        only = tuple(Position(*place) for place in task.plan.order_indices()[:most].tolist())
+        report("note: at most so much: the session ends when the wanted error of H is reached")
+    found = forecast(task.plan, rig, task.options, task.out, only=only)
     if task.quiet:
         print_json(plain(found) | {"assumed": task.plan.camera.marks.paths("assumed")})
         return

@@ -33,13 +33,14 @@ def list_suspects(out: Path, outcome: Outcome) -> dict[str, Any]:
 def finish(out: Path, assemble: Path | None, pack: bool, quiet: bool) -> dict[str, Any]:
     """Assemble H of a complete session, and pack its recording, as asked for; return what came of it."""
     from lfcal.acquire.finish import iter_assemble_session, iter_finish
+    from lfcal.acquire.session_file import SessionFile
     from lfcal.cli.console import report, run_work
     from lfcal.psf import AssemblySettings
 
     result: dict[str, Any] = {}
     if assemble is not None:
         # A complete session has every position once: a gap would be a defect, and is not to be filled quietly.
-        settings = AssemblySettings(strict=True)
+        settings = AssemblySettings(strict=not SessionFile.read(out).redo[0])
         made = run_work(iter_assemble_session(out, assemble, settings=settings), quiet=quiet)
         with made.matrix as matrix:
             result |= {"H": assemble, "shape": matrix.shape, "saturated_positions": made.saturated}

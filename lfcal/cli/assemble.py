@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -82,6 +82,9 @@ def command(
     cutout: str = typer.Option("", "--cutout", help="Odd number of pixels, ROWS,COLUMNS, or 'auto' by energy."),
     lost: float = typer.Option(0.005, "--lost", help="With --cutout auto: largest share of energy left outside."),
     interpolation: str = typer.Option("", "--interpolation", help="nearest, linear, cubic or fourier."),
+    half_cell: bool = typer.Option(
+        False, "--half-cell", help="Of a half-cell scan: patterns half a period away stand for those not recorded."
+    ),
     pad: bool = typer.Option(False, "--pad", help="Pad cutouts that leave the sensor with zeros, and mark them."),
     strict: bool = typer.Option(False, "--strict", help="Missing and repeated positions are errors."),
     skip_damaged: bool = typer.Option(
@@ -162,34 +165,40 @@ def command(
         found = []
         for part in parts:
             own = replace(recipe, shift=bits, channel=part.channel)
-            found.append(_assemble(part, scan, own, settings, orientation, json=json, skip_damaged=skip_damaged))
+            how = _How(settings, orientation, half_cell, skip_damaged, json)
+            found.append(_assemble(part, scan, own, how))
     if json:
         print_json(found if channel == "each" else found[0])
 
 
-def _assemble(
-    part: Part,
-    scan: ScanPlan,
-    recipe: CorrectionRecipe,
-    settings: AssemblySettings,
-    orientation: str,
-    *,
-    json: bool,
-    skip_damaged: bool,
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class _How:
+    """How frames become H beside their corrections, by the options' words."""
+
+    settings: AssemblySettings
+    orientation: str
+    half_cell: bool
+    skip_damaged: bool
+    json: bool
+
+
+def _assemble(part: Part, scan: ScanPlan, recipe: CorrectionRecipe, how: _How) -> dict[str, Any]:
     """Correct, crop and write H; print what was made, or return it for ``json``."""
     from lfcal.cli.console import run_work
     from lfcal.cli.orientation import upright
     from lfcal.frames import check_turned_colours, corrected_view, iter_undamaged
+    from lfcal.frames.half_cell import with_partners
     from lfcal.psf.assemble_plan import iter_assemble_plan
 
-    start = time.perf_counter()
+    start, settings, json = time.perf_counter(), how.settings, how.json
     frames = part.source
     known = {"intake": list(frames.metadata["notes"])} if "notes" in frames.metadata else {}
-    if skip_damaged:
+    if how.skip_damaged:
         frames = run_work(iter_undamaged(frames, workers=settings.workers), quiet=json)
-    view, lie = upright(corrected_view(frames, recipe, scan), part.plan, orientation, quiet=json)
+    view, lie = upright(corrected_view(frames, recipe, scan), part.plan, how.orientation, quiet=json)
     check_turned_colours(frames, scan, recipe, lie["orientation"]["applied"])
+    if how.half_cell:
+        view = with_partners(view, part.plan)
     report = run_work(iter_assemble_plan(view, part.plan, part.out, settings, provenance=known | lie), quiet=json)
     with report.matrix:
         return show_report(report, part.out, time.perf_counter() - start, json)
@@ -292,6 +301,7 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
         "repeated": report.repeated,
         "orientation": matrix.provenance.get("orientation", {"applied": report.orientation}),
         "left_out": [found._asdict() for found in report.left_out],
+        "half_cell": matrix.provenance.get("half_cell"),
         "saturated_positions": report.saturated,
         "unknown_saturation": report.unknown_saturation,
         "spread": report.spread,
@@ -304,6 +314,9 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
     if json:
         return facts
     told = matrix.provenance.get("orientation", {}).get("note")
+    copied = matrix.provenance.get("half_cell", {}).get("filled", 0)
+    if copied:
+        line(f"note: {copied} positions have the patterns recorded half a period away; they are marked")
     for note in (*([told] if told else []), *report.notes):
         line(f"note: {note}")
     for found in report.left_out[:LISTED]:

@@ -42,7 +42,12 @@ def command(
         help="NAME=on|off|VALUE, or a JSON file: what the camera is simulated with at the start beside what its "
         "description holds, for example index_mismatch=1.38,depth:20um.",
     ),
-    positions: int = typer.Option(40, "--positions", min=0, help="Positions that are used, spread evenly; 0: all."),
+    positions: int | None = typer.Option(
+        None,
+        "--positions",
+        min=0,
+        help="Positions that are used, spread evenly; 0: all. By default 40, or all of a session of chosen positions.",
+    ),
     noise: str = typer.Option(
         "", "--noise", help="CONSTANT,SLOPE: a sample of value v has the variance constant + slope v."
     ),

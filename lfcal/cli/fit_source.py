@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Reading", "is_matrix", "parse_noise", "read_patterns"]
 
+SOME = 40
+"""Positions that are taken of a source that has more."""
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -27,7 +30,7 @@ class Reading:
     camera
         The camera as described; None takes that of H or of the plan.
     most
-        Positions that are taken, spread evenly; 0: all.
+        Positions that are taken, spread evenly; 0: all; None: 40, or all of a session of chosen positions.
     noise
         Constant and slope of a sample's variance; None takes what the source states.
     plan
@@ -39,7 +42,7 @@ class Reading:
     """
 
     camera: Camera | None
-    most: int
+    most: int | None
     noise: tuple[float, float] | None
     plan: Path | None
     recipe: CorrectionRecipe
@@ -78,6 +81,7 @@ def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured,
     """Return the patterns to fit, and what is known of their source for the provenance of what is made of them."""
     from lfcal.cli.cameras import tell_assumed
     from lfcal.fit import measured_of
+    from lfcal.fit.measured import LEFT_OUT
 
     with ExitStack() as stack:
         if is_matrix(source):
@@ -86,14 +90,32 @@ def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured,
             matrix = stack.enter_context(open_psf(source))
             matrix = matrix.T if matrix.is_transposed else matrix
             known: dict[str, Any] = {"source": source.name}
+            aside = _aside_of(matrix)
         else:
-            matrix, known = _picked(source, how, stack, quiet=quiet)
+            matrix, known, aside = _picked(source, how, stack, quiet=quiet)
         camera = how.camera or matrix.camera
         if camera is None:
             raise InputError.expected(str(source), "an H with its camera", "none", "name it with --camera")
         _check_noise(matrix, source, how)
         tell_assumed(matrix.camera if how.camera is None else None, source.name, quiet=quiet)
-        return measured_of(matrix, camera, noise=how.noise, most=how.most or None), known
+        most = (0 if aside else SOME) if how.most is None else how.most
+        all_of_them = not most or int((matrix.recorded > 0).sum()) <= most
+        apart = aside if aside and all_of_them else LEFT_OUT
+        return measured_of(matrix, camera, noise=how.noise, most=most or None, left_out=apart), known
+
+
+def _aside_of(matrix: PSFMatrix) -> list[list[int]]:
+    """Return the positions that H says are not to be fitted; what is no such list says nothing."""
+    said = matrix.provenance.get("kept_aside")
+    shape = (matrix.shape[0], *matrix.period)
+    # provenance comes from a file that anyone may have written
+    good = isinstance(said, list) and all(
+        isinstance(p, list)
+        and len(p) == 3
+        and all(type(v) is int and 0 <= v < n for v, n in zip(p, shape, strict=True))
+        for p in said
+    )
+    return said if good and said else []
 
 
 def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:
@@ -113,8 +135,13 @@ def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:
         )
 
 
-def _picked(source: Path, how: Reading, stack: ExitStack, *, quiet: bool) -> tuple[PSFMatrix, dict[str, Any]]:
-    """Return the patterns of chosen positions of a folder of frames or a session, corrected and cut out."""
+def _picked(
+    source: Path, how: Reading, stack: ExitStack, *, quiet: bool
+) -> tuple[PSFMatrix, dict[str, Any], list[list[int]]]:
+    """Return patterns of positions of a folder of frames or a session, corrected and cut out, and which to keep aside.
+
+    Of a session of positions chosen for a fit all are taken, unless their number is given.
+    """
     import numpy as np
 
     from lfcal.cli.assemble import open_scan
@@ -143,8 +170,10 @@ def _picked(source: Path, how: Reading, stack: ExitStack, *, quiet: bool) -> tup
     index = np.unique(
         np.array([tuple(view.info(k).position) for k in range(len(view))], np.intp).reshape(-1, 3), axis=0
     )
-    if how.most and len(index) > how.most:
-        index = index[spread_out(index, how.most, plan.period)]
+    aside = [list(p) for p in frames.metadata.get("kept_aside", ())]
+    most = (0 if aside else SOME) if how.most is None else how.most
+    if most and len(index) > most:
+        index, aside = index[spread_out(index, most, plan.period)], []
     matrix = run_work(iter_pick(view, plan, index), quiet=quiet)
     known = {"source": source.name, "corrections": view.metadata.get("corrections", {}), **lie}
-    return matrix, known
+    return matrix, known, aside

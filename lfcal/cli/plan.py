@@ -7,15 +7,26 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from lfcal.camera import Forecast, ScanPlan, StageAxes
 from lfcal.camera.derived import DEPTH, STEP, WHOLE_FRAMES, assumed_of
 from lfcal.cli.cameras import load_camera
 from lfcal.cli.console import print_json, print_table
 from lfcal.cli.listed import ColumnsOption, plan_from_list
-from lfcal.cli.options import CameraArgument, CutoutOption, DepthsOption, ForceOption, JsonOption, VirtualDepthsOption
+from lfcal.cli.options import (
+    CameraArgument,
+    CutoutOption,
+    DepthsOption,
+    ForceOption,
+    JsonOption,
+    VirtualDepthsOption,
+    WorkersOption,
+)
 from lfcal.cli.outputs import check_output
+from lfcal.cli.plan_for_fit import Wanted, check_wanted, half_positions, ready_plan, show_chosen, write_positions
 from lfcal.errors import InputError
 from lfcal.files import replace_whole
 from lfcal.units import format_bytes, format_length, format_seconds
@@ -195,16 +206,45 @@ def command(
     settle: float = typer.Option(0.05, help="Wait after each move (s)."),
     average: int = typer.Option(1, help="Frames per position."),
     speed: float = typer.Option(1000.0, help="Speed of the stage (µm/s)."),
+    half_cell: bool = typer.Option(
+        False, "--half-cell", help="Record half of a hexagonal period, where the other half is the same patterns."
+    ),
+    for_fit: int = typer.Option(
+        0, "--for-fit", min=0, help="Choose so many positions that tell most of the optics; CAMERA may be a plan."
+    ),
+    chosen: Path | None = typer.Option(
+        None,
+        "--list",
+        help="With --for-fit or --half-cell: write the positions (.json), for lfcal acquire --positions or --redo.",
+    ),
+    earlier: Path | None = typer.Option(None, "--from", help="With --for-fit: go on from this folder of lfcal fit."),
+    unknowns: str = typer.Option(
+        "", "--unknowns", help="With --for-fit: groups A,B,C; by default the fit's, or geometry,focal_lengths,iris."
+    ),
+    full: float = typer.Option(0.8, "--full", help="With --for-fit: full-well share of the brightest pixel."),
+    beside: float | None = typer.Option(
+        None, "--beside", help="With --for-fit: rms of sources beside their places (px); the fit's, or 0.05."
+    ),
+    candidates: int = typer.Option(300, "--candidates", min=0, help="With --for-fit: positions looked at; 0: all."),
+    draw: Path | None = typer.Option(None, "--draw", help="With --for-fit: draw the expected error (.png)."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the plan as JSON."),
+    workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Plan a scan and show what it costs.
+    """Plan a scan and show what it costs; or choose the few positions of it that a fit of the optics needs.
 
     Example: `lfcal plan r29 --virtual-depths 2:5.5:0.35 -o plan.json`
     """
+    wanted = Wanted(for_fit, half_cell, chosen, earlier, unknowns, full, beside, candidates, draw, speed, workers)
+    check_wanted(wanted, out, camera, positions, force=force)
     if out is not None:
         check_output(out, camera, positions, frames, force=force)
+    if for_fit and camera.endswith(".json") and (ready := ready_plan(Path(camera))) is not None:
+        if depths or virtual_depths or cutout or anchor or out is not None:
+            raise InputError("planes, cutout, anchor and -o: expected those of the plan, got others; leave them out")
+        show_chosen(ready, wanted, json=json)
+        return
     settings: dict[str, Any] = {
         "cutout": parse_cutout(cutout),
         "anchor": parse_pair(anchor, "anchor") if anchor else None,
@@ -244,19 +284,47 @@ def command(
         )
     # of a list that states neither, both follow from the steps
     computed = [name for name, given in (("depths", lengths), ("virtual depths", virtual)) if given is None]
-    _show(plan, speed, out, json, computed=tuple(computed))
+    if for_fit:
+        _write(plan, speed, out)
+        show_chosen(plan, wanted, json=json)
+        return
+    half = half_positions(plan) if half_cell else None
+    _show(plan, speed, out, json, computed=tuple(computed), half=half)
+    if half is not None and chosen is not None:
+        write_positions(half, chosen, json=json)
 
 
-def _show(plan: ScanPlan, speed: float, out: Path | None, json: bool, *, computed: tuple[str, ...]) -> None:
-    """Write the plan where asked, and print it with its cost; ``computed`` are the planes that follow from others."""
+def _write(plan: ScanPlan, speed: float, out: Path | None, positions: NDArray[np.intp] | None = None) -> Forecast:
+    """Write the plan where asked, and return the forecast of its positions or of some of them."""
     # Forecast before writing: a speed that makes no sense must leave no file behind.
-    forecast = Forecast.of(plan, stage_um_per_s=speed)
+    forecast = Forecast.of(plan, stage_um_per_s=speed, positions=positions)
     if out is not None:
         with replace_whole(out) as part:
             part.write_text(plan.to_json(), encoding="utf-8")
+    return forecast
+
+
+def _show(
+    plan: ScanPlan,
+    speed: float,
+    out: Path | None,
+    json: bool,
+    *,
+    computed: tuple[str, ...],
+    half: NDArray[np.intp] | None,
+) -> None:
+    """Write the plan where asked, and print it with its cost.
+
+    ``computed`` are the planes that follow from others, ``half`` the positions of a half-cell scan.
+    """
+    forecast = _write(plan, speed, out, half)
     if json:
-        print_json(_as_json(plan, forecast))
+        print_json(_as_json(plan, forecast) | {"half_cell": half})
         return
-    print_table(["scan plan", "value"], _rows(plan, forecast, speed, computed))
+    rows = _rows(plan, forecast, speed, computed)
+    if half is not None:
+        ny, nx = plan.period
+        rows.append(["half-cell scan", f"rows 0 to {ny // 2 - 1}; the rest is the same, {ny // 2}, {nx // 2} px away"])
+    print_table(["scan plan", "value"], rows)
     if out is not None:
         typer.echo(f"written: {out}")

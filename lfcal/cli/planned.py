@@ -24,8 +24,9 @@ def planned_scan(camera: str, depths: str, virtual_depths: str, cutout: str, *, 
     from lfcal.camera import ScanPlan
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.plan import load_camera, parse_cutout, parse_planes
+    from lfcal.cli.plan_for_fit import ready_plan
 
-    if camera.endswith(".json") and (ready := _ready_plan(Path(camera))) is not None:
+    if camera.endswith(".json") and (ready := ready_plan(Path(camera))) is not None:
         if depths or virtual_depths or cutout:
             raise InputError("planes and cutout: expected those of the plan, got others; leave the options out")
         tell_assumed(ready.camera, Path(camera).name, quiet=quiet)
@@ -34,13 +35,3 @@ def planned_scan(camera: str, depths: str, virtual_depths: str, cutout: str, *, 
     return ScanPlan.for_camera(
         load_camera(camera), depths_um=lengths, virtual_depths=virtual, cutout=parse_cutout(cutout)
     )
-
-
-def _ready_plan(path: Path) -> ScanPlan | None:
-    """Return the scan plan in a JSON file, or None where it is something else."""
-    from lfcal.camera import ScanPlan
-    from lfcal.files import read_text
-
-    # A camera and a plan are both JSON: the format's name in the text tells them apart before parsing.
-    text = read_text(path)
-    return ScanPlan.from_json(text) if '"lfcal-plan"' in text else None

@@ -9,7 +9,9 @@
 - ``questions``: order of lens types, mirrored axes, sign of depth, another camera
 - ``judge``: chi² and the model's error; ``summary``, ``result``: what was found and how sure it is
 - ``fit``: all of it in order
-- ``files``: camera, effects, numbers and H as files; ``drawing``, ``report``: a fit in pictures and as a page
+- ``design``: which positions to record next; ``information``: what patterns tell; ``earlier``: a fit to go on from
+- ``files``: camera, effects, numbers and H as files; ``drawing``, ``report``: a fit in pictures and as a page;
+  ``design_drawing``: expected errors
 """
 
 from lfcal.fit.fit import fit_camera, iter_fit_camera

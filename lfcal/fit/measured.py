@@ -13,6 +13,7 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.fit.spread import spread_out
 from lfcal.psf import PSFMatrix
+from lfcal.psf.half_cell import copied_positions
 
 __all__ = ["Measured", "measured_of"]
 
@@ -102,14 +103,14 @@ def measured_of(
     noise: tuple[float, float] | None = None,
     cutout: int | tuple[int, int] | None = None,
     most: int | None = None,
-    left_out: float = LEFT_OUT,
+    left_out: float | Sequence[Sequence[int]] = LEFT_OUT,
 ) -> Measured:
     """Return the recorded patterns of an H.
 
     Parameters
     ----------
     matrix
-        H; positions that were never recorded are left out.
+        H; positions that were never recorded are left out, and patterns of a half-cell scan that stand for others.
     camera
         The camera as described; None takes that of H.
     positions
@@ -121,18 +122,18 @@ def measured_of(
     most
         Take no more patterns than this, spread evenly.
     left_out
-        Share of the patterns to keep aside, spread over each plane.
+        Share of the patterns to keep aside, spread over each plane; or the positions (z, y, x) to keep aside.
 
     Raises
     ------
     InputError
         Where H has no camera, no noise, or too few patterns.
     """
-    check_number("share of patterns left out", left_out, at_least=0, below=0.9)
     if matrix.is_transposed:
         raise InputError.expected("patterns", "those of H", "those of HT", "give H")
     plan = _plan_of(matrix, camera)
-    chosen = np.argwhere(matrix.recorded > 0) if positions is None else np.asarray(positions, np.intp).reshape(-1, 3)
+    own = (matrix.recorded > 0) & ~copied_positions(matrix)
+    chosen = np.argwhere(own) if positions is None else np.asarray(positions, np.intp).reshape(-1, 3)
     if positions is None and most is not None and len(chosen) > most:
         chosen = chosen[spread_out(chosen, most, plan.period)]
     if len(chosen) < MOST_FEW:
@@ -142,10 +143,27 @@ def measured_of(
     plan = replace(plan, cutout=(rows.stop - rows.start, columns.stop - columns.start))
     patterns = np.stack([np.asarray(matrix[z, y, x], np.float32)[rows, columns] for z, y, x in chosen.tolist()])
     valid = np.stack([matrix.valid(z, y, x)[rows, columns] for z, y, x in chosen.tolist()])
-    kept = spread_out(chosen, round(left_out * len(chosen)), plan.period)
-    aside = np.zeros(len(chosen), np.bool_)
-    aside[kept] = True
+    aside = _aside(chosen, left_out, plan)
     return Measured(plan, chosen, patterns, _noise(matrix, chosen, noise), np.zeros((len(chosen), 2)), valid, aside)
+
+
+def _aside(chosen: NDArray[np.intp], left_out: float | Sequence[Sequence[int]], plan: ScanPlan) -> NDArray[np.bool_]:
+    """Return which of the positions are kept aside."""
+    if isinstance(left_out, Sequence):
+        named = np.isin(*(np.ravel_multi_index(tuple(i.T), plan.shape[:3]) for i in (chosen, _index(left_out, plan))))
+        if named.any() and not named.all():
+            return named
+        left_out = LEFT_OUT
+    check_number("share of patterns left out", left_out, at_least=0, below=0.9)
+    aside = np.zeros(len(chosen), np.bool_)
+    aside[spread_out(chosen, round(left_out * len(chosen)), plan.period)] = True
+    return aside
+
+
+def _index(positions: Sequence[Sequence[int]], plan: ScanPlan) -> NDArray[np.intp]:
+    index = np.asarray(positions, np.intp).reshape(-1, 3)
+    _check_inside(index, plan.shape[:3])
+    return index
 
 
 def _check_inside(index: NDArray[np.intp], shape: tuple[int, int, int]) -> None:

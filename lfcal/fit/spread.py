@@ -8,11 +8,15 @@ from numpy.typing import NDArray
 __all__ = ["spread_out"]
 
 
-def spread_out(index: NDArray[np.intp], count: int, period: tuple[int, int]) -> NDArray[np.intp]:
+def spread_out(
+    index: NDArray[np.intp], count: int, period: tuple[int, int], earlier: NDArray[np.intp] | None = None
+) -> NDArray[np.intp]:
     """Return which ``count`` of positions ``(n, 3)`` as (z, y, x) lie farthest from each other; planes in turn.
 
     Each next one is the farthest from all that were taken, around the period's edges; planes have equal shares.
+    Positions ``earlier`` ``(m, 3)`` count as taken, without being among those returned.
     """
+    there = np.zeros((0, 3), np.intp) if earlier is None else earlier
     planes = np.unique(index[:, 0])
     taken: dict[int, list[int]] = {int(z): [] for z in planes}
     members = {int(z): np.flatnonzero(index[:, 0] == z) for z in planes}
@@ -21,19 +25,26 @@ def spread_out(index: NDArray[np.intp], count: int, period: tuple[int, int]) -> 
         z = order[0]
         if len(taken[z]) == len(members[z]):
             break
-        taken[z].append(_farthest(index[members[z], 1:], taken[z], period, turn))
+        others = there[there[:, 0] == z, 1:]
+        taken[z].append(_farthest(index[members[z], 1:], taken[z], others, period, turn))
     chosen = [int(members[z][k]) for z, own in taken.items() for k in own]
     return np.sort(np.array(chosen, np.intp))
 
 
-def _farthest(places: NDArray[np.intp], taken: list[int], period: tuple[int, int], turn: int) -> int:
-    """Return the place that is farthest from those taken; at first one near the middle, in each plane another."""
+def _farthest(
+    places: NDArray[np.intp], taken: list[int], others: NDArray[np.intp], period: tuple[int, int], turn: int
+) -> int:
+    """Return the place that is farthest from those taken and ``others``; at first one near the middle.
+
+    The first one lies elsewhere in each plane.
+    """
     size = np.array(period, np.float64)
-    if not taken:
+    full = np.concatenate([places[np.array(taken, np.intp)], others])
+    if not len(full):
         aim = size * (0.5 + 0.23 * (turn % 3 - 1))
         return int(np.argmin(((places - aim) ** 2).sum(1)))
-    apart = np.abs(places[:, None, :] - places[np.array(taken)][None, :, :])
+    apart = np.abs(places[:, None, :] - full[None, :, :])
     apart = np.minimum(apart, size - apart)
     nearest = (apart**2).sum(2).min(1)
-    nearest[taken] = -1.0
+    nearest[np.array(taken, np.intp)] = -1.0
     return int(np.argmax(nearest))

@@ -91,8 +91,10 @@ def iter_assemble(
     _check_complete(shape, counts, missing, repeated, strict)
     gatherer = Gatherer(source, infos, cutout, _drift_of(drift, len(source)))
     padded, residual = _check_windows(gatherer, order)
+    # frames of a half-cell scan stand for two positions each
+    frames = len(source) - source.metadata.get("half_cell", {}).get("frames", 0)
     history = {
-        "frames": len(source),
+        "frames": frames,
         "cutout": {"interpolation": cutout.interpolation, "outside": cutout.outside, "scale": list(cutout.scale)},
         "corrections": source.metadata.get("corrections", {}),
         **(provenance or {}),
@@ -120,7 +122,7 @@ def iter_assemble(
     yield from _fill(gatherer, order, starts, counts, sink, workers)
     matrix = sink.matrix() if isinstance(sink, _Memory) else open_psf(sink.path)
     applied = AS_IS if turned is None else turned["applied"]
-    report = AssemblyReport.of(matrix, len(source), missing, repeated, padded, residual)
+    report = AssemblyReport.of(matrix, frames, missing, repeated, padded, residual)
     return replace(report, left_out=left_out, orientation=applied)
 
 

@@ -104,7 +104,11 @@ def iter_assemble_plan(
         infos = tuple(source.info(k) for k in range(len(source)))
         check_pedestal(Gatherer(source, infos, cutout), plan.shape[0])
     metadata = source.metadata
-    known = {key: metadata[key] for key in ("session", "devices", "simulated", "suspect") if key in metadata}
+    known = {
+        key: metadata[key]
+        for key in ("session", "devices", "simulated", "suspect", "half_cell", "kept_aside")
+        if key in metadata
+    }
     return (
         yield from iter_assemble(
             source,

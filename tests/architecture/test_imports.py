@@ -52,6 +52,7 @@ ALLOWED: dict[str, set[str]] = {
     "fit": COMMON | {"camera", "psf", "simulate"},
     "devices": COMMON | {"camera", "frames"},
     "acquire": COMMON | {"devices", "camera", "frames", "psf"},
+    "campaign": COMMON | {"acquire", "devices", "fit", "camera", "frames", "psf"},
     "reconstruct": COMMON | {"psf"},
     "multiplex": COMMON | {"camera", "lattice", "frames"},
     "accuracy": COMMON | {"camera", "frames", "lattice", "psf", "simulate", "acquire", "reconstruct", "multiplex"},

@@ -128,8 +128,14 @@ class RecordingSource(Frames):
             "left_out": found.left_out,
             "noise": self._noise_of_means(),
             "suspect": [[*position, what.words] for position, what in self.suspects()],
+            "kept_aside": self._kept_aside(),
         }
         return known | {name: value for name, value in more.items() if value}
+
+    def _kept_aside(self) -> list[list[int]]:
+        """Return the positions that a fit is not to use, of a session of chosen positions."""
+        whole = self._shape3 == self.plan.shape[:3]
+        return [list(p) for p in self.session.kept_aside] if whole and self.session.redo[0] else []
 
     def _noise_of_means(self) -> Noise | None:
         """Return the noise of frames that are means of equal exposures; None for single ones and for brackets."""

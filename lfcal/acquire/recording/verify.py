@@ -84,7 +84,7 @@ class SessionReport:
     damaged
         Frames that were recorded and are damaged or lost, in the order of files and slots.
     never_taken
-        Positions without a frame, whole or damaged.
+        Positions to record without a frame, whole or damaged.
     pending
         Damaged positions that a later recording, begun and not finished, will take when the session is resumed.
     lacking
@@ -211,9 +211,10 @@ def _report(folder: Path, session: SessionFile, checked: list[_Checked]) -> Sess
     shape = session.plan.shape[:3]
     # the latest recording that has the position whole, and the latest that is still to take it
     newest, open_run = np.full(int(np.prod(shape)), -1), np.full(int(np.prod(shape)), -1)
-    taken = np.zeros(len(newest), np.bool_)
+    taken, wanted = np.zeros(len(newest), np.bool_), np.zeros(len(newest), np.bool_)
     for part in checked:
         if (part.slots.kinds == Kind.POSITION).all():
+            wanted[part.slots.flat] = True
             newest[part.slots.flat[part.states == State.WHOLE]] = part.run
             open_run[part.slots.flat[(part.states != State.WHOLE) & part.in_place]] = part.run
             taken[part.slots.flat[part.states != State.NEVER_TAKEN]] = True
@@ -225,7 +226,7 @@ def _report(folder: Path, session: SessionFile, checked: list[_Checked]) -> Sess
             damaged.append(replace(found, replaced=is_position and bool(newest[flat] > part.run)))
             if is_position and open_run[flat] > part.run:
                 pending.add(found.position)
-    never = tuple(Position(*p) for p in np.argwhere(~taken.reshape(shape)).tolist())
+    never = tuple(Position(*p) for p in np.argwhere((wanted & ~taken).reshape(shape)).tolist())
     files = tuple(part.report() for part in checked)
     return SessionReport(folder, files, tuple(damaged), never, tuple(sorted(pending)), _lacking(session, taken))
 

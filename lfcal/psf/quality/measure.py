@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lfcal.progress import Clock, Work
 from lfcal.psf.aperture import Aperture
+from lfcal.psf.half_cell import copied_positions
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import sums
 from lfcal.psf.quality.dark import DarkCorners, dark_corners
@@ -241,7 +242,11 @@ def _faulty(
     # in a dark plane every frame is dim: that says nothing of single ones
     dim = unread | (table.light < DARK_FRAME * usual) if steps is not None else np.zeros_like(nonfinite)
     missing = ((context.matrix.recorded[context.z] == 0) | dim) & ~nonfinite
-    duplicates = np.zeros_like(missing) if steps is None else _duplicates(table, steps, ~(missing | nonfinite))
+    duplicates = (
+        np.zeros_like(missing)
+        if steps is None
+        else _duplicates(table, steps, ~(missing | nonfinite), copied_positions(context.matrix)[context.z])
+    )
     return Faulty(missing, nonfinite, duplicates)
 
 
@@ -273,11 +278,17 @@ def _steps(plane: NDArray[np.float32], dark: DarkCorners, workers: int | None) -
     return np.where(same, 0.0, unlike)
 
 
-def _duplicates(table: PatternTable, steps: NDArray[np.float64], ok: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the frames that are the same as another, or the same but for the cutout's move."""
+def _duplicates(
+    table: PatternTable, steps: NDArray[np.float64], ok: NDArray[np.bool_], copied: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return the frames that are the same as another, or the same but for the cutout's move.
+
+    Patterns that are ``copied`` from another position by intent are no frames of their own.
+    """
     # checksums find copies anywhere in the plane, steps only those of neighbours
-    _, inverse, counts = np.unique(table.digest.ravel(), return_inverse=True, return_counts=True)
-    same: NDArray[np.bool_] = (counts[inverse] > 1).reshape(ok.shape) & ok
+    _, inverse = np.unique(table.digest.ravel(), return_inverse=True)
+    counts = np.bincount(inverse, weights=~copied.ravel())
+    same: NDArray[np.bool_] = (counts[inverse] > 1).reshape(ok.shape) & ok & ~copied
     for axis in (0, 1):
         if steps.shape[1 + axis] > 1:
             still = (steps[axis] == 0) & ok & np.roll(ok, -1, axis)

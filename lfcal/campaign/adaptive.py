@@ -1,0 +1,374 @@
+"""Adaptive acquisition: record some positions, fit, choose the next ones, until the error of H is as small as wanted.
+
+Everything recorded is in the session, and nothing else is kept: after a crash the next choice is made again from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.options import Options
+from lfcal.acquire.recording.source import RecordingSource
+from lfcal.acquire.runner import Observer, Outcome
+from lfcal.acquire.session import check_devices, check_new, iter_record
+from lfcal.acquire.session_file import SessionFile
+from lfcal.camera import ScanPlan
+from lfcal.campaign.patterns import iter_session_patterns
+from lfcal.checks import check_number
+from lfcal.devices.protocols import Rig
+from lfcal.errors import InputError
+from lfcal.fit import Fit, Measured, iter_fit_camera
+from lfcal.fit.design import Design, iter_next_positions
+from lfcal.fit.earlier import Earlier
+from lfcal.fit.information import Expected
+from lfcal.fit.judge import ModelError
+from lfcal.fit.model import Fineness
+from lfcal.fit.problem import ERRORS
+from lfcal.frames.described import stated_noise
+from lfcal.frames.source import Position
+from lfcal.progress import Progress, Work
+from lfcal.units import format_share
+
+__all__ = ["Adapted", "AdaptiveStep", "Goal", "iter_adaptive"]
+
+R = TypeVar("R")
+
+FIRST = 12
+"""Positions before the first fit."""
+
+FEWEST = 5
+"""Fewest positions that are added at a time: each time there is a fit to wait for."""
+
+GAINED = 0.9
+"""Left-out error over that of the step before from which on an incomplete model has gained nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """When to end, and what to fit.
+
+    Attributes
+    ----------
+    error
+        Wanted relative error (L2) of H; what the computation of patterns itself errs by at the least.
+    most
+        Record no more positions than this; None: all of the plan.
+    first
+        Positions before the first fit.
+    unknowns
+        Groups of unknowns, or ``"auto"``, as of `lfcal.fit.fit_camera`.
+    candidates
+        Positions that are looked at for each choice; 0: all.
+    """
+
+    error: float
+    most: int | None = None
+    first: int = FIRST
+    unknowns: str | Sequence[str] = "auto"
+    candidates: int = 300
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        least = ERRORS[Fineness.finest]
+        remedy = f"for example 0.005; the computation of patterns itself errs by {format_share(least)}"
+        check_number("wanted error of H", self.error, at_least=least, below=1, remedy=remedy)
+        check_number("positions before the first fit", self.first, at_least=FEWEST, integer=True)
+        if self.most is not None:
+            check_number("most positions", self.most, at_least=self.first, integer=True)
+
+
+@dataclass(frozen=True, slots=True)
+class AdaptiveStep:
+    """What is known after one fit.
+
+    Attributes
+    ----------
+    positions
+        Positions recorded so far.
+    expected_error
+        Relative error (L2) of H that the unknowns' own standard deviations make.
+    left_out
+        Error from patterns kept aside: a value, or a limit.
+    chi2, complete
+        Of the fit; whether the model suffices.
+    groups
+        Groups of unknowns that were fitted.
+    outliers
+        Patterns that were left out.
+    """
+
+    positions: int
+    expected_error: float
+    left_out: ModelError
+    chi2: float
+    complete: bool
+    groups: tuple[str, ...]
+    outliers: int
+
+    def __str__(self) -> str:
+        """Return the error against the positions, in a line."""
+        said = f"{self.positions} positions: error of H {format_share(self.expected_error)} expected"
+        return f"{said}, {self.left_out} at positions kept aside" + ("" if self.complete else "; model incomplete")
+
+    def reaches(self, error: float) -> bool:
+        """Return whether the error of H is at most ``error``: expected, and no pattern kept aside contradicts."""
+        known = self.left_out.known and self.left_out.value - 2 * self.left_out.sigma > error
+        return self.complete and self.expected_error <= error and not known
+
+
+@dataclass(frozen=True, eq=False)
+class Adapted:
+    """How an adaptive session ended.
+
+    Attributes
+    ----------
+    how
+        ``"reached"``; ``"used up"``: no positions are left; ``"incomplete"``: the model does not suffice, and more
+        patterns do not help; ``"stopped"`` or ``"aborted"``.
+    outcome
+        Of the recording as a whole.
+    steps
+        What was known after each fit.
+    fit
+        The last one; None where there was none.
+    """
+
+    how: str
+    outcome: Outcome
+    steps: tuple[AdaptiveStep, ...]
+    fit: Fit | None
+
+
+def iter_adaptive(
+    folder: Path,
+    plan: ScanPlan,
+    rig: Rig,
+    goal: Goal,
+    options: Options | None = None,
+    *,
+    resume: bool = False,
+    control: Control | None = None,
+    observers: tuple[Observer, ...] = (),
+    seen: Callable[[AdaptiveStep], object] = lambda _: None,
+    workers: int | None = None,
+) -> Work[Adapted]:
+    """Record positions of ``plan`` until the error of H is ``goal.error``; yields progress of recording and fits.
+
+    Parameters
+    ----------
+    folder
+        A new or empty folder; with ``resume`` that of a session of chosen positions, which goes on.
+    plan, rig, options, control, observers
+        As of `lfcal.acquire.session.iter_record`.
+    goal
+        When to end, and what to fit.
+    seen
+        Is handed every step after its fit: the error against positions.
+    workers
+        Threads of fits and choices.
+
+    Raises
+    ------
+    InputError
+        Before anything moves, if the noise of frames will not be known; if a session that goes on is a whole scan. And
+        if patterns are not of such a camera.
+    AcquisitionStopped
+        When recording had to end early; it can be resumed.
+    """
+    campaign = _Campaign(folder, plan, rig, goal, options, control or Control(), observers, workers)
+    outcome = yield from campaign.begin(resume=resume)
+    steps: list[AdaptiveStep] = []
+    fit: Fit | None = None
+    while True:
+        if outcome is None or outcome.how != "complete":
+            return Adapted(campaign.ended, campaign.whole(outcome), tuple(steps), fit)
+        found = yield from campaign.stoppable(campaign.fitted())
+        if found is None:
+            return Adapted(campaign.ended, campaign.whole(None), tuple(steps), fit)
+        fit, measured = found
+        steps.append(campaign.step(fit))
+        seen(steps[-1])
+        yield Progress(len(steps), 0, "error of H", note=str(steps[-1]))
+        how = campaign.over(steps)
+        if how:
+            return Adapted(how, campaign.whole(outcome), tuple(steps), fit)
+        design = yield from campaign.stoppable(campaign.choice(fit, measured))
+        outcome = None if design is None else (yield from campaign.more(design, steps[-1]))
+
+
+class _Campaign:
+    """One adaptive session: what is recorded is read from its folder every time."""
+
+    def __init__(
+        self,
+        folder: Path,
+        plan: ScanPlan,
+        rig: Rig,
+        goal: Goal,
+        options: Options | None,
+        control: Control,
+        observers: tuple[Observer, ...],
+        workers: int | None,
+    ) -> None:
+        self._folder, self._plan, self._rig, self._goal = folder, plan, rig, goal
+        self._options, self._control, self._observers, self._workers = options, control, observers, workers
+        self._most = min(plan.n_positions, goal.most or plan.n_positions)
+        self._seconds = 0.0
+
+    @property
+    def ended(self) -> str:
+        """How it ended where recording did not end by itself."""
+        return "aborted" if self._control.aborting else "stopped"
+
+    def begin(self, *, resume: bool) -> Work[Outcome | None]:
+        """Record the first positions, or finish what an interrupted session was to record."""
+        if resume:
+            session = SessionFile.read(self._folder)
+            if not session.redo[0]:
+                got, remedy = "a scan of all of them", "resume it without --until-error"
+                raise InputError.expected(f"{self._folder}", "a session of chosen positions", got, remedy)
+            return (yield from self._record(resume=True))
+        # what takes time comes after what may be refused
+        check_new(self._folder)
+        check_devices(self._plan, self._rig)
+        options = self._options or Options()
+        if not options.plain:
+            got, remedy = "several exposures that make one", "leave --bracket out"
+            raise InputError.expected("exposures", "single ones, whose noise is known", got, remedy)
+        if stated_noise(self._plan.camera) is None:
+            raise InputError.expected(
+                "noise of the camera", "stated or measured", "assumed", "measure it with lfcal camera sensor"
+            )
+        work = iter_next_positions(
+            self._plan,
+            min(self._goal.first, self._most),
+            groups=None if isinstance(self._goal.unknowns, str) else self._goal.unknowns,
+            candidates=self._goal.candidates,
+            workers=self._workers,
+        )
+        design = yield from self.stoppable(work)
+        if design is None:
+            return None
+        return (yield from self._record(only=_positions(design.positions), kept_aside=_positions(design.kept_aside)))
+
+    def more(self, design: Design, step: AdaptiveStep) -> Work[Outcome]:
+        """Record as many of the positions of ``design`` as the goal is expected to need."""
+        # the design's errors are those up to the brightness of each plane, the fit's have it in them
+        scale = step.expected_error / design.start_error if design.start_error else 1.0
+        enough = design.enough_for(self._goal.error / max(1.0, scale))
+        count = len(design.positions) if enough is None else max(enough.positions, min(FEWEST, len(design.positions)))
+        apart = min(len(design.kept_aside), max(1, round(count * len(design.kept_aside) / len(design.positions))))
+        aside = design.kept_aside[:apart]
+        chosen = np.concatenate([design.fitted[: count - apart], aside])
+        return (yield from self._record(redo=_positions(chosen), kept_aside=_positions(aside)))
+
+    def _record(
+        self,
+        *,
+        resume: bool = False,
+        only: list[Position] | None = None,
+        redo: list[Position] | None = None,
+        kept_aside: Sequence[Position] = (),
+    ) -> Work[Outcome]:
+        outcome = yield from iter_record(
+            self._folder,
+            self._plan,
+            self._rig,
+            self._options,
+            resume=resume,
+            redo=redo,
+            only=only,
+            kept_aside=kept_aside,
+            control=self._control,
+            observers=self._observers,
+        )
+        self._seconds += outcome.seconds
+        return outcome
+
+    def fitted(self) -> Work[tuple[Fit, Measured]]:
+        """Fit everything recorded so far."""
+        measured = yield from iter_session_patterns(self._folder)
+        fit = yield from iter_fit_camera(measured, unknowns=self._goal.unknowns, workers=self._workers)
+        return fit, measured
+
+    def choice(self, fit: Fit, measured: Measured) -> Work[Design]:
+        """Choose at most as many further positions as there are already."""
+        left = self._most - len(self._recorded())
+        sensor = self._plan.camera.sensor
+        # as bright as the patterns are: exposure and lamp are what they are
+        full = float(measured.patterns.max()) / (sensor.max_value - sensor.black_level)
+        design = yield from iter_next_positions(
+            self._plan,
+            min(left, max(FEWEST, len(measured))),
+            earlier=Earlier.of(fit),
+            recorded=self._recorded(),
+            expected=Expected(min(1.0, max(1e-3, full)), fit.spread.stage_px, fit.spread.lamp),
+            candidates=self._goal.candidates,
+            workers=self._workers,
+        )
+        return design
+
+    def step(self, fit: Fit) -> AdaptiveStep:
+        """Return what is known after a fit."""
+        error, count = fit.left_out_error, len(self._recorded())
+        return AdaptiveStep(count, error.statistical, error, fit.chi2, fit.complete, fit.groups, len(fit.outliers))
+
+    def over(self, steps: Sequence[AdaptiveStep]) -> str:
+        """Return how the session ends after these steps; empty where it goes on."""
+        now = steps[-1]
+        if now.reaches(self._goal.error):
+            return "reached"
+        if now.positions + FEWEST > self._most:
+            return "used up"
+        # what is as sure as wanted and yet is not as good lies in the model
+        if now.expected_error <= self._goal.error:
+            return "incomplete"
+        return "incomplete" if not now.complete and _gained_nothing(steps) else ""
+
+    def whole(self, last: Outcome | None) -> Outcome:
+        """Return how the recording ended, over all of its stretches."""
+        how = self.ended if last is None else last.how
+        there = (self._folder / "session.json").exists()
+        count = len(self._recorded()) if there else 0
+        damaged = 0 if last is None else last.damaged
+        return Outcome(how, count, count if last is None else max(count, last.total), self._seconds, damaged)
+
+    def stoppable(self, work: Work[R]) -> Work[R | None]:
+        """Do work that can be stopped between its reports; None where it was."""
+        while True:
+            try:
+                record = next(work)
+            except StopIteration as stop:
+                found: R = stop.value
+                return found
+            if self._control.stopping or self._control.aborting:
+                work.close()
+                return None
+            yield record
+
+    def _recorded(self) -> NDArray[np.intp]:
+        try:
+            with RecordingSource(self._folder) as source:
+                return np.array([source.info(k).position for k in range(len(source))], np.intp).reshape(-1, 3)
+        except InputError:
+            return np.zeros((0, 3), np.intp)
+
+
+def _gained_nothing(steps: Sequence[AdaptiveStep]) -> bool:
+    """Return whether the last patterns neither lowered the left-out error nor brought another group of unknowns."""
+    if len(steps) < 2:
+        return False
+    before, now = steps[-2].left_out, steps[-1].left_out
+    same = steps[-2].groups == steps[-1].groups
+    return same and now.known and before.known and now.value > GAINED * before.value
+
+
+def _positions(index: NDArray[np.intp]) -> list[Position]:
+    return [Position(*place) for place in index.tolist()]

@@ -1,0 +1,165 @@
+"""What an earlier fit found, as a start for what comes next: read from its folder, or from the fit itself."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, ScanPlan
+from lfcal.errors import FileFormatError, InputError
+from lfcal.files import read_text
+from lfcal.fit.files import FORMAT, VERSION
+from lfcal.fit.nuisance import Spread
+from lfcal.fit.parameters import Unknown
+from lfcal.fit.result import Fit
+from lfcal.fit.setup import Setup
+from lfcal.plain import parse_json
+from lfcal.simulate.effects.described import effect_from, read_entries
+
+__all__ = ["Earlier", "read_earlier"]
+
+F8 = NDArray[np.float64]
+
+NAMES = ("camera.json", "effects.json", "fit.json")
+
+
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """What a fit found and how sure it is.
+
+    Attributes
+    ----------
+    setup, groups
+        Camera, effects, depths and stage as found; the groups of unknowns that were fitted.
+    names, sigmas, correlations
+        Of the parameters: names, standard deviations in their units, and correlations ``(k, k)``.
+    values
+        What was found.
+    spread
+        How far sources were from their places, and how steady the lamp was.
+    positions
+        Positions ``(n, 3)`` as (z, y, x) that it had, those kept aside among them.
+    depths_um
+        Planes of its scan, as planned.
+    complete
+        Whether the model suffices: where it does not more patterns do not help.
+    """
+
+    setup: Setup
+    groups: tuple[str, ...]
+    names: tuple[str, ...]
+    values: F8
+    sigmas: F8
+    correlations: F8
+    spread: Spread
+    positions: NDArray[np.intp]
+    depths_um: tuple[float, ...]
+    complete: bool
+
+    @classmethod
+    def of(cls, fit: Fit) -> Earlier:
+        """Return what ``fit`` found."""
+        found = list(fit.parameters.values())
+        return cls(
+            fit.setup,
+            fit.groups,
+            tuple(one.name for one in found),
+            np.array([one.value for one in found]),
+            np.array([one.sigma for one in found]),
+            fit.correlations,
+            fit.spread,
+            np.array(list(fit.residuals), np.intp).reshape(-1, 3),
+            fit.planned.depths_um,
+            fit.complete,
+        )
+
+    def check_plan(self, plan: ScanPlan) -> None:
+        """Raise `InputError` unless the fit is of this scan's planes and positions."""
+        if len(plan.depths_um) != len(self.depths_um) or not np.allclose(plan.depths_um, self.depths_um, rtol=1e-6):
+            got = ", ".join(f"{z:g}" for z in plan.depths_um)
+            wanted = ", ".join(f"{z:g}" for z in self.depths_um)
+            raise InputError.expected("planes (µm)", f"{wanted} as in the earlier fit", got, "plan the same scan")
+        plan.in_scan_order(self.positions)
+
+    def information(self, unknowns: Sequence[Unknown]) -> F8:
+        """Return what the fit tells of ``unknowns`` ``(k, k)`` in their scales; nothing of those it did not have."""
+        places = {name: k for k, name in enumerate(self.names)}
+        both = [(k, places[one.name]) for k, one in enumerate(unknowns) if one.name in places]
+        own, there = np.array([a for a, _ in both], np.intp), np.array([b for _, b in both], np.intp)
+        out = np.zeros((len(unknowns), len(unknowns)))
+        sigmas = np.array([_in_scales(unknowns[a], self.sigmas[b], self.values[b]) for a, b in both])
+        # what was never told has no standard deviation
+        known = sigmas > 0
+        own, there, sigmas = own[known], there[known], sigmas[known]
+        if len(own):
+            values, vectors = np.linalg.eigh(self.correlations[np.ix_(there, there)])
+            good = values > 1e-12 * values.max()
+            inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
+            out[np.ix_(own, own)] = inverse / np.outer(sigmas, sigmas)
+        return out
+
+
+def _in_scales(unknown: Unknown, sigma: float, value: float) -> float:
+    """Return a standard deviation in scales: `Unknown.sigma_of` the other way round."""
+    if not unknown.squared:
+        return sigma / unknown.scale
+    return max(sigma * 2 * value, sigma**2) / unknown.scale**2
+
+
+def read_earlier(folder: str | os.PathLike[str]) -> Earlier:
+    """Return what the fit in a folder found, as ``lfcal fit`` writes it.
+
+    Raises
+    ------
+    InputError, FileFormatError
+        If there is no fit, or one of its files is damaged.
+    """
+    place = Path(folder)
+    lacking = [name for name in NAMES if not (place / name).is_file()]
+    if lacking:
+        raise InputError.expected(str(place), "a folder of lfcal fit", f"no {lacking[0]} in it", "check the path")
+    path = place / "fit.json"
+    data: Any = parse_json(read_text(path), str(path))
+    if not isinstance(data, Mapping) or data.get("format") != FORMAT or data.get("version") != VERSION:
+        wanted = f'"format": "{FORMAT}", version {VERSION}'
+        raise FileFormatError.expected(str(path), wanted, "something else", "fit again")
+    camera = Camera.from_json(read_text(place / "camera.json"))
+    try:
+        return _earlier(data, camera, place)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        if isinstance(error, InputError | FileFormatError):
+            raise
+        raise FileFormatError.expected(str(path), "what lfcal fit writes", repr(error), "fit again") from None
+
+
+def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
+    found = data["parameters"]
+    correlations = np.array(data["correlations"], np.float64)
+    values, sigmas = (np.array([one[name] for one in found], np.float64) for name in ("value", "sigma"))
+    if correlations.shape != (len(found), len(found)) or not np.isfinite([*values, *sigmas, *correlations.flat]).all():
+        wanted = f"{len(found)} parameters with their correlations"
+        raise FileFormatError.expected(f"{place / 'fit.json'}", wanted, "others", "fit again")
+    return Earlier(
+        Setup(
+            camera,
+            # an effect without magnitudes is a setting alone
+            tuple(one.effect or effect_from(one.name, {}) for one in read_entries(place / "effects.json")),
+            tuple(float(v) for v in data["depth_errors_um"]),
+            float(data["stage_scale"]),
+        ),
+        tuple(str(name) for name in data["groups"]),
+        tuple(str(one["name"]) for one in found),
+        values,
+        sigmas,
+        correlations,
+        Spread(float(data["spread"]["stage_px"]), float(data["spread"]["lamp"])),
+        np.array(data["positions"], np.intp).reshape(-1, 3),
+        tuple(float(z) for z in data["depths_um"]),
+        bool(data["complete"]),
+    )

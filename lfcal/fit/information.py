@@ -1,0 +1,235 @@
+"""What patterns tell of the unknowns before any of them is recorded, and what errors of the unknowns do to H."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.checks import check_number
+from lfcal.fit.fit import problem_of
+from lfcal.fit.measured import Measured
+from lfcal.fit.model import Fineness, predict
+from lfcal.fit.normal import Columns, Local, normal_equations
+from lfcal.fit.parameters import Unknown
+from lfcal.fit.problem import Point, Problem
+from lfcal.fit.setup import Setup
+from lfcal.progress import Clock, Work, drain
+
+__all__ = ["Expected", "Information", "iter_information"]
+
+F8 = NDArray[np.float64]
+
+AT_ONCE = 200e6
+"""Bytes of derivatives that are held at a time."""
+
+VAGUE = 10.0
+"""Standard deviation in scales that every unknown has beforehand: before the first patterns nothing is infinite."""
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What recording is expected to be like.
+
+    Attributes
+    ----------
+    full
+        Share of the full well that the brightest pixel of the scan reaches.
+    stage_px
+        How far sources lie beside their places (rms along an axis, pixels); 0: nowhere.
+    lamp
+        Relative rms of the lamp; 0: it is steady.
+    """
+
+    full: float = 0.8
+    stage_px: float = 0.0
+    lamp: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_number("brightest pixel (share of the full well)", self.full, above=0, at_most=1)
+        check_number("rms of sources beside their places (px)", self.stage_px, at_least=0, at_most=5)
+        check_number("rms of the lamp", self.lamp, at_least=0, at_most=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """What each of some patterns tells, and what is wanted of all.
+
+    Attributes
+    ----------
+    index
+        Positions ``(n, 3)`` as (z, y, x).
+    unknowns
+        What is to be found; all matrices are in their scales.
+    patterns
+        ``(n, k + 2, k + 2)``: of each pattern J^T V^-1 J by the unknowns, then gain and background of its plane, with
+        what belongs to the pattern alone eliminated.
+    wanted
+        ``(k, k)``: with the covariance C of the unknowns trace(C wanted) is the squared relative error (L2) of H.
+    prior
+        ``(k, k)``: what is known of the unknowns beforehand.
+    pattern_error
+        Relative error (L2) of H where each pattern is a single recorded one.
+    """
+
+    index: NDArray[np.intp]
+    unknowns: tuple[Unknown, ...]
+    patterns: F8
+    wanted: F8
+    prior: F8
+    pattern_error: float
+
+
+def iter_information(
+    plan: ScanPlan,
+    index: NDArray[np.intp],
+    setup: Setup,
+    groups: Sequence[str],
+    expected: Expected,
+    *,
+    workers: int | None = None,
+) -> Work[Information]:
+    """Compute what the patterns of positions tell; yields progress in patterns.
+
+    Parameters
+    ----------
+    plan
+        The scan; its exposures say how bright planes are beside each other.
+    index
+        Positions ``(n, 3)`` as (z, y, x), spread evenly: errors of H are those at them.
+    setup, groups
+        The camera as supposed, and the groups of unknowns.
+    expected
+        Light and steadiness.
+    workers
+        Threads over derivatives; None takes every processor.
+
+    Notes
+    -----
+    H of each plane is compared up to its brightness, as everywhere: D^T D - D^T m m^T D / m^T m, with the model m of
+    a plane and its derivatives D.
+    """
+    vector = _problem(plan, index[:0], np.zeros((0, *plan.cutout)), setup, groups, workers).vector
+    k, m = len(vector), int(np.prod(plan.cutout))
+    clock = Clock("what patterns tell", 2 * len(index))
+    yield clock.at(0)
+    size = max(1, int(AT_ONCE / (8.0 * m * (k + 4))))
+    parts, light = list(_parts(index[:, 0], size)), np.zeros((len(index), m), np.float32)
+    for done, own in _counted(parts):
+        light[own] = _light(plan, setup, index[own]).reshape(len(own), m)
+        yield clock.at(done)
+    gains = _gains(plan, index, light, expected)
+    told, sums = np.zeros((len(index), k + 2, k + 2)), _Sums(k, plan.shape[0])
+    for done, own in _counted(parts):
+        z = int(index[own[0], 0])
+        problem = _problem(plan, index[own], gains[z] * light[own], setup, groups, workers)
+        local = Local(np.zeros((len(own), 2)), expected.stage_px, expected.lamp)
+        point = problem.point(np.zeros(k), local, Fineness.coarse)
+        # a part is quick: what is counted is patterns
+        columns = drain(problem.columns(point, range(k), "", own=expected.stage_px > 0))
+        for p, at in enumerate(own.tolist()):
+            told[at] = _told(problem, point, columns, p)
+        sums.add(z, columns, point, gains[z], _noise(plan))
+        yield clock.at(len(index) + done)
+    precision, _ = vector.prior()
+    prior = np.diag(precision + VAGUE**-2)
+    return Information(index, vector.unknowns, told, sums.wanted, prior, sums.pattern_error)
+
+
+def _told(problem: Problem, point: Point, columns: Columns, p: int) -> F8:
+    """Return what pattern ``p`` tells of the unknowns and its plane's gain and background ``(k + 2, k + 2)``."""
+    only, k, nz = np.arange(len(problem.planes)) == p, len(columns.shared), problem.measured.plan.shape[0]
+    part = Columns(columns.shared[:, only], None if columns.own is None else columns.own[:, only])
+    local = replace(point.local, offsets_px=point.local.offsets_px[only])
+    levels = replace(point.levels, lamps=point.levels.lamps[only])
+    whole = normal_equations(part, point.model[only], point.seen.of(only), levels, problem.planes[only], local).matrix
+    z = int(problem.planes[p])
+    used = np.r_[0:k, k + z, k + nz + z]
+    found: F8 = whole[np.ix_(used, used)]
+    return found
+
+
+class _Sums:
+    """Squares and products of the model and its derivatives, plane by plane, and the noise beside them."""
+
+    def __init__(self, k: int, planes: int) -> None:
+        self._inner, self._cross, self._power = np.zeros((planes, k, k)), np.zeros((planes, k)), np.zeros(planes)
+        self._noise = 0.0
+
+    def add(self, z: int, columns: Columns, point: Point, gain: float, noise: tuple[float, float]) -> None:
+        """Add patterns of plane ``z``."""
+        model = point.model.reshape(-1).astype(np.float64)
+        by = columns.shared.reshape(len(columns.shared), -1).astype(np.float64)
+        self._inner[z] += by @ by.T
+        self._cross[z] += by @ model
+        self._power[z] += float(model @ model)
+        constant, slope = noise
+        self._noise += float((constant + slope * gain * model).sum()) / gain**2
+
+    @property
+    def wanted(self) -> F8:
+        """As of `Information`."""
+        power = np.where(self._power > 0, self._power, 1.0)
+        scaled = self._cross[:, :, None] * self._cross[:, None, :] / power[:, None, None]
+        found: F8 = (self._inner - scaled).sum(0) / self._power.sum()
+        return found
+
+    @property
+    def pattern_error(self) -> float:
+        """As of `Information`."""
+        return float(np.sqrt(self._noise / self._power.sum()))
+
+
+def _parts(planes: NDArray[np.intp], size: int) -> Iterator[NDArray[np.intp]]:
+    """Yield the rows of each plane, ``size`` at most at a time."""
+    for z in np.unique(planes).tolist():
+        own = np.flatnonzero(planes == z)
+        for first in range(0, len(own), size):
+            yield own[first : first + size]
+
+
+def _counted(parts: Sequence[NDArray[np.intp]]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    done = 0
+    for own in parts:
+        done += len(own)
+        yield done, own
+
+
+def _light(plan: ScanPlan, setup: Setup, index: NDArray[np.intp]) -> NDArray[np.float32]:
+    return np.maximum(predict(setup, plan, index, np.zeros((len(index), 2)), Fineness.coarse), 0)
+
+
+def _gains(plan: ScanPlan, index: NDArray[np.intp], light: NDArray[np.float32], expected: Expected) -> F8:
+    """Return electrons of each plane's pixels over their share of the light."""
+    exposures = np.array(plan.exposures)
+    brightest = float((light.max(1) * exposures[index[:, 0]]).max())
+    return np.asarray(expected.full * plan.camera.sensor.full_well_e * exposures / brightest)
+
+
+def _noise(plan: ScanPlan) -> tuple[float, float]:
+    """Return constant and slope of the variance of a pixel's electrons: read-out, dark current, digits, photons."""
+    sensor, times = plan.camera.sensor, plan.frames_averaged
+    dark = sensor.dark_current_e_s * max(plan.exposures)
+    return (sensor.read_noise_e**2 + dark + sensor.electrons_per_count**2 / 12) / times, 1.0 / times
+
+
+def _problem(
+    plan: ScanPlan,
+    index: NDArray[np.intp],
+    electrons: NDArray[np.floating],
+    setup: Setup,
+    groups: Sequence[str],
+    workers: int | None,
+) -> Problem:
+    """Return the problem of patterns as they are expected, without their noise."""
+    n = len(index)
+    patterns = electrons.reshape(n, *plan.cutout).astype(np.float32)
+    noise = np.tile(_noise(plan), (n, 1))
+    nowhere, nobody = np.zeros((n, 2)), np.zeros(n, np.bool_)
+    whole = np.ones(patterns.shape, np.bool_)
+    measured = Measured(setup.plan(plan), index, patterns, noise, nowhere, whole, nobody)
+    return problem_of(measured, setup, groups, workers)

@@ -1,0 +1,105 @@
+"""A half-cell scan as a whole one: every frame also stands for the position half a period away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import ScanPlan
+from lfcal.camera.half_cell import HalfCell, half_cell
+from lfcal.errors import InputError
+from lfcal.frames.regions import Region
+from lfcal.frames.source import FrameInfo, FrameSource, Position, Samples
+from lfcal.frames.view import SourceView
+
+__all__ = ["HalfCellSource", "with_partners"]
+
+
+class HalfCellSource(SourceView):
+    """The frames of ``source``, then those of positions without a frame of their own, half a period away.
+
+    Parameters
+    ----------
+    source
+        Corrected, upright frames of single points.
+    cell
+        How half periods fit.
+    shape
+        Positions ``(nz, ny, nx)`` of the plan.
+    """
+
+    def __init__(self, source: FrameSource, cell: HalfCell, shape: tuple[int, int, int]) -> None:
+        super().__init__(source)
+        self._cell = cell
+        index = np.array([tuple(source.info(k).position) for k in range(len(source))], np.intp).reshape(-1, 3)
+        inside = ((index >= 0) & (index < np.array(shape))).all(axis=1)
+        partners = cell.partners(index)
+        own = np.zeros(shape, np.bool_)
+        own[tuple(index[inside].T)] = True
+        there = np.flatnonzero(inside)
+        self._frames = there[~own[tuple(partners[there].T)]]
+        self._partners, self._moved = partners[self._frames], (partners - index)[self._frames, 1:]
+        self.filled = np.unique(np.ravel_multi_index(tuple(self._partners.T), shape))
+        """Positions that were filled, as numbers ``(z * ny + y) * nx + x``."""
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """What is known of the frames, and which positions are not their own."""
+        ends = np.flatnonzero(np.diff(self.filled) != 1)
+        first = self.filled[np.r_[0, ends + 1]] if len(self.filled) else self.filled
+        last = self.filled[np.r_[ends, len(self.filled) - 1]] if len(self.filled) else self.filled
+        said = {
+            "frames": len(self._frames),
+            "filled": len(self.filled),
+            "shift": list(self._cell.shift),
+            "residual_px": list(self._cell.residual_px),
+            "positions": np.stack([first, last + 1], axis=1).tolist(),
+        }
+        return {**self.source.metadata, "half_cell": said}
+
+    def __len__(self) -> int:
+        """Return the number of frames, those that stand for their partners counted twice."""
+        return len(self.source) + len(self._frames)
+
+    def info(self, index: int) -> FrameInfo:
+        """Return what is known of frame ``index``; a partner's lies on the sensor as if it had been recorded there."""
+        own = index - len(self.source)
+        if own < 0:
+            return self.source.info(index)
+        found = self.source.info(int(self._frames[own]))
+        row, column = np.array(found.origin) + self._moved[own]
+        place = Position(*self._partners[own].tolist())
+        return replace(
+            found, points=(place,), origin=(int(row), int(column)), label=f"{found.label} for {tuple(place)}"
+        )
+
+    def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
+        """Return frame ``index``, or a part of it."""
+        return self.source.read(self._frame(index), region)
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return the source's samples."""
+        return self.source.samples(self._frame(index), region)
+
+    def _frame(self, index: int) -> int:
+        own = index - len(self.source)
+        return index if own < 0 else int(self._frames[own])
+
+
+def with_partners(source: FrameSource, plan: ScanPlan) -> HalfCellSource:
+    """Return the frames of a half-cell scan as those of the whole one.
+
+    Raises
+    ------
+    InputError
+        Where the pattern half a period away is another one (`lfcal.camera.half_cell`), or nothing is to be filled.
+    """
+    found = HalfCellSource(source, half_cell(plan), plan.shape[:3])
+    if not len(found.filled):
+        got = "frames of all positions"
+        raise InputError.expected("half-cell scan", "positions without a frame of their own", got, "leave it out")
+    return found

@@ -1,0 +1,185 @@
+"""Adaptive sessions of the simulated camera: they end by the error of H, go on after a crash, and say why they end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfcal.acquire.control import Control
+from lfcal.acquire.errors import AcquisitionStopped
+from lfcal.acquire.options import Options
+from lfcal.acquire.recording.verify import verify
+from lfcal.acquire.session import record
+from lfcal.acquire.session_file import SessionFile
+from lfcal.camera import ScanPlan
+from lfcal.campaign import Adapted, AdaptiveStep, Goal, iter_adaptive
+from lfcal.campaign.adaptive import _gained_nothing
+from lfcal.campaign.patterns import iter_session_patterns
+from lfcal.devices.protocols import Rig
+from lfcal.devices.registry import open_rig
+from lfcal.errors import InputError
+from lfcal.fit.judge import ModelError
+from lfcal.fit.setup import described_effects
+from lfcal.frames.source import Position
+from lfcal.progress import drain
+from lfcal.simulate.effects.described import Entry, entries_json
+from tests.acquire.rigs import frames_of, rig_for
+from tests.fit.common import small_plan
+
+PLAN = small_plan(15, (2.2,))
+GOAL = Goal(0.0027, first=6, unknowns=("geometry",), candidates=40)
+OPTIONS = Options(darks=2, keep_free_bytes=0, retries=0)
+GAP = 1.01
+"""True gap over the described one."""
+
+
+@contextmanager
+def rig(place: Path, **more: str) -> Iterator[Rig]:
+    """Give the rig of a camera whose gap is not as described."""
+    camera, effects = PLAN.camera, place / "effects.json"
+    place.mkdir(exist_ok=True)
+    effects.write_text(entries_json(Entry(one, one.name, {}, "on") for one in described_effects(camera)))
+    true = replace(camera, lattice=replace(camera.lattice, gap_um=GAP * camera.lattice.gap_um))
+    with open_rig(replace(PLAN, camera=true), "sim", {"optics": "wave", "effects": str(effects), **more}) as found:
+        yield found
+
+
+def adapted(place: Path, goal: Goal = GOAL, *, resume: bool = False, faults: str = "", **more: Any) -> Adapted:
+    options = None if resume else OPTIONS
+    with rig(place, faults=faults) as own:
+        return drain(iter_adaptive(place / "s", PLAN, own, goal, options, resume=resume, workers=1, **more))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Adapted, list[AdaptiveStep]]:
+    place, seen = tmp_path_factory.mktemp("whole"), list[AdaptiveStep]()
+    return place, adapted(place, seen=seen.append), seen
+
+
+def test_a_session_ends_when_h_is_as_good_as_wanted(whole: tuple[Path, Adapted, list[AdaptiveStep]]) -> None:
+    place, found, seen = whole
+    assert found.how == "reached" and found.outcome.how == "complete" and tuple(seen) == found.steps
+    assert len(seen) > 1 and seen[0].positions == 6 and seen[-1].positions == found.outcome.acknowledged < 40
+    assert seen[0].expected_error > GOAL.error >= seen[-1].expected_error
+    assert "positions: error of H 0." in str(seen[-1]) and seen[-1].complete and seen[-1].groups == ("geometry",)
+    fit = found.fit
+    assert fit is not None and fit.camera.lattice.gap_um == pytest.approx(GAP * PLAN.camera.lattice.gap_um, rel=2e-3)
+    # everything is in the session: some kept aside in each part, never fitted
+    session = SessionFile.read(place / "s")
+    assert len(session.recordings) == len(seen) and verify(place / "s").ok
+    measured = drain(iter_session_patterns(place / "s"))
+    assert len(measured) == seen[-1].positions and measured.left_out.sum() == len(session.kept_aside) >= len(seen)
+    aside = {tuple(p) for p in measured.index[measured.left_out].tolist()}
+    assert aside == set(session.kept_aside) and fit.left_out_error.patterns == len(aside)
+
+
+def test_after_a_crash_it_goes_on_from_what_is_recorded(tmp_path: Path) -> None:
+    with pytest.raises(AcquisitionStopped):
+        adapted(tmp_path, faults="times out@12*99")
+    before, session = frames_of(tmp_path / "s"), SessionFile.read(tmp_path / "s")
+    assert 6 <= len(before) and len(verify(tmp_path / "s").never_taken) > 0
+    planned = {p for part in session.redo for p in part}
+    found = adapted(tmp_path, resume=True)
+    assert found.how == "reached" and planned <= set(map(tuple, frames_of(tmp_path / "s")))
+    after = frames_of(tmp_path / "s")
+    assert all(np.array_equal(after[p], before[p]) for p in before), "what was recorded stays"
+
+
+def test_it_is_stopped_between_positions_and_during_fits(tmp_path: Path) -> None:
+    control = Control()
+    found = adapted(tmp_path, control=control, seen=lambda _: control.stop())
+    assert found.how == "stopped" and found.outcome.how == "stopped" and len(found.steps) == 1
+    assert found.outcome.acknowledged == 6 and len(frames_of(tmp_path / "s")) == 6
+    early = Control()
+    early.stop()
+    none = adapted(tmp_path / "other", control=early)
+    assert none.how == "stopped" and none.outcome.acknowledged == 0 and none.fit is None
+    again = adapted(tmp_path, replace(GOAL, most=6), resume=True)
+    assert again.how == "used up" and again.outcome.how == "complete" and len(again.steps) == 1
+
+
+def test_a_model_that_does_not_suffice_ends_it(whole: tuple[Path, Adapted, list[AdaptiveStep]]) -> None:
+    """Focal lengths that are none of the unknowns: the gap alone does not explain the patterns."""
+    place, _, _ = whole
+    found = adapted(place, Goal(1e-3, first=6, unknowns=("iris",), candidates=40), resume=True)
+    assert found.how == "incomplete" and not found.steps[-1].complete and "model incomplete" in str(found.steps[-1])
+    assert len(found.steps) <= 3
+
+
+def test_what_lies_in_the_model_is_not_reached() -> None:
+    def step(expected: float, squared: float, sigma: float, groups: tuple[str, ...] = ()) -> AdaptiveStep:
+        return AdaptiveStep(9, expected, ModelError(squared, sigma, expected, 2), 1.0, True, groups, 0)
+
+    assert step(0.004, 0.0, 1e-6).reaches(0.005) and not step(0.006, 0.0, 1e-6).reaches(0.005)
+    assert not step(0.004, 0.01**2, 1e-6).reaches(0.005), "patterns kept aside say otherwise"
+    assert not replace(step(0.004, 0.0, 1e-6), complete=False).reaches(0.005)
+    assert _gained_nothing([step(0.1, 1e-2, 1e-4), step(0.1, 0.98e-2, 1e-4)])
+    assert not _gained_nothing([step(0.1, 1e-2, 1e-4), step(0.1, 0.5e-2, 1e-4)])
+    assert not _gained_nothing([step(0.1, 1e-2, 1e-4), step(0.1, 1e-2, 1e-4, ("iris",))])
+    assert not _gained_nothing([step(0.1, 1e-2, 1e-4)])
+
+
+def test_what_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    def refused(what: str, plan: ScanPlan, options: Options, **more: Any) -> None:
+        with pytest.raises(InputError, match=what):
+            drain(iter_adaptive(tmp_path / "s", plan, rig_for(plan), GOAL, options, **more))
+
+    refused("single ones, whose noise is known", PLAN, replace(OPTIONS, bracket=(1.0, 0.5)))
+    assumed = replace(PLAN.camera, marks=PLAN.camera.marks.marked(["sensor.read_noise_e"], "assumed"))
+    refused("noise of the camera: expected stated or measured", replace(PLAN, camera=assumed), OPTIONS)
+    refused(r"at most the 627 left|expected", replace(PLAN, period=(1, 2)), OPTIONS)
+    assert not (tmp_path / "s").exists()
+    small = replace(PLAN, period=(2, 2))
+    record(tmp_path / "s", small, rig_for(small), OPTIONS)
+    refused("a new folder, got a session", small, OPTIONS)
+    refused("a session of chosen positions, got a scan of all", small, OPTIONS, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("values", "what"),
+    [
+        ({"error": 0.0}, "wanted error of H"),
+        ({"error": 1.5}, "wanted error of H"),
+        ({"error": 1e-4}, "itself errs by 0.06 %"),
+        ({"error": 0.01, "first": 3}, "before the first fit"),
+        ({"error": 0.01, "most": 7}, "most positions"),
+    ],
+)
+def test_goals_that_are_none(values: dict[str, Any], what: str) -> None:
+    with pytest.raises(InputError, match=what):
+        Goal(**values)
+
+
+@pytest.mark.parametrize("black", [64.0, 0.0])
+def test_patterns_of_a_session_without_darks(tmp_path: Path, black: float) -> None:
+    """A level that the description states is subtracted; one that nobody states is part of the background."""
+    only = [Position(0, y, x) for y in (0, 9) for x in (0, 9, 20)]
+    camera = replace(PLAN.camera, sensor=replace(PLAN.camera.sensor, black_level=black))
+    record(tmp_path / "s", replace(PLAN, camera=camera), rig_for(PLAN), replace(OPTIONS, darks=0), only=only)
+    measured = drain(iter_session_patterns(tmp_path / "s"))
+    assert len(measured) == 6 and (measured.noise[:, 0] > 0).all()
+    assert measured.patterns.min() == pytest.approx(64.0 - black, abs=6.0)
+
+
+def test_frames_of_unknown_noise_are_not_fitted(tmp_path: Path) -> None:
+    only = [Position(0, y, x) for y in (0, 9) for x in (0, 9, 20)]
+    record(tmp_path / "s", PLAN, rig_for(PLAN), replace(OPTIONS, bracket=(1.0, 0.5)), only=only)
+    with pytest.raises(InputError, match="noise of the frames: expected a variance, got none"):
+        drain(iter_session_patterns(tmp_path / "s"))
+
+
+def test_progress_says_the_error(tmp_path: Path) -> None:
+    notes = []
+    goal = SimpleNamespace(**{name: getattr(GOAL, name) for name in GOAL.__slots__} | {"error": 0.5})
+    with rig(tmp_path) as own:
+        work = iter_adaptive(tmp_path / "s", PLAN, own, goal, OPTIONS, workers=1)  # type: ignore[arg-type]
+        for one in work:
+            notes += [one.note] if one.stage == "error of H" else []
+    assert len(notes) == 1 and notes[0].startswith("6 positions: error of H")

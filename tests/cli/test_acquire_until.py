@@ -1,0 +1,88 @@
+"""``lfcal acquire --until-error``: a session that ends when H is as good as wanted, and goes on after an end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from lfcal.acquire.session_file import SessionFile
+from lfcal.cli.acquire_until import parse_goal
+from lfcal.errors import InputError
+from lfcal.fit.setup import described_effects
+from lfcal.simulate.effects.described import Entry, entries_json
+from tests.cli.conftest import Run
+from tests.fit.common import small_plan
+
+Lfcal = Callable[..., Run]
+SIMULATED = ("--option", "optics=wave", "--option", "effects=effects.json", "--no-check-stage")
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    plan = replace(small_plan(15, (2.2,)), period=(8, 12))
+    (tmp_path / "plan.json").write_text(plan.to_json())
+    entries = [Entry(one, one.name, {}, "on") for one in described_effects(plan.camera)]
+    (tmp_path / "effects.json").write_text(entries_json(entries))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def until(lfcal: Lfcal, *more: str) -> Run:
+    return lfcal("acquire", "plan.json", "-o", "s", "--unknowns", "geometry", "--workers", "1", *SIMULATED, *more)
+
+
+def test_a_session_ends_by_the_error_of_h(lfcal: Lfcal, place: Path) -> None:
+    run = until(lfcal, "--until-error", "0.3%")
+    assert run.code == 0, run.err
+    assert "the wanted error of H is reached" in run.out and "lfcal fit s -o fit/" in run.out
+    assert "12 positions: error of H 0." in run.err
+    session = SessionFile.read(place / "s")
+    assert len(session.redo[0]) == 12 and session.kept_aside
+    # further with a smaller error, within some positions
+    more = until(lfcal, "--resume", "--until-error", "0.0007", "--most", "18", "--json")
+    assert more.code == 0 and isinstance(more.json, dict), more.err
+    assert more.json["ended"] == "used up" and more.json["steps"][-1]["positions"] == 18
+    errors = [step["expected_error"] for step in more.json["steps"]]
+    assert errors[-1] < errors[0] < 0.003 and more.json["outcome"]["acknowledged"] == 18
+    assert lfcal("verify", "s").code == 0
+
+
+def test_a_dry_run_says_at_most(lfcal: Lfcal, place: Path) -> None:
+    run = until(lfcal, "--until-error", "1%", "--most", "30", "--dry-run", "--json")
+    assert run.code == 0 and isinstance(run.json, dict) and run.json["positions"] == 30
+    assert "at most so much" in run.err and not (place / "s").exists()
+
+
+def test_goals_by_their_words() -> None:
+    goal = parse_goal("0.5%", 0, "")
+    assert goal is not None and goal.error == pytest.approx(0.005) and goal.most is None and goal.unknowns == "auto"
+    named = parse_goal("0.02", 50, "iris,geometry,iris")
+    assert named == replace(goal, error=0.02, most=50, unknowns=("iris", "geometry"))
+    assert parse_goal("", 0, "") is None
+    with pytest.raises(InputError, match=r"for example 0\.5%"):
+        parse_goal("half", 0, "")
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        ("--until-error 0", "wanted error of H"),
+        ("--until-error 200%", "wanted error of H"),
+        ("--until-error 0.01%", "the computation of patterns itself errs by 0.06 %"),
+        ("--until-error 1% --most 3", "most positions"),
+        ("--until-error 1% --unknowns gap", "unknowns: expected"),
+        ("--until-error 1% --redo list.json", "leave --positions and --redo out"),
+        ("--until-error 1% --positions list.json", "leave --positions and --redo out"),
+        ("--most 20", "--most: is of sessions that end by the error of H"),
+        ("--unknowns iris", "--unknowns: is of sessions that end"),
+        ("--until-error 1% --resume", "expected a session folder"),
+        ("--until-error 1% --bracket 1,0.5", "single ones, whose noise is known"),
+    ],
+)
+def test_what_is_refused(lfcal: Lfcal, place: Path, words: str, what: str) -> None:
+    run = lfcal("acquire", "plan.json", "-o", "s", "--no-check-stage", *words.split())
+    assert run.code == 2 and run.err.count("\n") == 1 and what in run.err, run.err
+    assert not (place / "s" / "session.json").exists()
