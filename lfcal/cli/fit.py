@@ -25,9 +25,10 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    source: Path = typer.Argument(
+    sources: list[Path] = typer.Argument(
+        metavar="SOURCE...",
         help="H file (.h5), of which only recorded positions are used; or a recorded session, a folder of frames, or "
-        "one file of many frames."
+        "one file of many frames. With --check one new frame or more.",
     ),
     *,
     camera: str = typer.Option("", "--camera", help="Preset or camera file to start from; H's or the plan's own."),
@@ -39,6 +40,10 @@ def command(
     noise: str = typer.Option(
         "", "--noise", help="CONSTANT,SLOPE: a sample of value v has the variance constant + slope v."
     ),
+    check: Path | None = typer.Option(
+        None, "--check", help="Old H (.h5) that the new frames are held against; nothing is fitted or written."
+    ),
+    limit: float = typer.Option(2.0, "--limit", help="With --check: error up to which H holds (percent)."),
     no_h: bool = typer.Option(False, "--no-h", help="Do not compute H of the fitted camera."),
     plan: Path | None = typer.Option(None, "--plan", "-p", help="Scan plan (.json) of frames, if not beside them."),
     dark: str = typer.Option("", "--dark", help="Dark frame or folder of them for frames; none: not even their own."),
@@ -55,12 +60,14 @@ def command(
 ) -> None:
     """Find the camera that explains measured patterns: gap, focal lengths, iris, aberrations; and H without noise.
 
-    Writes camera.json, effects.json, H.h5, fit.json and report/ into a folder.
+    Writes camera.json, effects.json, H.h5, fit.json and report/ into a folder. With --check it says whether an old H
+    still holds; exit code 1: it does not, or the frames do not tell.
 
-    Example: `lfcal fit H.h5 -o fit/`
+    Example: `lfcal fit H.h5 -o fit/`; `lfcal fit --check old.h5 frame.tif`
     """
     from lfcal.cli.cameras import load_camera
     from lfcal.cli.console import print_json, run_work
+    from lfcal.cli.fit_check import Asked, check_h
     from lfcal.cli.fit_source import Reading, parse_noise, read_patterns
     from lfcal.cli.orientation import check_choice
     from lfcal.fit import iter_fit_camera
@@ -68,6 +75,15 @@ def command(
     from lfcal.frames import CorrectionRecipe
 
     check_choice(orientation)
+    if check is not None:
+        recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
+        asked = Asked(parse_noise(noise), limit / 100, positions, plan, recipe, orientation)
+        if not check_h(check, sources, asked, json=json):
+            raise typer.Exit(1)
+        return
+    if len(sources) > 1:
+        raise InputError.expected("SOURCE", "one", f"{len(sources)}", "fit one at a time; --check takes several frames")
+    source = sources[0]
     groups = unknowns if unknowns == "auto" else _groups(unknowns)
     _check_before(out, source, camera, plan, dark, white, no_h=no_h, force=force)
     recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")

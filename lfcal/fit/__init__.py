@@ -9,10 +9,13 @@
 - ``questions``: order of lens types, mirrored axes, sign of depth, another camera
 - ``judge``: chi² and the model's error; ``summary``, ``result``: what was found and how sure it is
 - ``fit``: all of it in order
+- ``locate``, ``expected``, ``suspects``, ``holds``: whether an old H still holds, from new frames
 - ``files``: camera, effects, numbers and H as files; ``drawing``, ``report``: a fit in pictures and as a page
 """
 
 from lfcal.fit.fit import fit_camera, iter_fit_camera
+from lfcal.fit.holds import Check, check
+from lfcal.fit.locate import NewFrame
 from lfcal.fit.measured import Measured, measured_of
 from lfcal.fit.parameters import GROUPS, Group, Unknown
 from lfcal.fit.result import Fit, Outlier, Parameter
@@ -20,13 +23,16 @@ from lfcal.fit.setup import Setup
 
 __all__ = [
     "GROUPS",
+    "Check",
     "Fit",
     "Group",
     "Measured",
+    "NewFrame",
     "Outlier",
     "Parameter",
     "Setup",
     "Unknown",
+    "check",
     "fit_camera",
     "iter_fit_camera",
     "measured_of",

@@ -1,0 +1,505 @@
+"""Whether an old H still holds: new frames held against it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+from lfcal.fit.expected import Behind, Expected, behind
+from lfcal.fit.judge import ChiSquare, ModelError
+from lfcal.fit.locate import Found, NewFrame, find_source, window_of
+from lfcal.fit.spread import spread_out
+from lfcal.fit.suspects import Suspect, changes_of, held_against
+from lfcal.progress import Clock, Work, drain
+from lfcal.psf import PSFMatrix
+from lfcal.units import format_share
+
+__all__ = ["Check", "Compared", "check", "iter_check"]
+
+F8 = NDArray[np.float64]
+
+LIMIT = 0.02
+"""Error of H (relative L2) up to which it holds."""
+
+CLEAR = 3.0
+"""Standard deviations by which an error must lie above the limit."""
+
+VAGUE = 3.0
+"""An error that is known to be below so many times the limit only, is not known well enough."""
+
+ASKED = 8
+"""Frames that suspects are held against; more would take long and tell the same."""
+
+STRANGE = 0.2
+"""Correlation below which a frame has nothing in common with H."""
+
+SURE, MORE = 0.7, 0.2
+"""Correlation below which a source is looked for elsewhere than at its place, and how much better it must fit there."""
+
+DARK = "the frame's dark pixels; that of its light is not known"
+"""Where noise is known from that counts no photons: what frames scatter may be theirs."""
+
+SAME = 0.3
+"""Chi² below which a frame is no other than the one that H was made of."""
+
+BESIDE = 0.1
+"""Distance of sources from their places that is told (pixels)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """One frame beside what H says of it.
+
+    Attributes
+    ----------
+    label
+        Of the frame.
+    found
+        Position of H, place on the sensor, and correlation.
+    displacement_px, displacement_sigma
+        How far the source is from that position (dy, dx), found beside gain and background, and its standard deviation.
+    gain, background
+        Of the frame over H.
+    error
+        Of H beyond the noise, over the light.
+    chi_square
+        Of the residuals.
+    doubt
+        How wrong what H says of a source beside its position may be itself (relative L2).
+    beside_px
+        How far the source is from where it should be (dy, dx), where its place is known.
+    values, light, noise, weight
+        Samples less background, what H says, variance, and 1/sigma (0: no measurement), each ``(nt, ns)``.
+    moved
+        Change of the light by a displacement of the source ``(2, nt, ns)``.
+    """
+
+    label: str
+    found: Found
+    displacement_px: tuple[float, float]
+    displacement_sigma: tuple[float, float]
+    gain: float
+    background: float
+    error: ModelError
+    chi_square: ChiSquare
+    doubt: float
+    beside_px: tuple[float, float] | None
+    values: F8 = field(repr=False)
+    light: F8 = field(repr=False)
+    noise: F8 = field(repr=False)
+    weight: F8 = field(repr=False)
+    moved: F8 = field(repr=False)
+
+    @property
+    def strange(self) -> bool:
+        """Whether the frame has nothing in common with H."""
+        return self.found.correlation < STRANGE
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What new frames say of an old H.
+
+    Attributes
+    ----------
+    frames
+        Each frame beside H.
+    error, chi_square
+        Of all frames.
+    limit
+        Error up to which H holds (relative L2).
+    stated
+        Error that H itself states (relative L2).
+    doubt
+        Error of what it says of sources between its positions.
+    suspects
+        What may have changed, the best explanation first.
+    model_misfit
+        What the camera behind H leaves of it unexplained; None: there is no such camera.
+    noise_from
+        Where the noise of the frames is known from.
+    notes
+        What the verdict does not say.
+    """
+
+    frames: tuple[Compared, ...]
+    error: ModelError
+    chi_square: ChiSquare
+    limit: float
+    stated: float
+    doubt: float
+    suspects: tuple[Suspect, ...]
+    model_misfit: float | None
+    noise_from: str
+    notes: tuple[str, ...]
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether H holds; None: these frames do not tell."""
+        sure = CLEAR * self.error.squared_sigma
+        own = math.hypot(self.stated, self.doubt)
+        off = self.error.squared - sure > self.limit**2 + own**2
+        if any(one.strange for one in self.frames) or (off and self.noise_from != DARK):
+            return False
+        if any(one.shows and one.error - CLEAR * one.sigma > max(self.limit, own) for one in self.suspects):
+            return False
+        # at the limit, by a comparison that is itself not as good, or known too little
+        if off or (self.error.known and self.error.squared > self.limit**2 + self.stated**2):
+            return None
+        bound = math.sqrt(max(0.0, self.error.squared - self.stated**2) + 2 * self.error.squared_sigma)
+        return None if max(bound, self.doubt) > VAGUE * self.limit else True
+
+    @property
+    def explanations(self) -> tuple[Suspect, ...]:
+        """The changes that explain the frames, the best first: those that show, and that matter beside the limit."""
+        return tuple(one for one in self.suspects if one.shows and one.error > 0.5 * self.limit)
+
+    @property
+    def verdict(self) -> str:
+        """The answer in a line."""
+        limit = f"limit {format_share(self.limit)}"
+        said = f"error {self.error} beyond noise, {limit}; chi² {self.chi_square.lit:.2f}"
+        if self.holds is None and self.noise_from == DARK:
+            return f"not told: {said}; part of it is noise of the light, which is not known: name it"
+        if self.holds is None:
+            return f"not told: {said}; more frames, or more light, tell more"
+        if self.holds:
+            return f"holds: {said}"
+        strange = next((one for one in self.frames if one.strange), None)
+        if strange is not None:
+            alike = f"correlation {strange.found.correlation:.2f}"
+            return f"does not hold: {strange.label} has nothing in common with H ({alike})"
+        return f"does not hold: {said}"
+
+
+def iter_check(
+    matrix: PSFMatrix,
+    frames: Sequence[NewFrame],
+    *,
+    noise: tuple[float, float] | None = None,
+    limit: float = LIMIT,
+    suspects: bool = True,
+) -> Work[Check]:
+    """Check as `check`; yields progress in frames."""
+    check_number("largest error of an H that holds", limit, above=0, below=1)
+    _check_matrix(matrix)
+    if not frames:
+        raise InputError.expected("new frames", "one or more", "none", "name a frame")
+    clock = Clock("compare", 2 * len(frames) + 1)
+    yield clock.at(0)
+    found = []
+    for k, frame in enumerate(frames):
+        found.append(_placed(matrix, frame))
+        yield clock.at(k + 1)
+    index = np.array([(one.z, one.y, one.x) for one in found], np.intp)
+    camera = behind(matrix, index[spread_out(index, min(ASKED, len(index)), matrix.period)])
+    variances, source = _noises(matrix, frames, found, noise)
+    compared = []
+    for k, (frame, at) in enumerate(zip(frames, found, strict=True)):
+        compared.append(_compared(matrix, frame, at, variances[k], camera))
+        yield clock.at(len(frames) + k + 1)
+    tells = suspects and camera is not None and camera.explains and not any(one.strange for one in compared)
+    told = _suspects(compared, camera) if tells and camera is not None else ()
+    yield clock.at(2 * len(frames) + 1)
+    return _judged(matrix, tuple(compared), told, camera, limit, source)
+
+
+def check(
+    matrix: PSFMatrix,
+    frames: ArrayLike | NewFrame | Sequence[NewFrame],
+    *,
+    noise: tuple[float, float] | None = None,
+    limit: float = LIMIT,
+    suspects: bool = True,
+) -> Check:
+    """Return whether H still holds, from new frames of point sources.
+
+    Where each source is, is known or found; its place between H's positions, gain and background are found with it.
+
+    Parameters
+    ----------
+    matrix
+        The old H.
+    frames
+        A frame ``(rows, columns)`` of the whole sensor with its dark level subtracted, or frames with what is known of
+        them.
+    noise
+        Constant and slope of a sample's variance; None: what the frames state, else H, else what the frame's dark
+        pixels show.
+    limit
+        Error (relative L2) up to which H holds.
+    suspects
+        Look for what has changed.
+
+    Raises
+    ------
+    InputError
+        If H is none of untouched pixels, or a frame shows no light where H has a pattern.
+    """
+    return drain(iter_check(matrix, _as_frames(frames), noise=noise, limit=limit, suspects=suspects))
+
+
+def _as_frames(frames: ArrayLike | NewFrame | Sequence[NewFrame]) -> list[NewFrame]:
+    if isinstance(frames, NewFrame):
+        return [frames]
+    given = list(frames) if isinstance(frames, Sequence) else []
+    known = [one for one in given if isinstance(one, NewFrame)]
+    if known and len(known) == len(given):
+        return known
+    values = np.asarray(frames)
+    if values.ndim != 2 or values.dtype.kind not in "iuf":
+        got = f"{values.dtype} {values.shape}"
+        raise InputError.expected("frame", "numbers with axes (row, column)", got, "give one frame")
+    return [NewFrame(values.astype(np.float32))]
+
+
+def _placed(matrix: PSFMatrix, frame: NewFrame) -> Found:
+    """Return where a frame's source is: at its place, or where it fits much better."""
+    found = find_source(matrix, frame)
+    if frame.place is None or found.correlation > SURE:
+        return found
+    anywhere = find_source(matrix, replace(frame, place=None, plane=None))
+    return anywhere if anywhere.correlation > found.correlation + MORE else found
+
+
+def _check_matrix(matrix: PSFMatrix) -> None:
+    if matrix.is_transposed:
+        raise InputError.expected("H", "an H", "HT", "give H")
+    if matrix.pixel_scale != (1.0, 1.0):
+        raise InputError.expected("H", "one of the sensor's own pixels", "a resampled one", "give one not resampled")
+    if not (matrix.recorded > 0).any():
+        raise InputError.expected("H", "recorded positions", "none", "give an H with patterns")
+
+
+def _noises(
+    matrix: PSFMatrix, frames: Sequence[NewFrame], found: Sequence[Found], given: tuple[float, float] | None
+) -> tuple[list[tuple[float, float]], str]:
+    """Return constant and slope of each frame's variance, and where they are known from."""
+    if given is not None:
+        for name, value in zip(("constant", "slope"), given, strict=True):
+            check_number(f"noise: {name}", value, at_least=0)
+        if sum(given) <= 0:
+            raise InputError.expected("noise of the frames", "a variance above 0", "0", "give (constant, slope)")
+        return [given] * len(frames), "as stated"
+    if all(frame.noise is not None and _sound(frame.noise) for frame in frames):
+        return [frame.noise for frame in frames if frame.noise is not None], "the frames' own description"
+    known = matrix.facts.noise
+    if known is not None:
+        # H states the noise of the mean of its repeats
+        every = np.asarray(known, np.float64) * np.asarray(matrix.recorded, np.float64)[..., None]
+        every = every[(matrix.recorded > 0) & np.isfinite(every).all(-1)]
+        if len(every):
+            typical = tuple(float(v) for v in np.median(every, axis=0))
+            if _sound((typical[0], typical[1])):
+                return [(typical[0], typical[1])] * len(frames), "H"
+    return [(_dark_variance(frame), 0.0) for frame in frames], DARK
+
+
+def _sound(noise: tuple[float, float]) -> bool:
+    return min(noise) >= 0 and sum(noise) > 0 and all(math.isfinite(v) for v in noise)
+
+
+def _dark_variance(frame: NewFrame) -> float:
+    """Return the variance of neighbouring samples where there is next to no light."""
+    values = np.asarray(frame.values, np.float64)
+    good = np.isfinite(values) if frame.valid is None else np.isfinite(values) & frame.valid
+    steps = (values[:, 1:] - values[:, :-1])[good[:, 1:] & good[:, :-1] & (values[:, 1:] <= np.median(values[good]))]
+    # differences of two samples; at least what whole numbers make
+    spread = float(np.median(np.abs(steps))) / 0.6745 if steps.size else 0.0
+    return max(spread**2 / 2, 1 / 12)
+
+
+def _compared(
+    matrix: PSFMatrix, frame: NewFrame, at: Found, noise: tuple[float, float], camera: Behind | None
+) -> Compared:
+    """Return a frame beside H, with the gain, background and place of the source that fit best."""
+    expected = Expected(matrix, at.z, at.y, at.x, camera)
+    raw, there = window_of(frame, at.row, at.column, matrix.cutout)
+    data, good = raw.astype(np.float64), there & expected.valid
+    if good.sum() < 9:
+        where = f"(z, y, x) = ({at.z}, {at.y}, {at.x})"
+        raise InputError.expected(f"{frame.label}, samples at {where}", "9 or more", int(good.sum()), "expose shorter")
+    offset, steps = np.zeros(2), np.zeros((2, *data.shape))
+    gain, background = _levels(data, expected.at(offset), good, np.ones_like(data))
+    reach = np.array(expected.reach)
+    sigma = np.zeros(2)
+    for _ in range(8):
+        light = expected.at(offset)
+        variance = _variance(noise, gain, light, expected.noise, data if _ == 0 else None)
+        gain, background = _levels(data, light, good, variance)
+        for axis in np.flatnonzero(reach).tolist():
+            by = np.zeros(2)
+            by[axis] = 0.05
+            steps[axis] = (expected.at(offset + by) - expected.at(offset - by)) / 0.1
+        move, sigma = _step(data - gain * light - background, gain, light, steps, good, variance)
+        new = np.clip(offset + np.clip(move, -0.4, 0.4), -reach, reach)
+        done = float(np.abs(new - offset).max()) < 0.002
+        offset = new
+        if done:
+            break
+    light = expected.at(offset)
+    variance = _variance(noise, gain, light, expected.noise, None)
+    gain, background = _levels(data, light, good, variance)
+    _check_light(frame.label, data[good], noise)
+    weight = np.where(good, 1.0 / np.sqrt(variance), 0.0)
+    shown = gain * light
+    residual = data - shown - background
+    error = _error(residual, shown, variance, good)
+    chi2 = _chi(residual, variance, noise[0], good)
+    return Compared(
+        frame.label,
+        at,
+        (float(offset[0]), float(offset[1])),
+        (float(sigma[0]), float(sigma[1])),
+        gain,
+        background,
+        error,
+        chi2,
+        expected.doubt(offset),
+        None if frame.place is None else (at.row + offset[0] - frame.place[0], at.column + offset[1] - frame.place[1]),
+        data - background,
+        shown,
+        variance,
+        weight,
+        gain * steps,
+    )
+
+
+def _check_light(label: str, data: F8, noise: tuple[float, float]) -> None:
+    """Raise where a frame shows no more than its noise."""
+    off = data - np.median(data)
+    variance = noise[0] + noise[1] * np.maximum(off, 0.0)
+    if float((off**2 - variance).sum()) <= CLEAR * math.sqrt(2.0 * float(np.square(variance).sum())):
+        raise InputError.expected(f"{label}, light", "more than its noise", "none", "expose longer, or check the lamp")
+
+
+def _variance(noise: tuple[float, float], gain: float, light: F8, own: F8, data: F8 | None) -> F8:
+    """Return the variance of samples minus ``gain * light``: the frame's, and that of H's own samples."""
+    shown = np.maximum(gain * light, 0.0)
+    if data is not None:
+        shown = np.maximum(shown, data)
+    found: F8 = noise[0] + noise[1] * shown + gain**2 * own
+    return found + 1e-12 * float(np.square(shown).max()) + 1e-300
+
+
+def _levels(data: F8, light: F8, good: NDArray[np.bool_], variance: F8) -> tuple[float, float]:
+    weight = 1.0 / np.sqrt(variance[good])
+    a = np.stack([light[good] * weight, weight], axis=1)
+    gain, background = np.linalg.lstsq(a, data[good] * weight, rcond=None)[0]
+    return float(gain), float(background)
+
+
+def _step(residual: F8, gain: float, light: F8, steps: F8, good: NDArray[np.bool_], variance: F8) -> tuple[F8, F8]:
+    """Return by how much the source must move, beside gain and background, and its standard deviation."""
+    weight = 1.0 / np.sqrt(variance[good])
+    a = np.stack([gain * steps[0][good], gain * steps[1][good], light[good], np.ones(int(good.sum()))]) * weight
+    inverse = np.linalg.pinv(a @ a.T, rcond=1e-12, hermitian=True)
+    found = inverse @ (a @ (residual[good] * weight))
+    return found[:2], np.sqrt(np.maximum(np.diag(inverse)[:2], 0.0))
+
+
+def _error(residual: F8, light: F8, variance: F8, good: NDArray[np.bool_]) -> ModelError:
+    power = float(np.square(light[good]).sum())
+    if power <= 0:
+        return ModelError(math.inf, 0.0, 0.0, 1)
+    squares = float((np.square(residual[good]) - variance[good]).sum())
+    return ModelError(squares / power, math.sqrt(2.0 * float(np.square(variance[good]).sum())) / power, 0.0, 1)
+
+
+def _chi(residual: F8, variance: F8, constant: float, good: NDArray[np.bool_]) -> ChiSquare:
+    size = np.square(residual[good]) / variance[good]
+    bright = np.clip(1.0 - constant / variance[good], 0.0, 1.0)
+    total = float(bright.sum())
+    if total <= 0:
+        return ChiSquare(float(size.mean()), float(size.mean()), math.sqrt(2.0 / size.size))
+    spread = math.sqrt(2.0 * float(np.square(bright).sum())) / total
+    return ChiSquare(float(size.mean()), float((bright * size).sum()) / total, spread)
+
+
+def _suspects(compared: Sequence[Compared], camera: Behind) -> tuple[Suspect, ...]:
+    """Return what may have changed, by the camera behind H."""
+    index = np.array([(one.found.z, one.found.y, one.found.x) for one in compared], np.intp)
+    period = np.ptp(index[:, 1:], axis=0) + 1
+    chosen = spread_out(index, min(ASKED, len(index)), (int(period[0]), int(period[1])))
+    some, n = [compared[int(k)] for k in chosen], len(chosen)
+    light = np.stack([one.light for one in some])
+    offsets = np.array([one.displacement_px for one in some])
+    changes = changes_of(camera, index[chosen], offsets).in_units_of(light)
+    flat = [light[k].reshape(1, -1) for k in range(n)]
+    nuisance = [np.concatenate([one, np.ones_like(one), some[k].moved.reshape(2, -1)]) for k, one in enumerate(flat)]
+    values, weight, noise = (
+        np.stack([getattr(one, name) for one in some]).reshape(n, -1) for name in ("values", "weight", "noise")
+    )
+    shown = light.reshape(n, -1)
+    return held_against(changes, values - shown, weight, shown, noise, nuisance)
+
+
+def _judged(
+    matrix: PSFMatrix,
+    compared: tuple[Compared, ...],
+    suspects: tuple[Suspect, ...],
+    camera: Behind | None,
+    limit: float,
+    noise_from: str,
+) -> Check:
+    """Return what all frames say together."""
+    powers = np.array([float(np.square(one.light[one.weight > 0]).sum()) for one in compared])
+    share = powers / powers.sum() if powers.sum() > 0 else np.full(len(powers), 1 / len(powers))
+    squared = float(share @ [one.error.squared for one in compared])
+    sigma = math.sqrt(float(share**2 @ [one.error.squared_sigma**2 for one in compared]))
+    counts = np.array([one.chi_square.sigma**-2 for one in compared])
+    lit, every = (
+        float(counts @ [getattr(one.chi_square, name) for one in compared] / counts.sum())
+        for name in ("lit", "all_pixels")
+    )
+    doubt = max(one.doubt for one in compared)
+    stated = _stated(matrix, [one.found.z for one in compared])
+    notes = []
+    if doubt > 0.5 * limit:
+        notes.append(f"sources lie between H's positions, where H itself is known to {format_share(doubt)} only")
+    if stated > limit:
+        notes.append(f"H itself states an error of {format_share(stated)}")
+    if camera is not None and not camera.explains:
+        left = format_share(camera.misfit)
+        notes.append(f"its camera leaves {left} of H unexplained: what has changed is not told; fit that H first")
+    if camera is None:
+        notes.append("no camera is known behind H: what has changed is not told")
+    beside = np.array([one.beside_px for one in compared if one.beside_px is not None]).reshape(-1, 2)
+    if len(beside) and math.hypot(*beside.mean(0)) > BESIDE:
+        rows, columns = beside.mean(0)
+        notes.append(f"sources lie ({rows:.2f}, {columns:.2f}) px beside their places: the stage, or the array")
+    if min(one.chi_square.lit for one in compared) < SAME:
+        notes.append("frames differ from H by less than their noise: H was made of them, or the noise is not theirs")
+    gains = [one.gain for one in compared]
+    spread = float(np.std(gains) / abs(np.mean(gains))) if len(gains) > 1 and np.mean(gains) else 0.0
+    if spread > 0.05:
+        notes.append(f"the lamp is unsteady: its light varies by {format_share(spread)} over the frames")
+    return Check(
+        compared,
+        ModelError(squared, sigma, 0.0, len(compared)),
+        ChiSquare(every, lit, float(counts.sum()) ** -0.5),
+        limit,
+        stated,
+        doubt,
+        suspects,
+        None if camera is None else camera.misfit,
+        noise_from,
+        tuple(notes),
+    )
+
+
+def _stated(matrix: PSFMatrix, planes: Sequence[int]) -> float:
+    """Return the largest error that H states of these planes, 0 where it states none."""
+    known = matrix.facts.error
+    found = [] if known is None else [float(known[z]) for z in planes if math.isfinite(known[z])]
+    fit = matrix.provenance.get("fit")
+    said = fit.get("error") if isinstance(fit, Mapping) else None
+    if isinstance(said, int | float) and math.isfinite(said):
+        found.append(float(said))
+    return max(0.0, *found) if found else 0.0
