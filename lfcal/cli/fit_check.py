@@ -14,7 +14,8 @@ from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
-    from lfcal.fit.holds import Check, Compared
+    from lfcal.fit.compared import Compared
+    from lfcal.fit.holds import Check
     from lfcal.fit.locate import NewFrame
     from lfcal.frames import CorrectionRecipe, FrameSource
     from lfcal.psf import PSFMatrix

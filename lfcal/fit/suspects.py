@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from lfcal.fit.parameters import GROUPS, Frame, Unknown, Vector
 from lfcal.fit.problem import STEP
 from lfcal.simulate.engines.base import EnergyError
 
-__all__ = ["Changes", "Suspect", "changes_of", "held_against"]
+__all__ = ["Changes", "Left", "Suspect", "changes_of", "held_against"]
 
 F8 = NDArray[np.float64]
 
@@ -132,75 +131,72 @@ def _in_words(one: Unknown, pixel_um: float) -> tuple[str, float, str]:
     return one.name, one.scale, one.unit
 
 
-def held_against(
-    changes: Changes, residual: F8, weight: F8, light: F8, noise: F8, nuisance: Sequence[F8]
-) -> tuple[Suspect, ...]:
-    """Return all suspects, the one that explains the frames best first.
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What frames show beside H.
 
-    Parameters
+    Attributes
     ----------
-    changes
-        In the units of the frames.
-    residual, weight, light, noise
-        Frames minus what H says, 1/sigma of each sample (0: it carries no measurement), the light that H says, and the
-        variance; each ``(n, m)``.
+    residual, light
+        Frames minus what H says, and the light that it says, each ``(n, m)``.
+    noise, weight
+        Variance, and 1/sigma of each sample (0: it carries no measurement).
     nuisance
-        Of each frame, what may be otherwise without a change of H ``(j, m)``: gain, background, place of the source.
+        Of each frame, what may be otherwise without a change of H ``(n, j, m)``: gain, background, place of the source.
     """
-    n = len(residual)
-    columns = changes.columns.reshape(len(changes.names), n, -1)
-    x, r = np.zeros(columns.shape), np.zeros(residual.shape)
-    for k in range(n):
-        q, _ = np.linalg.qr((nuisance[k] * weight[k]).T)
-        r[k] = residual[k] * weight[k]
-        r[k] -= q @ (q.T @ r[k])
-        own = columns[:, k] * weight[k]
-        x[:, k] = own - (own @ q) @ q.T
-    flat = r.ravel()
-    good = weight > 0
-    power = float(np.square(light[good]).sum())
-    before = float(flat @ flat)
+
+    residual: F8
+    light: F8
+    noise: F8
+    weight: F8
+    nuisance: F8
+
+    def without_nuisance(self, columns: F8) -> F8:
+        """Return columns ``(k, n, m)`` in sigmas ``(k, n m)``, less what the nuisances make up for."""
+        out = np.empty(columns.shape)
+        for k in range(len(self.residual)):
+            q, _ = np.linalg.qr((self.nuisance[k] * self.weight[k]).T)
+            own = columns[:, k] * self.weight[k]
+            out[:, k] = own - (own @ q) @ q.T
+        return out.reshape(len(columns), -1)
+
+
+def held_against(changes: Changes, left: Left) -> tuple[Suspect, ...]:
+    """Return all suspects, the one that explains the frames best first; ``changes`` in the units of the frames."""
+    columns = left.without_nuisance(changes.columns.reshape(len(changes.names), len(left.residual), -1))
+    residual = left.without_nuisance(left.residual[None])[0]
     found = []
     for name in dict.fromkeys(changes.names):
         own = [k for k, one in enumerate(changes.names) if one == name]
-        found.append(_one(name, own, changes, x[own].reshape(len(own), -1), flat, good, power, weight, noise, before))
-    return tuple(sorted(found, key=lambda one: -one.gained + 2 * len(one.values)))
+        found.append(_one(changes, own, columns[own], residual, left))
+    return tuple(sorted(found, key=lambda one: 2 * len(one.values) - one.gained))
 
 
-def _one(
-    name: str,
-    own: list[int],
-    changes: Changes,
-    x: F8,
-    flat: F8,
-    good: NDArray[np.bool_],
-    power: float,
-    weight: F8,
-    noise: F8,
-    before: float,
-) -> Suspect:
+def _one(changes: Changes, own: list[int], x: F8, residual: F8, left: Left) -> Suspect:
+    """Return what the columns ``own`` explain; ``x`` are these, and ``residual``, in sigmas without nuisances."""
+    good = left.weight.ravel() > 0
+    power = float(np.square(left.light.ravel()[good]).sum())
     size = np.sqrt(np.square(x).sum(1))
     size[size == 0] = 1.0
-    inverse = np.linalg.pinv((x / size[:, None]) @ (x / size[:, None]).T, rcond=1e-9, hermitian=True)
-    inverse = inverse / np.outer(size, size)
-    step = inverse @ (x @ flat)
-    gained = float(step @ (x @ flat))
-    # the change itself, less what nuisances make up for, in samples
-    with np.errstate(divide="ignore", invalid="ignore"):
-        parts = np.where(good.ravel(), x / weight.ravel(), 0.0)
+    scaled = x / size[:, None]
+    inverse = np.linalg.pinv(scaled @ scaled.T, rcond=1e-9, hermitian=True) / np.outer(size, size)
+    step = inverse @ (x @ residual)
+    gained = float(step @ (x @ residual))
+    # the change itself in samples, and what noise alone would be taken for
+    sigmas = np.where(good, 1.0 / np.where(good, left.weight.ravel(), 1.0), 0.0)
+    parts = x * sigmas
     change = step @ parts
     made = float(np.trace(inverse @ (parts @ parts.T)))
-    left_over = np.where(good.ravel(), flat / np.where(good.ravel(), weight.ravel(), 1.0), 0.0) - change
-    squares = float((np.square(left_over) - np.where(good, noise, 0.0).ravel()).sum())
+    squares = float((np.square(residual * sigmas - change) - np.where(good, left.noise.ravel(), 0.0)).sum())
     # where much is left, a step is as much less sure
-    grown = max(1.0, (before - gained) / max(1, int(good.sum())))
+    grown = max(1.0, (float(residual @ residual) - gained) / max(1, int(good.sum())))
     sigma = np.sqrt(np.maximum(np.diag(inverse), 0.0) * grown)
     values = tuple(
         (changes.unknowns[k], float(step[j]) * changes.scales[k], float(sigma[j]) * changes.scales[k], changes.units[k])
         for j, k in enumerate(own)
     )
     return Suspect(
-        name,
+        changes.names[own[0]],
         values,
         math.sqrt(float(change @ change) / power),
         math.sqrt(made * grown / power),
