@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -138,7 +139,7 @@ def _iter_write(
     texts = {
         CAMERA: measured_camera(fit).to_json(),
         EFFECTS: effects_text(fit),
-        NUMBERS: json_text(fit_dict(fit) | known),
+        NUMBERS: json_text(fit_dict(fit) | known | {"fitted": datetime.now(UTC).isoformat(timespec="seconds")}),
     }
     for name, text in texts.items():
         write_text(out / name, text)

@@ -113,6 +113,16 @@ def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:
         )
 
 
+def _recorded(source: Path) -> dict[str, Any]:
+    """Return when a session was recorded; nothing for other frames, whose files' times are those of a copy."""
+    from lfcal.acquire.session_file import NAME, SessionFile
+
+    if not (source / NAME).is_file():
+        return {}
+    ended = [run.ended or run.started for run in SessionFile.read(source).runs]
+    return {"recorded": ended[-1]} if ended else {}
+
+
 def _picked(source: Path, how: Reading, stack: ExitStack, *, quiet: bool) -> tuple[PSFMatrix, dict[str, Any]]:
     """Return the patterns of chosen positions of a folder of frames or a session, corrected and cut out."""
     import numpy as np
@@ -146,5 +156,5 @@ def _picked(source: Path, how: Reading, stack: ExitStack, *, quiet: bool) -> tup
     if how.most and len(index) > how.most:
         index = index[spread_out(index, how.most, plan.period)]
     matrix = run_work(iter_pick(view, plan, index), quiet=quiet)
-    known = {"source": source.name, "corrections": view.metadata.get("corrections", {}), **lie}
+    known = _recorded(source) | {"source": source.name, "corrections": view.metadata.get("corrections", {}), **lie}
     return matrix, known

@@ -202,6 +202,14 @@ class Fit:
         return {"fit": fit, "effects": effects, "plan": self.setup.plan(self.planned).to_dict()}
 
     @property
+    def middle_um(self) -> tuple[float, float]:
+        """The scanned region's middle (x, y) from the sensor's centre (µm): what offsets are told of."""
+        plan = self.planned
+        middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
+        y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
+        return float(x), float(y)
+
+    @property
     def ideal_places(self) -> Setup:
         """The setup with sources where H has them: depths stay as found, steps of the stage are the planned ones."""
         return replace(self.setup, stage_scale=0.0)
