@@ -193,9 +193,11 @@ def _of_file(H: PSFMatrix, view: FrameSource, k: int, count: int) -> NewFrame:
 
 
 def _new(view: FrameSource, k: int, place: tuple[float, float] | None, plane: int | None, label: str) -> NewFrame:
+    from lfcal.cli.fit_source import own_words
     from lfcal.fit.locate import NewFrame
 
-    samples = view.samples(k)
+    with own_words(without="" if place else ", (z, y, x) = (0, 0, 0)"):
+        samples = view.samples(k)
     noise = None
     if samples.noise is not None:
         typical = samples.noise.typical(samples.values)
@@ -284,6 +286,6 @@ def _show(found: Check) -> None:
         changes = ", ".join(f"{name} {by:+.3g} ± {sigma:.2g} {unit}".strip() for name, by, sigma, unit in one.values)
         told = f"explains {format_share(one.error)} of the light, leaves {format_share(one.left)}"
         typer.echo(f"  {one.name}: {told}; {changes}")
-    report(f"note: noise from {found.noise_from}")
+    report(f"note: noise: {found.noise_from}")
     for note in found.notes:
         report(f"note: {note}")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.errors import FileFormatError, InputError
+from lfcal.errors import FileFormatError, InputError, LfcalError
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from lfcal.frames import CorrectionRecipe
     from lfcal.psf import PSFMatrix
 
-__all__ = ["Reading", "is_matrix", "parse_noise", "read_patterns"]
+__all__ = ["Reading", "is_matrix", "own_words", "parse_noise", "read_patterns"]
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,20 @@ def is_matrix(path: Path) -> bool:
 
     with H5File(path) as file:
         return file.attributes().text("format") == FORMAT
+
+
+@contextmanager
+def own_words(without: str = "") -> Iterator[None]:
+    """Let errors name no option that this command lacks, nor ``without``, a position that nobody gave."""
+    try:
+        yield
+    except LfcalError as error:
+        said = str(error)
+        told = said.replace("(--skip-damaged)", "(lfcal assemble --skip-damaged)")
+        told = told.replace(without, "") if without else told
+        if told == said:
+            raise
+        raise type(error)(told) from None
 
 
 def parse_noise(text: str) -> tuple[float, float] | None:
@@ -142,6 +157,12 @@ def _picked(source: Path, how: Reading, stack: ExitStack, *, quiet: bool) -> tup
     except FileFormatError as error:
         # the library's word for it is not an option here
         raise FileFormatError(str(error).replace(' (colour="G")', f": {one}")) from None
+    except InputError as error:
+        said, _, remedy = str(error).partition("; ")
+        if "--order" not in remedy and "--manifest" not in remedy:
+            raise
+        # lists, patterns and orders are options of another command
+        raise InputError(f"{said}; assemble them with lfcal assemble, which takes lists, and fit that H") from None
     stack.enter_context(frames)
     colours = colours_of(frames, plan)
     if colours:
@@ -155,6 +176,7 @@ def _picked(source: Path, how: Reading, stack: ExitStack, *, quiet: bool) -> tup
     )
     if how.most and len(index) > how.most:
         index = index[spread_out(index, how.most, plan.period)]
-    matrix = run_work(iter_pick(view, plan, index), quiet=quiet)
+    with own_words():
+        matrix = run_work(iter_pick(view, plan, index), quiet=quiet)
     known = _recorded(source) | {"source": source.name, "corrections": view.metadata.get("corrections", {}), **lie}
     return matrix, known

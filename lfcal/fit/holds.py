@@ -40,7 +40,7 @@ ASKED = 8
 SURE, MORE = 0.7, 0.2
 """Correlation below which a source is looked for elsewhere than at its place, and how much better it must fit there."""
 
-DARK = "the frame's dark pixels; that of its light is not known"
+DARK = "from the frame's dark pixels; that of its light is not known"
 """Where noise is known from that counts no photons: what frames scatter may be theirs."""
 
 SAME = 0.3
@@ -209,10 +209,16 @@ def _as_frames(frames: ArrayLike | NewFrame | Sequence[NewFrame]) -> list[NewFra
 
 def _placed(matrix: PSFMatrix, frame: NewFrame) -> Found:
     """Return where a frame's source is: at its place, or where it fits much better."""
-    found = find_source(matrix, frame)
-    if frame.place is None or found.correlation > SURE:
+    if frame.place is None:
+        return find_source(matrix, frame)
+    free = replace(frame, place=None, plane=None)
+    try:
+        found = find_source(matrix, frame)
+    except InputError:  # its place is beside the frame, or H has nothing there
+        return find_source(matrix, free)
+    if found.correlation > SURE:
         return found
-    anywhere = find_source(matrix, replace(frame, place=None, plane=None))
+    anywhere = find_source(matrix, free)
     return anywhere if anywhere.correlation > found.correlation + MORE else found
 
 
@@ -236,7 +242,7 @@ def _noises(
             raise InputError.expected("noise of the frames", "a variance above 0", "0", "give (constant, slope)")
         return [given] * len(frames), "as stated"
     if all(frame.noise is not None and _sound(frame.noise) for frame in frames):
-        return [frame.noise for frame in frames if frame.noise is not None], "the frames' own description"
+        return [frame.noise for frame in frames if frame.noise is not None], "as the frames are described"
     known = matrix.facts.noise
     if known is not None:
         # H states the noise of the mean of its repeats
@@ -245,7 +251,7 @@ def _noises(
         if len(every):
             typical = tuple(float(v) for v in np.median(every, axis=0))
             if _sound((typical[0], typical[1])):
-                return [(typical[0], typical[1])] * len(frames), "H"
+                return [(typical[0], typical[1])] * len(frames), "as H states it"
     return [(_dark_variance(frame), 0.0) for frame in frames], DARK
 
 
@@ -301,6 +307,23 @@ def _judged(
     )
     doubt = max(one.doubt for one in compared)
     stated = _stated(matrix, [one.found.z for one in compared])
+    notes = _notes(compared, camera, doubt, stated, limit) if not any(one.strange for one in compared) else []
+    return Check(
+        compared,
+        ModelError(squared, sigma, 0.0, len(compared)),
+        ChiSquare(every, lit, float(counts.sum()) ** -0.5),
+        limit,
+        stated,
+        doubt,
+        suspects,
+        None if camera is None else camera.misfit,
+        noise_from,
+        tuple(notes),
+    )
+
+
+def _notes(compared: Sequence[Compared], camera: Behind | None, doubt: float, stated: float, limit: float) -> list[str]:
+    """Return what a verdict does not say."""
     notes = []
     if doubt > 0.5 * limit:
         notes.append(f"sources lie between H's positions, where H itself is known to {format_share(doubt)} only")
@@ -321,18 +344,7 @@ def _judged(
     spread = float(np.std(gains) / abs(np.mean(gains))) if len(gains) > 1 and np.mean(gains) else 0.0
     if spread > 0.05:
         notes.append(f"the lamp is unsteady: its light varies by {format_share(spread)} over the frames")
-    return Check(
-        compared,
-        ModelError(squared, sigma, 0.0, len(compared)),
-        ChiSquare(every, lit, float(counts.sum()) ** -0.5),
-        limit,
-        stated,
-        doubt,
-        suspects,
-        None if camera is None else camera.misfit,
-        noise_from,
-        tuple(notes),
-    )
+    return notes
 
 
 def _stated(matrix: PSFMatrix, planes: Sequence[int]) -> float:

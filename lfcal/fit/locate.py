@@ -135,9 +135,12 @@ def _best_plane(
         return None
     best: Found | None = None
     for z in planes:
-        if matrix.recorded[z, y, x] == 0:
+        own = np.asarray(matrix[z, y, x], np.float32)
+        good = valid & matrix.valid(z, y, x) & np.isfinite(own)
+        # missing, masked, or of one value: there is nothing to be like
+        if matrix.recorded[z, y, x] == 0 or good.mean() < INSIDE or np.ptp(own[good]) == 0:
             continue
-        likeness = _correlation(values[valid], np.asarray(matrix[z, y, x], np.float32)[valid])
+        likeness = _correlation(values[good], own[good])
         if best is None or likeness > best.correlation:
             best = Found(z, y, x, *at, likeness)
     return best

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -134,6 +135,8 @@ class Fit:
     def verdict(self) -> str:
         """How far the fit is to be trusted, in a line."""
         error = f"error of the model {self.left_out_error}"
+        if not math.isfinite(self.chi_square.sigma):
+            return f"chi² not known: no more samples than unknowns; {error}"
         if self.complete:
             return f"chi² {self.chi2:.3f}; {error}"
         more = f"chi² {self.chi2:.3f}, {self.chi_square.excess:.0f} sigma above 1"
