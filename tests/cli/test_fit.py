@@ -8,20 +8,26 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from lfcal.camera import Camera
+import lfcal.fit
+from lfcal.camera import Camera, ScanPlan
 from lfcal.cli import main
-from lfcal.cli.fit_source import parse_noise
+from lfcal.cli.fit_source import Reading, parse_noise, read_patterns
 from lfcal.errors import InputError
+from lfcal.fit import Fit, Measured
+from lfcal.fit.model import Fineness, predict
+from lfcal.frames import CorrectionRecipe
+from lfcal.progress import Work
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.facts import Facts
 from lfcal.simulate.effects.described import parse_entries
 from tests.cli.conftest import Run
-from tests.fit.common import few_patterns, small_plan
+from tests.fit.common import few_patterns, setup_of, small_plan
 
 Lfcal = Callable[..., Run]
 FILES = ("H.h5", "camera.json", "effects.json", "fit.json", "report/index.html")
@@ -37,19 +43,44 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+FOUND: list[Fit] = []
+"""The fit of the few patterns, once it was made."""
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Return the folder in which the few patterns were fitted, and what was said."""
     folder = tmp_path_factory.mktemp("whole")
     save(few_patterns(), folder / "few.h5")
     said = io.StringIO()
+    real = lfcal.fit.iter_fit_camera
+
+    def kept(*words: Any, **options: Any) -> Work[Fit]:
+        FOUND.append((yield from real(*words, **options)))
+        return FOUND[-1]
+
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
         patch.chdir(folder)
+        patch.setattr("lfcal.fit.iter_fit_camera", kept)
         patch.setattr("sys.argv", ["lfcal", "fit", "few.h5", "--unknowns", "geometry,geometry", "--workers", "1"])
         with pytest.raises(SystemExit) as end:
             main()
     assert not end.value.code
     return folder, said.getvalue()
+
+
+@pytest.fixture
+def fitted(whole: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> list[Measured]:
+    """Return a list of what is handed over to be fitted; the fit is the one that was made already."""
+    seen: list[Measured] = []
+
+    def again(measured: Measured, *words: Any, **options: Any) -> Work[Fit]:
+        seen.append(measured)
+        yield from ()
+        return FOUND[0]
+
+    monkeypatch.setattr("lfcal.fit.iter_fit_camera", again)
+    return seen
 
 
 def test_a_fit_writes_camera_effects_numbers_h_and_report(whole: tuple[Path, str]) -> None:
@@ -97,27 +128,42 @@ def test_the_camera_and_effects_make_the_same_h(lfcal: Lfcal, whole: tuple[Path,
     assert np.abs(a - b).sum() / np.abs(a).sum() < 0.012
 
 
-def test_frames_are_corrected_and_cut_out_at_the_chosen_positions(lfcal: Lfcal, place: Path) -> None:
+def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
     plan = replace(small_plan(15, (2.2,)), period=(2, 4))
     (place / "plan.json").write_text(plan.to_json())
     assert lfcal("simulate", "plan.json", "--frames", "scan", "--level", "grid").code == 0
     (place / "scan" / "plan.json").rename(place / "kept.json")
     (place / "plan.json").unlink()
-    more = ("--plan", "kept.json", "--dark", "scan/dark", "--positions", 5, "--orientation", "as-is")
+    more = ("--plan", "kept.json", "--dark", "scan/dark", "--positions", 0, "--orientation", "as-is")
     run = lfcal("fit", "scan/frames", *more, "--unknowns", "geometry", "--no-h", "--json")
     assert run.code == 0 and isinstance(run.json, dict), run.err
     assert [Path(name).name for name in run.json["files"]] == ["index.html", *FILES[1:4]] and not run.err
-    assert len(run.json["positions"]) == run.json["patterns"] == 5
-    # the dark frame is subtracted
-    assert abs(run.json["backgrounds"][0]) < 5 and not (place / "fit" / "H.h5").exists()
-    gap = next(one for one in run.json["parameters"] if one["name"] == "gap_um")
-    assert gap["value"] == pytest.approx(plan.camera.lattice.gap_um, rel=0.002)
+    assert len(fitted) == 1 and len(fitted[0]) == 8 and fitted[0].patterns.shape[1:] == (15, 15)
+    # the dark frame is subtracted, and patterns are those of the positions
+    clean = simulated(plan, fitted[0].index)
+    light = fitted[0].patterns / fitted[0].patterns.max()
+    assert abs(np.median(fitted[0].patterns)) < 40 and np.square(light - clean).sum() < 2e-3 * np.square(clean).sum()
+    assert not (place / "fit" / "H.h5").exists()
     said = json.loads((place / "fit" / "fit.json").read_text())
     assert said["corrections"] and said["orientation"]["applied"] == "as is"
     # noise is stated for light above the black level
     again = lfcal("fit", "scan/frames", *more[:2], "--dark", "none", "--unknowns", "geometry", "--no-h", "-o", "b")
     assert again.code == 2 and "samples: expected without their black level, got with it; name --dark" in again.err
     assert not (place / "b").exists()
+
+
+def test_of_many_positions_some_are_taken(place: Path) -> None:
+    how = Reading(None, 5, None, None, CorrectionRecipe(), "check")
+    found, known = read_patterns(place / "few.h5", how, quiet=True)
+    assert len(found) == 5 and found.left_out.sum() == 1 and known == {"source": "few.h5"}
+    for most in (0, 1000):
+        assert len(read_patterns(place / "few.h5", replace(how, most=most), quiet=True)[0]) == 6
+
+
+def simulated(plan: ScanPlan, index: np.ndarray) -> np.ndarray:
+    """Return patterns of the camera as described, the brightest sample 1."""
+    light = predict(setup_of(plan), plan, index, np.zeros((len(index), 2)), Fineness.fine)
+    return light / light.max()
 
 
 @pytest.mark.parametrize(
@@ -140,7 +186,7 @@ def test_bad_words_end_in_one_line(lfcal: Lfcal, place: Path, words: tuple[objec
     assert [path.name for path in place.iterdir()] == ["few.h5"]
 
 
-def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: Path) -> None:
+def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
     data = few_patterns()
     plain = Facts.of(data.shape[:3], data.cutout, recorded=data.recorded)
     values = np.asarray(data)
@@ -154,6 +200,8 @@ def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: 
     words = ("--camera", "c.json", "--noise", "64,1", "--unknowns", "geometry", "--no-h")
     run = lfcal("fit", "bare.h5", *words)
     assert run.code == 0, run.err
+    assert (fitted[0].noise == (64, 1)).all() and fitted[0].plan.camera == data.camera
+    assert "fitted" in json.loads((place / "fit" / "fit.json").read_text())
     again = lfcal("fit", "bare.h5", *words)
     assert again.code == 2 and "exists; add --force to replace it" in again.err
     (place / "fit" / "H.h5").write_text("of another camera")
