@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,6 +46,12 @@ def command(
         None, "--check", help="Old H (.h5) that the new frames are held against; nothing is fitted or written."
     ),
     limit: float = typer.Option(2.0, "--limit", help="With --check: error up to which H holds (percent)."),
+    validate: bool = typer.Option(
+        False, "--validate", help="Predict recorded positions that were not fitted: error of each, validation.json."
+    ),
+    validate_on: Path | None = typer.Option(
+        None, "--validate-on", help="Predict the points of another session or H: at other places of the field."
+    ),
     no_h: bool = typer.Option(False, "--no-h", help="Do not compute H of the fitted camera."),
     plan: Path | None = typer.Option(None, "--plan", "-p", help="Scan plan (.json) of frames, if not beside them."),
     dark: str = typer.Option("", "--dark", help="Dark frame or folder of them for frames; none: not even their own."),
@@ -70,6 +77,13 @@ def command(
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.fit_check import Asked, check_h
     from lfcal.cli.fit_source import Reading, parse_noise, read_patterns
+    from lfcal.cli.fit_validate import (
+        VALIDATION,
+        iter_write_validation,
+        show_validation,
+        validation_dict,
+        withheld_points,
+    )
     from lfcal.cli.orientation import check_choice
     from lfcal.fit import iter_fit_camera
     from lfcal.fit.files import fit_dict
@@ -86,17 +100,26 @@ def command(
         raise InputError.expected("SOURCE", "one", f"{len(sources)}", "fit one at a time; --check takes several frames")
     source = sources[0]
     groups = unknowns if unknowns == "auto" else _groups(unknowns)
-    _check_before(out, source, camera, plan, dark, white, no_h=no_h, force=force)
+    more = VALIDATION if validate or validate_on else ()
+    _check_before(out, source, camera, plan, dark, white, validate_on, more=more, no_h=no_h, force=force)
     recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
     start = load_camera(camera) if camera else None
     how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
     measured, known = read_patterns(source, how, quiet=json)
+    # what cannot be read ends this before the fit
+    aside = withheld_points(source, validate_on, how, measured, quiet=json) if more else None
     fit = run_work(iter_fit_camera(measured, start, groups, workers=workers), quiet=json)
     written = run_work(_iter_write(fit, measured, out, known, with_h=not no_h, workers=workers), quiet=json)
-    if json:
-        print_json(fit_dict(fit) | {"source": source, "files": written})
-    else:
+    known_of = fit_dict(fit) | {"source": source, "files": written}
+    if not json:
         _show(fit, out, written)
+    if aside is not None:
+        found = run_work(iter_write_validation(fit, aside, out, source, validate_on), quiet=json)
+        known_of["validation"] = validation_dict(found)
+        if not json:
+            show_validation(found)
+    if json:
+        print_json(known_of)
 
 
 def _groups(text: str) -> tuple[str, ...]:
@@ -112,12 +135,12 @@ def _groups(text: str) -> tuple[str, ...]:
     return names
 
 
-def _check_before(out: Path, *inputs: Path | str | None, no_h: bool, force: bool) -> None:
+def _check_before(out: Path, *inputs: Path | str | None, more: Sequence[str] = (), no_h: bool, force: bool) -> None:
     """Raise where an output cannot be written, is an input, or exists."""
     from lfcal.cli.outputs import check_outputs
     from lfcal.fit.report import report_files
 
-    files = [out / name for name in (MODEL, CAMERA, EFFECTS, NUMBERS)]
+    files = [out / name for name in (MODEL, CAMERA, EFFECTS, NUMBERS, *more)]
     check_outputs([*files, *report_files(out / REPORT)], *inputs, force=force)
     # beside another camera it would be taken for that camera's H
     if no_h and files[0].exists():

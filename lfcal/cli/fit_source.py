@@ -8,9 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from lfcal.errors import FileFormatError, InputError, LfcalError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from lfcal.camera import Camera
     from lfcal.fit import Measured
     from lfcal.frames import CorrectionRecipe
@@ -37,6 +41,8 @@ class Reading:
         Corrections of frames.
     orientation
         What makes frames upright.
+    without
+        Positions (z, y, x) that are not taken.
     """
 
     camera: Camera | None
@@ -45,6 +51,7 @@ class Reading:
     plan: Path | None
     recipe: CorrectionRecipe
     orientation: str
+    without: frozenset[tuple[int, int, int]] = frozenset()
 
 
 def is_matrix(path: Path) -> bool:
@@ -108,12 +115,28 @@ def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured,
             raise InputError.expected(str(source), "an H with its camera", "none", "name it with --camera")
         _check_noise(matrix, source, how)
         tell_assumed(matrix.camera if how.camera is None else None, source.name, quiet=quiet)
-        return measured_of(matrix, camera, noise=how.noise, most=how.most or None), known
+        if not how.without:
+            return measured_of(matrix, camera, noise=how.noise, most=how.most or None), known
+        left = _left(np.argwhere(matrix.recorded > 0), how, matrix.period)
+        if not len(left):
+            raise _none_left(source)
+        return measured_of(matrix, camera, positions=left, noise=how.noise), known
+
+
+def _none_left(source: Path) -> InputError:
+    remedy = "fit fewer with --positions, or name another session with --validate-on"
+    return InputError.expected(f"{source}, recorded positions", "some besides those fitted", "none", remedy)
+
+
+def _left(index: NDArray[np.intp], how: Reading, period: tuple[int, int]) -> NDArray[np.intp]:
+    """Return positions that may be taken, spread evenly, no more than are asked for."""
+    from lfcal.fit.spread import spread_out
+
+    found = index[[tuple(at) not in how.without for at in index.tolist()]] if len(index) else index
+    return found[spread_out(found, how.most, period)] if how.most and len(found) > how.most else found
 
 
 def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:
-    import numpy as np
-
     if how.noise is not None:
         return
     noise = None if matrix.facts.noise is None else matrix.facts.noise[matrix.recorded > 0]
@@ -140,13 +163,10 @@ def _recorded(source: Path) -> dict[str, Any]:
 
 def _picked(source: Path, how: Reading, stack: ExitStack, *, quiet: bool) -> tuple[PSFMatrix, dict[str, Any]]:
     """Return the patterns of chosen positions of a folder of frames or a session, corrected and cut out."""
-    import numpy as np
-
     from lfcal.cli.assemble import open_scan
     from lfcal.cli.console import run_work
     from lfcal.cli.listed import report_notes
     from lfcal.cli.orientation import upright
-    from lfcal.fit.spread import spread_out
     from lfcal.frames import corrected_view
     from lfcal.frames.colour_scan import colours_of
     from lfcal.psf.picked import iter_pick
@@ -174,8 +194,9 @@ def _picked(source: Path, how: Reading, stack: ExitStack, *, quiet: bool) -> tup
     index = np.unique(
         np.array([tuple(view.info(k).position) for k in range(len(view))], np.intp).reshape(-1, 3), axis=0
     )
-    if how.most and len(index) > how.most:
-        index = index[spread_out(index, how.most, plan.period)]
+    index = _left(index, how, plan.period)
+    if not len(index):
+        raise _none_left(source)
     with own_words():
         matrix = run_work(iter_pick(view, plan, index), quiet=quiet)
     known = _recorded(source) | {"source": source.name, "corrections": view.metadata.get("corrections", {}), **lie}

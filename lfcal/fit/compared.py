@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.errors import InputError
-from lfcal.fit.expected import Behind, Expected
 from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.locate import Found, NewFrame, window_of
-from lfcal.psf import PSFMatrix
 
-__all__ = ["Compared", "compared_with"]
+__all__ = ["Compared", "Says", "compared_with"]
 
 F8 = NDArray[np.float64]
 
@@ -81,12 +80,26 @@ class Compared:
         return self.found.correlation < STRANGE
 
 
-def compared_with(
-    matrix: PSFMatrix, frame: NewFrame, at: Found, noise: tuple[float, float], camera: Behind | None
-) -> Compared:
-    """Return a frame beside H, with the gain, background and place of the source that fit best."""
-    expected = Expected(matrix, at.z, at.y, at.x, camera)
-    raw, there = window_of(frame, at.row, at.column, matrix.cutout)
+class Says(Protocol):
+    """What says which pattern a source at a position, and beside it, has."""
+
+    valid: NDArray[np.bool_]
+    """Pixels ``(nt, ns)`` of which it says something."""
+    noise: F8
+    """Variance ``(nt, ns)`` of its own samples."""
+    reach: tuple[float, float]
+    """How far beside it a source can be followed (dy, dx)."""
+
+    def at(self, offset: F8) -> F8:
+        """Return the pattern ``(nt, ns)`` of a source displaced by ``offset`` (dy, dx) pixels."""
+
+    def doubt(self, offset: F8) -> float:
+        """Return how wrong that may be itself (relative L2)."""
+
+
+def compared_with(expected: Says, frame: NewFrame, at: Found, noise: tuple[float, float]) -> Compared:
+    """Return a frame beside what is expected, with the gain, background and place of the source that fit best."""
+    raw, there = window_of(frame, at.row, at.column, expected.noise.shape)
     data, good = raw.astype(np.float64), there & expected.valid
     if good.sum() < 9:
         where = f"(z, y, x) = ({at.z}, {at.y}, {at.x})"
@@ -95,9 +108,9 @@ def compared_with(
     gain, background = _levels(data, expected.at(offset), good, np.ones_like(data))
     reach = np.array(expected.reach)
     sigma = np.zeros(2)
-    for _ in range(ROUNDS):
+    for turn in range(ROUNDS):
         light = expected.at(offset)
-        variance = _variance(noise, gain, light, expected.noise, data if _ == 0 else None)
+        variance = _variance(noise, gain, light, expected.noise, data if turn == 0 else None)
         gain, background = _levels(data, light, good, variance)
         for axis in np.flatnonzero(reach).tolist():
             by = np.zeros(2)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.fit.compared import Compared, compared_with
-from lfcal.fit.expected import Behind, behind
+from lfcal.fit.expected import Behind, Expected, behind
 from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.locate import Found, NewFrame, find_source
 from lfcal.fit.spread import spread_out
@@ -150,7 +150,8 @@ def iter_check(
     variances, source = _noises(matrix, frames, found, noise)
     compared = []
     for k, (frame, at) in enumerate(zip(frames, found, strict=True)):
-        compared.append(compared_with(matrix, frame, at, variances[k], camera))
+        expected = Expected(matrix, at.z, at.y, at.x, camera)
+        compared.append(compared_with(expected, frame, at, variances[k]))
         yield clock.at(len(frames) + k + 1)
     tells = suspects and camera is not None and camera.explains and not any(one.strange for one in compared)
     told = _suspects(compared, camera) if tells and camera is not None else ()

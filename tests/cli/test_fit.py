@@ -18,6 +18,7 @@ import lfcal.fit
 from lfcal.camera import Camera, ScanPlan
 from lfcal.cli import main
 from lfcal.cli.fit_source import Reading, parse_noise, read_patterns
+from lfcal.cli.fit_validate import withheld_points
 from lfcal.errors import InputError
 from lfcal.fit import Fit, Measured
 from lfcal.fit.model import Fineness, predict
@@ -158,6 +159,34 @@ def test_of_many_positions_some_are_taken(place: Path) -> None:
     assert len(found) == 5 and found.left_out.sum() == 1 and known == {"source": "few.h5"}
     for most in (0, 1000):
         assert len(read_patterns(place / "few.h5", replace(how, most=most), quiet=True)[0]) == 6
+
+
+def test_withheld_points_are_predicted(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
+    """Of another recording: at the same positions, but never fitted."""
+    save(few_patterns(), place / "later.h5")
+    run = lfcal("fit", "few.h5", "--validate-on", "later.h5", "--no-h", "--json")
+    assert run.code == 0 and isinstance(run.json, dict), run.err
+    found = run.json["validation"]
+    assert len(found["points"]) == 6 and found["errors"]["camera"]["all"]["limit"] < 0.03
+    assert abs(np.mean([one["chi2"] for one in found["points"]]) - 1) < 0.4 and not found["period_lost"]
+    said = json.loads((place / "fit" / "validation.json").read_text())
+    assert said["source"] == "later.h5" and said["points"] == found["points"]
+    assert (place / "fit" / "report" / "validation.png").read_bytes()[:4] == b"\x89PNG"
+    shown = lfcal("fit", "few.h5", "--validate-on", "later.h5", "--no-h", "-o", "b")
+    assert shown.code == 0 and "6 withheld points: error below" in shown.out
+    again = lfcal("fit", "few.h5", "--validate-on", "later.h5", "--no-h", "-o", "b")
+    assert again.code == 2 and "exists; add --force" in again.err
+
+
+def test_where_every_position_is_fitted_none_is_left_to_predict(lfcal: Lfcal, place: Path) -> None:
+    run = lfcal("fit", "few.h5", "--validate", "--no-h")
+    assert run.code == 2 and "few.h5, recorded positions: expected some besides those fitted, got none" in run.err
+    how = Reading(None, 3, None, None, CorrectionRecipe(), "check")
+    first, _ = read_patterns(place / "few.h5", how, quiet=True)
+    rest = withheld_points(place / "few.h5", None, how, first, quiet=True)
+    assert len(rest) == 3 and not {tuple(at) for at in rest.index.tolist()} & {tuple(at) for at in first.index.tolist()}
+    missing = lfcal("fit", "few.h5", "--validate-on", "none.h5", "--no-h")
+    assert missing.code == 2 and "none.h5" in missing.err and not (place / "fit").exists()
 
 
 def simulated(plan: ScanPlan, index: np.ndarray) -> np.ndarray:
