@@ -13,6 +13,7 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.fit.compared import Compared, compared_with
 from lfcal.fit.expected import Behind, Expected, behind
+from lfcal.fit.frame_noise import DARK, noises_of
 from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.locate import Found, NewFrame, find_source
 from lfcal.fit.spread import spread_out
@@ -39,9 +40,6 @@ ASKED = 8
 
 SURE, MORE = 0.7, 0.2
 """Correlation below which a source is looked for elsewhere than at its place, and how much better it must fit there."""
-
-DARK = "from the frame's dark pixels; that of its light is not known"
-"""Where noise is known from that counts no photons: what frames scatter may be theirs."""
 
 SAME = 0.3
 """Chi² below which a frame is no other than the one that H was made of."""
@@ -147,7 +145,7 @@ def iter_check(
         yield clock.at(k + 1)
     index = np.array([(one.z, one.y, one.x) for one in found], np.intp)
     camera = behind(matrix, index[spread_out(index, min(ASKED, len(index)), matrix.period)])
-    variances, source = _noises(matrix, frames, found, noise)
+    variances, source = noises_of(matrix, frames, noise)
     compared = []
     for k, (frame, at) in enumerate(zip(frames, found, strict=True)):
         expected = Expected(matrix, at.z, at.y, at.x, camera)
@@ -230,44 +228,6 @@ def _check_matrix(matrix: PSFMatrix) -> None:
         raise InputError.expected("H", "one of the sensor's own pixels", "a resampled one", "give one not resampled")
     if not (matrix.recorded > 0).any():
         raise InputError.expected("H", "recorded positions", "none", "give an H with patterns")
-
-
-def _noises(
-    matrix: PSFMatrix, frames: Sequence[NewFrame], found: Sequence[Found], given: tuple[float, float] | None
-) -> tuple[list[tuple[float, float]], str]:
-    """Return constant and slope of each frame's variance, and where they are known from."""
-    if given is not None:
-        for name, value in zip(("constant", "slope"), given, strict=True):
-            check_number(f"noise: {name}", value, at_least=0)
-        if sum(given) <= 0:
-            raise InputError.expected("noise of the frames", "a variance above 0", "0", "give (constant, slope)")
-        return [given] * len(frames), "as stated"
-    if all(frame.noise is not None and _sound(frame.noise) for frame in frames):
-        return [frame.noise for frame in frames if frame.noise is not None], "as the frames are described"
-    known = matrix.facts.noise
-    if known is not None:
-        # H states the noise of the mean of its repeats
-        every = np.asarray(known, np.float64) * np.asarray(matrix.recorded, np.float64)[..., None]
-        every = every[(matrix.recorded > 0) & np.isfinite(every).all(-1)]
-        if len(every):
-            typical = tuple(float(v) for v in np.median(every, axis=0))
-            if _sound((typical[0], typical[1])):
-                return [(typical[0], typical[1])] * len(frames), "as H states it"
-    return [(_dark_variance(frame), 0.0) for frame in frames], DARK
-
-
-def _sound(noise: tuple[float, float]) -> bool:
-    return min(noise) >= 0 and sum(noise) > 0 and all(math.isfinite(v) for v in noise)
-
-
-def _dark_variance(frame: NewFrame) -> float:
-    """Return the variance of neighbouring samples where there is next to no light."""
-    values = np.asarray(frame.values, np.float64)
-    good = np.isfinite(values) if frame.valid is None else np.isfinite(values) & frame.valid
-    steps = (values[:, 1:] - values[:, :-1])[good[:, 1:] & good[:, :-1] & (values[:, 1:] <= np.median(values[good]))]
-    # differences of two samples; at least what whole numbers make
-    spread = float(np.median(np.abs(steps))) / 0.6745 if steps.size else 0.0
-    return max(spread**2 / 2, 1 / 12)
 
 
 def _suspects(compared: Sequence[Compared], camera: Behind) -> tuple[Suspect, ...]:
