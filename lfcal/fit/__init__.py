@@ -9,7 +9,8 @@
 - ``questions``: order of lens types, mirrored axes, sign of depth, another camera
 - ``judge``: chi² and the model's error; ``summary``, ``result``: what was found and how sure it is
 - ``fit``: all of it in order
-- ``locate``, ``frame_noise``, ``expected``, ``compared``, ``suspects``, ``holds``: whether an old H still holds, from new frames
+- ``locate``, ``frame_noise``, ``expected``, ``compared``, ``suspects``, ``holds``: whether an old H
+  still holds, from new frames
 - ``dated``, ``trend``: fits of a camera over months
 - ``files``: camera, effects, numbers and H as files; ``drawing``, ``report``: a fit in pictures and as a page
 """
