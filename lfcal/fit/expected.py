@@ -93,7 +93,8 @@ def _noise_of(matrix: PSFMatrix, z: int, y: int, x: int, values: F8) -> F8:
 def _effects(matrix: PSFMatrix) -> tuple[Any, ...]:
     """Return the effects that H was simulated or fitted with, else those of its camera's description."""
     assert matrix.camera is not None
-    said = matrix.provenance.get("effects")
+    simulated = matrix.provenance.get("simulated")
+    said = matrix.provenance.get("effects", simulated.get("effects") if isinstance(simulated, Mapping) else None)
     if not isinstance(said, list) or not said:
         return described_effects(matrix.camera)
     if not all(isinstance(one, Mapping) and isinstance(one.get("name"), str) for one in said):
