@@ -52,6 +52,10 @@ def command(
     validate_on: Path | None = typer.Option(
         None, "--validate-on", help="Predict the points of another session or H: at other places of the field."
     ),
+    known_object: Path | None = typer.Option(
+        None, "--object", help="Frame of a known object, which H as found must predict; with --scene."
+    ),
+    scene: Path | None = typer.Option(None, "--scene", help="The known object: volume (.tif, .h5, .npy) as H sees it."),
     no_h: bool = typer.Option(False, "--no-h", help="Do not compute H of the fitted camera."),
     plan: Path | None = typer.Option(None, "--plan", "-p", help="Scan plan (.json) of frames, if not beside them."),
     dark: str = typer.Option("", "--dark", help="Dark frame or folder of them for frames; none: not even their own."),
@@ -80,6 +84,9 @@ def command(
     from lfcal.cli.fit_validate import (
         VALIDATION,
         iter_write_validation,
+        object_dict,
+        object_error,
+        read_object,
         show_validation,
         validation_dict,
         withheld_points,
@@ -100,14 +107,20 @@ def command(
         raise InputError.expected("SOURCE", "one", f"{len(sources)}", "fit one at a time; --check takes several frames")
     source = sources[0]
     groups = unknowns if unknowns == "auto" else _groups(unknowns)
+    if (known_object is None) != (scene is None) or (known_object and no_h):
+        got = "without H" if no_h else "one of them"
+        raise InputError.expected("--object", "a frame, its --scene, and H", got, "give all of them, or none")
     more = VALIDATION if validate or validate_on else ()
-    _check_before(out, source, camera, plan, dark, white, validate_on, more=more, no_h=no_h, force=force)
+    _check_before(
+        out, source, camera, plan, dark, white, validate_on, known_object, scene, more=more, no_h=no_h, force=force
+    )
     recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
     start = load_camera(camera) if camera else None
     how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
     measured, known = read_patterns(source, how, quiet=json)
     # what cannot be read ends this before the fit
     aside = withheld_points(source, validate_on, how, measured, quiet=json) if more else None
+    shot = read_object(known_object, scene, how, measured) if known_object and scene else None
     fit = run_work(iter_fit_camera(measured, start, groups, workers=workers), quiet=json)
     written = run_work(_iter_write(fit, measured, out, known, with_h=not no_h, workers=workers), quiet=json)
     known_of = fit_dict(fit) | {"source": source, "files": written}
@@ -118,6 +131,11 @@ def command(
         known_of["validation"] = validation_dict(found)
         if not json:
             show_validation(found)
+    if shot is not None:
+        beside = object_error(out / MODEL, *shot, how.noise, workers)
+        known_of["object"] = object_dict(beside)
+        if not json:
+            typer.echo(f"{beside.label}: predicted with an error {beside.error}, chi² {beside.chi_square.lit:.3f}")
     if json:
         print_json(known_of)
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lfcal.frames import CorrectionRecipe, FrameSource
     from lfcal.psf import PSFMatrix
 
-__all__ = ["Asked", "check_h"]
+__all__ = ["Asked", "check_h", "new_frame", "single_frames"]
 
 NAMES = ("*z{z}_y{y}_x{x}.*", "*y{y}_x{x}.*")
 """Names of single files that say where their source is."""
@@ -95,7 +95,7 @@ def _frames(H: PSFMatrix, source: Path, asked: Asked, stack: ExitStack, *, quiet
         view, _ = upright(corrected_view(scan, asked.recipe, plan), plan, asked.orientation, quiet=quiet)
         _check_grid(H, view, plan, source)
         return [_of_scan(H, view, plan, k) for k in _chosen(view, plan, asked.most)]
-    single = _single(source, stack)
+    single = single_frames(source, stack)
     if own is not None:
         _check_colours(single, own, source)
     seen: FrameSource = corrected_view(single, asked.recipe, own)
@@ -107,7 +107,7 @@ def _frames(H: PSFMatrix, source: Path, asked: Asked, stack: ExitStack, *, quiet
     return [_of_file(H, seen, int(k), len(seen)) for k in names]
 
 
-def _single(source: Path, stack: ExitStack) -> FrameSource:
+def single_frames(source: Path, stack: ExitStack) -> FrameSource:
     """Return frames of which nobody knows the places: every page of a file, or of a folder's files."""
     from lfcal.errors import StorageError
     from lfcal.frames import FolderSource, FrameEntry, Manifest, Position, open_image
@@ -175,7 +175,7 @@ def _of_scan(H: PSFMatrix, view: FrameSource, plan: ScanPlan, k: int) -> NewFram
         got = f"{depth:.6g} µm"
         wanted = "a depth of H, " + ", ".join(f"{v:.6g}" for v in H.depths[:6]) + " µm"
         raise InputError.expected(f"{info.label}, depth", wanted, got, "name an H of these depths")
-    return _new(view, k, place, nearest, info.label)
+    return new_frame(view, k, place, nearest, info.label)
 
 
 def _of_file(H: PSFMatrix, view: FrameSource, k: int, count: int) -> NewFrame:
@@ -186,13 +186,14 @@ def _of_file(H: PSFMatrix, view: FrameSource, k: int, count: int) -> NewFrame:
     found = next((at for one in NAMES if (at := NamePattern(one).parse(label)) is not None), None)
     nz, ny, nx = H.shape[:3]
     if found is None or not (found[0].z < nz and found[0].y < ny and found[0].x < nx):
-        return _new(view, k, None, 0 if nz == 1 else None, label)
+        return new_frame(view, k, None, 0 if nz == 1 else None, label)
     z, y, x = found[0]
     named = NamePattern(NAMES[0]).parse(label) is not None
-    return _new(view, k, (H.anchor[0] + y, H.anchor[1] + x), z if named or nz == 1 else None, label)
+    return new_frame(view, k, (H.anchor[0] + y, H.anchor[1] + x), z if named or nz == 1 else None, label)
 
 
-def _new(view: FrameSource, k: int, place: tuple[float, float] | None, plane: int | None, label: str) -> NewFrame:
+def new_frame(view: FrameSource, k: int, place: tuple[float, float] | None, plane: int | None, label: str) -> NewFrame:
+    """Return frame ``k`` of a corrected view with its noise, where that is known."""
     from lfcal.cli.fit_source import own_words
     from lfcal.fit.locate import NewFrame
 

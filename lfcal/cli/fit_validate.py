@@ -2,20 +2,40 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
+import numpy as np
 import typer
 
+from lfcal.cli.fit_check import new_frame, single_frames
+from lfcal.errors import InputError
+
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from lfcal.cli.fit_source import Reading
     from lfcal.fit import Fit, Measured
+    from lfcal.fit.compared import Compared
     from lfcal.fit.judge import ModelError
+    from lfcal.fit.locate import NewFrame
     from lfcal.fit.validate import PointError, Validation
     from lfcal.progress import Work
 
-__all__ = ["VALIDATION", "iter_write_validation", "show_validation", "withheld_points"]
+__all__ = [
+    "VALIDATION",
+    "iter_write_validation",
+    "object_dict",
+    "object_error",
+    "read_object",
+    "show_validation",
+    "validation_dict",
+    "withheld_points",
+]
+
+Noise: TypeAlias = tuple[float, float] | None
 
 VALIDATION = ("validation.json", "report/validation.png")
 """What is written beside a fit's own files."""
@@ -47,6 +67,46 @@ def iter_write_validation(
     draw_validation(found, picture)
     write_text(numbers, json_text(validation_dict(found) | {"source": (other or source).name}))
     return found
+
+
+def read_object(frame: Path, scene: Path, how: Reading, fitted: Measured) -> tuple[NewFrame, NDArray[np.float32]]:
+    """Return the frame of a known object, corrected, and the object; before anything is fitted."""
+    from lfcal.frames import corrected_view
+    from lfcal.reconstruct.volumes import load_volume
+
+    with ExitStack() as stack:
+        view = corrected_view(single_frames(frame, stack), how.recipe, fitted.plan)
+        if len(view) != 1:
+            raise InputError.expected(f"{frame}, frames", "one", len(view), "name the frame of the object")
+        shot = new_frame(view, 0, None, None, frame.name)
+    volume = load_volume(scene)
+    planes, shape = len(fitted.plan.depths_um), shot.values.shape
+    if volume.shape != (planes, *shape):
+        wanted = f"{(planes, *shape)}: the planes of H, the pixels of the frame"
+        raise InputError.expected(f"{scene}, volume", wanted, volume.shape, "resample it")
+    if not np.isfinite(volume).all() or not volume.any():
+        raise InputError.expected(f"{scene}, volume", "finite values, some above 0", "others", "correct it")
+    return shot, volume
+
+
+def object_error(H: Path, shot: NewFrame, volume: NDArray[np.float32], given: Noise, workers: int | None) -> Compared:
+    """Return a known object's frame beside what H makes of the object."""
+    from lfcal.fit.validate import predicted_frame
+    from lfcal.psf import open_psf
+    from lfcal.reconstruct.projectors.projector import Projector
+
+    noise = given or shot.noise
+    if noise is None:
+        raise InputError.expected(f"{shot.label}, noise", "a variance of its samples", "none", "state it with --noise")
+    rows, columns = shot.values.shape
+    with open_psf(H) as matrix:
+        light = Projector(matrix, (rows, columns), workers=workers).forward(volume)
+        return predicted_frame(np.asarray(light, np.float64), shot, noise, matrix.cutout)
+
+
+def object_dict(found: Compared) -> dict[str, Any]:
+    """Return how well a known object's frame was predicted, as plain types."""
+    return {"frame": found.label, "error": _error(found.error), "chi2": found.chi_square.lit, "light": found.gain}
 
 
 def validation_dict(found: Validation) -> dict[str, Any]:

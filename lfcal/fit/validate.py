@@ -19,7 +19,7 @@ from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.result import Fit
 from lfcal.progress import Clock, Work, drain
 
-__all__ = ["PointError", "Validation", "draw_validation", "iter_validate", "validate"]
+__all__ = ["PointError", "Validation", "draw_validation", "iter_validate", "predicted_frame", "validate"]
 
 F8 = NDArray[np.float64]
 
@@ -183,6 +183,54 @@ def validate(fit: Fit, withheld: Measured, *, another: bool = False) -> Validati
         If all of them were fitted, or they are of another sensor.
     """
     return drain(iter_validate(fit, withheld, another=another))
+
+
+class _Image:
+    """A predicted frame as it is: nothing in it can be followed."""
+
+    def __init__(self, light: F8, margin: tuple[int, int]) -> None:
+        self._light = light
+        self.valid = np.zeros(light.shape, np.bool_)
+        # light from beyond the volume enters the borders
+        rows, columns = margin
+        self.valid[rows : light.shape[0] - rows, columns : light.shape[1] - columns] = True
+        self.noise: F8 = np.zeros(light.shape)
+        self.reach = (0.0, 0.0)
+
+    def at(self, offset: F8) -> F8:
+        """Return the frame."""
+        return self._light
+
+    def doubt(self, offset: F8) -> float:
+        """Return 0: the frame is what is judged."""
+        return 0.0
+
+
+def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cutout: tuple[int, int]) -> Compared:
+    """Return the frame of a known object beside its prediction.
+
+    Parameters
+    ----------
+    light
+        What H makes of the object ``(rows, columns)``, in any unit: gain and background are found.
+    frame
+        As recorded, its dark level subtracted.
+    noise
+        Constant and slope of a sample's variance.
+    cutout
+        Of H: half of it at each border is not compared.
+
+    Raises
+    ------
+    InputError
+        If the frame has another size, or no light.
+    """
+    if frame.values.shape != light.shape:
+        raise InputError.expected(f"{frame.label}, pixels", light.shape, frame.values.shape, "take one of this sensor")
+    rows, columns = light.shape
+    at = Found(0, 0, 0, frame.origin[0] + (rows - 1) // 2, frame.origin[1] + (columns - 1) // 2, 1.0)
+    margin = (min(cutout[0] // 2, rows // 3), min(cutout[1] // 2, columns // 3))
+    return compared_with(_Image(light, margin), frame, at, noise)
 
 
 def _models(fit: Fit, withheld: Measured, z: int, *, periodic: bool) -> tuple[PlaneModel, PlaneModel | None]:

@@ -189,6 +189,50 @@ def test_where_every_position_is_fitted_none_is_left_to_predict(lfcal: Lfcal, pl
     assert missing.code == 2 and "none.h5" in missing.err and not (place / "fit").exists()
 
 
+def object_frame(volume: np.ndarray, gap: float, gain: float) -> np.ndarray:
+    """Return the frame of a volume by the plain sum of its points' patterns, with a black level of 70."""
+    plan = replace(small_plan(15, (2.2,)), period=(2, 4))
+    lattice = plan.camera.lattice
+    true = replace(plan, camera=replace(plan.camera, lattice=replace(lattice, gap_um=gap * lattice.gap_um)))
+    index = np.argwhere(np.ones(plan.shape[:3], bool))
+    light = predict(setup_of(true), true, index, np.zeros((8, 2)), Fineness.fine).reshape(plan.shape[1:])
+    whole = np.zeros((140, 140))
+    for row, column in np.argwhere(volume[0] > 0).tolist():
+        y, x = (row - round(plan.anchor[0])) % 2, (column - round(plan.anchor[1])) % 4
+        whole[row + 3 : row + 18, column + 3 : column + 18] += volume[0, row, column] * light[y, x]
+    whole = gain * np.maximum(whole[10:130, 10:130], 0)
+    rng = np.random.default_rng(0)
+    return np.rint(70 + rng.poisson(whole * 2500 / whole.max()) + 4 * rng.standard_normal(whole.shape))
+
+
+def test_a_known_objects_frame_is_predicted(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
+    rng = np.random.default_rng(1)
+    volume = (rng.random((1, 120, 120)) < 0.01) * rng.random((1, 120, 120)).astype(np.float32)
+    np.save(place / "object.npy", volume.astype(np.float32))
+    for name, gap in (("right.tif", GAP), ("wrong.tif", 1.06 * GAP)):
+        cv2.imwrite(str(place / name), object_frame(volume, gap, 1.0).astype(np.uint16))
+    words = ("--scene", "object.npy", "--noise", "16,1", "--black-level", 70, "--json", "--force")
+    errors = {}
+    for name in ("right.tif", "wrong.tif"):
+        run = lfcal("fit", "few.h5", "--object", name, *words)
+        assert run.code == 0 and isinstance(run.json, dict), run.err
+        errors[name] = run.json["object"]
+    right, wrong = errors["right.tif"], errors["wrong.tif"]
+    assert abs(right["chi2"] - 1) < 0.25 and max(right["error"]["value"], right["error"]["limit"]) < 0.04
+    assert wrong["error"]["known"] and wrong["error"]["value"] > 0.08
+    np.save(place / "small.npy", volume[:, :60])
+    for more, what in (
+        (("--object", "right.tif"), "--object: expected a frame, its --scene, and H"),
+        (("--object", "right.tif", "--scene", "object.npy", "--no-h"), "--object: expected"),
+        (("--object", "right.tif", "--scene", "small.npy"), "small.npy, volume: expected (1, 120, 120)"),
+        (("--object", "none.tif", "--scene", "object.npy"), "none.tif"),
+        (("--object", "right.tif", "--scene", "none.npy"), "none.npy"),
+    ):
+        run = lfcal("fit", "few.h5", *more, "--black-level", 70, "-o", "b")
+        assert run.code == 2 and run.err.count("\n") == 1 and what in run.err, run.err
+    assert not (place / "b").exists()
+
+
 def simulated(plan: ScanPlan, index: np.ndarray) -> np.ndarray:
     """Return patterns of the camera as described, the brightest sample 1."""
     light = predict(setup_of(plan), plan, index, np.zeros((len(index), 2)), Fineness.fine)
