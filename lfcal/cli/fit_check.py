@@ -109,6 +109,7 @@ def _frames(H: PSFMatrix, source: Path, asked: Asked, stack: ExitStack, *, quiet
 
 def single_frames(source: Path, stack: ExitStack) -> FrameSource:
     """Return frames of which nobody knows the places: every page of a file, or of a folder's files."""
+    from lfcal.cli.fit_source import own_words
     from lfcal.errors import StorageError
     from lfcal.frames import FolderSource, FrameEntry, Manifest, Position, open_image
     from lfcal.frames.formats.opening import image_suffixes
@@ -125,7 +126,8 @@ def single_frames(source: Path, stack: ExitStack) -> FrameSource:
         root, files = source.parent, [source.name]
     entries = []
     for name in files:
-        image = open_image(root / name)
+        with own_words():
+            image = open_image(root / name)
         try:
             entries += [FrameEntry(name, Position(0, 0, 0), page) for page in range(image.pages)]
         finally:

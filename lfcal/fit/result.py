@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.axes import Position
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
-from lfcal.fit.judge import ChiSquare, ModelError
+from lfcal.fit.judge import INCOMPLETE, ChiSquare, ModelError
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
@@ -137,6 +137,9 @@ class Fit:
         error = f"error of the model {self.left_out_error}"
         if not math.isfinite(self.chi_square.sigma):
             return f"chi² not known: no more samples than unknowns; {error}"
+        if self.chi_square.excess < -INCOMPLETE:
+            less = f"{-self.chi_square.excess:.0f} sigma below 1: there is less noise than stated"
+            return f"chi² {self.chi2:.3f}, {less}; {error}"
         if self.complete:
             return f"chi² {self.chi2:.3f}; {error}"
         more = f"chi² {self.chi2:.3f}, {self.chi_square.excess:.0f} sigma above 1"

@@ -151,7 +151,7 @@ def _cut(path: Path) -> None:
         (_small, "new.tif, pixels: expected (120, 120) as H's camera, got (100, 120)"),
         (_one_value, "new.tif: expected an image, got the value 100 in every pixel"),
         (_nan, "new.tif: expected finite values"),
-        (_colour, "new.tif"),
+        (_colour, "new.tif: expected"),
         (_cut, "new.tif"),
     ],
 )
@@ -159,6 +159,8 @@ def test_unlucky_frames_end_in_one_line(lfcal: Lfcal, place: Path, spoil: Callab
     spoil(place / "new.tif")
     run = check(lfcal, "old.h5", "new.tif")
     assert run.code == 2 and run.err.count("\n") == 1 and what in run.err, run.err
+    # no option of another command, and no position that nobody gave
+    assert not any(word in run.err for word in ("colour=", "(--skip-damaged)", "(z, y, x) = (0, 0, 0)"))
 
 
 def test_unlucky_h_files_end_in_one_line(lfcal: Lfcal, place: Path) -> None:
