@@ -25,6 +25,7 @@ ORDER = (
     "assemble",
     "inspect",
     "fit",
+    "trend",
     "transpose",
     "export",
     "reconstruct",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,9 +27,10 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    source: Path = typer.Argument(
+    sources: list[Path] = typer.Argument(
+        metavar="SOURCE...",
         help="H file (.h5), of which only recorded positions are used; or a recorded session, a folder of frames, or "
-        "one file of many frames."
+        "one file of many frames. With --check one new frame or more.",
     ),
     *,
     camera: str = typer.Option("", "--camera", help="Preset or camera file to start from; H's or the plan's own."),
@@ -51,6 +54,20 @@ def command(
     noise: str = typer.Option(
         "", "--noise", help="CONSTANT,SLOPE: a sample of value v has the variance constant + slope v."
     ),
+    check: Path | None = typer.Option(
+        None, "--check", help="Old H (.h5) that the new frames are held against; nothing is fitted or written."
+    ),
+    limit: float = typer.Option(2.0, "--limit", help="With --check: error up to which H holds (percent)."),
+    validate: bool = typer.Option(
+        False, "--validate", help="Predict recorded positions that were not fitted: error of each, validation.json."
+    ),
+    validate_on: Path | None = typer.Option(
+        None, "--validate-on", help="Predict the points of another session or H: at other places of the field."
+    ),
+    known_object: Path | None = typer.Option(
+        None, "--object", help="Frame of a known object, which H as found must predict; with --scene."
+    ),
+    scene: Path | None = typer.Option(None, "--scene", help="The known object: volume (.tif, .h5, .npy) as H sees it."),
     no_h: bool = typer.Option(False, "--no-h", help="Do not compute H of the fitted camera."),
     plan: Path | None = typer.Option(None, "--plan", "-p", help="Scan plan (.json) of frames, if not beside them."),
     dark: str = typer.Option("", "--dark", help="Dark frame or folder of them for frames; none: not even their own."),
@@ -67,13 +84,25 @@ def command(
 ) -> None:
     """Find the camera that explains measured patterns: gap, focal lengths, iris, aberrations; and H without noise.
 
-    Writes camera.json, effects.json, H.h5, fit.json and report/ into a folder.
+    Writes camera.json, effects.json, H.h5, fit.json and report/ into a folder. With --check it says whether an old H
+    still holds; exit code 1: it does not, or the frames do not tell.
 
-    Example: `lfcal fit H.h5 -o fit/`
+    Example: `lfcal fit H.h5 -o fit/`; `lfcal fit --check old.h5 frame.tif`
     """
     from lfcal.cli.cameras import load_camera
     from lfcal.cli.console import print_json, run_work
-    from lfcal.cli.fit_source import Reading, parse_noise, read_patterns
+    from lfcal.cli.fit_check import Asked, check_h
+    from lfcal.cli.fit_source import SOME, Reading, parse_noise, read_patterns
+    from lfcal.cli.fit_validate import (
+        VALIDATION,
+        iter_write_validation,
+        object_dict,
+        object_error,
+        read_object,
+        show_validation,
+        validation_dict,
+        withheld_points,
+    )
     from lfcal.cli.orientation import check_choice
     from lfcal.fit import iter_fit_camera
     from lfcal.fit.files import fit_dict
@@ -82,20 +111,51 @@ def command(
     from lfcal.simulate.effects.described import parse_effects
 
     check_choice(orientation)
+    if check is not None:
+        recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
+        asked = Asked(
+            parse_noise(noise), limit / 100, SOME if positions is None else positions, plan, recipe, orientation
+        )
+        if not check_h(check, sources, asked, json=json):
+            raise typer.Exit(1)
+        return
+    if len(sources) > 1:
+        raise InputError.expected("SOURCE", "one", f"{len(sources)}", "fit one at a time; --check takes several frames")
+    source = sources[0]
     groups = unknowns if unknowns == "auto" else _groups(unknowns)
     chosen = parse_effects(effects)
-    _check_before(out, source, camera, plan, dark, white, no_h=no_h, force=force)
+    if (known_object is None) != (scene is None) or (known_object and no_h):
+        got = "without H" if no_h else "one of them"
+        raise InputError.expected("--object", "a frame, its --scene, and H", got, "give all of them, or none")
+    more = VALIDATION if validate or validate_on else ()
+    _check_before(
+        out, source, camera, plan, dark, white, validate_on, known_object, scene, more=more, no_h=no_h, force=force
+    )
     recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
     start = load_camera(camera) if camera else None
     how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
     measured, known = read_patterns(source, how, quiet=json)
+    # what cannot be read ends this before the fit
+    aside = withheld_points(source, validate_on, how, measured, quiet=json) if more else None
+    shot = read_object(known_object, scene, how, measured) if known_object and scene else None
     begins = with_given(called_for(measured.plan), *chosen) if effects else None
     fit = run_work(iter_fit_camera(measured, start, groups, effects=begins, workers=workers), quiet=json)
     written = run_work(_iter_write(fit, measured, out, known, with_h=not no_h, workers=workers), quiet=json)
-    if json:
-        print_json(fit_dict(fit) | {"source": source, "files": written})
-    else:
+    known_of = fit_dict(fit) | {"source": source, "files": written}
+    if not json:
         _show(fit, out, written)
+    if aside is not None:
+        found = run_work(iter_write_validation(fit, aside, out, source, validate_on), quiet=json)
+        known_of["validation"] = validation_dict(found)
+        if not json:
+            show_validation(found)
+    if shot is not None:
+        beside = object_error(out / MODEL, *shot, how.noise, workers)
+        known_of["object"] = object_dict(beside)
+        if not json:
+            typer.echo(f"{beside.label}: predicted with an error {beside.error}, chi² {beside.chi_square.lit:.3f}")
+    if json:
+        print_json(known_of)
 
 
 def _groups(text: str) -> tuple[str, ...]:
@@ -111,12 +171,12 @@ def _groups(text: str) -> tuple[str, ...]:
     return names
 
 
-def _check_before(out: Path, *inputs: Path | str | None, no_h: bool, force: bool) -> None:
+def _check_before(out: Path, *inputs: Path | str | None, more: Sequence[str] = (), no_h: bool, force: bool) -> None:
     """Raise where an output cannot be written, is an input, or exists."""
     from lfcal.cli.outputs import check_outputs
     from lfcal.fit.report import report_files
 
-    files = [out / name for name in (MODEL, CAMERA, EFFECTS, NUMBERS)]
+    files = [out / name for name in (MODEL, CAMERA, EFFECTS, NUMBERS, *more)]
     check_outputs([*files, *report_files(out / REPORT)], *inputs, force=force)
     # beside another camera it would be taken for that camera's H
     if no_h and files[0].exists():
@@ -138,7 +198,7 @@ def _iter_write(
     texts = {
         CAMERA: measured_camera(fit).to_json(),
         EFFECTS: effects_text(fit),
-        NUMBERS: json_text(fit_dict(fit) | known),
+        NUMBERS: json_text(fit_dict(fit) | known | {"fitted": datetime.now(UTC).isoformat(timespec="seconds")}),
     }
     for name, text in texts.items():
         write_text(out / name, text)

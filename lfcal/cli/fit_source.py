@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.errors import FileFormatError, InputError
+import numpy as np
+
+from lfcal.errors import FileFormatError, InputError, LfcalError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from lfcal.camera import Camera
     from lfcal.fit import Measured
     from lfcal.frames import CorrectionRecipe
     from lfcal.psf import PSFMatrix
 
-__all__ = ["Reading", "is_matrix", "parse_noise", "read_patterns"]
+__all__ = ["Reading", "is_matrix", "own_words", "parse_noise", "read_patterns"]
 
 SOME = 40
 """Positions that are taken of a source that has more."""
@@ -39,6 +44,8 @@ class Reading:
         Corrections of frames.
     orientation
         What makes frames upright.
+    without
+        Positions (z, y, x) that are not taken.
     """
 
     camera: Camera | None
@@ -47,6 +54,7 @@ class Reading:
     plan: Path | None
     recipe: CorrectionRecipe
     orientation: str
+    without: frozenset[tuple[int, int, int]] = frozenset()
 
 
 def is_matrix(path: Path) -> bool:
@@ -61,6 +69,21 @@ def is_matrix(path: Path) -> bool:
 
     with H5File(path) as file:
         return file.attributes().text("format") == FORMAT
+
+
+@contextmanager
+def own_words(without: str = "") -> Iterator[None]:
+    """Let errors name no option that this command lacks, nor ``without``, a position that nobody gave."""
+    try:
+        yield
+    except LfcalError as error:
+        said = str(error)
+        told = said.replace("(--skip-damaged)", "(lfcal assemble --skip-damaged)")
+        told = told.replace(' (colour="G")', "")
+        told = told.replace(without, "") if without else told
+        if told == said:
+            raise
+        raise type(error)(told) from None
 
 
 def parse_noise(text: str) -> tuple[float, float] | None:
@@ -98,10 +121,20 @@ def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured,
             raise InputError.expected(str(source), "an H with its camera", "none", "name it with --camera")
         _check_noise(matrix, source, how)
         tell_assumed(matrix.camera if how.camera is None else None, source.name, quiet=quiet)
-        most = (0 if aside else SOME) if how.most is None else how.most
+        if how.without:
+            left = _left(np.argwhere(matrix.recorded > 0), how, matrix.period)
+            if not len(left):
+                raise _none_left(source)
+            return measured_of(matrix, camera, positions=left, noise=how.noise), known
+        most = _most(how, aside)
         all_of_them = not most or int((matrix.recorded > 0).sum()) <= most
         apart = aside if aside and all_of_them else LEFT_OUT
         return measured_of(matrix, camera, noise=how.noise, most=most or None, left_out=apart), known
+
+
+def _most(how: Reading, aside: list[list[int]]) -> int:
+    """Return how many positions are taken, 0 for all: of a session that chose them, all."""
+    return (0 if aside else SOME) if how.most is None else how.most
 
 
 def _aside_of(matrix: PSFMatrix) -> list[list[int]]:
@@ -118,9 +151,23 @@ def _aside_of(matrix: PSFMatrix) -> list[list[int]]:
     return said if good and said else []
 
 
-def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:
-    import numpy as np
+def _none_left(source: Path) -> InputError:
+    remedy = "fit fewer with --positions, or name another session with --validate-on"
+    return InputError.expected(f"{source}, recorded positions", "some besides those fitted", "none", remedy)
 
+
+def _left(
+    index: NDArray[np.intp], how: Reading, period: tuple[int, int], aside: list[list[int]] | None = None
+) -> NDArray[np.intp]:
+    """Return positions that may be taken, spread evenly, no more than are asked for."""
+    from lfcal.fit.spread import spread_out
+
+    most = _most(how, aside or [])
+    found = index[[tuple(at) not in how.without for at in index.tolist()]] if len(index) else index
+    return found[spread_out(found, most, period)] if most and len(found) > most else found
+
+
+def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:
     if how.noise is not None:
         return
     noise = None if matrix.facts.noise is None else matrix.facts.noise[matrix.recorded > 0]
@@ -135,6 +182,16 @@ def _check_noise(matrix: PSFMatrix, source: Path, how: Reading) -> None:
         )
 
 
+def _recorded(source: Path) -> dict[str, Any]:
+    """Return when a session was recorded; nothing for other frames, whose files' times are those of a copy."""
+    from lfcal.acquire.session_file import NAME, SessionFile
+
+    if not (source / NAME).is_file():
+        return {}
+    ended = [run.ended or run.started for run in SessionFile.read(source).runs]
+    return {"recorded": ended[-1]} if ended else {}
+
+
 def _picked(
     source: Path, how: Reading, stack: ExitStack, *, quiet: bool
 ) -> tuple[PSFMatrix, dict[str, Any], list[list[int]]]:
@@ -142,13 +199,10 @@ def _picked(
 
     Of a session of positions chosen for a fit all are taken, unless their number is given.
     """
-    import numpy as np
-
     from lfcal.cli.assemble import open_scan
     from lfcal.cli.console import run_work
     from lfcal.cli.listed import report_notes
     from lfcal.cli.orientation import upright
-    from lfcal.fit.spread import spread_out
     from lfcal.frames import corrected_view
     from lfcal.frames.colour_scan import colours_of
     from lfcal.psf.picked import iter_pick
@@ -159,6 +213,12 @@ def _picked(
     except FileFormatError as error:
         # the library's word for it is not an option here
         raise FileFormatError(str(error).replace(' (colour="G")', f": {one}")) from None
+    except InputError as error:
+        said, _, remedy = str(error).partition("; ")
+        if "--order" not in remedy and "--manifest" not in remedy:
+            raise
+        # lists, patterns and orders are options of another command
+        raise InputError(f"{said}; assemble them with lfcal assemble, which takes lists, and fit that H") from None
     stack.enter_context(frames)
     colours = colours_of(frames, plan)
     if colours:
@@ -171,9 +231,10 @@ def _picked(
         np.array([tuple(view.info(k).position) for k in range(len(view))], np.intp).reshape(-1, 3), axis=0
     )
     aside = [list(p) for p in frames.metadata.get("kept_aside", ())]
-    most = (0 if aside else SOME) if how.most is None else how.most
-    if most and len(index) > most:
-        index, aside = index[spread_out(index, most, plan.period)], []
-    matrix = run_work(iter_pick(view, plan, index), quiet=quiet)
-    known = {"source": source.name, "corrections": view.metadata.get("corrections", {}), **lie}
-    return matrix, known, aside
+    taken = _left(index, how, plan.period, aside)
+    if not len(taken):
+        raise _none_left(source)
+    with own_words():
+        matrix = run_work(iter_pick(view, plan, taken), quiet=quiet)
+    known = _recorded(source) | {"source": source.name, "corrections": view.metadata.get("corrections", {}), **lie}
+    return matrix, known, aside if len(taken) == len(index) else []

@@ -12,9 +12,14 @@
 - ``design``: which positions to record next; ``information``: what patterns tell; ``earlier``: a fit to go on from
 - ``files``: camera, effects, numbers and H as files; ``drawing``, ``report``: a fit in pictures and as a page;
   ``design_drawing``: expected errors
+- ``locate``, ``frame_noise``, ``expected``, ``compared``, ``suspects``, ``holds``: whether an old H
+  still holds, from new frames
+- ``dated``, ``trend``: fits of a camera over months
 """
 
 from lfcal.fit.fit import fit_camera, iter_fit_camera
+from lfcal.fit.holds import Check, check
+from lfcal.fit.locate import NewFrame
 from lfcal.fit.measured import Measured, measured_of
 from lfcal.fit.parameters import GROUPS, Group, Unknown
 from lfcal.fit.result import Fit, Outlier, Parameter
@@ -22,13 +27,16 @@ from lfcal.fit.setup import Setup
 
 __all__ = [
     "GROUPS",
+    "Check",
     "Fit",
     "Group",
     "Measured",
+    "NewFrame",
     "Outlier",
     "Parameter",
     "Setup",
     "Unknown",
+    "check",
     "fit_camera",
     "iter_fit_camera",
     "measured_of",

@@ -62,6 +62,7 @@ def fit_dict(fit: Fit) -> dict[str, Any]:
             "format": FORMAT,
             "version": VERSION,
             "camera": fit.camera.name,
+            "middle_um": fit.middle_um,
             "verdict": fit.verdict,
             "complete": fit.complete,
             "chi2": {

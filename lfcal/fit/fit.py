@@ -19,7 +19,16 @@ from lfcal.fit.nuisance import Spread, own_steps, spread_of
 from lfcal.fit.outliers import outliers_of
 from lfcal.fit.parameters import GROUPS, Frame, Vector
 from lfcal.fit.problem import Point, Problem
-from lfcal.fit.questions import PLAIN, STRANGE, as_described, asked, check_explained, check_light, misfit
+from lfcal.fit.questions import (
+    PLAIN,
+    STRANGE,
+    as_described,
+    asked,
+    check_described,
+    check_explained,
+    check_light,
+    misfit,
+)
 from lfcal.fit.result import Fit, Outlier
 from lfcal.fit.select import choose, prune
 from lfcal.fit.setup import Setup, called_for
@@ -47,6 +56,7 @@ def iter_fit_camera(
     if isinstance(source, Measured) and camera is not None:
         measured = replace(measured, plan=replace(measured.plan, camera=camera))
     check_light(measured)
+    check_described(measured)
     core, candidates = _groups(unknowns)
     setup = Setup(
         measured.plan.camera,

@@ -14,7 +14,7 @@ from lfcal.fit.solver import shared_of, with_prior
 from lfcal.fit.weighing import Weighed, flat, variance
 from lfcal.units import format_share
 
-__all__ = ["ChiSquare", "ModelError", "chi_square", "covariance", "left_out_error"]
+__all__ = ["INCOMPLETE", "ChiSquare", "ModelError", "chi_square", "covariance", "left_out_error"]
 
 INCOMPLETE = 5.0
 """Standard deviations by which chi² lies above 1 where the model does not suffice."""

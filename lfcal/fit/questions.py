@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lfcal.camera import Camera
+from lfcal.camera.shadow import cutout_for
 from lfcal.errors import InputError
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
@@ -21,7 +22,17 @@ from lfcal.progress import Work
 from lfcal.simulate.engines.base import EnergyError
 from lfcal.units import format_share
 
-__all__ = ["PLAIN", "STRANGE", "as_described", "asked", "check_explained", "check_light", "misfit", "order_of_types"]
+__all__ = [
+    "PLAIN",
+    "STRANGE",
+    "as_described",
+    "asked",
+    "check_described",
+    "check_explained",
+    "check_light",
+    "misfit",
+    "order_of_types",
+]
 
 PLAIN = 0.12
 """Share of the light (relative L2) that a described camera may leave unexplained before questions are asked."""
@@ -37,6 +48,9 @@ LIGHT = 10.0
 
 BETTER = 0.6
 """How much less another answer must leave unexplained than the description."""
+
+WIDE = 20.0
+"""Cutouts over which light may spread by the description, and the patterns be of such a camera."""
 
 FEW = 8
 """Patterns that questions are answered from."""
@@ -81,6 +95,8 @@ def check_light(measured: Measured) -> None:
     """Raise `InputError` where the patterns show no light beyond their noise."""
     keep = measured.of(~measured.left_out)
     data, valid = flat(keep)
+    if not valid.any():
+        raise InputError.expected("patterns", "pixels that carry a measurement", "none", "expose shorter")
     # of a constant background nothing is told
     middle = np.array([np.median(one[good]) if good.any() else 0.0 for one, good in zip(data, valid, strict=True)])
     off = np.where(valid, data - middle[:, None], 0.0)
@@ -91,8 +107,27 @@ def check_light(measured: Measured) -> None:
         raise InputError.expected("light of the patterns", "more than their noise", "none", remedy)
 
 
+def check_described(measured: Measured) -> None:
+    """Raise `InputError` where light of the camera as described would hardly meet the patterns' pixels.
+
+    A microscope at the distances of a main lens would take hours to say the same.
+    """
+    plan = measured.plan
+    side = cutout_for(plan.camera, plan.depths_um)
+    if side > WIDE * max(plan.cutout):
+        raise InputError.expected(
+            "depths of the patterns",
+            f"some at which {plan.camera.name!r} makes patterns of about {max(plan.cutout)} px",
+            f"light over {side} px",
+            "check camera and depths",
+        )
+
+
 def check_explained(problem: Problem, point: Point) -> None:
     """Raise `InputError` where the patterns are not of such a camera."""
+    if (point.levels.gains[np.unique(problem.planes)] <= 0).any():
+        remedy = "check what was subtracted from what"
+        raise InputError.expected("light of the patterns", "brighter than the background", "darker", remedy)
     left = misfit(problem, point)
     if left > UNEXPLAINED:
         name = problem.measured.plan.camera.name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.axes import Position
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
-from lfcal.fit.judge import ChiSquare, ModelError
+from lfcal.fit.judge import INCOMPLETE, ChiSquare, ModelError
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
@@ -134,6 +135,11 @@ class Fit:
     def verdict(self) -> str:
         """How far the fit is to be trusted, in a line."""
         error = f"error of the model {self.left_out_error}"
+        if not math.isfinite(self.chi_square.sigma):
+            return f"chi² not known: no more samples than unknowns; {error}"
+        if self.chi_square.excess < -INCOMPLETE:
+            less = f"{-self.chi_square.excess:.0f} sigma below 1: there is less noise than stated"
+            return f"chi² {self.chi2:.3f}, {less}; {error}"
         if self.complete:
             return f"chi² {self.chi2:.3f}; {error}"
         more = f"chi² {self.chi2:.3f}, {self.chi_square.excess:.0f} sigma above 1"
@@ -200,6 +206,14 @@ class Fit:
         fit |= {"depth_errors_um": list(self.setup.depth_errors_um), "patterns": len(self.residuals)}
         effects = [{"name": one.name, **plain(one)} for one in self.effects]
         return {"fit": fit, "effects": effects, "plan": self.setup.plan(self.planned).to_dict()}
+
+    @property
+    def middle_um(self) -> tuple[float, float]:
+        """The scanned region's middle (x, y) from the sensor's centre (µm): what offsets are told of."""
+        plan = self.planned
+        middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
+        y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
+        return float(x), float(y)
 
     @property
     def ideal_places(self) -> Setup:

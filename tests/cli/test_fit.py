@@ -8,21 +8,28 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from lfcal.camera import Camera
+import lfcal.fit
+from lfcal.camera import Camera, ScanPlan
 from lfcal.cli import main
-from lfcal.cli.fit_source import parse_noise
+from lfcal.cli.fit_source import Reading, parse_noise, read_patterns
+from lfcal.cli.fit_validate import withheld_points
 from lfcal.errors import InputError
+from lfcal.fit import Fit, Measured
+from lfcal.fit.model import Fineness, predict
+from lfcal.frames import CorrectionRecipe
+from lfcal.progress import Work
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.facts import Facts
 from lfcal.simulate.effects import Crosstalk
 from lfcal.simulate.effects.described import parse_entries
 from tests.cli.conftest import Run
-from tests.fit.common import few_patterns, small_plan
+from tests.fit.common import few_patterns, setup_of, small_plan
 
 Lfcal = Callable[..., Run]
 FILES = ("H.h5", "camera.json", "effects.json", "fit.json", "report/index.html")
@@ -38,19 +45,52 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+FOUND: list[Fit] = []
+"""The fit of the few patterns, once it was made."""
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Return the folder in which the few patterns were fitted, and what was said."""
     folder = tmp_path_factory.mktemp("whole")
     save(few_patterns(), folder / "few.h5")
     said = io.StringIO()
+    real = lfcal.fit.iter_fit_camera
+
+    def kept(*words: Any, **options: Any) -> Work[Fit]:
+        FOUND.append((yield from real(*words, **options)))
+        return FOUND[-1]
+
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
         patch.chdir(folder)
+        patch.setattr("lfcal.fit.iter_fit_camera", kept)
         patch.setattr("sys.argv", ["lfcal", "fit", "few.h5", "--unknowns", "geometry,geometry", "--workers", "1"])
         with pytest.raises(SystemExit) as end:
             main()
     assert not end.value.code
     return folder, said.getvalue()
+
+
+@pytest.fixture
+def fitted(whole: tuple[Path, str], monkeypatch: pytest.MonkeyPatch) -> list[Measured]:
+    """Return a list of what is handed over to be fitted; the fit is the one that was made already."""
+    seen: list[Measured] = []
+
+    def again(measured: Measured, *words: Any, **options: Any) -> Work[Fit]:
+        seen.append(measured)
+        yield from ()
+        return FOUND[0]
+
+    def page(fit: Fit, measured: Measured, folder: Path, source: str = "") -> Work[Path]:
+        yield from ()
+        folder.mkdir(exist_ok=True)
+        (folder / "index.html").write_text(source)
+        return folder / "index.html"
+
+    monkeypatch.setattr("lfcal.fit.iter_fit_camera", again)
+    # pictures of it were drawn already, too
+    monkeypatch.setattr("lfcal.fit.report.iter_fit_report", page)
+    return seen
 
 
 def test_a_fit_writes_camera_effects_numbers_h_and_report(whole: tuple[Path, str]) -> None:
@@ -98,27 +138,111 @@ def test_the_camera_and_effects_make_the_same_h(lfcal: Lfcal, whole: tuple[Path,
     assert np.abs(a - b).sum() / np.abs(a).sum() < 0.012
 
 
-def test_frames_are_corrected_and_cut_out_at_the_chosen_positions(lfcal: Lfcal, place: Path) -> None:
+def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
     plan = replace(small_plan(15, (2.2,)), period=(2, 4))
     (place / "plan.json").write_text(plan.to_json())
     assert lfcal("simulate", "plan.json", "--frames", "scan", "--level", "grid").code == 0
     (place / "scan" / "plan.json").rename(place / "kept.json")
     (place / "plan.json").unlink()
-    more = ("--plan", "kept.json", "--dark", "scan/dark", "--positions", 5, "--orientation", "as-is")
+    more = ("--plan", "kept.json", "--dark", "scan/dark", "--positions", 0, "--orientation", "as-is")
     run = lfcal("fit", "scan/frames", *more, "--unknowns", "geometry", "--no-h", "--json")
     assert run.code == 0 and isinstance(run.json, dict), run.err
     assert [Path(name).name for name in run.json["files"]] == ["index.html", *FILES[1:4]] and not run.err
-    assert len(run.json["positions"]) == run.json["patterns"] == 5
-    # the dark frame is subtracted
-    assert abs(run.json["backgrounds"][0]) < 5 and not (place / "fit" / "H.h5").exists()
-    gap = next(one for one in run.json["parameters"] if one["name"] == "gap_um")
-    assert gap["value"] == pytest.approx(plan.camera.lattice.gap_um, rel=0.002)
+    assert len(fitted) == 1 and len(fitted[0]) == 8 and fitted[0].patterns.shape[1:] == (15, 15)
+    # the dark frame is subtracted, and patterns are those of the positions
+    clean = simulated(plan, fitted[0].index)
+    light = fitted[0].patterns / fitted[0].patterns.max()
+    assert abs(np.median(fitted[0].patterns)) < 40 and np.square(light - clean).sum() < 2e-3 * np.square(clean).sum()
+    assert not (place / "fit" / "H.h5").exists()
     said = json.loads((place / "fit" / "fit.json").read_text())
     assert said["corrections"] and said["orientation"]["applied"] == "as is"
     # noise is stated for light above the black level
     again = lfcal("fit", "scan/frames", *more[:2], "--dark", "none", "--unknowns", "geometry", "--no-h", "-o", "b")
     assert again.code == 2 and "samples: expected without their black level, got with it; name --dark" in again.err
     assert not (place / "b").exists()
+
+
+def test_of_many_positions_some_are_taken(place: Path) -> None:
+    how = Reading(None, 5, None, None, CorrectionRecipe(), "check")
+    found, known = read_patterns(place / "few.h5", how, quiet=True)
+    assert len(found) == 5 and found.left_out.sum() == 1 and known == {"source": "few.h5"}
+    for most in (0, 1000):
+        assert len(read_patterns(place / "few.h5", replace(how, most=most), quiet=True)[0]) == 6
+
+
+def test_withheld_points_are_predicted(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
+    """Of another recording: at the same positions, but never fitted."""
+    save(few_patterns(), place / "later.h5")
+    run = lfcal("fit", "few.h5", "--validate-on", "later.h5", "--no-h")
+    assert run.code == 0 and "6 withheld points: error below" in run.out, run.err
+    found = json.loads((place / "fit" / "validation.json").read_text())
+    assert found["source"] == "later.h5"
+    assert len(found["points"]) == 6 and found["errors"]["camera"]["all"]["limit"] < 0.03
+    assert abs(np.mean([one["chi2"] for one in found["points"]]) - 1) < 0.4 and not found["period_lost"]
+    assert (place / "fit" / "report" / "validation.png").read_bytes()[:4] == b"\x89PNG"
+    again = lfcal("fit", "few.h5", "--validate-on", "later.h5", "--no-h")
+    assert again.code == 2 and "exists; add --force" in again.err
+
+
+def test_where_every_position_is_fitted_none_is_left_to_predict(lfcal: Lfcal, place: Path) -> None:
+    run = lfcal("fit", "few.h5", "--validate", "--no-h")
+    assert run.code == 2 and "few.h5, recorded positions: expected some besides those fitted, got none" in run.err
+    how = Reading(None, 3, None, None, CorrectionRecipe(), "check")
+    first, _ = read_patterns(place / "few.h5", how, quiet=True)
+    rest = withheld_points(place / "few.h5", None, how, first, quiet=True)
+    assert len(rest) == 3 and not {tuple(at) for at in rest.index.tolist()} & {tuple(at) for at in first.index.tolist()}
+    missing = lfcal("fit", "few.h5", "--validate-on", "none.h5", "--no-h")
+    assert missing.code == 2 and "none.h5" in missing.err and not (place / "fit").exists()
+
+
+def object_frame(volume: np.ndarray, gap: float, gain: float) -> np.ndarray:
+    """Return the frame of a volume by the plain sum of its points' patterns, with a black level of 70."""
+    plan = replace(small_plan(15, (2.2,)), period=(2, 4))
+    lattice = plan.camera.lattice
+    true = replace(plan, camera=replace(plan.camera, lattice=replace(lattice, gap_um=gap * lattice.gap_um)))
+    index = np.argwhere(np.ones(plan.shape[:3], bool))
+    light = predict(setup_of(true), true, index, np.zeros((8, 2)), Fineness.fine).reshape(plan.shape[1:])
+    whole = np.zeros((140, 140))
+    for row, column in np.argwhere(volume[0] > 0).tolist():
+        y, x = (row - round(plan.anchor[0])) % 2, (column - round(plan.anchor[1])) % 4
+        whole[row + 3 : row + 18, column + 3 : column + 18] += volume[0, row, column] * light[y, x]
+    whole = gain * np.maximum(whole[10:130, 10:130], 0)
+    rng = np.random.default_rng(0)
+    return np.rint(70 + rng.poisson(whole * 2500 / whole.max()) + 4 * rng.standard_normal(whole.shape))
+
+
+def test_a_known_objects_frame_is_predicted(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
+    rng = np.random.default_rng(1)
+    volume = (rng.random((1, 120, 120)) < 0.01) * rng.random((1, 120, 120)).astype(np.float32)
+    np.save(place / "object.npy", volume.astype(np.float32))
+    for name, gap in (("right.tif", GAP), ("wrong.tif", 1.06 * GAP)):
+        cv2.imwrite(str(place / name), object_frame(volume, gap, 1.0).astype(np.uint16))
+    words = ("--scene", "object.npy", "--noise", "16,1", "--black-level", 70, "--json", "--force")
+    errors = {}
+    for name in ("right.tif", "wrong.tif"):
+        run = lfcal("fit", "few.h5", "--object", name, *words)
+        assert run.code == 0 and isinstance(run.json, dict), run.err
+        errors[name] = run.json["object"]
+    right, wrong = errors["right.tif"], errors["wrong.tif"]
+    assert abs(right["chi2"] - 1) < 0.25 and max(right["error"]["value"], right["error"]["limit"]) < 0.04
+    assert wrong["error"]["known"] and wrong["error"]["value"] > 0.08
+    np.save(place / "small.npy", volume[:, :60])
+    for more, what in (
+        (("--object", "right.tif"), "--object: expected a frame, its --scene, and H"),
+        (("--object", "right.tif", "--scene", "object.npy", "--no-h"), "--object: expected"),
+        (("--object", "right.tif", "--scene", "small.npy"), "small.npy, volume: expected (1, 120, 120)"),
+        (("--object", "none.tif", "--scene", "object.npy"), "none.tif"),
+        (("--object", "right.tif", "--scene", "none.npy"), "none.npy"),
+    ):
+        run = lfcal("fit", "few.h5", *more, "--black-level", 70, "-o", "b")
+        assert run.code == 2 and run.err.count("\n") == 1 and what in run.err, run.err
+    assert not (place / "b").exists()
+
+
+def simulated(plan: ScanPlan, index: np.ndarray) -> np.ndarray:
+    """Return patterns of the camera as described, the brightest sample 1."""
+    light = predict(setup_of(plan), plan, index, np.zeros((len(index), 2)), Fineness.fine)
+    return light / light.max()
 
 
 @pytest.mark.parametrize(
@@ -141,7 +265,7 @@ def test_bad_words_end_in_one_line(lfcal: Lfcal, place: Path, words: tuple[objec
     assert [path.name for path in place.iterdir()] == ["few.h5"]
 
 
-def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: Path) -> None:
+def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: Path, fitted: list[Measured]) -> None:
     data = few_patterns()
     plain = Facts.of(data.shape[:3], data.cutout, recorded=data.recorded)
     values = np.asarray(data)
@@ -155,6 +279,8 @@ def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: 
     words = ("--camera", "c.json", "--noise", "64,1", "--unknowns", "geometry", "--no-h")
     run = lfcal("fit", "bare.h5", *words)
     assert run.code == 0, run.err
+    assert (fitted[0].noise == (64, 1)).all() and fitted[0].plan.camera == data.camera
+    assert "fitted" in json.loads((place / "fit" / "fit.json").read_text())
     again = lfcal("fit", "bare.h5", *words)
     assert again.code == 2 and "exists; add --force to replace it" in again.err
     (place / "fit" / "H.h5").write_text("of another camera")

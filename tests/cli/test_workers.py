@@ -39,7 +39,7 @@ COMPUTING = (
     ("demo",),
     *(("multiplex", name) for name in ("compare", "demosaic", "views", "search", "filters", "figures")),
 )
-IDLE = {("plan",), ("doctor",), ("verify",), ("multiplex",), ("multiplex", "show"), ("bench",), ()}
+IDLE = {("plan",), ("trend",), ("doctor",), ("verify",), ("multiplex",), ("multiplex", "show"), ("bench",), ()}
 IDLE |= {("camera",), *(("camera", name) for name in ("new", "import", "show"))}
 """They compute nothing that takes time, or are groups; of the benchmarks, those that compare threads take them."""
 

@@ -17,6 +17,7 @@ from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor
 from lfcal.psf import PSFMatrix, save
 from tests.acquire.rigs import small_plan
 from tests.fit.common import few_patterns
+from tests.fit.test_trend import write_fit
 from tests.lattice.white_frames import draw_white
 
 HANG_S = 600
@@ -50,6 +51,7 @@ WRITERS = {
     ),
     "inspect": Writer("inspect H.h5 --report out", "out/index.html", 3000),
     "fit": Writer("fit fit.h5 --unknowns geometry -o out", "out/H.h5", 8000),
+    "trend": Writer("trend fits -o out.png", "out.png", 3000),
     "transpose": Writer("transpose H.h5 -o out.h5", "out.h5", 60_000),
     "export npy": Writer("export H.h5 -o out.npy", "out.npy", 60_000),
     "export h5": Writer("export H.h5 -o out.h5", "out.h5", 60_000),
@@ -71,7 +73,7 @@ WRITERS = {
     "demo": Writer("demo out", "out/H.h5", 8000),
     "bench accuracy": Writer("bench accuracy bench --positions 1 -o out.png", "out.png", 3000),
 }
-LONG = {"accuracy", "demo", "fit", "inspect", "white", "views", "bench accuracy"}
+LONG = {"accuracy", "demo", "fit", "inspect", "trend", "white", "views", "bench accuracy"}
 LONG |= {f"multiplex {name}" for name in ("compare", "show", "search", "filters", "figures")}
 """Those that take a second or more."""
 
@@ -84,6 +86,8 @@ def make_inputs(folder: Path) -> None:
     cv2.imwrite(str(folder / "frame.tif"), frames[0])
     tifffile.imwrite(folder / "stack.tif", frames)
     save(few_patterns(), folder / "fit.h5")
+    for name, day in (("a", 0), ("b", 30)):
+        write_fit(folder / "fits" / name, day)
     (folder / "scan.json").write_text(small_plan((2, 2), 1).to_json())
     white = draw_white((200, 240), pitch=16.0, edges=(3.9, 2.6, 1.6), fill=0.85, step=2).frame
     tifffile.imwrite(folder / "white.tif", white)

@@ -1,0 +1,110 @@
+"""``lfcal trend``: fits of a camera over months."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from lfcal.cli.options import ForceOption, JsonOption
+
+if TYPE_CHECKING:
+    from lfcal.fit.trend import Trend
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``trend`` to the app."""
+    app.command("trend")(command)
+
+
+def command(
+    fits: list[Path] = typer.Argument(
+        metavar="FIT...", help="Folders that lfcal fit wrote, in any order, or a folder that holds them."
+    ),
+    *,
+    out: Path | None = typer.Option(None, "--out", "-o", help="Picture of every parameter over time (.png, .svg)."),
+    sigmas: float = typer.Option(
+        5.0, "--sigmas", help="A parameter has moved that changed by more standard deviations of both values than this."
+    ),
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Hold fits of one camera side by side: what has moved, how fast, and what has jumped.
+
+    Exit code 0: nothing has moved; 1: something has; 2: these fits cannot be compared.
+
+    Example: `lfcal trend fits/ -o trend.png`
+    """
+    from lfcal.cli.console import print_json
+    from lfcal.cli.outputs import check_output
+    from lfcal.fit.dated import fits_in, read_fit
+    from lfcal.fit.trend import draw_trend, trend
+    from lfcal.plain import plain
+
+    folders = list(dict.fromkeys(found.resolve() for path in fits for found in fits_in(path)))
+    if out is not None:
+        check_output(out, *(one / name for one in folders for name in ("fit.json", "camera.json")), force=force)
+    # of 2026-05/fit and 2026-06/fit the name alone says nothing
+    alike = len({one.name for one in folders}) < len(folders)
+    found = trend([read_fit(one, f"{one.parent.name}/{one.name}" if alike else one.name) for one in folders], sigmas)
+    if out is not None:
+        draw_trend(found, out)
+    if json:
+        dates = [{"fit": one.label, "when": one.when.isoformat(), "complete": one.complete} for one in found.fits]
+        drifts = [
+            plain(one) | {"points": [plain(point) | {"when": point.when.isoformat()} for point in one.points]}
+            for one in found.drifts
+        ]
+        print_json(
+            {
+                "format": "lfcal-trend",
+                "version": 1,
+                "camera": found.fits[-1].camera.name,
+                "sigmas": sigmas,
+                "fits": dates,
+                "parameters": drifts,
+                "moved": [one.name for one in found.moved],
+                "notes": found.notes,
+            }
+        )
+    else:
+        _show(found, out)
+    if found.moved:
+        raise typer.Exit(1)
+
+
+def _show(found: Trend, out: Path | None) -> None:
+    from lfcal.cli.console import print_table, report
+
+    rows = []
+    for one in found.drifts:
+        last = one.points[-1]
+        told = one.change == one.change
+        rows.append(
+            [
+                one.name,
+                f"{last.value:.6g} ± {last.sigma:.2g}",
+                f"{one.change:+.3g}" if told else "",
+                f"{one.change_sigmas:+.1f}" if told else "",
+                f"{one.per_month:+.2g} ± {one.per_month_sigma:.1g}" if told else "",
+                one.unit,
+                "moved" if one.moved else "",
+            ]
+        )
+    first, newest = found.fits[0], found.fits[-1]
+    title = f"{newest.camera.name}: {len(found.fits)} fits, {first.when:%Y-%m-%d} to {newest.when:%Y-%m-%d}"
+    print_table(["parameter", "newest", "change", "sigmas", "per month", "unit", ""], rows, title=title)
+    for one in found.moved:
+        for jump in one.jumps:
+            by = f"{jump.change:+.3g} {one.unit}".strip()
+            typer.echo(f"  {one.name}: {by} from {jump.before} to {jump.after}, {abs(jump.sigmas):.1f} sigma")
+    names = ", ".join(one.name for one in found.moved)
+    colour = typer.colors.RED if found.moved else typer.colors.GREEN
+    typer.secho(f"moved: {names}" if names else "nothing has moved", fg=colour, bold=True)
+    for note in found.notes:
+        report(f"note: {note}")
+    if out is not None:
+        typer.echo(str(out))

@@ -1,0 +1,201 @@
+"""One new frame beside what H says of it: gain, background and place of the source found, what is left judged."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.fit.judge import ChiSquare, ModelError
+from lfcal.fit.locate import Found, NewFrame, window_of
+
+__all__ = ["Compared", "Says", "compared_with"]
+
+F8 = NDArray[np.float64]
+
+STRANGE = 0.2
+"""Correlation below which a frame has nothing in common with H."""
+
+ROUNDS = 8
+"""Steps of the source's place that are taken at most."""
+
+STEP_PX = 0.05
+"""Step of its derivative."""
+
+LIGHT = 3.0
+"""Standard deviations by which a frame must differ from a flat one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """One frame beside what H says of it.
+
+    Attributes
+    ----------
+    label
+        Of the frame.
+    found
+        Position of H, place on the sensor, and correlation.
+    displacement_px, displacement_sigma
+        How far the source is from that position (dy, dx), found beside gain and background, and its standard deviation.
+    gain, background
+        Of the frame over H.
+    error
+        Of H beyond the noise, over the light.
+    chi_square
+        Of the residuals.
+    doubt
+        How wrong what H says of a source beside its position may be itself (relative L2).
+    beside_px
+        How far the source is from where it should be (dy, dx), where its place is known.
+    values, light, noise, weight
+        Samples less background, what H says, variance, and 1/sigma (0: no measurement), each ``(nt, ns)``.
+    moved
+        Change of the light by a displacement of the source ``(2, nt, ns)``.
+    """
+
+    label: str
+    found: Found
+    displacement_px: tuple[float, float]
+    displacement_sigma: tuple[float, float]
+    gain: float
+    background: float
+    error: ModelError
+    chi_square: ChiSquare
+    doubt: float
+    beside_px: tuple[float, float] | None
+    values: F8 = field(repr=False)
+    light: F8 = field(repr=False)
+    noise: F8 = field(repr=False)
+    weight: F8 = field(repr=False)
+    moved: F8 = field(repr=False)
+
+    @property
+    def strange(self) -> bool:
+        """Whether the frame has nothing in common with H."""
+        return self.found.correlation < STRANGE
+
+
+class Says(Protocol):
+    """What says which pattern a source at a position, and beside it, has."""
+
+    valid: NDArray[np.bool_]
+    """Pixels ``(nt, ns)`` of which it says something."""
+    noise: F8
+    """Variance ``(nt, ns)`` of its own samples."""
+    reach: tuple[float, float]
+    """How far beside it a source can be followed (dy, dx)."""
+
+    def at(self, offset: F8) -> F8:
+        """Return the pattern ``(nt, ns)`` of a source displaced by ``offset`` (dy, dx) pixels."""
+
+    def doubt(self, offset: F8) -> float:
+        """Return how wrong that may be itself (relative L2)."""
+
+
+def compared_with(expected: Says, frame: NewFrame, at: Found, noise: tuple[float, float]) -> Compared:
+    """Return a frame beside what is expected, with the gain, background and place of the source that fit best."""
+    raw, there = window_of(frame, at.row, at.column, expected.noise.shape)
+    data, good = raw.astype(np.float64), there & expected.valid
+    if good.sum() < 9:
+        where = f"(z, y, x) = ({at.z}, {at.y}, {at.x})"
+        raise InputError.expected(f"{frame.label}, samples at {where}", "9 or more", int(good.sum()), "expose shorter")
+    offset, steps = np.zeros(2), np.zeros((2, *data.shape))
+    gain, background = _levels(data, expected.at(offset), good, np.ones_like(data))
+    reach = np.array(expected.reach)
+    sigma = np.zeros(2)
+    for turn in range(ROUNDS):
+        light = expected.at(offset)
+        variance = _variance(noise, gain, light, expected.noise, data if turn == 0 else None)
+        gain, background = _levels(data, light, good, variance)
+        for axis in np.flatnonzero(reach).tolist():
+            by = np.zeros(2)
+            by[axis] = STEP_PX
+            steps[axis] = (expected.at(offset + by) - expected.at(offset - by)) / (2 * STEP_PX)
+        move, sigma = _step(data - gain * light - background, gain, light, steps, good, variance)
+        new = np.clip(offset + np.clip(move, -0.4, 0.4), -reach, reach)
+        done = float(np.abs(new - offset).max()) < 0.002
+        offset = new
+        if done:
+            break
+    light = expected.at(offset)
+    variance = _variance(noise, gain, light, expected.noise, None)
+    gain, background = _levels(data, light, good, variance)
+    _check_light(frame.label, data[good], noise)
+    weight = np.where(good, 1.0 / np.sqrt(variance), 0.0)
+    shown = gain * light
+    residual = data - shown - background
+    error = _error(residual, shown, variance, good)
+    chi2 = _chi(residual, variance, noise[0], good)
+    return Compared(
+        frame.label,
+        at,
+        (float(offset[0]), float(offset[1])),
+        (float(sigma[0]), float(sigma[1])),
+        gain,
+        background,
+        error,
+        chi2,
+        expected.doubt(offset),
+        None if frame.place is None else (at.row + offset[0] - frame.place[0], at.column + offset[1] - frame.place[1]),
+        data - background,
+        shown,
+        variance,
+        weight,
+        gain * steps,
+    )
+
+
+def _check_light(label: str, data: F8, noise: tuple[float, float]) -> None:
+    """Raise where a frame shows no more than its noise."""
+    off = data - np.median(data)
+    variance = noise[0] + noise[1] * np.maximum(off, 0.0)
+    if float((off**2 - variance).sum()) <= LIGHT * math.sqrt(2.0 * float(np.square(variance).sum())):
+        raise InputError.expected(f"{label}, light", "more than its noise", "none", "expose longer, or check the lamp")
+
+
+def _variance(noise: tuple[float, float], gain: float, light: F8, own: F8, data: F8 | None) -> F8:
+    """Return the variance of samples minus ``gain * light``: the frame's, and that of H's own samples."""
+    shown = np.maximum(gain * light, 0.0)
+    if data is not None:
+        shown = np.maximum(shown, data)
+    found: F8 = noise[0] + noise[1] * shown + gain**2 * own
+    return found + 1e-12 * float(np.square(shown).max()) + 1e-300
+
+
+def _levels(data: F8, light: F8, good: NDArray[np.bool_], variance: F8) -> tuple[float, float]:
+    weight = 1.0 / np.sqrt(variance[good])
+    a = np.stack([light[good] * weight, weight], axis=1)
+    gain, background = np.linalg.lstsq(a, data[good] * weight, rcond=None)[0]
+    return float(gain), float(background)
+
+
+def _step(residual: F8, gain: float, light: F8, steps: F8, good: NDArray[np.bool_], variance: F8) -> tuple[F8, F8]:
+    """Return by how much the source must move, beside gain and background, and its standard deviation."""
+    weight = 1.0 / np.sqrt(variance[good])
+    a = np.stack([gain * steps[0][good], gain * steps[1][good], light[good], np.ones(int(good.sum()))]) * weight
+    inverse = np.linalg.pinv(a @ a.T, rcond=1e-12, hermitian=True)
+    found = inverse @ (a @ (residual[good] * weight))
+    return found[:2], np.sqrt(np.maximum(np.diag(inverse)[:2], 0.0))
+
+
+def _error(residual: F8, light: F8, variance: F8, good: NDArray[np.bool_]) -> ModelError:
+    power = float(np.square(light[good]).sum())
+    if power <= 0:
+        return ModelError(math.inf, 0.0, 0.0, 1)
+    squares = float((np.square(residual[good]) - variance[good]).sum())
+    return ModelError(squares / power, math.sqrt(2.0 * float(np.square(variance[good]).sum())) / power, 0.0, 1)
+
+
+def _chi(residual: F8, variance: F8, constant: float, good: NDArray[np.bool_]) -> ChiSquare:
+    size = np.square(residual[good]) / variance[good]
+    bright = np.clip(1.0 - constant / variance[good], 0.0, 1.0)
+    total = float(bright.sum())
+    if total <= 0:
+        return ChiSquare(float(size.mean()), float(size.mean()), math.sqrt(2.0 / size.size))
+    spread = math.sqrt(2.0 * float(np.square(bright).sum())) / total
+    return ChiSquare(float(size.mean()), float((bright * size).sum()) / total, spread)

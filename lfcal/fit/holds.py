@@ -1,0 +1,319 @@
+"""Whether an old H still holds: new frames held against it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+from lfcal.fit.compared import Compared, compared_with
+from lfcal.fit.expected import Behind, Expected, behind
+from lfcal.fit.frame_noise import DARK, noises_of
+from lfcal.fit.judge import ChiSquare, ModelError
+from lfcal.fit.locate import Found, NewFrame, find_source
+from lfcal.fit.spread import spread_out
+from lfcal.fit.suspects import Left, Suspect, changes_of, held_against
+from lfcal.progress import Clock, Work, drain
+from lfcal.psf import PSFMatrix
+from lfcal.units import format_share
+
+__all__ = ["Check", "check", "iter_check"]
+
+F8 = NDArray[np.float64]
+
+LIMIT = 0.02
+"""Error of H (relative L2) up to which it holds."""
+
+CLEAR = 3.0
+"""Standard deviations by which an error must lie above the limit."""
+
+VAGUE = 3.0
+"""An error that is known to be below so many times the limit only, is not known well enough."""
+
+ASKED = 8
+"""Frames that suspects are held against; more would take long and tell the same."""
+
+SURE, MORE = 0.7, 0.2
+"""Correlation below which a source is looked for elsewhere than at its place, and how much better it must fit there."""
+
+SAME = 0.3
+"""Chi² below which a frame is no other than the one that H was made of."""
+
+BESIDE = 0.1
+"""Distance of sources from their places that is told (pixels)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What new frames say of an old H.
+
+    Attributes
+    ----------
+    frames
+        Each frame beside H.
+    error, chi_square
+        Of all frames.
+    limit
+        Error up to which H holds (relative L2).
+    stated
+        Error that H itself states (relative L2).
+    doubt
+        Error of what it says of sources between its positions.
+    suspects
+        What may have changed, the best explanation first.
+    model_misfit
+        What the camera behind H leaves of it unexplained; None: there is no such camera.
+    noise_from
+        Where the noise of the frames is known from.
+    notes
+        What the verdict does not say.
+    """
+
+    frames: tuple[Compared, ...]
+    error: ModelError
+    chi_square: ChiSquare
+    limit: float
+    stated: float
+    doubt: float
+    suspects: tuple[Suspect, ...]
+    model_misfit: float | None
+    noise_from: str
+    notes: tuple[str, ...]
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether H holds; None: these frames do not tell."""
+        sure = CLEAR * self.error.squared_sigma
+        own = math.hypot(self.stated, self.doubt)
+        off = self.error.squared - sure > self.limit**2 + own**2
+        if any(one.strange for one in self.frames) or (off and self.noise_from != DARK):
+            return False
+        if any(one.shows and one.error - CLEAR * one.sigma > max(self.limit, own) for one in self.suspects):
+            return False
+        # at the limit, by a comparison that is itself not as good, or known too little
+        if off or (self.error.known and self.error.squared > self.limit**2 + self.stated**2):
+            return None
+        bound = math.sqrt(max(0.0, self.error.squared - self.stated**2) + 2 * self.error.squared_sigma)
+        return None if max(bound, self.doubt) > VAGUE * self.limit else True
+
+    @property
+    def explanations(self) -> tuple[Suspect, ...]:
+        """The changes that explain the frames, the best first: those that show, and that matter beside the limit."""
+        return tuple(one for one in self.suspects if one.shows and one.error > 0.5 * self.limit)
+
+    @property
+    def verdict(self) -> str:
+        """The answer in a line."""
+        limit = f"limit {format_share(self.limit)}"
+        said = f"error {self.error} beyond noise, {limit}; chi² {self.chi_square.lit:.2f}"
+        if self.holds is None and self.noise_from == DARK:
+            return f"not told: {said}; part of it is noise of the light, which is not known: name it"
+        if self.holds is None:
+            return f"not told: {said}; more frames, or more light, tell more"
+        if self.holds:
+            return f"holds: {said}"
+        strange = next((one for one in self.frames if one.strange), None)
+        if strange is not None:
+            alike = f"correlation {strange.found.correlation:.2f}"
+            return f"does not hold: {strange.label} has nothing in common with H ({alike})"
+        return f"does not hold: {said}"
+
+
+def iter_check(
+    matrix: PSFMatrix,
+    frames: Sequence[NewFrame],
+    *,
+    noise: tuple[float, float] | None = None,
+    limit: float = LIMIT,
+    suspects: bool = True,
+) -> Work[Check]:
+    """Check as `check`; yields progress in frames."""
+    check_number("largest error of an H that holds", limit, above=0, below=1)
+    _check_matrix(matrix)
+    if not frames:
+        raise InputError.expected("new frames", "one or more", "none", "name a frame")
+    clock = Clock("compare", 2 * len(frames) + 1)
+    yield clock.at(0)
+    found = []
+    for k, frame in enumerate(frames):
+        found.append(_placed(matrix, frame))
+        yield clock.at(k + 1)
+    index = np.array([(one.z, one.y, one.x) for one in found], np.intp)
+    camera = behind(matrix, index[spread_out(index, min(ASKED, len(index)), matrix.period)])
+    variances, source = noises_of(matrix, frames, noise)
+    compared = []
+    for k, (frame, at) in enumerate(zip(frames, found, strict=True)):
+        expected = Expected(matrix, at.z, at.y, at.x, camera)
+        compared.append(compared_with(expected, frame, at, variances[k]))
+        yield clock.at(len(frames) + k + 1)
+    tells = suspects and camera is not None and camera.explains and not any(one.strange for one in compared)
+    told = _suspects(compared, camera) if tells and camera is not None else ()
+    yield clock.at(2 * len(frames) + 1)
+    return _judged(matrix, tuple(compared), told, camera, limit, source)
+
+
+def check(
+    matrix: PSFMatrix,
+    frames: ArrayLike | NewFrame | Sequence[NewFrame],
+    *,
+    noise: tuple[float, float] | None = None,
+    limit: float = LIMIT,
+    suspects: bool = True,
+) -> Check:
+    """Return whether H still holds, from new frames of point sources.
+
+    Where each source is, is known or found; its place between H's positions, gain and background are found with it.
+
+    Parameters
+    ----------
+    matrix
+        The old H.
+    frames
+        A frame ``(rows, columns)`` of the whole sensor with its dark level subtracted, or frames with what is known of
+        them.
+    noise
+        Constant and slope of a sample's variance; None: what the frames state, else H, else what the frame's dark
+        pixels show.
+    limit
+        Error (relative L2) up to which H holds.
+    suspects
+        Look for what has changed.
+
+    Raises
+    ------
+    InputError
+        If H is none of untouched pixels, or a frame shows no light where H has a pattern.
+    """
+    return drain(iter_check(matrix, _as_frames(frames), noise=noise, limit=limit, suspects=suspects))
+
+
+def _as_frames(frames: ArrayLike | NewFrame | Sequence[NewFrame]) -> list[NewFrame]:
+    if isinstance(frames, NewFrame):
+        return [frames]
+    given = list(frames) if isinstance(frames, Sequence) else []
+    known = [one for one in given if isinstance(one, NewFrame)]
+    if known and len(known) == len(given):
+        return known
+    values = np.asarray(frames)
+    if values.ndim != 2 or values.dtype.kind not in "iuf":
+        got = f"{values.dtype} {values.shape}"
+        raise InputError.expected("frame", "numbers with axes (row, column)", got, "give one frame")
+    return [NewFrame(values.astype(np.float32))]
+
+
+def _placed(matrix: PSFMatrix, frame: NewFrame) -> Found:
+    """Return where a frame's source is: at its place, or where it fits much better."""
+    if frame.place is None:
+        return find_source(matrix, frame)
+    free = replace(frame, place=None, plane=None)
+    try:
+        found = find_source(matrix, frame)
+    except InputError:  # its place is beside the frame, or H has nothing there
+        return find_source(matrix, free)
+    if found.correlation > SURE:
+        return found
+    anywhere = find_source(matrix, free)
+    return anywhere if anywhere.correlation > found.correlation + MORE else found
+
+
+def _check_matrix(matrix: PSFMatrix) -> None:
+    if matrix.is_transposed:
+        raise InputError.expected("H", "an H", "HT", "give H")
+    if matrix.pixel_scale != (1.0, 1.0):
+        raise InputError.expected("H", "one of the sensor's own pixels", "a resampled one", "give one not resampled")
+    if not (matrix.recorded > 0).any():
+        raise InputError.expected("H", "recorded positions", "none", "give an H with patterns")
+
+
+def _suspects(compared: Sequence[Compared], camera: Behind) -> tuple[Suspect, ...]:
+    """Return what may have changed, by the camera behind H."""
+    index = np.array([(one.found.z, one.found.y, one.found.x) for one in compared], np.intp)
+    period = np.ptp(index[:, 1:], axis=0) + 1
+    chosen = spread_out(index, min(ASKED, len(index)), (int(period[0]), int(period[1])))
+    some, n = [compared[int(k)] for k in chosen], len(chosen)
+    light = np.stack([one.light for one in some])
+    offsets = np.array([one.displacement_px for one in some])
+    changes = changes_of(camera, index[chosen], offsets).in_units_of(light)
+    flat = light.reshape(n, 1, -1)
+    moved = np.stack([one.moved.reshape(2, -1) for one in some])
+    values, weight, noise = (
+        np.stack([getattr(one, name) for one in some]).reshape(n, -1) for name in ("values", "weight", "noise")
+    )
+    nuisance = np.concatenate([flat, np.ones_like(flat), moved], axis=1)
+    return held_against(changes, Left(values - flat[:, 0], flat[:, 0], noise, weight, nuisance))
+
+
+def _judged(
+    matrix: PSFMatrix,
+    compared: tuple[Compared, ...],
+    suspects: tuple[Suspect, ...],
+    camera: Behind | None,
+    limit: float,
+    noise_from: str,
+) -> Check:
+    """Return what all frames say together."""
+    powers = np.array([float(np.square(one.light[one.weight > 0]).sum()) for one in compared])
+    share = powers / powers.sum() if powers.sum() > 0 else np.full(len(powers), 1 / len(powers))
+    squared = float(share @ [one.error.squared for one in compared])
+    sigma = math.sqrt(float(share**2 @ [one.error.squared_sigma**2 for one in compared]))
+    counts = np.array([one.chi_square.sigma**-2 for one in compared])
+    lit, every = (
+        float(counts @ [getattr(one.chi_square, name) for one in compared] / counts.sum())
+        for name in ("lit", "all_pixels")
+    )
+    doubt = max(one.doubt for one in compared)
+    stated = _stated(matrix, [one.found.z for one in compared])
+    notes = _notes(compared, camera, doubt, stated, limit) if not any(one.strange for one in compared) else []
+    return Check(
+        compared,
+        ModelError(squared, sigma, 0.0, len(compared)),
+        ChiSquare(every, lit, float(counts.sum()) ** -0.5),
+        limit,
+        stated,
+        doubt,
+        suspects,
+        None if camera is None else camera.misfit,
+        noise_from,
+        tuple(notes),
+    )
+
+
+def _notes(compared: Sequence[Compared], camera: Behind | None, doubt: float, stated: float, limit: float) -> list[str]:
+    """Return what a verdict does not say."""
+    notes = []
+    if doubt > 0.5 * limit:
+        notes.append(f"sources lie between H's positions, where H itself is known to {format_share(doubt)} only")
+    if stated > limit:
+        notes.append(f"H itself states an error of {format_share(stated)}")
+    if camera is not None and not camera.explains:
+        left = format_share(camera.misfit)
+        notes.append(f"its camera leaves {left} of H unexplained: what has changed is not told; fit that H first")
+    if camera is None:
+        notes.append("no camera is known behind H: what has changed is not told")
+    beside = np.array([one.beside_px for one in compared if one.beside_px is not None]).reshape(-1, 2)
+    if len(beside) and math.hypot(*beside.mean(0)) > BESIDE:
+        rows, columns = beside.mean(0)
+        notes.append(f"sources lie ({rows:.2f}, {columns:.2f}) px beside their places: the stage, or the array")
+    if min(one.chi_square.lit for one in compared) < SAME:
+        notes.append("frames differ from H by less than their noise: H was made of them, or the noise is not theirs")
+    gains = [one.gain for one in compared]
+    spread = float(np.std(gains) / abs(np.mean(gains))) if len(gains) > 1 and np.mean(gains) else 0.0
+    if spread > 0.05:
+        notes.append(f"the lamp is unsteady: its light varies by {format_share(spread)} over the frames")
+    return notes
+
+
+def _stated(matrix: PSFMatrix, planes: Sequence[int]) -> float:
+    """Return the largest error that H states of these planes, 0 where it states none."""
+    known = matrix.facts.error
+    found = [] if known is None else [float(known[z]) for z in planes if math.isfinite(known[z])]
+    fit = matrix.provenance.get("fit")
+    said = fit.get("error") if isinstance(fit, Mapping) else None
+    if isinstance(said, int | float) and math.isfinite(said):
+        found.append(float(said))
+    return max(0.0, *found) if found else 0.0

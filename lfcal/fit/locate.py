@@ -1,0 +1,172 @@
+"""Where the source of a new frame is: the position of H whose pattern is most like the frame's light there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.psf import PSFMatrix
+
+__all__ = ["Found", "NewFrame", "find_source", "window_of"]
+
+F4 = NDArray[np.float32]
+
+NEAR = 2
+"""Pixels about a known place in which the source is looked for: stages are not better than that."""
+
+INSIDE = 0.5
+"""Share of a cutout that must lie on the frame, and carry a measurement."""
+
+
+@dataclass(frozen=True, eq=False)
+class NewFrame:
+    """A frame that an H is held against.
+
+    Attributes
+    ----------
+    values
+        Samples ``(rows, columns)`` with their dark level subtracted.
+    valid
+        Which of them carry a measurement; None: all.
+    noise
+        Constant and slope of a sample's variance; None: not known.
+    origin
+        Sensor (row, column) of its first pixel.
+    place
+        Sensor (row, column) of the source's image, where it is known.
+    plane
+        Depth plane of H, where it is known.
+    label
+        For messages.
+    """
+
+    values: NDArray[np.float32]
+    valid: NDArray[np.bool_] | None = None
+    noise: tuple[float, float] | None = None
+    origin: tuple[int, int] = (0, 0)
+    place: tuple[float, float] | None = None
+    plane: int | None = None
+    label: str = "frame"
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A position of H, where its cutout lies, and how alike the patterns are.
+
+    Attributes
+    ----------
+    z, y, x
+        Position of H.
+    row, column
+        Sensor pixel at the middle of the cutout.
+    correlation
+        Of the frame's samples with H's values, 1 for the same pattern.
+    """
+
+    z: int
+    y: int
+    x: int
+    row: int
+    column: int
+    correlation: float
+
+
+def window_of(frame: NewFrame, row: int, column: int, cutout: tuple[int, int]) -> tuple[F4, NDArray[np.bool_]]:
+    """Return the samples ``(nt, ns)`` about a sensor pixel, and which of them are there and carry a measurement."""
+    nt, ns = cutout
+    out, valid = np.zeros(cutout, np.float32), np.zeros(cutout, np.bool_)
+    top, left = row - (nt - 1) // 2 - frame.origin[0], column - (ns - 1) // 2 - frame.origin[1]
+    rows, columns = frame.values.shape
+    first, last = max(0, -top), min(nt, rows - top)
+    begin, end = max(0, -left), min(ns, columns - left)
+    if last <= first or end <= begin:
+        return out, valid
+    part = (slice(top + first, top + last), slice(left + begin, left + end))
+    out[first:last, begin:end] = frame.values[part]
+    valid[first:last, begin:end] = True if frame.valid is None else frame.valid[part]
+    valid &= np.isfinite(out)
+    out[~valid] = 0.0
+    return out, valid
+
+
+def find_source(matrix: PSFMatrix, frame: NewFrame) -> Found:
+    """Return the position of H that a frame's light fits best.
+
+    The array is where it was: at every pixel H has one pattern, that of its place in the period. Where the frame's
+    place is known only the pixels about it are tried, else a period about the middle of the light; planes alike.
+
+    Raises
+    ------
+    InputError
+        If the frame's light is beside the frame, or H has no pattern of this place.
+    """
+    base = np.floor(np.array(matrix.anchor) + 0.5).astype(int)
+    if frame.place is None:
+        middle, reach = _middle_of_light(frame, matrix.cutout), tuple(n // 2 + 1 for n in matrix.period)
+    else:
+        middle, reach = (round(frame.place[0]), round(frame.place[1])), (NEAR, NEAR)
+    planes = range(matrix.shape[0]) if frame.plane is None else (frame.plane,)
+    best: Found | None = None
+    for row in range(middle[0] - reach[0], middle[0] + reach[0] + 1):
+        for column in range(middle[1] - reach[1], middle[1] + reach[1] + 1):
+            found = _best_plane(matrix, frame, (row, column), base, planes)
+            if found is not None and (best is None or found.correlation > best.correlation):
+                best = found
+    if best is None:
+        raise InputError.expected(
+            f"{frame.label}, light",
+            "on the frame, at a recorded position of H",
+            "none",
+            "take it elsewhere",
+        )
+    return best
+
+
+def _best_plane(
+    matrix: PSFMatrix, frame: NewFrame, at: tuple[int, int], base: NDArray[np.intp], planes: Iterable[int]
+) -> Found | None:
+    y, x = (int(v) for v in (np.array(at) - base) % np.array(matrix.period))
+    values, valid = window_of(frame, *at, matrix.cutout)
+    if valid.mean() < INSIDE:
+        return None
+    best: Found | None = None
+    for z in planes:
+        own = np.asarray(matrix[z, y, x], np.float32)
+        good = valid & matrix.valid(z, y, x) & np.isfinite(own)
+        # missing, masked, or of one value: there is nothing to be like
+        if matrix.recorded[z, y, x] == 0 or good.mean() < INSIDE or np.ptp(own[good]) == 0:
+            continue
+        likeness = _correlation(values[good], own[good])
+        if best is None or likeness > best.correlation:
+            best = Found(z, y, x, *at, likeness)
+    return best
+
+
+def _correlation(a: F4, b: F4) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    size = float(np.sqrt(np.square(a, dtype=np.float64).sum() * np.square(b, dtype=np.float64).sum()))
+    return float(np.multiply(a, b, dtype=np.float64).sum()) / size if size > 0 else 0.0
+
+
+def _middle_of_light(frame: NewFrame, cutout: tuple[int, int]) -> tuple[int, int]:
+    """Return the sensor pixel about which a window of the cutout's size holds most light."""
+    from scipy.ndimage import uniform_filter
+
+    values = np.where(np.isfinite(frame.values), frame.values, 0.0).astype(np.float64)
+    if frame.valid is not None:
+        values[~frame.valid] = 0.0
+    values = np.maximum(values - np.median(values), 0.0)
+    mean = uniform_filter(values, cutout, mode="constant")
+    # the middle of all light in the brightest window: the window itself is flat about its best place
+    row, column = np.unravel_index(int(mean.argmax()), mean.shape)
+    top, left = max(0, int(row) - cutout[0] // 2), max(0, int(column) - cutout[1] // 2)
+    part = values[top : int(row) + cutout[0] // 2 + 1, left : int(column) + cutout[1] // 2 + 1]
+    total = float(part.sum())
+    if total <= 0:
+        raise InputError.expected(f"{frame.label}, light", "some", "none", "check shutter and lamp")
+    rows, columns = (float((part.sum(1 - axis) * np.arange(part.shape[axis])).sum()) / total for axis in (0, 1))
+    return round(top + rows) + frame.origin[0], round(left + columns) + frame.origin[1]

@@ -1,0 +1,298 @@
+"""Recorded points that no fit saw, predicted: error of each, and whether it grows towards the field's edges."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.figures import LINES, figure, save_figure
+from lfcal.fit.compared import Compared, compared_with
+from lfcal.fit.judge import ModelError
+from lfcal.fit.locate import Found, NewFrame
+from lfcal.fit.measured import Measured
+from lfcal.fit.model import Fineness, PlaneModel
+from lfcal.fit.result import Fit
+from lfcal.progress import Clock, Work, drain
+
+__all__ = ["PointError", "Validation", "draw_validation", "iter_validate", "predicted_frame", "validate"]
+
+F8 = NDArray[np.float64]
+
+PART = 1 / 3
+"""Share of the points that are the middle, and share that are the edges."""
+
+WORSE = 1.5
+"""How much larger the error at the edges must be."""
+
+SURE = 3.0
+"""Standard deviations by which it must be."""
+
+WIDE = 0.2
+"""Share of the field over which points must lie for its edges to be told from its middle."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointError:
+    """One withheld point.
+
+    Attributes
+    ----------
+    z, y, x
+        Its position in its own scan.
+    place_px
+        Sensor (row, column) of the source's image.
+    field
+        How far it is from the sensor's middle: 0 there, 1 at its edge.
+    model
+        The fitted camera at this place, beside the pattern.
+    periodic
+        The same where the fit's own region is, one period being like the other: what H says. None: it is that region.
+    """
+
+    z: int
+    y: int
+    x: int
+    place_px: tuple[float, float]
+    field: float
+    model: Compared
+    periodic: Compared | None
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """All withheld points.
+
+    Attributes
+    ----------
+    points
+        From the middle of the field to its edges.
+    """
+
+    points: tuple[PointError, ...]
+
+    def error(self, points: tuple[PointError, ...] | None = None, *, periodic: bool = False) -> ModelError:
+        """Return the error over some points, all by default: of the camera, or of a ``periodic`` H."""
+        some = self.points if points is None else points
+        beside = [(one.periodic or one.model) if periodic else one.model for one in some]
+        powers = np.array([float(np.square(one.light[one.weight > 0]).sum()) for one in beside])
+        share = powers / powers.sum()
+        squared = float(share @ [one.error.squared for one in beside])
+        sigma = math.sqrt(float(share**2 @ [one.error.squared_sigma**2 for one in beside]))
+        return ModelError(squared, sigma, 0.0, len(beside))
+
+    @property
+    def middle(self) -> tuple[PointError, ...]:
+        """The third of the points nearest to the field's middle."""
+        return self.points[: max(1, round(PART * len(self.points)))]
+
+    @property
+    def edges(self) -> tuple[PointError, ...]:
+        """The third farthest from it."""
+        return self.points[-max(1, round(PART * len(self.points))) :]
+
+    @property
+    def wide(self) -> bool:
+        """Whether the points tell edges from the middle."""
+        return self.points[-1].field - self.points[0].field > WIDE
+
+    def worse(self, *, periodic: bool) -> bool:
+        """Return whether the error at the edges is clearly larger than in the middle."""
+        inner, outer = self.error(self.middle, periodic=periodic), self.error(self.edges, periodic=periodic)
+        sure = outer.squared - inner.squared > SURE * math.hypot(outer.squared_sigma, inner.squared_sigma)
+        return self.wide and sure and outer.squared > WORSE**2 * max(0.0, inner.squared)
+
+    @property
+    def verdict(self) -> str:
+        """What the points say, in a line."""
+        said = f"{len(self.points)} withheld points: error {self.error()}"
+        if not self.wide:
+            return f"{said}; all lie in one part of the field, so nothing is told of its edges"
+        edges = f"middle {self.error(self.middle)}, edges {self.error(self.edges)}"
+        if self.worse(periodic=False):
+            return f"{said}; the camera does not hold at the field's edges: {edges}"
+        if self.worse(periodic=True):
+            lost = f"middle {self.error(self.middle, periodic=True)}, edges {self.error(self.edges, periodic=True)}"
+            return f"{said}; but H is not periodic over the field: taken as it is, {lost}"
+        return f"{said}; {edges}"
+
+
+class _ByModel:
+    """What a model says of a source at a position and beside it."""
+
+    def __init__(self, model: PlaneModel, y: int, x: int, cutout: tuple[int, int]) -> None:
+        self._model, self._place = model, np.array([[y, x]], np.intp)
+        self.valid = np.ones(cutout, np.bool_)
+        self.noise: F8 = np.zeros(cutout)
+        self.reach = (0.75, 0.75)
+
+    def at(self, offset: F8) -> F8:
+        """Return the pattern of unit gain of a source displaced by ``offset`` pixels."""
+        found: F8 = self._model.patterns(self._place, offset[None, :])[0].astype(np.float64)
+        return found
+
+    def doubt(self, offset: F8) -> float:
+        """Return 0: the model is what is judged."""
+        return 0.0
+
+
+def iter_validate(fit: Fit, withheld: Measured, *, another: bool = False) -> Work[Validation]:
+    """Validate as `validate`; yields progress in points."""
+    done = {tuple(at) for at in fit.residuals}
+    same = all(getattr(withheld.plan, name) == getattr(fit.planned, name) for name in ("anchor", "period", "depths_um"))
+    seen = done if same and not another else set()
+    known = [k for k, at in enumerate(withheld.index.tolist()) if tuple(at) not in seen]
+    if not known:
+        raise InputError.expected("withheld points", "some that were not fitted", "none", "record more positions")
+    if withheld.plan.camera.sensor.shape != fit.camera.sensor.shape:
+        shapes = fit.camera.sensor.shape, withheld.plan.camera.sensor.shape
+        raise InputError.expected("withheld points", f"a sensor of {shapes[0]} pixels", shapes[1], "name its session")
+    clock = Clock("predict withheld points", len(known))
+    yield clock.at(0)
+    points = []
+    for z in np.unique(withheld.index[known, 0]).tolist():
+        model, near = _models(fit, withheld, z, periodic=not same)
+        for k in known:
+            if withheld.index[k, 0] == z:
+                points.append(_point(fit, withheld, k, model, near))
+                yield clock.at(len(points))
+    return Validation(tuple(sorted(points, key=lambda one: one.field)))
+
+
+def validate(fit: Fit, withheld: Measured, *, another: bool = False) -> Validation:
+    """Return how well a fit predicts patterns that it never saw.
+
+    Gain, background and place of the source are found for each pattern; what is left beyond its noise is the error.
+
+    Parameters
+    ----------
+    fit
+        The fitted camera.
+    withheld
+        Patterns of the same scan that were not fitted, or of another one, at other places of the field.
+    another
+        They are of another recording: those at fitted positions were not fitted either.
+
+    Raises
+    ------
+    InputError
+        If all of them were fitted, or they are of another sensor.
+    """
+    return drain(iter_validate(fit, withheld, another=another))
+
+
+class _Image:
+    """A predicted frame as it is: nothing in it can be followed."""
+
+    def __init__(self, light: F8, margin: tuple[int, int]) -> None:
+        self._light = light
+        self.valid = np.zeros(light.shape, np.bool_)
+        # light from beyond the volume enters the borders
+        rows, columns = margin
+        self.valid[rows : light.shape[0] - rows, columns : light.shape[1] - columns] = True
+        self.noise: F8 = np.zeros(light.shape)
+        self.reach = (0.0, 0.0)
+
+    def at(self, offset: F8) -> F8:
+        """Return the frame."""
+        return self._light
+
+    def doubt(self, offset: F8) -> float:
+        """Return 0: the frame is what is judged."""
+        return 0.0
+
+
+def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cutout: tuple[int, int]) -> Compared:
+    """Return the frame of a known object beside its prediction.
+
+    Parameters
+    ----------
+    light
+        What H makes of the object ``(rows, columns)``, in any unit: gain and background are found.
+    frame
+        As recorded, its dark level subtracted.
+    noise
+        Constant and slope of a sample's variance.
+    cutout
+        Of H: half of it at each border is not compared.
+
+    Raises
+    ------
+    InputError
+        If the frame has another size, or no light.
+    """
+    if frame.values.shape != light.shape:
+        raise InputError.expected(f"{frame.label}, pixels", light.shape, frame.values.shape, "take one of this sensor")
+    rows, columns = light.shape
+    at = Found(0, 0, 0, frame.origin[0] + (rows - 1) // 2, frame.origin[1] + (columns - 1) // 2, 1.0)
+    margin = (min(cutout[0] // 2, rows // 3), min(cutout[1] // 2, columns // 3))
+    return compared_with(_Image(light, margin), frame, at, noise)
+
+
+def _models(fit: Fit, withheld: Measured, z: int, *, periodic: bool) -> tuple[PlaneModel, PlaneModel | None]:
+    """Return the fitted camera at the places of a plane's points, and where it was fitted."""
+    depth = withheld.plan.depths_um[z]
+    order = np.argsort(fit.planned.depths_um)
+    planes, errors = np.array(fit.planned.depths_um)[order], np.array(fit.setup.depth_errors_um)[order]
+    setup = replace(fit.setup, depth_errors_um=(float(np.interp(depth, planes, errors)),))
+    here = replace(withheld.plan, depths_um=(depth,), exposure_s=withheld.plan.exposures[z])
+    there = replace(here, anchor=fit.planned.anchor, period=fit.planned.period)
+    model = PlaneModel(setup, setup.plan(here), 0, Fineness.finest)
+    ideal = replace(setup, stage_scale=0.0)
+    return model, PlaneModel(ideal, setup.plan(there), 0, Fineness.finest) if periodic else None
+
+
+def _point(fit: Fit, withheld: Measured, k: int, model: PlaneModel, near: PlaneModel | None) -> PointError:
+    plan = withheld.plan
+    z, y, x = (int(v) for v in withheld.index[k])
+    row, column = math.floor(plan.anchor[0] + 0.5) + y, math.floor(plan.anchor[1] + 0.5) + x
+    nt, ns = plan.cutout
+    place = (plan.anchor[0] + y, plan.anchor[1] + x)
+    frame = NewFrame(
+        withheld.patterns[k],
+        withheld.valid[k],
+        origin=(row - (nt - 1) // 2, column - (ns - 1) // 2),
+        place=place,
+        label=f"(z, y, x) = ({z}, {y}, {x})",
+    )
+    noise = (float(withheld.noise[k, 0]), float(withheld.noise[k, 1]))
+    at = Found(z, y, x, row, column, 1.0)
+    beside = compared_with(_ByModel(model, y, x, plan.cutout), frame, at, noise)
+    periodic = None
+    if near is not None:
+        base = [math.floor(a + 0.5) for a in fit.planned.anchor]
+        phase = [(v - b) % n for v, b, n in zip((row, column), base, fit.planned.period, strict=True)]
+        periodic = compared_with(_ByModel(near, phase[0], phase[1], plan.cutout), frame, at, noise)
+    sensor = plan.camera.sensor
+    away = [abs(v - c) / (n / 2) for v, c, n in zip(place, sensor.centre_px, sensor.shape, strict=True)]
+    return PointError(z, y, x, place, float(max(away)), beside, periodic)
+
+
+def draw_validation(found: Validation, path: str | os.PathLike[str]) -> None:
+    """Draw the error of every withheld point over the sensor, and by its distance from the sensor's middle."""
+    errors = np.array([_shown(one.model.error) for one in found.points])
+    with figure(9.6, 3.4) as fig:
+        places, line = fig.subplots(1, 2)
+        dots = places.scatter(
+            [one.place_px[1] for one in found.points], [one.place_px[0] for one in found.points], c=100 * errors, s=24
+        )
+        places.invert_yaxis()
+        places.set(title="error of each point", xlabel="sensor column (px)", ylabel="sensor row (px)")
+        fig.colorbar(dots, ax=places, shrink=0.85).set_label("%")
+        field = [one.field for one in found.points]
+        line.plot(field, 100 * errors, "o", color=LINES[0], markersize=4, label="fitted camera")
+        if any(one.periodic is not None for one in found.points):
+            periodic = [_shown((one.periodic or one.model).error) for one in found.points]
+            line.plot(field, 100 * np.array(periodic), "s", color=LINES[1], markersize=4, label="H, taken as periodic")
+            line.legend()
+        line.set(title="from the sensor's middle to its edge", xlabel="place in the field", ylabel="error (%)")
+        line.set_ylim(bottom=0)
+        save_figure(fig, path)
+
+
+def _shown(error: ModelError) -> float:
+    return math.sqrt(max(0.0, error.squared))
