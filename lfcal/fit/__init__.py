@@ -7,11 +7,14 @@
 - ``normal``: normal equations; ``problem``: predictions and derivatives at a vector; ``solver``: Levenberg-Marquardt
 - ``select``: which groups a scan calls for; ``nuisance``: stage and lamp of single patterns; ``outliers``
 - ``questions``: order of lens types, mirrored axes, sign of depth, another camera
+- ``convergence``: what each round of a fit leaves
 - ``judge``: chi² and the model's error; ``summary``, ``result``: what was found and how sure it is
 - ``fit``: all of it in order
 - ``files``: camera, effects, numbers and H as files; ``drawing``, ``report``: a fit in pictures and as a page
+- ``writing``: all of them in a folder
 """
 
+from lfcal.fit.convergence import FitProgress
 from lfcal.fit.fit import fit_camera, iter_fit_camera
 from lfcal.fit.measured import Measured, measured_of
 from lfcal.fit.parameters import GROUPS, Group, Unknown
@@ -21,6 +24,7 @@ from lfcal.fit.setup import Setup
 __all__ = [
     "GROUPS",
     "Fit",
+    "FitProgress",
     "Group",
     "Measured",
     "Outlier",

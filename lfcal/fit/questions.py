@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.camera import Camera
 from lfcal.errors import InputError
@@ -14,7 +15,7 @@ from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Local
 from lfcal.fit.problem import Point, Problem
-from lfcal.fit.solver import descend
+from lfcal.fit.solver import Tell, descend
 from lfcal.fit.spread import spread_out
 from lfcal.fit.weighing import flat
 from lfcal.progress import Work
@@ -62,9 +63,9 @@ class Answer:
     remedy: str
 
 
-def misfit(problem: Problem, point: Point) -> float:
-    """Return what fitted patterns have beside model and noise, as a share of their rms (relative L2)."""
-    keep = problem.fitted
+def misfit(problem: Problem, point: Point, keep: NDArray[np.bool_] | None = None) -> float:
+    """Return what patterns, by default the fitted ones, have beside model and noise, as a share of their rms (L2)."""
+    keep = problem.fitted if keep is None else keep
     data, valid = flat(problem.measured.of(keep))
     inverse = np.where(valid, point.seen.inverse[keep], 1.0)
     off = np.where(valid, point.seen.residual[keep] / inverse, 0.0)
@@ -104,9 +105,9 @@ def check_explained(problem: Problem, point: Point) -> None:
         )
 
 
-def as_described(problem: Problem, core: Sequence[str]) -> Work[Point]:
+def as_described(problem: Problem, core: Sequence[str], tell: Tell | None = None) -> Work[Point]:
     """Return the fit of the unknowns ``core`` about the description."""
-    return (yield from _tried(problem, core, "as described", most=4))
+    return (yield from _tried(problem, core, "as described", most=4, tell=tell))
 
 
 def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
@@ -145,11 +146,11 @@ def order_of_types(described: Camera, found: Camera) -> str:
     return ", ".join(map(str, best)) if far[best] < 0.5 * own else ""
 
 
-def _tried(problem: Problem, core: Sequence[str], note: str, *, most: int) -> Work[Point]:
+def _tried(problem: Problem, core: Sequence[str], note: str, *, most: int, tell: Tell | None = None) -> Work[Point]:
     which = problem.vector.of_groups(core).tolist()
     local = Local(np.zeros((len(problem.measured), 2)))
     point = problem.point(np.zeros(len(problem.vector)), local, Fineness.coarse, doubtful=True)
-    point, _ = yield from descend(problem, point, which, note, most=most, enough=5e-3)
+    point, _ = yield from descend(problem, point, which, note, most=most, enough=5e-3, tell=tell)
     return point
 
 
