@@ -45,7 +45,7 @@ def iter_fit_camera(
 ) -> Work[Fit]:
     """Fit as `fit_camera`; yields progress in derivatives, and closing it stops the fit.
 
-    The end of each round of them is a `FitProgress`.
+    The start and the end of each round of them are a `FitProgress`.
     """
     measured = source if isinstance(source, Measured) else measured_of(source, camera, **reading)
     if isinstance(source, Measured) and camera is not None:

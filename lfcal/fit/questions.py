@@ -22,7 +22,17 @@ from lfcal.progress import Work
 from lfcal.simulate.engines.base import EnergyError
 from lfcal.units import format_share
 
-__all__ = ["PLAIN", "STRANGE", "as_described", "asked", "check_explained", "check_light", "misfit", "order_of_types"]
+__all__ = [
+    "PLAIN",
+    "STRANGE",
+    "as_described",
+    "asked",
+    "check_explained",
+    "check_light",
+    "misfit",
+    "order_of_types",
+    "unexplained",
+]
 
 PLAIN = 0.12
 """Share of the light (relative L2) that a described camera may leave unexplained before questions are asked."""
@@ -63,9 +73,8 @@ class Answer:
     remedy: str
 
 
-def misfit(problem: Problem, point: Point, keep: NDArray[np.bool_] | None = None) -> float:
-    """Return what patterns, by default the fitted ones, have beside model and noise, as a share of their rms (L2)."""
-    keep = problem.fitted if keep is None else keep
+def unexplained(problem: Problem, point: Point, keep: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return what the patterns ``keep`` have beside model and noise, as a share of their squares, and its sigma."""
     data, valid = flat(problem.measured.of(keep))
     inverse = np.where(valid, point.seen.inverse[keep], 1.0)
     off = np.where(valid, point.seen.residual[keep] / inverse, 0.0)
@@ -73,9 +82,15 @@ def misfit(problem: Problem, point: Point, keep: NDArray[np.bool_] | None = None
     constant, slope = (problem.measured.noise[keep, k, None] for k in (0, 1))
     noise = np.where(valid, constant + slope * np.maximum(light, 0), 0.0)
     back = point.levels.backgrounds[problem.planes[keep], None]
-    power = float(np.square(np.where(valid, data - back, 0.0), dtype=np.float64).sum())
+    power = max(1e-300, float(np.square(np.where(valid, data - back, 0.0), dtype=np.float64).sum()))
     beside = float(np.square(off, dtype=np.float64).sum() - noise.sum())
-    return float(np.sqrt(max(0.0, beside) / max(power, 1e-300)))
+    return beside / power, float(np.sqrt(2.0 * np.square(noise).sum())) / power
+
+
+def misfit(problem: Problem, point: Point) -> float:
+    """Return what fitted patterns have beside model and noise, as a share of their rms (relative L2)."""
+    share, _ = unexplained(problem, point, problem.fitted)
+    return float(np.sqrt(max(0.0, share)))
 
 
 def check_light(measured: Measured) -> None:
@@ -150,6 +165,8 @@ def _tried(problem: Problem, core: Sequence[str], note: str, *, most: int, tell:
     which = problem.vector.of_groups(core).tolist()
     local = Local(np.zeros((len(problem.measured), 2)))
     point = problem.point(np.zeros(len(problem.vector)), local, Fineness.coarse, doubtful=True)
+    if tell is not None:
+        yield tell(problem, point, note)
     point, _ = yield from descend(problem, point, which, note, most=most, enough=5e-3, tell=tell)
     return point
 
