@@ -62,16 +62,7 @@ class FitPanel(QWidget):
         self.findings = RowsTable(("Kind", "What the fit says"), 1)
         self.findings.setAccessibleName("findings")
         self.findings.itemSelectionChanged.connect(self._finding_chosen)
-        self.tabs = QTabWidget()
-        self.tabs.setDocumentMode(True)
-        self.tabs.tabBar().setDrawBase(False)
-        for widget, title in (
-            (self.patterns, "Patterns"),
-            (self.parameters, "Parameters"),
-            (self.findings, "Findings"),
-            (self.rounds, "Convergence"),
-        ):
-            self.tabs.addTab(widget, title)
+        self.tabs = self._tabs()
         self.ready = QLabel(READY)
         self.ready.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.ready.setWordWrap(True)
@@ -92,6 +83,19 @@ class FitPanel(QWidget):
         row.setSpacing(8)
         row.addWidget(self.choices)
         row.addWidget(right, 1)
+
+    def _tabs(self) -> QTabWidget:
+        tabs = QTabWidget()
+        tabs.setDocumentMode(True)
+        tabs.tabBar().setDrawBase(False)
+        for widget, title in (
+            (self.patterns, "Patterns"),
+            (self.parameters, "Parameters"),
+            (self.findings, "Findings"),
+            (self.rounds, "Convergence"),
+        ):
+            tabs.addTab(widget, title)
+        return tabs
 
     def _status_card(self) -> QFrame:
         self.status, column = card()
