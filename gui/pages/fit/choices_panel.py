@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QFrame, QLabel, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
+from gui.models.project import ProjectState
 from gui.pages.fit.model import FIELDS, FitSettings, Offer, group_rows
 from gui.widgets.cards import card, choice_box, column_area
 from gui.widgets.form import Form
@@ -75,8 +76,9 @@ class ChoicesPanel(QWidget):
         return frame
 
     # -- showing ---------------------------------------------------------------------------------------
-    def show_source(self, name: str, offer: Offer | None, settings: FitSettings, window: str) -> None:
-        """Show what the H called ``name`` offers; None: it is being opened. ``window``: the camera of the window."""
+    def show_source(self, name: str, offer: Offer | None, project: ProjectState) -> None:
+        """Show what the H called ``name`` offers to a fit in a project; None: it is being opened."""
+        settings = FitSettings.of(project)
         if offer is None:
             self.source.setText(f"{name} is being opened …")
             for label in (self.use, self.start, self.noise):
@@ -84,13 +86,12 @@ class ChoicesPanel(QWidget):
             return
         self.source.setText(offer.source_words(name))
         self.use.setText(offer.use_words(settings.positions))
-        self.start.setText(offer.camera_words(settings, window))
-        words, role = offer.noise_words(settings)
-        self.noise.setText(words)
-        if self.noise.property("role") != role:
-            self.noise.setProperty("role", role)
-            self.noise.style().unpolish(self.noise)
-            self.noise.style().polish(self.noise)
+        for key in ("constant", "slope"):
+            editor = self.form.editor(key)
+            if isinstance(editor, QLineEdit):
+                editor.setPlaceholderText("needed" if offer.noise is None else "as H states")
+        _say(self.start, *offer.camera_words(settings, project.camera, project.plan))
+        _say(self.noise, *offer.noise_words(settings))
 
     def show_settings(self, settings: FitSettings, fit: Fit | None) -> None:
         """Show what the user chose; of a ``fit`` that found its groups, which they are."""
@@ -128,6 +129,14 @@ def _legend(settings: FitSettings, *, told: bool) -> str:
     if not settings.auto:
         return ""
     return "✓ fitted, – did not help" if told else "✓ always fitted, ? tried and kept if it helps"
+
+
+def _say(label: QLabel, words: str, role: str) -> None:
+    label.setText(words)
+    if label.property("role") != role:
+        label.setProperty("role", role)
+        label.style().unpolish(label)
+        label.style().polish(label)
 
 
 def _wrapped() -> QLabel:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gui.models.form import Field
 from gui.models.project import ProjectState
 from gui.models.settings import PageSettings
+from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
 from lfcal.fit import GROUPS
 from lfcal.psf import PSFMatrix
@@ -112,6 +113,8 @@ class FitSettings(PageSettings):
             return None
         if self.constant is None or self.slope is None:
             raise InputError.expected("noise", "constant and slope", "one of them", "give both, or neither")
+        if self.constant + self.slope <= 0:
+            raise InputError.expected("noise", "a variance above 0", "0", "give constant and slope")
         return float(self.constant), float(self.slope)
 
 
@@ -131,8 +134,10 @@ class Offer:
 
     Attributes
     ----------
-    recorded, positions, planes
-        Recorded patterns, all of them, and depth planes.
+    shape
+        Of H.
+    recorded
+        Patterns that were recorded.
     camera
         Name of H's own camera, None where it has none.
     noise
@@ -141,19 +146,19 @@ class Offer:
         Why what H states of its noise cannot be used; empty where it can, or where it states none.
     """
 
+    shape: tuple[int, ...]
     recorded: int
-    positions: int
-    planes: int
     camera: str | None
     noise: tuple[float, float] | None
     problem: str = ""
 
     def source_words(self, name: str) -> str:
         """Return a line on the positions of H, which is called ``name``."""
-        planes = f"{self.planes} plane{'s' * (self.planes > 1)}"
-        if self.recorded == self.positions:
-            return f"{name}: all {self.positions:,} positions recorded, {planes}"
-        return f"{name}: {self.recorded:,} of {self.positions:,} positions recorded, {planes}"
+        nz, ny, nx = self.shape[:3]
+        planes, positions = f"{nz} plane{'s' * (nz > 1)}", nz * ny * nx
+        if self.recorded == positions:
+            return f"{name}: all {positions:,} positions recorded, {planes}"
+        return f"{name}: {self.recorded:,} of {positions:,} positions recorded, {planes}"
 
     def use_words(self, positions: int) -> str:
         """Return a line on how many are used of how many were asked for."""
@@ -166,6 +171,8 @@ class Offer:
         if (settings.constant is None) != (settings.slope is None):
             return "Noise needs both constant and slope, or neither.", "error"
         if settings.constant is not None:
+            if settings.constant + (settings.slope or 0) <= 0:
+                return "Without noise nothing is weighed: give a variance above 0.", "error"
             over = ", not what H states" if self.noise is not None else ""
             return f"Noise as given here{over}.", "hint"
         if self.problem:
@@ -175,21 +182,27 @@ class Offer:
         constant, slope = self.noise
         return f"Noise as H states: variance about {constant:.3g} + {slope:.3g} × value.", "hint"
 
-    def camera_words(self, settings: FitSettings, window: str) -> str:
-        """Return a line on the camera that the fit starts from; ``window`` is the name of the window's."""
-        if settings.camera == "window":
-            return f"Starts from {window}, the camera of this window."
+    def camera_words(self, settings: FitSettings, window: Camera, plan: ScanPlan | None) -> tuple[str, str]:
+        """Return a line on the camera that the fit starts from, and its role as of `noise_words`.
+
+        ``window`` and ``plan`` are those of the window.
+        """
         if self.camera is None:
-            return f"H has no camera of its own: starts from {window}, that of this window."
-        return f"Starts from {self.camera}, as H was made with."
+            if plan is None or plan.shape != self.shape:
+                return f"H has no camera of its own: make a plan of its shape {self.shape} on the Plan page.", "error"
+            return f"H has no camera of its own: takes camera, depths and anchor of the plan, {window.name}.", "hint"
+        if settings.camera == "window":
+            return f"Starts from {window.name}, the camera of this window.", "hint"
+        return f"Starts from {self.camera}, as H was made with.", "hint"
 
 
 def offer_of(matrix: PSFMatrix) -> Offer:
-    """Return what an H offers; looks at its facts and not at its patterns."""
+    """Return what an H or HT offers; looks at its facts and not at its patterns."""
+    matrix = matrix.T if matrix.is_transposed else matrix
     recorded = np.asarray(matrix.recorded) > 0
     noise, problem = _noise(matrix, recorded)
     camera = None if matrix.camera is None else matrix.camera.name
-    return Offer(int(recorded.sum()), recorded.size, recorded.shape[0], camera, noise, problem)
+    return Offer(matrix.shape, int(recorded.sum()), camera, noise, problem)
 
 
 def _noise(matrix: PSFMatrix, recorded: NDArray[np.bool_]) -> tuple[tuple[float, float] | None, str]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gui.models.project import ProjectState
 from gui.pages.fit.model import FitSettings, Stamp, offer_of, stamp_of
-from lfcal.camera import Camera
+from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
 from lfcal.fit import Fit, FitProgress, Measured, iter_fit_camera, measured_of
 from lfcal.fit.drawing import leftover_of
@@ -34,14 +34,15 @@ class Question:
     ----------
     psf, stamp
         File of H, and as it was when the fit was asked for.
-    settings, window
-        What the user chose, and the camera of the window.
+    settings, window, plan
+        What the user chose; camera and plan of the window.
     """
 
     psf: str
     stamp: Stamp
     settings: FitSettings
     window: Camera
+    plan: ScanPlan | None
 
     @property
     def name(self) -> str:
@@ -120,11 +121,10 @@ def asked_of(project: ProjectState, settings: FitSettings) -> Question:
     stamp = stamp_of(project)
     if stamp is None:
         raise InputError.expected("fit", "an H file", "none", "open one on the PSF page")
-    if settings.noise is None and (settings.constant, settings.slope) != (None, None):
-        raise InputError.expected("noise", "constant and slope", "one of them", "give both, or neither")
+    _ = settings.noise  # raises where it is none
     if not settings.unknowns:
         raise InputError.expected("unknowns", "one group or more", "none", "choose some, or automatic")
-    return Question(project.psf, stamp, settings, project.camera)
+    return Question(project.psf, stamp, settings, project.camera, project.plan)
 
 
 def iter_fit(asked: Question, kept: Kept) -> Work[None]:
@@ -155,14 +155,25 @@ def _read(asked: Question) -> tuple[Measured, str]:
 
     settings = asked.settings
     with open_psf(asked.psf) as opened:
-        matrix: PSFMatrix = opened.T if opened.is_transposed else opened
+        matrix = _owned(opened.T if opened.is_transposed else opened, asked)
         offer = offer_of(matrix)
         if settings.noise is None and offer.noise is None:
             raise InputError(f"{asked.name}: {offer.noise_words(settings)[0]}")
-        own = matrix.camera if settings.camera == "psf" else None
-        measured = measured_of(matrix, own or asked.window, noise=settings.noise, most=settings.positions or None)
+        camera = matrix.camera if settings.camera == "psf" else asked.window
+        measured = measured_of(matrix, camera, noise=settings.noise, most=settings.positions or None)
         unit = "share of the light" if "simulated" in matrix.provenance else "counts"
         return measured, unit
+
+
+def _owned(matrix: PSFMatrix, asked: Question) -> PSFMatrix:
+    """Return H with a camera: where it has none, its depths and anchor are of no meaning either, but a plan's are."""
+    if matrix.camera is not None:
+        return matrix
+    plan = asked.plan
+    if plan is None or plan.shape != matrix.shape:
+        wanted, got = f"its own, or a plan of its shape {matrix.shape}", "none" if plan is None else f"{plan.shape}"
+        raise InputError.expected(f"{asked.name}, camera", wanted, got, "make the plan on the Plan page")
+    return PSFMatrix(matrix.planes, depths=plan.depths_um, camera=plan.camera, anchor=plan.anchor, facts=matrix.facts)
 
 
 def _found(asked: Question, fit: Fit, measured: Measured, unit: str) -> Found:

@@ -45,7 +45,7 @@ def parameter_rows(fit: Fit) -> tuple[ParameterRow, ...]:
 def _row(one: Parameter) -> ParameterRow:
     away = (one.value - one.start) / one.sigma if one.sigma > 0 else math.nan
     title = GROUPS.get(one.group).title if one.group in GROUPS else one.group
-    value, sigma, start = _rounded(one.value, one.sigma), f"{one.sigma:.2g}", _rounded(one.start, one.sigma)
+    value, sigma, start = (_rounded(number, one.sigma) for number in (one.value, one.sigma, one.start))
     far = "–" if math.isnan(away) else f"{away:+.1f}" if abs(away) < 1000 else f"{away:+.3g}"
     texts = (one.name, value, sigma, start, one.unit or "–", far, title)
     nan = math.nan
@@ -53,7 +53,7 @@ def _row(one: Parameter) -> ParameterRow:
 
 
 def _rounded(value: float, sigma: float) -> str:
-    """Return a value with as many digits as its standard deviation gives it sense, and one more."""
+    """Return a value with the digits that its standard deviation gives it: two of that."""
     if not (math.isfinite(sigma) and sigma > 0):
         return f"{value:.6g}"
     digits = 1 - math.floor(math.log10(sigma))

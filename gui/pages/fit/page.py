@@ -83,8 +83,9 @@ class Page(BasePage):
         return FitSettings.of(self.context.state)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Follow H, the choices and the camera."""
-        if old.psf != new.psf or old.camera != new.camera or FitSettings.of(old) != FitSettings.of(new):
+        """Follow H, the choices, camera and plan."""
+        changed = (old.psf, old.camera, old.plan) != (new.psf, new.camera, new.plan)
+        if changed or FitSettings.of(old) != FitSettings.of(new):
             self._follow()
 
     def entered(self) -> None:
@@ -135,9 +136,7 @@ class Page(BasePage):
             return
         self.show_body()
         choices, settings = self.panel.choices, self.settings
-        choices.show_source(
-            Path(state.psf).name, None if matrix is None else offer_of(matrix), settings, state.camera.name
-        )
+        choices.show_source(Path(state.psf).name, None if matrix is None else offer_of(matrix), state)
         found = self.found
         same = found is not None and found.question.settings == settings
         choices.show_settings(settings, found.fit if found is not None and same else None)

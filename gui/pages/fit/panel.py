@@ -62,6 +62,7 @@ class FitPanel(QWidget):
         self.findings = RowsTable(("Kind", "What the fit says"), 1)
         self.findings.setAccessibleName("findings")
         self.findings.itemSelectionChanged.connect(self._finding_chosen)
+        self.findings.cellClicked.connect(lambda *_: self._finding_chosen())  # also where it is selected already
         self.tabs = self._tabs()
         self.ready = QLabel(READY)
         self.ready.setAlignment(Qt.AlignmentFlag.AlignCenter)

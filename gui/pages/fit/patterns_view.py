@@ -83,13 +83,13 @@ class PatternsView(QWidget):
         ):
             grid.addWidget(heading(title), 0, column)
             grid.addWidget(view, 1, column)
-            grid.setColumnStretch(column, 5 if column else 4)
+            grid.setColumnStretch(column, 19 if column else 15)  # the first has no colour bar
             view.hovered.connect(self._hovered)
             view.moved.connect(self._follow)
             view.whole_asked.connect(self._show_whole)
         self.map = PlaceMap()
         self.map.chosen.connect(self.place_asked.emit)
-        grid.addWidget(heading("χ² of each pattern of the plane"), 2, 0, 1, 2)
+        grid.addWidget(heading("χ² of each pattern of the plane, weighted by the light"), 2, 0, 1, 2)
         grid.addWidget(self.map, 3, 0, 1, 2)
         grid.addWidget(self._controls(), 2, 2, 2, 1)
         grid.setRowStretch(1, 3)

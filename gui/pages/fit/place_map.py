@@ -77,7 +77,7 @@ class PlaceMap(QWidget):
             spot = {"pos": (place[2], place[1]), "data": place, "size": 10, "symbol": SYMBOLS[fate]}
             spots.append({**spot, "brush": pg.mkBrush(colour), "pen": pg.mkPen(theme.muted, width=0.6)})
         self.dots.setData(spots)
-        self.plot.setRange(QRectF(-0.5, -0.5, nx, ny), padding=0.04)
+        self.plot.setRange(QRectF(-1.5, -1.5, nx + 2, ny + 2), padding=0)
 
     def show_place(self, place: Place | None) -> None:
         """Put the ring about a position; None: nowhere."""

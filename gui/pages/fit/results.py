@@ -54,13 +54,14 @@ class Results:
             "fit",
             path,
             lambda: iter_write_model(found.fit, path, provenance=known),
-            lambda _: self._computed(path),
+            lambda _: self._computed(found, path),
             lambda job: self._page.refuse(job.error),
         )
 
-    def _computed(self, path: str) -> None:
-        self.context.message.emit(f"H of the fitted camera written: {path}; PSF compares it with the measured one")
-        self.context.project.update("H of the fit", reference=path)
+    def _computed(self, found: Found, path: str) -> None:
+        self.context.message.emit(f"H of the fitted camera written: {path}")
+        if found is self._page.found:  # of another H it is no reference
+            self.context.project.update("H of the fit", reference=path)
 
     def save(self, folder: str = "") -> None:
         """Write everything that the fit makes into a folder, as a job."""

@@ -24,12 +24,15 @@ from gui.pages.fit.model_words import (
     verdict_of,
 )
 from gui.pages.simulate.model import SimulateSettings
+from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.fit import GROUPS
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts
+from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects import Crosstalk, Zernike
+from lfcal.simulate.simulate import simulate_psf
 from tests.fit.common import few_patterns
 from tests.gui.pages.fit.common import GEOMETRY, found_in, project_of, saved, with_outlier
 
@@ -77,6 +80,9 @@ def test_noise_needs_both_numbers(tmp_path: Path) -> None:
     one = FitSettings(constant=64.0)
     with pytest.raises(InputError, match="constant and slope"):
         asked_of(project_of(saved(tmp_path / "H.h5"), one), one)
+    none = FitSettings(constant=0.0, slope=0.0)
+    with pytest.raises(InputError, match="a variance above 0"):
+        asked_of(project_of(tmp_path / "H.h5", none), none)
     words, role = offer_of(few_patterns()).noise_words(one)
     assert role == "error" and "both" in words
 
@@ -100,7 +106,7 @@ def test_every_group_of_the_registry_can_be_chosen() -> None:
 # -- what an H offers --------------------------------------------------------------------------------------
 def test_an_h_says_what_it_has() -> None:
     offer = offer_of(few_patterns())
-    assert (offer.recorded, offer.positions, offer.planes) == (6, 8, 1)
+    assert (offer.recorded, offer.shape) == (6, (1, 2, 4, 15, 15))
     assert offer.noise == pytest.approx((64.0, 1.0)) and offer.camera == "bench"
     assert offer.source_words("H.h5") == "H.h5: 6 of 8 positions recorded, 1 plane"
     assert offer.use_words(40) == "6 are used, 1 of them kept aside to judge the fit."
@@ -108,7 +114,17 @@ def test_an_h_says_what_it_has() -> None:
     assert offer.noise_words(FitSettings()) == ("Noise as H states: variance about 64 + 1 × value.", "hint")
     given = FitSettings(constant=1.0, slope=2.0)
     assert offer.noise_words(given) == ("Noise as given here, not what H states.", "hint")
-    assert "this window" in offer.camera_words(FitSettings("window"), "mine")
+    mine = replace(preset("bench"), name="mine")
+    assert offer.camera_words(FitSettings("window"), mine, None) == (
+        "Starts from mine, the camera of this window.",
+        "hint",
+    )
+    words, role = offer.noise_words(FitSettings(constant=0.0, slope=0.0))
+    assert role == "error" and "above 0" in words
+
+
+def test_ht_offers_what_its_h_does() -> None:
+    assert offer_of(few_patterns().T) == offer_of(few_patterns())
 
 
 def bare(noise: np.ndarray | None = None, *, camera: bool = True) -> PSFMatrix:
@@ -122,7 +138,11 @@ def test_an_h_without_noise_or_camera_says_so() -> None:
     offer = offer_of(bare(camera=False))
     words, role = offer.noise_words(FitSettings())
     assert (offer.noise, role) == (None, "error") and "does not state its noise" in words
-    assert offer.camera_words(FitSettings(), "mine").startswith("H has no camera of its own: starts from mine")
+    camera = preset("bench")
+    words, role = offer.camera_words(FitSettings(), camera, None)
+    assert role == "error" and "make a plan of its shape (1, 2, 4, 15, 15)" in words
+    words, role = offer.camera_words(FitSettings(), camera, few_plan())
+    assert role == "hint" and "of the plan" in words
     dark = np.tile([-5.0, 1.0], (*bare().shape[:3], 1))
     words, role = offer_of(bare(dark)).noise_words(FitSettings())
     assert role == "error" and "black level" in words
@@ -136,13 +156,26 @@ def test_an_h_without_noise_is_refused_in_words_of_the_page(tmp_path: Path) -> N
     assert "\n" not in str(refused.value) and "--" not in str(refused.value)
 
 
-def test_noise_that_is_given_and_the_window_s_camera_are_used(tmp_path: Path, found: Found) -> None:
-    """An H of neither is fitted as the one that states both."""
-    camera = few_patterns().camera
-    assert camera is not None
+def few_plan() -> ScanPlan:
+    """Return the plan of the tiny H."""
+    H = few_patterns()
+    assert H.camera is not None
+    return ScanPlan(H.camera, H.period, H.cutout, tuple(H.depths), H.anchor)
+
+
+def test_an_h_of_nothing_but_values_takes_noise_and_plan_of_the_window(tmp_path: Path, found: Found) -> None:
+    """It is fitted as the one that states both; without the plan its positions and depths have no meaning."""
+    H = few_patterns()
+    facts = Facts.of(H.shape[:3], H.cutout, recorded=H.recorded)
+    path = saved(tmp_path / "H.h5", PSFMatrix(np.array(H), facts=facts))
     settings = replace(GEOMETRY, constant=64.0, slope=1.0)
-    project = replace(project_of(saved(tmp_path / "H.h5", bare(camera=False)), settings), camera=camera)
-    kept = Kept()
+    project, kept = project_of(path, settings), Kept()
+    with pytest.raises(InputError, match="make the plan on the Plan page"):
+        drain(iter_fit(asked_of(project, settings), kept))
+    other = replace(few_plan(), period=(2, 3))
+    with pytest.raises(InputError, match=r"its shape \(1, 2, 4, 15, 15\), got \(1, 2, 3, 15, 15\)"):
+        drain(iter_fit(asked_of(replace(project, plan=other), settings), kept))
+    project = replace(project, plan=few_plan())
     drain(iter_fit(asked_of(project, settings), kept))
     assert kept.found is not None
     for name, one in kept.found.fit.parameters.items():
@@ -183,10 +216,10 @@ def test_rows_of_parameters_are_what_was_found(found: Found) -> None:
     assert gap.numbers[1:4] == (own.value, own.sigma, own.start) and gap.far
     assert float(gap.texts[5]) == pytest.approx((own.value - own.start) / own.sigma, abs=0.06)
     for row in rows:
-        # digits end where sigma's do: two of them
-        value, sigma = row.texts[1], row.texts[2]
-        decimals = len(value.partition(".")[2])
-        assert abs(float(value) - row.numbers[1]) <= 0.06 * row.numbers[2] and decimals <= len(sigma)
+        value, sigma, start = row.texts[1:4]
+        decimals = [len(text.partition(".")[2]) for text in (value, sigma, start)]
+        assert len(set(decimals)) == 1 and len(sigma.replace(".", "").lstrip("0")) == 2
+        assert abs(float(value) - row.numbers[1]) <= 0.06 * row.numbers[2]
         assert row.texts[6] == GROUPS.get("geometry").title
     known = replace(found.fit, parameters={"gap_um": replace(own, sigma=0.0)})
     assert parameter_rows(known)[0].texts[5] == "–"
@@ -232,6 +265,23 @@ def test_the_camera_and_its_effects_are_used_everywhere(found: Found) -> None:
     assert {name: one for name, one in settings.overrides if one == "on"}.keys() == {e.name for e in fit.effects}
     assert settings.override("read_noise") == "off" and "coma" not in effects
     assert use.holds(after) and not use.holds(state)
+
+
+def test_simulate_then_computes_the_h_of_the_fit(found: Found) -> None:
+    """Against the fit's own H: the same optics by the planner's settings, up to the tolerance."""
+    state = ProjectState(plan=found.measured.plan)
+    after = replace(state, **use_of(state, found.fit).changes)
+    assert after.plan is not None
+    settings, plan = SimulateSettings.of(after), after.plan
+    effects = plan_effects(plan.camera, plan, 0.01, settings.choices(), effects=settings.effects())
+    H = np.asarray(simulate_psf(plan.camera, plan, effects, tolerance=0.01, workers=1))
+    model = np.asarray(found.fit.model(workers=1))
+    scale = float((H * model).sum() / (H * H).sum())
+    assert np.abs(scale * H - model).sum() < 0.015 * model.sum()
+    # the camera as described is told from it
+    before = np.asarray(simulate_psf(state.plan.camera, state.plan, effects, tolerance=0.01, workers=1))  # type: ignore[union-attr]
+    scale = float((before * model).sum() / (before * before).sum())
+    assert np.abs(scale * before - model).sum() > 0.03 * model.sum()
 
 
 def test_a_plan_that_does_not_go_with_the_camera_is_dropped(found: Found) -> None:

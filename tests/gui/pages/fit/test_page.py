@@ -171,6 +171,9 @@ def test_an_outlier_is_found_by_its_line(page: Page, qtbot: QtBot, tmp_path: Pat
     assert panel.tabs.currentWidget() is panel.patterns
     one = page.found.fit.outliers[0]
     assert panel.patterns.place == (one.z, one.y, one.x) and "left out" in panel.patterns.words.text()
+    panel.tabs.setCurrentWidget(panel.findings)
+    panel.findings.cellClicked.emit(0, 1)
+    assert panel.tabs.currentWidget() is panel.patterns, "a row that is selected already is clicked again"
 
 
 def test_an_incomplete_model_says_so(fitted: Page) -> None:
