@@ -320,8 +320,8 @@ class Jobs(QObject):
         self._closed = True
         for stop in self._stops.values():
             stop.set()
-        wait_for(list(self._threads.values()), JOBS_S)
-        wait_for(self._abandoned, LOADS_S)
+        wait_for([thread for number, thread in self._threads.items() if number not in self._left], JOBS_S)
+        wait_for([*self._abandoned, *(self._threads[number] for number in self._left)], LOADS_S)
         self._loads.close(LOADS_S)
         self._workers.close(COMPUTATIONS_S)
         self._timer.stop()

@@ -87,7 +87,8 @@ def detail_of(found: Found) -> str:
     fit = found.fit
     fates = [found.fate(place) for place in found.places]
     fitted, aside, out = (fates.count(fate) for fate in ("fitted", "kept aside", "left out"))
-    by = f"its error by {aside} that never were" if aside else "its error by the same, as none was kept aside"
+    others = f"{aside} others tell" if aside > 1 else "1 other tells"
+    by = f"{others} the error" if aside else "which tell the error, too: no other was kept aside"
     parts = [f"{fitted} patterns fitted, {by}"]
     if out:
         parts.append(f"{out} left out as unlike the others")

@@ -32,7 +32,7 @@ class Page(BasePage):
         self._kept, self._rounds = Kept(), Kept()
         self._stamp: Stamp | None = None
         self._job = 0
-        self._failed = ""
+        self._said = ("", False)
         self._used: Use | None = None
         self.results = Results(self)
         self._make_buttons()
@@ -145,8 +145,10 @@ class Page(BasePage):
 
     def _release(self) -> None:
         """Forget the fit of another H, and stop the one at work."""
-        self.stop()
-        self._job, self.found, self._failed, self._used = 0, None, "", None
+        number, self._job = self._job, 0  # whose end is of no interest any more
+        if number:
+            self.context.jobs.cancel(number)
+        self.found, self._said, self._used = None, ("", False), None
         self._kept = self._rounds = Kept()
         self.results.close()
         self.notice.clear()
@@ -178,7 +180,8 @@ class Page(BasePage):
 
     def _show_found(self) -> None:
         if self.found is None:
-            self.panel.show_ready(self._failed, failed=bool(self._failed))
+            words, failed = self._said
+            self.panel.show_ready(words, failed=failed)
             return
         changed = self.found.question.settings != self.settings
         # undo may have taken it back
@@ -207,7 +210,7 @@ class Page(BasePage):
             return
         self.notice.clear()
         self._kept = kept = Kept()
-        self._failed, self._used = "", None
+        self._said, self._used = ("", False), None
         self._job = self.context.jobs.start(
             f"Fit {asked.name}", "fit", lambda: iter_fit(asked, kept), abandon=True, leave=True
         )
@@ -235,7 +238,7 @@ class Page(BasePage):
             self.context.attention.emit("fit", not kept.found.fit.complete)
             self.context.message.emit(f"{kept.found.question.name}: {kept.found.fit.verdict}")
         elif self.found is None:
-            self._failed = job.error or "Stopped."
+            self._said = (job.error or "Stopped.", bool(job.error))
         elif job.error:
             self.refuse(job.error)
         self._kept = Kept()

@@ -231,7 +231,7 @@ def test_the_verdict_says_how_far_to_trust(found: Found) -> None:
     assert re.fullmatch(
         r"The model explains the patterns: χ² [\d.]+\. H .* off by less than [\d.]+ %\.", verdict_of(fit)
     )
-    assert detail_of(found).startswith("H.h5: 5 patterns fitted, its error by 1 that never were")
+    assert detail_of(found).startswith("H.h5: 5 patterns fitted, 1 other tells the error")
     worse = replace(fit, chi_square=replace(fit.chi_square, lit=3.0, sigma=0.05))
     known = replace(worse, left_out_error=replace(fit.left_out_error, squared=4e-4, squared_sigma=1e-5))
     assert merit_of(known) == "bad"
