@@ -48,6 +48,7 @@ class Page(BasePage):
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
         context.on_close(self.results.close)
+        context.matrices.want(context.state.psf)
         self._follow()
 
     def _make_buttons(self) -> None:
@@ -84,6 +85,8 @@ class Page(BasePage):
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow H, the choices, camera and plan."""
+        if old.psf != new.psf:
+            self.context.matrices.want(new.psf)
         changed = (old.psf, old.camera, old.plan) != (new.psf, new.camera, new.plan)
         if changed or FitSettings.of(old) != FitSettings.of(new):
             self._follow()
@@ -129,7 +132,6 @@ class Page(BasePage):
                 },
             )
             return
-        self.context.matrices.want(state.psf)
         matrix = self.context.matrix(state.psf)
         if matrix is None and not self._busy and self.found is None:
             self.show_no_matrix(state.psf, "", {"PSF": lambda: self.context.go.emit("psf", None)})

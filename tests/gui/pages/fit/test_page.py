@@ -259,6 +259,18 @@ def test_a_file_that_is_written_anew_is_another_h(fitted: Page, qtbot: QtBot, tm
     assert fitted.found is None and fitted.panel.stack.currentWidget() is fitted.panel.ready
 
 
+def test_a_file_that_is_being_written_is_left_alone(page: Page, qtbot: QtBot) -> None:
+    path = page.context.state.psf
+    page.context.forget(path)
+    page.entered()
+    idle(page.context.jobs, qtbot)
+    assert page.context.matrix(path) is None and page.empty is not None
+    assert "is being written" in page.empty.label.text()
+    page.context.matrices.want(path)  # as the window does when it is written
+    idle(page.context.jobs, qtbot)
+    assert page.empty is None and page.panel.choices.source.text().startswith("H.h5: 6 of 8")
+
+
 def test_a_fit_of_another_h_comes_too_late(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     page.fit()
     page.context.project.update("open", psf=str(saved(tmp_path / "other.h5")))
