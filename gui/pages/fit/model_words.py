@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from gui.pages.fit.model_run import Found, Place
 from lfcal.fit import GROUPS, Fit, Outlier, Parameter
-from lfcal.units import format_share
+from lfcal.units import format_length, format_share
 
 __all__ = [
     "COLUMNS",
@@ -135,7 +135,7 @@ def place_words(found: Found, place: Place) -> str:
     z, y, x = place
     depth = found.measured.plan.depths_um[z]
     virtual = found.fit.camera.virtual_depth(depth)
-    at = f"z = {depth / 1e3:.4g} mm, v = {virtual:.2f}; y {y}, x {x}"
+    at = f"z = {format_length(depth)}, v = {virtual:.2f}; y {y}, x {x}"
     return f"{at}: {found.fate(place)}, χ² {found.chi2[place]:.3g}"
 
 

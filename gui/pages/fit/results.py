@@ -10,6 +10,7 @@ from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QFileDialog
 
+from gui.jobs import Job
 from gui.pages.fit.model_run import Found
 from gui.saving import ask_target, may_replace
 from lfcal.fit.files import iter_write_model
@@ -111,8 +112,12 @@ class Results:
             "fit",
             lambda: iter_fit_report(found.fit, found.measured, folder, found.question.name),
             lambda page: self._reported(found, page),
-            lambda job: self._page.refuse(job.error),
+            lambda job: self._failed(found, job),
         )
+
+    def _failed(self, found: Found, job: Job) -> None:
+        if found is self._page.found:  # else its folder was taken away meanwhile
+            self._page.refuse(job.error)
 
     def _reported(self, found: Found, page: Path) -> None:
         if found is self._page.found:
