@@ -14,6 +14,7 @@ import argparse
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from lfcal.acquire import Options, iter_finish, record
 from lfcal.camera import Camera, ScanPlan, preset
@@ -23,6 +24,7 @@ from lfcal.simulate import SimulatedCamera
 from lfcal.simulate.effects import (
     DarkCurrent,
     Effect,
+    ExactAngles,
     FixedPattern,
     IrisDiffraction,
     IrisShape,
@@ -44,11 +46,18 @@ CUTOUT = 55
 VIRTUAL_DEPTHS = (3.0, 4.0)
 DARKS, WHITES = 8, 4
 
-OPTICS: tuple[Effect, ...] = (LensTypeDefocus(), LensletDiffraction(), IrisDiffraction(), IrisShape(), Telecentricity())
+OPTICS: tuple[Effect, ...] = (
+    LensTypeDefocus(),
+    LensletDiffraction(),
+    IrisDiffraction(),
+    IrisShape(),
+    Telecentricity(),
+    ExactAngles(),
+)
 SENSOR_EFFECTS: tuple[Effect, ...] = (ShotNoise(), ReadNoise(), FixedPattern(), DarkCurrent(), Quantisation())
 
-SAMPLING = Sampling(nodes_per_px=4, margin_px=8, coherent=True, double=True)
-"""Fixed, and in double precision: rounding must not decide how many photons a pixel catches."""
+FINELY: dict[str, Any] = {"level": "grid", "sampling": Sampling(samples_per_px=8, margin_px=40, double=True)}
+"""Fixed, 0.1 % off, and in double precision: rounding must not decide how many photons a pixel catches."""
 
 
 def sample_camera() -> Camera:
@@ -64,7 +73,7 @@ def sample_plan() -> ScanPlan:
 
 def sample_source() -> SimulatedCamera:
     """Return the simulated camera that records the session."""
-    return SimulatedCamera(sample_plan(), (*OPTICS, *SENSOR_EFFECTS), sampling=SAMPLING, peak=0.8, seed=SEED)
+    return SimulatedCamera(sample_plan(), (*OPTICS, *SENSOR_EFFECTS), **FINELY, peak=0.8, seed=SEED)
 
 
 def recorded_plan() -> ScanPlan:
@@ -82,7 +91,7 @@ def make_recorded(out: Path) -> None:
     """Record the session ``out`` with simulated devices and pack it, replacing what was there."""
     shutil.rmtree(out, ignore_errors=True)
     plan = recorded_plan()
-    optics = SimulatedCamera(plan, OPTICS, sampling=SAMPLING, peak=0.8, seed=SEED)
+    optics = SimulatedCamera(plan, OPTICS, **FINELY, peak=0.8, seed=SEED)
     record(out, plan, simulated_rig(plan, optics=optics, seed=SEED), Options(darks=DARKS, reference_every=100))
     drain(iter_finish(out))
     (out / "session.lock").unlink(missing_ok=True)

@@ -32,6 +32,13 @@ def command(
     unknowns: str = typer.Option(
         "auto", "--unknowns", help="auto: groups that lower the error of patterns left out; or groups: A,B,C."
     ),
+    effects: list[str] = typer.Option(
+        [],
+        "--effect",
+        "--effects",
+        help="NAME=on|off|VALUE, or a JSON file: what the camera is simulated with at the start beside what its "
+        "description holds, for example index_mismatch=1.38,depth:20um.",
+    ),
     positions: int = typer.Option(40, "--positions", min=0, help="Positions that are used, spread evenly; 0: all."),
     noise: str = typer.Option(
         "", "--noise", help="CONSTANT,SLOPE: a sample of value v has the variance constant + slope v."
@@ -62,17 +69,21 @@ def command(
     from lfcal.cli.orientation import check_choice
     from lfcal.fit import iter_fit_camera
     from lfcal.fit.files import fit_dict
+    from lfcal.fit.setup import called_for, with_given
     from lfcal.fit.writing import iter_write_fit
     from lfcal.frames import CorrectionRecipe
+    from lfcal.simulate.effects.described import parse_effects
 
     check_choice(orientation)
     groups = unknowns if unknowns == "auto" else _groups(unknowns)
+    chosen = parse_effects(effects)
     _check_before(out, source, camera, plan, dark, white, no_h=no_h, force=force)
     recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
     start = load_camera(camera) if camera else None
     how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
     measured, known = read_patterns(source, how, quiet=json)
-    fit = run_work(iter_fit_camera(measured, start, groups, workers=workers), quiet=json)
+    begins = with_given(called_for(measured.plan), *chosen) if effects else None
+    fit = run_work(iter_fit_camera(measured, start, groups, effects=begins, workers=workers), quiet=json)
     written = run_work(iter_write_fit(fit, measured, out, known, with_h=not no_h, workers=workers), quiet=json)
     if json:
         print_json(fit_dict(fit) | {"source": source, "files": written})

@@ -23,7 +23,7 @@ from lfcal.fit.problem import Point, Problem
 from lfcal.fit.questions import PLAIN, STRANGE, as_described, asked, check_explained, check_light, misfit
 from lfcal.fit.result import Fit, Outlier
 from lfcal.fit.select import choose, prune
-from lfcal.fit.setup import Setup, described_effects
+from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.solver import Tell, descend
 from lfcal.fit.summary import summarised
 from lfcal.progress import Work, drain
@@ -54,7 +54,7 @@ def iter_fit_camera(
     core, candidates = _groups(unknowns)
     setup = Setup(
         measured.plan.camera,
-        described_effects(measured.plan.camera) if effects is None else tuple(effects),
+        called_for(measured.plan) if effects is None else tuple(effects),
         (0.0,) * measured.plan.shape[0],
     )
     _check_stage(stage)
@@ -96,7 +96,8 @@ def fit_camera(
         Groups of unknowns by name, or ``"auto"``: gap, rotation and offset of the array, focal lengths and iris, and
         of all others those that lower the error of patterns that are never fitted.
     effects
-        What the camera is simulated with at the start; None takes what its description holds.
+        What the camera is simulated with at the start; None takes what its description holds, and of a microscope
+        light as a vector field where it shows (`called_for`).
     stage
         How far sources lie beside their places (rms, pixels); 0: nowhere; ``"auto"``: what the patterns show.
     workers

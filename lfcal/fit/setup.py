@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from lfcal.camera import Camera, ScanPlan
 from lfcal.checks import check_number
+from lfcal.errors import InputError
 from lfcal.simulate.effects import (
+    CATALOGUE,
     ExactAngles,
     IrisDiffraction,
     IrisShape,
@@ -16,10 +18,15 @@ from lfcal.simulate.effects import (
     LensTypeDefocus,
     PixelFill,
     Telecentricity,
+    VectorialPupil,
 )
-from lfcal.simulate.effects.base import Effect
+from lfcal.simulate.effects.base import Effect, FrameEffect, MotionEffect
+from lfcal.simulate.staging import outlook_of
 
-__all__ = ["Setup", "described_effects"]
+__all__ = ["Setup", "called_for", "described_effects", "with_given"]
+
+SHOWN = 1e-3
+"""Share of the image from which on light is computed as a vector field."""
 
 E = TypeVar("E", bound=Effect)
 
@@ -74,3 +81,35 @@ def described_effects(camera: Camera) -> tuple[Effect, ...]:
     if not camera.optics.telecentric:
         found = (*found, Telecentricity(), ExactAngles())
     return (*found, PixelFill()) if camera.sensor.fill_factor < 1 else found
+
+
+def called_for(plan: ScanPlan) -> tuple[Effect, ...]:
+    """Return the effects that a fit starts from: the described ones, and light as a vector field where it shows."""
+    vectorial = VectorialPupil()
+    shown = any(vectorial.estimate(outlook_of(plan, z)).error > SHOWN for z in range(plan.shape[0]))
+    effects = described_effects(plan.camera)
+    return (*effects, vectorial) if shown else effects
+
+
+def with_given(effects: Sequence[Effect], settings: Mapping[str, str], given: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Return effects with others in their places, as words or files give them (`lfcal.simulate.effects.described`).
+
+    Raises
+    ------
+    InputError
+        For an effect that is none of a response of light.
+    """
+    found = {effect.name: effect for effect in effects}
+    found |= {effect.name: effect for effect in given}
+    for name, setting in settings.items():
+        if setting == "off":
+            CATALOGUE.get(name)
+            found.pop(name, None)
+        elif setting == "on" and name not in found:
+            found[name] = CATALOGUE.get(name)()
+    wrong = [e.name for e in found.values() if isinstance(e, FrameEffect | MotionEffect)]
+    if wrong:
+        raise InputError.expected(
+            "effects of a fit", "those of the light of a point", wrong[0], "leave it out: frames are corrected"
+        )
+    return tuple(found.values())

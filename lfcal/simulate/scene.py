@@ -290,14 +290,16 @@ class Scene:
         # linear: largest at a corner
         return far + max(math.hypot(*np.subtract(self.imaged_um(*at), at)) for at in corners)
 
-    def farther_um(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how much farther from the sensor lenslets at ``centres_um`` ``(n, 2)`` as (x, y) lie by the tilt."""
-        middle = (
-            (n - 1) / 2 * px / self.scale for n, px in zip(self.period, (self.row_um, self.pixel_um), strict=True)
-        )
-        y, x = middle
-        farther: NDArray[np.float64] = (centres_um - np.array([x, y])) @ np.array(self.tilt[::-1])
+    def farther_at(self, y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how much farther from the sensor the array's points at (y, x) (µm) lie by the tilt (µm)."""
+        sides = zip(self.period, (self.row_um, self.pixel_um), strict=True)
+        middle_y, middle_x = ((n - 1) / 2 * px / self.scale for n, px in sides)
+        farther: NDArray[np.float64] = self.tilt[0] * (y - middle_y) + self.tilt[1] * (x - middle_x)
         return farther
+
+    def farther_um(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the same of lenslets at ``centres_um`` ``(n, 2)`` as (x, y)."""
+        return self.farther_at(centres_um[:, 1], centres_um[:, 0])
 
     def passed(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the share of light that lenslets at ``centres_um`` ``(n, 2)`` as (x, y) let through."""

@@ -19,6 +19,7 @@ from lfcal.cli.fit_source import parse_noise
 from lfcal.errors import InputError
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.facts import Facts
+from lfcal.simulate.effects import Crosstalk
 from lfcal.simulate.effects.described import parse_entries
 from tests.cli.conftest import Run
 from tests.fit.common import few_patterns, small_plan
@@ -198,3 +199,14 @@ def test_noise_in_words() -> None:
     for text in ("a,b", "1,2,3", ","):
         with pytest.raises(InputError, match="--noise"):
             parse_noise(text)
+
+
+def test_effects_are_given_beside_the_described_ones(place: Path, lfcal: Lfcal) -> None:
+    given = ("--effect", "crosstalk=0.01", "--effect", "exact_angles=off")
+    run = lfcal("fit", "few.h5", "--unknowns", "geometry", "--no-h", "--workers", "1", *given)
+    assert run.code == 0
+    settings, effects = parse_entries(place / "fit" / "effects.json")
+    assert Crosstalk(0.01) in effects and "exact_angles" not in settings and settings["lens_types"] == "on"
+    bad = lfcal("fit", "few.h5", "-o", "other", "--effects", "shot_noise=on")
+    assert bad.code == 2 and "effects of a fit: expected those of the light of a point" in bad.err
+    assert not (place / "other").exists()

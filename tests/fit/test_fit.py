@@ -15,6 +15,7 @@ from lfcal.errors import InputError
 from lfcal.fit import Fit, FitProgress, Measured, fit_camera, iter_fit_camera, measured_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.questions import order_of_types
+from lfcal.fit.setup import described_effects
 from lfcal.progress import Progress
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts
@@ -212,7 +213,8 @@ def test_a_microscope_is_found() -> None:
     assert "zernike_4_0" in names and "zernike_2_2" not in names and "zernike_3_3" not in names
     u = np.array([off.get(name, 0.0) for name in names])
     truth = Truth(plan, vector.setup_at(u), vector.values(u))
-    fit = fit_camera(recorded(truth, 20, rng), unknowns=("geometry", "focal_lengths", "iris", "wavefront"))
+    groups, scalar = ("geometry", "focal_lengths", "iris", "wavefront"), described_effects(plan.camera)
+    fit = fit_camera(recorded(truth, 20, rng), unknowns=groups, effects=scalar)
     found = judged(fit, truth, 8)
     assert found["described_l1"] > 0.05 and found["error_l1"] < 0.003
     assert max(map(abs, found["pulls"].values())) < 4

@@ -1,4 +1,4 @@
-"""Patterns with effects that the fit does not contain: it says so, and the error that it states holds."""
+"""Patterns with effects that the fit does not contain: it says so, states its error, or finds the group that does."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def ghosted(light: np.ndarray) -> np.ndarray:
 
 
 def tilted(setup: Setup, index: np.ndarray) -> np.ndarray:
-    """Return patterns behind a tilted array, by the reference, which carries every lenslet's light itself."""
+    """Return patterns behind a tilted array, by the reference."""
     out = np.empty((len(index), *PLAN.cutout))
     for z in np.unique(index[:, 0]).tolist():
         plane = PlaneResponse(
@@ -56,7 +56,7 @@ def tilted(setup: Setup, index: np.ndarray) -> np.ndarray:
 
 
 @cache
-def outcome(kind: str) -> Outcome:
+def outcome(kind: str, unknowns: str | tuple[str, ...] = CORE) -> Outcome:
     rng = np.random.default_rng(5)
     setup = random_truth(PLAN, rng, size=0.0).setup
     every = some_index(PLAN, COUNT + 10)
@@ -67,11 +67,13 @@ def outcome(kind: str) -> Outcome:
         light = tilted(true, every)
     else:
         light = predict(true, PLAN, every, still, Fineness.finest).astype(float)
+    if kind == "smear":
+        light = light + 0.02 * (np.roll(light, 1, axis=2) - light)
     light = PEAK / light.max() * np.maximum(ghosted(light) if kind in ("ghost", "all") else light, 0)
     data = rng.poisson(light) + READ * rng.standard_normal(light.shape)
     effects = tuple(e for e in setup.effects if not isinstance(e, Zernike))
     fit = fit_camera(
-        measured(PLAN, data[~unseen], every[~unseen], (READ**2, 1.0)), unknowns=CORE, effects=effects, workers=1
+        measured(PLAN, data[~unseen], every[~unseen], (READ**2, 1.0)), unknowns=unknowns, effects=effects, workers=1
     )
     model = predict(fit.ideal_places, PLAN, every[unseen], still[unseen], Fineness.finest)
     planes = every[unseen][:, 0]
@@ -103,3 +105,10 @@ def test_a_model_that_does_not_suffice_is_named(kind: str) -> None:
     assert found.verdict.startswith("model incomplete") and "more patterns do not help" in found.verdict
     for name, one in found.parameters.items():
         assert one.sigma > whole.parameters[name].sigma, name
+
+
+@pytest.mark.parametrize(("kind", "group"), [("tilt", "array_tilt"), ("smear", "pixel_kernel")])
+def test_what_a_group_knows_is_found_and_no_longer_left_over(kind: str, group: str) -> None:
+    without, found = outcome(kind), outcome(kind, "auto")
+    assert group in found.fit.groups and found.fit.complete and not without.fit.complete
+    assert found.error < 0.003 < without.error

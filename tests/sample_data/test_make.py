@@ -67,7 +67,7 @@ def test_the_recorded_session_is_what_its_script_records(script: ModuleType, tmp
         assert {source.info(k).exposure_s for k in range(len(source))} == {0.02}
         assert list(source.metadata["darks"]) == [0.02]
         assert all(source.samples(k).saturated == 0 for k in range(0, len(source), 60))
-        optics = SimulatedCamera(plan, script.OPTICS, sampling=script.SAMPLING, peak=0.8, seed=script.SEED)
+        optics = SimulatedCamera(plan, script.OPTICS, **script.FINELY, peak=0.8, seed=script.SEED)
         gain, black = plan.camera.sensor.electrons_per_count, plan.camera.sensor.black_level
         places = {tuple(optics.info(k).position): k for k in range(len(optics))}
         for k in (0, 300, 626):

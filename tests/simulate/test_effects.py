@@ -33,6 +33,7 @@ from lfcal.simulate.effects import (
     MechanicalVignetting,
     PitchError,
     PixelFill,
+    PixelKernel,
     PositioningError,
     Spherical,
     Telecentricity,
@@ -88,6 +89,8 @@ SOMEWHERE: list[tuple[float, Effect]] = [
     (4.0, PixelFill(0.5)),
     (-3.0, PixelFill(0.9)),
     (4.0, Crosstalk(0.03)),
+    (4.0, PixelKernel(right=0.05)),
+    (-3.0, PixelKernel(up=0.03, down=0.03, left=0.01)),
 ]
 """Other magnitudes, each in the scene where it is telling."""
 
@@ -294,7 +297,7 @@ def test_the_catalogue_lacks_no_effect_and_follows_the_light() -> None:
     """An effect that its module forgets to name would never be planned."""
     own = {k.name for k in all_below(Effect) if k.__module__.startswith("lfcal.") and not inspect.isabstract(k)}
     names = CATALOGUE.names()
-    assert set(names) == own and len(own) == 43
+    assert set(names) == own and len(own) == 44
     way = ["lens_types", "iris_shape", "coma", "pixel_fill", "finite_source", "crosstalk", "stage_error", "cos4"]
     assert [names.index(n) for n in way] == sorted(names.index(n) for n in way)
     sensor = "stray_light colour_filter fixed_pattern dark_current shot_noise saturation read_noise quantisation"
@@ -389,6 +392,11 @@ def test_backlash_is_a_play() -> None:
     moved = Backlash(3.0).displace(commanded, small_camera(), np.random.default_rng(0))
     assert np.array_equal(moved[:, 2], [0, 0, 0, 2, 3, 3, 0])
     assert not moved[:, :2].any()
+
+
+def test_a_free_filter_moves_light_to_the_neighbours_that_it_names() -> None:
+    kernel = PixelKernel(up_left=0.01, right=0.05, down=-0.02).kernel(small_camera())
+    np.testing.assert_allclose(kernel, [[0.01, 0, 0], [0, 0.96, 0.05], [0, -0.02, 0]], atol=1e-15)
 
 
 def test_crosstalk_keeps_light_and_is_symmetric() -> None:

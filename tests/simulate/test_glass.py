@@ -13,7 +13,7 @@ from lfcal.errors import InputError
 from lfcal.simulate.effects import CoverGlass, ExactAngles, LensletGap
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.engines.reference import sensor_propagator
+from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import outlook_of

@@ -28,6 +28,5 @@ def test_off_the_separable_path_a_small_effect_changes_little() -> None:
     assert one == pytest.approx(hundred / 100, rel=0.1)
 
 
-def test_a_tilt_is_compared_with_windows_of_the_same_kind() -> None:
-    """Windows of a tilted array are a pixel wider."""
+def test_a_tilt_is_compared_with_an_array_computed_alike() -> None:
     assert changed("small", 3.0, ArrayTilt(1e-7)) < 0.002

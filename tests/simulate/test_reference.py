@@ -7,7 +7,8 @@ import pytest
 
 from lfcal.errors import InputError
 from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.engines.reference import ReferencePlane, pixel_bins, sensor_propagator
+from lfcal.simulate.engines.propagator import sensor_propagator
+from lfcal.simulate.engines.reference import ReferencePlane, pixel_bins
 from lfcal.simulate.scene import Iris
 from tests.simulate.scenes import PIXEL, camera_scene, moments, relative_error
 

@@ -1,4 +1,4 @@
-"""The lenslet array's gap, rotation and offset, its pitch."""
+"""The lenslet array's gap, rotation and offset, its pitch, its tilt."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ import numpy as np
 from lfcal.camera import Camera, LensletLattice
 from lfcal.fit.parameters import Frame, Group, Unknown
 from lfcal.fit.setup import Setup
+from lfcal.simulate.effects import ArrayTilt
 
-__all__ = ["Geometry", "Pitch"]
+__all__ = ["Geometry", "Pitch", "Tilt"]
 
 STEP_PX = 0.05
 """Displacement of lenslets at the cutout's edge that shows."""
+
+STEP_GAP = 0.002
+"""Change of the gap at the cutout's edge that shows, as a share of it."""
 
 
 def about(lattice: LensletLattice, point_um: tuple[float, float], turn_rad: float, grow: float) -> LensletLattice:
@@ -91,4 +95,32 @@ class Pitch(Group):
         return setup.edited(grown)
 
 
-GROUPS = (Geometry(), Pitch())
+class Tilt(Group):
+    """Tilt of the array against the sensor."""
+
+    name = "array_tilt"
+    title = "tilt of the array against the sensor"
+    rank = 14
+    late = True
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return how much the gap grows down the rows and along the columns."""
+        own, camera = setup.effect(ArrayTilt), setup.camera
+        start = (0.0, 0.0) if own is None else (own.rows_rad, own.columns_rad)
+        scale = min(0.02, STEP_GAP * camera.lattice.gap_um / (frame.reach_px * camera.sensor.pixel_um))
+        held = "the array turns about the optical axis's point on it"
+        return tuple(
+            Unknown(name, self.name, "rad", value, scale, None, -0.2, 0.2, gauge=held)
+            for name, value in zip(("tilt_rows_rad", "tilt_columns_rad"), start, strict=True)
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with the array so tilted; without a tilt there is no effect."""
+        del frame
+        tilt = ArrayTilt(values["tilt_rows_rad"], values["tilt_columns_rad"])
+        if tilt == ArrayTilt(0.0, 0.0):
+            return replace(setup, effects=tuple(one for one in setup.effects if not isinstance(one, ArrayTilt)))
+        return setup.with_effect(tilt)
+
+
+GROUPS = (Geometry(), Pitch(), Tilt())

@@ -1,4 +1,4 @@
-"""What pixels do to the light: crosstalk."""
+"""What pixels do to the light: crosstalk, and a free filter."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import replace
 
 from lfcal.fit.parameters import Frame, Group, Unknown
 from lfcal.fit.setup import Setup
-from lfcal.simulate.effects import Crosstalk
+from lfcal.simulate.effects import Crosstalk, PixelKernel
+from lfcal.simulate.effects.kernel import NEIGHBOURS
 
-__all__ = ["Neighbours"]
+__all__ = ["Filter", "Neighbours"]
 
 
 class Neighbours(Group):
@@ -33,4 +34,29 @@ class Neighbours(Group):
         return setup.with_effect(Crosstalk(values["crosstalk"]))
 
 
-GROUPS = Neighbours()
+class Filter(Group):
+    """A free filter of 3 x 3 pixels: what is left of smear, charge transfer and blur."""
+
+    name = "pixel_kernel"
+    title = "free filter of 3 x 3 pixels"
+    rank = 72
+    late = True
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the shares of the eight neighbours."""
+        del frame
+        own = setup.effect(PixelKernel) or PixelKernel()
+        return tuple(
+            Unknown(f"kernel_{name}", self.name, "", getattr(own, name), 0.01, None, -0.1, 0.1) for name in NEIGHBOURS
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with this filter; one that does nothing is none."""
+        del frame
+        found = PixelKernel(**{name: values[f"kernel_{name}"] for name in NEIGHBOURS})
+        if found == PixelKernel():
+            return replace(setup, effects=tuple(one for one in setup.effects if not isinstance(one, PixelKernel)))
+        return setup.with_effect(found)
+
+
+GROUPS = (Neighbours(), Filter())

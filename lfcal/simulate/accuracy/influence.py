@@ -109,13 +109,13 @@ class Influence:
     def _common_step(self, *sets: tuple[Effect, ...]) -> Step:
         """Return the step of that scene which fewer engines compute: it serves the other too.
 
-        No grid holds a tilted array, and the Debye path only separable ones; rays need no sampling.
+        The Debye path serves separable scenes alone; rays need no sampling.
         """
         from lfcal.simulate.engines.microscope import is_separable  # compiled code: not loaded before it is needed
 
-        def choosy(found: tuple[Scene, str]) -> tuple[bool, bool, bool]:
+        def choosy(found: tuple[Scene, str]) -> tuple[bool, bool]:
             scene, level = found
-            return level != "geometric", scene.tilt != (0.0, 0.0), level == "debye" and not is_separable(scene)
+            return level != "geometric", level == "debye" and not is_separable(scene)
 
         scene, level = max((resolve_level(self._scene(effects)) for effects in sets), key=choosy)
         return step_for(scene, level, FINENESS)

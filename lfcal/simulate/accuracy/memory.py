@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from lfcal.camera import ScanPlan
-from lfcal.simulate.accuracy.sampling import Step, grid_extent, steps_for
+from lfcal.simulate.accuracy.sampling import Step, grid_extent, steps_for, tilt_orders
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.scene import Scene
@@ -177,11 +177,13 @@ def _grid_bytes(scene: Scene, sampling: Sampling, workers: int) -> int:
     array = 8 * math.prod(side + per * n for n in scene.period)
     field = _field_samples(scene, dx, side * dx / 2 + scene.farthest_um / scene.scale, _mode(scene))
     made, kept = _cell_bytes(scene, dx, scene.lattice.pitch_um)
-    kinds = len(scene.lattice.types)
+    kinds, orders = len(scene.lattice.types), tilt_orders(scene, side * dx / 2)
+    # each order of a tilted array is a spectrum and a field, and its sums have their own
+    tilted = 8 * side**2 * (2 * orders + 4 + 2 * workers) if orders > 1 else 0
     at_work = (WORK * workers + 16) * side**2 + 24 * field
     peak = max(FIELD_MADE * field, TRANSFER_MADE * side**2, made, at_work)
     # the fields of a microscope share the array
-    return int(array + 8 * side**2 + kinds * kept + _fields(scene) * (8 * field + 8 * side**2) + peak)
+    return int(tilted + array + 8 * side**2 + kinds * kept + _fields(scene) * (8 * field + 8 * side**2) + peak)
 
 
 def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
@@ -190,7 +192,8 @@ def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
     lit = 1.15 * extent.shadow + max(blur, 60 * scene.wavelength_um * scene.f_number) / px + 0.6 * extent.pitch
     half = max(lit, extent.seen + scene.farthest_um / scene.scale / px) + 1.5 * extent.pitch + extent.aside
     side = min(2.1 * round(sampling.samples_per_px or 8) * half, 6000.0)
-    return int(REFERENCE * side**2)
+    orders = tilt_orders(scene, lit * px)
+    return int((REFERENCE + (16 * (2 * orders + 6) if orders > 1 else 0)) * side**2)
 
 
 def _debye_bytes(scene: Scene, sampling: Sampling) -> int:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_TABLE, SWITCH, Extent
+from lfcal.simulate.engines.extent import MOST_ORDERS, MOST_SAMPLES, MOST_TABLE, SWITCH, Extent
 from lfcal.simulate.scene import Scene
 
-__all__ = ["WIDEST", "Fringes", "Step", "finer", "grid_extent", "sampling_for", "step_for", "steps_for"]
+__all__ = ["WIDEST", "Fringes", "Step", "finer", "grid_extent", "sampling_for", "step_for", "steps_for", "tilt_orders"]
 
 WINDOWS: tuple[tuple[float, float, float], ...] = ((3, 1.0, 0.10), (4, 1.5, 0.03), (5, 2.0, 0.012), (8, 2.0, 0.008))
 """Steps that add intensities of neighbouring lenslets: margin (px), nodes per cycle of the light's band, and the
@@ -167,8 +167,6 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
 
 def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[Step, ...]:
     """Return the steps of level ``"grid"`` that are not too large, cheapest first."""
-    if isinstance(described, Scene) and described.tilt != (0.0, 0.0):
-        return ()
     extent = grid_extent(described)
     px = described.reduced_pixel_um if isinstance(described, Scene) else described.pixel_um
     airy = described.wavelength_um * described.f_number / px
@@ -176,9 +174,19 @@ def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[Step, ...
     for share, fewest, left_out, error in GRID:
         per, margin = max(fewest, math.ceil(share * fringes.angle)), math.ceil(OUTSIDE * airy / left_out)
         side = extent.side(per, margin)
-        if side <= MOST_SAMPLES and side + per * max(described.period) <= MOST_TABLE:
+        fits = side <= MOST_SAMPLES and side + per * max(described.period) <= MOST_TABLE
+        if fits and tilt_orders(described, side / per / 2 * px) <= MOST_ORDERS:
             steps.append(Step("grid", Sampling(samples_per_px=per, margin_px=min(WIDEST, margin)), error))
     return tuple(steps)
+
+
+def tilt_orders(described: Scene | Outlook, reach_um: float) -> int:
+    """Return how many fields a tilted array takes; 1 of one that is not."""
+    if not isinstance(described, Scene) or described.tilt == (0.0, 0.0):
+        return 1
+    from lfcal.simulate.engines.tilted import orders_of  # compiled code: loaded when it is needed
+
+    return orders_of(described, reach_um)
 
 
 def grid_extent(described: Scene | Outlook) -> Extent:

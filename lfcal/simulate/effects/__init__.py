@@ -14,6 +14,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``glass``: the sensor's cover glass
 - ``image``: field curvature, distortion
 - ``lenslets``: their spherical aberration, defective ones
+- ``kernel``: a free filter of the pixels
 - ``light``: finite source, bandwidth
 - ``microscope``: light as a vector field, specimens of another refractive index
 - ``pixels``: fill factor, response to angles, crosstalk
@@ -51,6 +52,7 @@ from lfcal.simulate.effects.faults import Ghost, SensorNonlinearity
 from lfcal.simulate.effects.field import CosFourth, MechanicalVignetting
 from lfcal.simulate.effects.glass import CoverGlass
 from lfcal.simulate.effects.image import Distortion, FieldCurvature
+from lfcal.simulate.effects.kernel import PixelKernel
 from lfcal.simulate.effects.lenslets import LensletSpherical, MissingLenslets
 from lfcal.simulate.effects.light import Bandwidth, FiniteSource
 from lfcal.simulate.effects.microscope import IndexMismatch, VectorialPupil
@@ -118,6 +120,7 @@ __all__ = [
     "Outlook",
     "PitchError",
     "PixelFill",
+    "PixelKernel",
     "PositioningError",
     "PsfEffect",
     "Quantisation",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["MOST_SAMPLES", "MOST_TABLE", "SWITCH", "SWITCH_EXACT", "Extent"]
+__all__ = ["MOST_ORDERS", "MOST_SAMPLES", "MOST_TABLE", "SWITCH", "SWITCH_EXACT", "Extent"]
 
 SWITCH = 12.0
 """Fresnel number of the iris's shadow from which on the E-mode is used (see `lfcal.simulate.engines.field`)."""
@@ -17,6 +17,9 @@ MOST_SAMPLES = 4096
 
 MOST_TABLE = 12000
 """Largest side of the array's table: 1.2 GB."""
+
+MOST_ORDERS = 16
+"""Most fields that follow a tilted array (see `lfcal.simulate.engines.tilted`); more are no error of mounting."""
 
 TAILS = 3
 """How many times narrower the margin beyond what reaches the cutout may be than that around the shadow (measured)."""

@@ -24,14 +24,15 @@ from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_TABLE, SWITCH, Exte
 from lfcal.simulate.engines.field import choose_mode, field_table
 from lfcal.simulate.engines.masks import RING
 from lfcal.simulate.engines.nodes import MANY_ANGLES, conserving, fitted_rule
-from lfcal.simulate.engines.reference import sensor_propagator
+from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.engines.tables import (
     aperture_radius,
     aperture_tables,
-    aperture_width,
     lenslet_aberration,
     ray_aberration,
+    steepest_sine,
 )
+from lfcal.simulate.engines.tilted import TiltedArray
 from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.symmetry import mirrored_rows
@@ -48,11 +49,7 @@ Place = tuple[float, float]
 
 def largest_angle(scene: Scene) -> float:
     """Return the samples per pixel that hold every angle of the light between lenslets and sensor."""
-    cone, half = 1 / (2 * scene.f_number), aperture_width(scene) / 2
-    # rays that the lenslets' spherical aberration turns
-    cone += 4 * abs(scene.lenslet_quartic) * scene.wavelength_um / (2 * math.pi) * half**3
-    steepest = cone + half / min(abs(kind.focal_length_um) for kind in scene.lattice.types)
-    return 2 * scene.reduced_pixel_um * min(steepest, 1.0) / scene.wavelength_um
+    return 2 * scene.reduced_pixel_um * steepest_sine(scene) / scene.wavelength_um
 
 
 def extent_of(scene: Scene) -> Extent:
@@ -80,7 +77,7 @@ class GridPlane:
     Parameters
     ----------
     scene
-        What is computed; all lenslets in one plane.
+        What is computed.
     sampling
         ``samples_per_px`` (whole, default 4) of array and sensor alike, and the ``margin_px`` around the shadow.
     mode
@@ -89,14 +86,12 @@ class GridPlane:
     Raises
     ------
     InputError
-        For an array that is tilted, or a grid too large.
+        For a grid too large, or an array tilted too far.
     """
 
     level = "grid"
 
     def __init__(self, scene: Scene, sampling: Sampling | None = None, mode: str | None = None) -> None:
-        if scene.tilt != (0.0, 0.0):
-            raise InputError.expected("array of level 'grid'", "parallel to the sensor", "tilted", "use level 'wave'")
         self.scene = scene
         self.sampling = sampling or Sampling()
         self.mode = mode or choose_mode(scene)
@@ -114,6 +109,9 @@ class GridPlane:
         self._array = self._transmission((0, 0), scene.period)
         self._table, self._size = self._main_field()
         self._step = self._transfer()
+        self._tilted = None
+        if scene.tilt != (0.0, 0.0):
+            self._tilted = TiltedArray(scene, self._n, self._dx, self._n / 2 * self._dx, self._dtype)
         band = min(2.0 * self.per_px, largest_angle(scene))
         rule = fitted_rule(self.per_px, band, scene.pixel_fill, falloff=MANY_ANGLES)
         # pixels without gaps between them make no light of their own
@@ -247,9 +245,16 @@ class GridPlane:
         """Fill ``out`` (nt, ns) for a source (y, x) on the sensor and its cutout's middle pixel."""
         scene, per = self.scene, self.per_px
         aside = tuple((s - p * scene.pixel_um) / scene.scale / self._dx for s, p in zip(source, pixel, strict=True))
-        np.multiply(self._incoming((aside[0], aside[1])), self._seen(pixel), out=work)
-        energy_in = float(np.vdot(work, work).real) * self._dx**2
-        spectrum = sf.fft2(work, overwrite_x=True, workers=1)
+        lit, seen = self._incoming((aside[0], aside[1])), self._seen(pixel)
+        if self._tilted is None:
+            np.multiply(lit, seen, out=work)
+            energy_in = float(np.vdot(work, work).real) * self._dx**2
+            spectrum = sf.fft2(work, overwrite_x=True, workers=1)
+        else:
+            heights = self._tilted.heights(self._farther(pixel))
+            np.multiply(self._tilted.met(lit, heights), seen, out=work)
+            energy_in = float(np.vdot(work, work).real) * self._dx**2
+            spectrum = self._tilted.left(work, heights)
         spectrum *= self._step
         light = sf.ifft2(spectrum, overwrite_x=True, workers=1)
         # where the samples of the cutout's middle pixel begin, some of which lie in the pixel before it
@@ -257,6 +262,12 @@ class GridPlane:
         top, left = (first - (count // 2) * per for count in scene.cutout)
         bin_light(light, self._weights, per, top, left, out)
         self._certify(energy_in, float(out.sum(dtype=np.float64)))
+
+    def _farther(self, pixel: tuple[int, int]) -> NDArray[np.float64]:
+        """Return how much farther from the sensor the array lies at the samples of the grid about a pixel (µm)."""
+        axis = np.arange(self._n, dtype=np.float64) - self._n // 2 + self._between
+        y, x = ((p * self.per_px + axis) * self._dx for p in pixel)
+        return self.scene.farther_at(y[:, None], x[None, :])
 
     def _seen(self, pixel: tuple[int, int]) -> Complex:
         """Return the part of the array that the grid about a pixel covers."""
@@ -266,7 +277,10 @@ class GridPlane:
         return self._array[top : top + self._n, left : left + self._n]
 
     def _incoming(self, aside: Place) -> Complex:
-        """Return the main lens's field ``(n, n)``, its sphere included, of a source ``aside`` (y, x) of the middle."""
+        """Return the main lens's field ``(n, n)``, its sphere included, of a source ``aside`` (y, x) of the middle.
+
+        For a tilted array what `TiltedArray.met` takes.
+        """
         known = self._lit
         if known is not None and math.dist(known[0], aside) < 1e-9:
             return known[1]
@@ -277,6 +291,8 @@ class GridPlane:
             y, x = (np.exp(1j * bend * ((axis - a) * self._dx) ** 2).astype(self._dtype) for a in aside)
             lit *= y[:, None]
             lit *= x[None, :]
+        if self._tilted is not None:
+            lit = self._tilted.parts(lit)
         self._lit = aside, lit
         return lit
 

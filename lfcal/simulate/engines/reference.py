@@ -15,39 +15,22 @@ from lfcal.errors import InputError
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.field import choose_mode, field_table
 from lfcal.simulate.engines.masks import RING, disc_table, polygon_mask
-from lfcal.simulate.engines.tables import aperture_outline, aperture_radius, lenslet_aberration, ray_aberration
+from lfcal.simulate.engines.propagator import sensor_propagator
+from lfcal.simulate.engines.tables import (
+    aperture_outline,
+    aperture_radius,
+    lenslet_aberration,
+    ray_aberration,
+)
+from lfcal.simulate.engines.tilted import TiltedArray
 from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 
-__all__ = ["ReferencePlane", "pixel_bins", "sensor_propagator"]
+__all__ = ["ReferencePlane", "pixel_bins"]
 
 MOST_SAMPLES = 6000
 """Largest side of the grid: 0.6 GB in double precision."""
 Complex = NDArray[np.complex128]
-
-
-def sensor_propagator(
-    f: NDArray[np.float64], wavelength: float, gap: float, exact: bool, glass: tuple[float, float] = (0.0, 1.0)
-) -> tuple[Complex, bool]:
-    """Return the transfer function over ``gap`` and whether it is separable.
-
-    ``glass`` is thickness and index of a plate; the gap is that in air with the same Fresnel integral.
-
-    Fresnel: exp(-i pi lambda B f^2) per axis. Exact: 2 pi B (sqrt(1/lambda^2 - f^2) - 1/lambda) in the form
-    without cancellation, zero for evanescent waves, band-limited to 1/(lambda sqrt((2 B/L)^2 + 1)) per axis
-    (Matsushima and Shimobaba 2009, eq. 13).
-    """
-    if not exact:
-        return np.exp(-1j * np.pi * wavelength * gap * f * f), True
-    k2 = f[:, None] ** 2 + f[None, :] ** 2
-    s = wavelength**2 * k2
-    thick, index = glass
-    air = (gap - thick / index) / (1 + np.sqrt(np.maximum(1 - s, 0)))
-    phase = -2 * np.pi * wavelength * k2 * (air + thick / (index + np.sqrt(np.maximum(index**2 - s, 0))))
-    length = 1 / (f[1] - f[0])
-    limit = 1 / (wavelength * math.sqrt((2 * gap / length) ** 2 + 1))
-    seen = (np.abs(f) < limit)[:, None] & (np.abs(f) < limit)[None, :] & (s < 1)
-    return np.where(seen, np.exp(1j * phase), 0), False
 
 
 def pixel_bins(n: int, per_px: int, pixels: int, first: float, fill: float = 1.0) -> NDArray[np.float64]:
@@ -89,6 +72,10 @@ class ReferencePlane:
         self._n = self._side(half)
         self._axis = (np.arange(self._n) - self._n // 2) * self._dx
         self._field = self._centre_field()
+        self._tilted = None
+        if scene.tilt != (0.0, 0.0):
+            self._tilted = TiltedArray(scene, self._n, self._dx, self._reach + aperture_radius(scene), np.complex128)
+            self._parts = self._tilted.parts(self._field)
         self._disc: tuple[NDArray[np.float64], float] | None = None
         self._step, self._separable = sensor_propagator(
             sf.fftfreq(self._n, self._dx),
@@ -170,12 +157,14 @@ class ReferencePlane:
         source = np.array([x_um, y_um]) / scene.scale
         reach = self._reach + aperture_radius(scene)
         centres, kinds = scene.lattice.lenslets_within(reach, reach, (float(source[0]), float(source[1])))
+        lit, tilted = self._field, self._tilted
+        if tilted is not None:
+            heights = tilted.heights(scene.farther_at(source[1] + axis[:, None], source[0] + axis[None, :]))
+            lit = tilted.met(self._parts, heights)
         behind = np.zeros_like(self._field)
-        steps, gains = scene.farther_um(centres), np.sqrt(scene.passed(centres))
-        # over the longest of these steps the sampled field spreads to its sides
-        spread = math.ceil(float(np.abs(steps).max(initial=0.0)) * scene.wavelength_um / (2 * dx * dx))
-        size = 2 * (math.ceil(aperture_radius(scene) / dx) + 2 * RING + spread) + 1
-        for (cx, cy), kind, step, gain in zip(centres - source, kinds, steps, gains, strict=True):
+        gains = np.sqrt(scene.passed(centres))
+        size = 2 * (math.ceil(aperture_radius(scene) / dx) + 2 * RING) + 1
+        for (cx, cy), kind, gain in zip(centres - source, kinds, gains, strict=True):
             i, j = round(cy / dx) + self._n // 2 - size // 2, round(cx / dx) + self._n // 2 - size // 2
             if math.hypot(cx, cy) > self._reach or min(i, j) < 0 or max(i, j) + size > self._n:
                 continue
@@ -186,18 +175,8 @@ class ReferencePlane:
             if scene.quartic(kind):
                 r2 = y[:, None] ** 2 + x[None, :] ** 2
                 lens = lens * np.exp(1j * scene.quartic(kind) * r2 * r2)
-            seen = gain * self._mask(x, y) * lens * self._carried(self._field[rows, columns], -step)
-            behind[rows, columns] += self._carried(seen, step)
-        return behind
-
-    def _carried(self, field: Complex, distance: float) -> Complex:
-        """Return a patch of field ``distance`` (µm) farther on: a tilted array's lenslets do not lie in one plane."""
-        if distance == 0:
-            return field
-        f = sf.fftfreq(len(field), self._dx)
-        turn, separable = sensor_propagator(f, self.scene.wavelength_um, distance, self.scene.exact_rays)
-        carried: Complex = sf.ifft2(sf.fft2(field) * (turn[:, None] * turn[None, :] if separable else turn))
-        return carried
+            behind[rows, columns] += gain * self._mask(x, y) * lens * lit[rows, columns]
+        return behind if tilted is None else sf.ifft2(tilted.left(behind, heights), overwrite_x=True)
 
     def _mask(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
         scene, dx = self.scene, self._dx

@@ -29,6 +29,7 @@ __all__ = [
     "build_tables",
     "ray_aberration",
     "serve",
+    "steepest_sine",
     "table_reach",
     "window_of",
 ]
@@ -105,6 +106,14 @@ def aperture_radius(scene: Scene) -> float:
     if scene.aperture == "circle":
         return scene.clear_radius_um
     return float(np.hypot(*aperture_outline(scene).T).max())
+
+
+def steepest_sine(scene: Scene) -> float:
+    """Return the sine of the steepest light between lenslets and sensor."""
+    cone, half = 1 / (2 * scene.f_number), aperture_width(scene) / 2
+    # rays that the lenslets' spherical aberration turns
+    cone += 4 * abs(scene.lenslet_quartic) * scene.wavelength_um / (2 * math.pi) * half**3
+    return min(cone + half / min(abs(kind.focal_length_um) for kind in scene.lattice.types), 1.0)
 
 
 def aperture_width(scene: Scene) -> float:

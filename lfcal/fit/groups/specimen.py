@@ -1,0 +1,39 @@
+"""How deep a microscope looks into a specimen of another index."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.setup import Setup
+from lfcal.simulate.effects import IndexMismatch
+
+__all__ = ["Specimen"]
+
+
+class Specimen(Group):
+    """Depth of the nominal focal plane below the interface; the specimen's index is known beforehand."""
+
+    name = "specimen"
+    title = "depth in a specimen of another index"
+    rank = 56
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the depth where the fit starts with such a specimen; without one there is nothing to be deep in."""
+        del frame
+        own = setup.effect(IndexMismatch)
+        if own is None:
+            return ()
+        held = f"the specimen's index is held at {own.index:g}"
+        return (Unknown("specimen_depth_um", self.name, "µm", own.depth_um, 2.0, None, 0.0, 1e4, gauge=held),)
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup that looks so deep."""
+        del frame
+        own = setup.effect(IndexMismatch)
+        assert own is not None
+        return setup.with_effect(replace(own, depth_um=values["specimen_depth_um"]))
+
+
+GROUPS = Specimen()

@@ -1,0 +1,82 @@
+"""What pixels do to the light of their neighbours, however it comes: a free filter of 3 x 3 pixels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera
+from lfcal.simulate.effects.base import Estimate, PsfEffect
+from lfcal.simulate.effects.outlook import Outlook
+
+__all__ = ["NEIGHBOURS", "PixelKernel"]
+
+NEIGHBOURS: Mapping[str, tuple[int, int]] = {
+    "up_left": (-1, -1),
+    "up": (-1, 0),
+    "up_right": (-1, 1),
+    "left": (0, -1),
+    "right": (0, 1),
+    "down_left": (1, -1),
+    "down": (1, 0),
+    "down_right": (1, 1),
+}
+"""The neighbours of a pixel by name, with where they lie (rows, columns)."""
+
+
+@dataclass(frozen=True, slots=True)
+class PixelKernel(PsfEffect):
+    """A share of each pixel's light that turns up in each of its eight neighbours: smear, charge left behind, blur.
+
+    A measured filter, and not a cause: crosstalk and the sizes of source and pixels have effects of their own. Light is
+    kept: what neighbours get the pixel loses. Negative shares sharpen.
+
+    Attributes
+    ----------
+    up_left, up, up_right, left, right, down_left, down, down_right
+        Share of the light that turns up in this neighbour.
+    """
+
+    up_left: float = 0.0
+    up: float = 0.0
+    up_right: float = 0.0
+    left: float = 0.0
+    right: float = 0.0
+    down_left: float = 0.0
+    down: float = 0.0
+    down_right: float = 0.0
+
+    name: ClassVar[str] = "pixel_kernel"
+    units: ClassVar[Mapping[str, str]] = dict.fromkeys(NEIGHBOURS, "share")
+    titles: ClassVar[Mapping[str, str]] = {name: f"to the neighbour {name.replace('_', ' ')}" for name in NEIGHBOURS}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = dict.fromkeys(NEIGHBOURS, (-0.1, 0.1))
+    title: ClassVar[str] = "free filter of the pixels"
+    rank: ClassVar[int] = 93
+    deviation: ClassVar[bool] = True
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the shares' sum, and the larger of the blur and the displacement that they make."""
+        shares = {place: getattr(self, name) for name, place in NEIGHBOURS.items()}
+        aside = math.hypot(*(sum(w * place[k] for place, w in shares.items()) for k in (0, 1)))
+        variance = sum(abs(w) * (y * y + x * x) for (y, x), w in shares.items()) / 2
+        error = max(outlook.blurred(math.sqrt(variance), floor_px=0.41), outlook.moved(aside))
+        moved = sum(abs(w) for w in shares.values())
+        return Estimate(moved, "of the light", error, "the larger of 0.74 s²/(w² + 0.17) and the shift")
+
+    def kernel(self, camera: Camera) -> NDArray[np.float64]:
+        """Return the 3 x 3 kernel, of sum 1."""
+        del camera
+        found = np.zeros((3, 3))
+        for one in fields(self):
+            dy, dx = NEIGHBOURS[one.name]
+            found[1 + dy, 1 + dx] = getattr(self, one.name)
+        found[1, 1] = 1.0 - found.sum()
+        return found
+
+
+EFFECTS = PixelKernel

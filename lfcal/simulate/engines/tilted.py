@@ -1,0 +1,125 @@
+"""Fields on an array that is not parallel to the sensor: each sample of it lies at its own distance.
+
+A field of directions s changes over a distance d by exp(i 2 pi d (sqrt(1 - s²) - 1)/lambda), smooth in d: over the
+distances of the whole array it is a polynomial in d of a few orders, each of which is one Fourier transform
+(interpolation at Chebyshev's nodes; error 2 (phi/2)^K/K! for K of them and a phase of +-phi at the steepest light).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import scipy.fft as sf
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.simulate.engines.extent import MOST_ORDERS
+from lfcal.simulate.engines.propagator import sensor_propagator
+from lfcal.simulate.engines.tables import steepest_sine
+from lfcal.simulate.scene import Scene
+
+__all__ = ["TiltedArray", "orders_of"]
+
+CLOSE = 3e-4
+"""Largest error of the steepest light, relative to its amplitude."""
+
+Complex = NDArray[Any]
+
+
+def _farthest(scene: Scene, reach_um: float) -> float:
+    """Return how much farther than the middle of the period any lenslet lies that a position lights (µm)."""
+    height, width = ((n - 1) / 2 * px for n, px in zip(scene.period, (scene.row_um, scene.pixel_um), strict=True))
+    return sum(
+        abs(tilt) * (half / scene.scale + reach_um) for tilt, half in zip(scene.tilt, (height, width), strict=True)
+    )
+
+
+def orders_of(scene: Scene, reach_um: float) -> int:
+    """Return the orders K that follow the steepest light for lenslets up to ``reach_um`` about a position."""
+    slower = 1 - math.sqrt(1 - steepest_sine(scene) ** 2)
+    phase = 2 * math.pi / scene.wavelength_um * _farthest(scene, reach_um) * slower
+    error, orders = 2.0, 0
+    while error > CLOSE or orders < 2:
+        orders += 1
+        error *= phase / 2 / orders
+        if orders > MOST_ORDERS:
+            break
+    return orders
+
+
+class TiltedArray:
+    """Takes fields from a plane to a tilted array and back; both planes are that through the period's middle.
+
+    Parameters
+    ----------
+    scene
+        Whose tilt it is.
+    n, dx
+        Samples a side of a field, and their distance (µm).
+    reach_um
+        How far from a position's middle lenslets are lit (µm).
+    dtype
+        Of fields, complex64 or complex128.
+
+    Raises
+    ------
+    InputError
+        For a tilt of too many orders.
+    """
+
+    def __init__(self, scene: Scene, n: int, dx: float, reach_um: float, dtype: Any) -> None:
+        orders = orders_of(scene, reach_um)
+        if orders > MOST_ORDERS:
+            got = f"{math.hypot(*scene.tilt):.3g} rad over {2 * reach_um:.4g} µm"
+            raise InputError.expected("array tilt", "a small one", got, "choose a depth that lights fewer lenslets")
+        self._farthest = _farthest(scene, reach_um)
+        self._real = np.zeros(0, dtype).real.dtype
+        u = np.cos(np.pi * (np.arange(orders) + 0.5) / orders)
+        to_powers = np.linalg.inv(np.vander(u, increasing=True))
+        f = sf.fftfreq(n, dx)
+        self._orders = np.zeros((orders, n, n), dtype)
+        for k in range(orders):
+            turn, separable = sensor_propagator(f, scene.wavelength_um, u[k] * self._farthest, scene.exact_rays)
+            turn = turn[:, None] * turn[None, :] if separable else turn
+            for m in range(orders):
+                self._orders[m] += (to_powers[m, k] * turn).astype(dtype)
+
+    def heights(self, farther_um: NDArray[np.float64]) -> Complex:
+        """Return distances (µm) in units of the farthest lenslet's, as every method takes them ``(n, n)``.
+
+        Beyond what is lit they stay as they are at its rim: a polynomial runs away there.
+        """
+        found: Complex = np.clip(farther_um / self._farthest, -1.0, 1.0).astype(self._real)
+        return found
+
+    def parts(self, field: Complex) -> Complex:
+        """Return what `met` makes a plane's field ``(n, n)`` of, for an array at any height."""
+        spectrum = sf.fft2(field, workers=1)
+        # towards the image: an array farther from the sensor is met earlier
+        signs = (-1.0) ** np.arange(len(self._orders))
+        return np.stack(
+            [
+                sf.ifft2(spectrum * (order * self._real.type(sign)), overwrite_x=True, workers=1)
+                for order, sign in zip(self._orders, signs, strict=True)
+            ]
+        )
+
+    @staticmethod
+    def met(parts: Complex, heights: Complex) -> Complex:
+        """Return the field on the array ``(n, n)``, of `parts` of that on the plane."""
+        found: Complex = parts[-1].copy()
+        for part in parts[-2::-1]:
+            found *= heights
+            found += part
+        return found
+
+    def left(self, behind: Complex, heights: Complex) -> Complex:
+        """Return the spectrum on the plane ``(n, n)`` of the field just behind the array, which is overwritten."""
+        spectrum = np.zeros_like(behind)
+        for k, order in enumerate(self._orders):
+            if k:
+                behind *= heights
+            spectrum += order * sf.fft2(behind, workers=1)
+        return spectrum

@@ -1,0 +1,42 @@
+"""What a fit starts from: effects that the description holds, that show, and that are given."""
+
+from __future__ import annotations
+
+import pytest
+
+from lfcal.camera import ScanPlan, preset
+from lfcal.errors import InputError
+from lfcal.fit.parameters import Frame, Vector
+from lfcal.fit.setup import Setup, called_for, described_effects, with_given
+from lfcal.simulate.effects import Crosstalk, IndexMismatch, Spherical, VectorialPupil
+from tests.fit.common import small_camera
+
+
+@pytest.mark.parametrize(("name", "z_um", "vectorial"), [("bench", None, False), ("lfm_60x12", 2.0, True)])
+def test_light_is_a_vector_field_where_it_shows(name: str, z_um: float | None, vectorial: bool) -> None:
+    where = {"virtual_depths": (3.0,)} if z_um is None else {"depths_um": (z_um,)}
+    plan = ScanPlan.for_camera(small_camera(name), cutout=45, **where)
+    assert any(isinstance(e, VectorialPupil) for e in called_for(plan)) == vectorial
+    assert set(described_effects(plan.camera)) <= set(called_for(plan))
+
+
+def test_given_effects_take_the_places_of_others() -> None:
+    described = described_effects(preset("bench"))
+    found = with_given(described, {"exact_angles": "off", "spherical": "on"}, (Crosstalk(0.03),))
+    names = [e.name for e in found]
+    assert "exact_angles" not in names and Crosstalk(0.03) in found and Spherical() in found
+    with pytest.raises(InputError, match="effects of a fit: expected those of the light of a point, got shot_noise"):
+        with_given(described, {"shot_noise": "on"}, ())
+    with pytest.raises(InputError, match="nonsense"):
+        with_given(described, {"nonsense": "off"}, ())
+
+
+def test_the_depth_in_a_specimen_is_unknown_where_there_is_one() -> None:
+    camera = preset("lfm_20x05")
+    frame, plain = Frame(1, 20.0), described_effects(camera)
+    assert len(Vector(Setup(camera, plain, (0.0,)), frame, ("specimen",))) == 0
+    vector = Vector(Setup(camera, (*plain, IndexMismatch(1.38, 20.0)), (0.0,)), frame, ("specimen",))
+    (one,) = vector.unknowns
+    assert one.start == 20.0 and "1.38" in one.gauge
+    changed = vector.setup_at(vector.clipped(vector.prior()[1] + 1.0)).effect(IndexMismatch)
+    assert changed == IndexMismatch(1.38, 20.0 + one.scale)
