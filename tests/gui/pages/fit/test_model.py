@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ from gui.pages.simulate.model import SimulateSettings
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.fit import GROUPS
+from lfcal.fit.parameters import Frame
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts
@@ -265,6 +266,25 @@ def test_the_camera_and_its_effects_are_used_everywhere(found: Found) -> None:
     assert {name: one for name, one in settings.overrides if one == "on"}.keys() == {e.name for e in fit.effects}
     assert settings.override("read_noise") == "off" and "coma" not in effects
     assert use.holds(after) and not use.holds(state)
+
+
+@pytest.mark.parametrize("name", GROUPS.names())
+def test_what_any_group_finds_goes_into_simulate(found: Found, name: str) -> None:
+    """Through the project's file: each effect comes out as it was found."""
+    group, setup = GROUPS.get(name), found.fit.setup
+    frame = Frame(found.measured.plan.shape[0], 7.0)
+    unknowns = group.unknowns(setup, frame)
+    values = {one.name: one.value(one.clipped(0.5)) for one in unknowns}
+    fit = replace(found.fit, setup=group.applied(setup, values, frame) if unknowns else setup)
+    state = ProjectState(plan=found.measured.plan)
+    after = ProjectState.from_json(replace(state, **use_of(state, fit).changes).to_json())
+    settings = SimulateSettings.of(after)
+    mine = {effect.name: effect for effect in settings.effects()}
+    for effect in fit.effects:
+        assert settings.override(effect.name) == "on"
+        given = any(getattr(effect, f.name) is not None for f in fields(effect))  # type: ignore[arg-type]
+        assert mine.get(effect.name) == effect if given else effect.name not in mine
+    assert after.camera == fit.camera
 
 
 def test_simulate_then_computes_the_h_of_the_fit(found: Found) -> None:
