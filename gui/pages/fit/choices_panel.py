@@ -7,13 +7,15 @@ from PySide6.QtWidgets import QFrame, QLabel, QLineEdit, QListWidget, QListWidge
 
 from gui.models.project import ProjectState
 from gui.pages.fit.model import FIELDS, FitSettings, Offer, group_rows
-from gui.widgets.cards import card, choice_box, column_area
+from gui.widgets.cards import card, choice_box
 from gui.widgets.form import Form
 from lfcal.fit import Fit
 
 __all__ = ["ChoicesPanel"]
 
-WIDTH = 292
+WIDTH, FEW = 286, 4
+"""Width of the column (px), and rows of the list that are seen at least."""
+
 NAME = Qt.ItemDataRole.UserRole
 WAYS = (("auto", "found: those that help"), ("chosen", "those chosen below"))
 
@@ -36,7 +38,10 @@ class ChoicesPanel(QWidget):
         super().__init__()
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(column_area(WIDTH, self._source_card(), self._groups_card()))
+        column.setSpacing(8)
+        column.addWidget(self._source_card())
+        column.addWidget(self._groups_card(), 1)
+        self.setFixedWidth(WIDTH)
 
     # -- building --------------------------------------------------------------------------------------
     def _source_card(self) -> QFrame:
@@ -64,15 +69,18 @@ class ChoicesPanel(QWidget):
             item.setData(NAME, name)
             item.setToolTip(f"{name}: {title}" + (", always fitted where groups are found" if core else ""))
             self.groups.addItem(item)
-        rows = self.groups.sizeHintForRow(0) * self.groups.count()
-        self.groups.setFixedHeight(rows + 2 * self.groups.frameWidth() + 4)
+        row, frame_px = self.groups.sizeHintForRow(0), 2 * self.groups.frameWidth() + 4
+        # in a low window the list scrolls, and nothing else
+        self.groups.setMinimumHeight(FEW * row + frame_px)
+        self.groups.setMaximumHeight(self.groups.count() * row + frame_px)
         self.groups.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.groups.setTextElideMode(Qt.TextElideMode.ElideRight)
         self.groups.itemChanged.connect(self._toggled)
         self.legend = _wrapped()
         column.addWidget(self.way)
-        column.addWidget(self.groups)
+        column.addWidget(self.groups, 100)
         column.addWidget(self.legend)
+        column.addStretch(1)
         return frame
 
     # -- showing ---------------------------------------------------------------------------------------
