@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import threading
 import weakref
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from gui.pages.fit.model import FitSettings
 from gui.pages.fit.page import Page
 from gui.theme import DARK, LIGHT, apply_theme
 from gui.window import MainWindow
-from lfcal.progress import Progress
+from lfcal.progress import Progress, Work
 from tests.fit.common import few_patterns
 from tests.gui.pages.fit.common import GEOMETRY, saved, with_outlier
 from tests.gui.waiting import GUARD_MS, idle
@@ -166,34 +167,36 @@ def test_an_error_is_one_line_in_the_page(page: Page, qtbot: QtBot, tmp_path: Pa
     assert page.found is None and page.fit_button.isEnabled() and not any(button_states(page))
 
 
-def test_a_fit_that_is_stopped_leaves_the_one_before(fitted: Page, qtbot: QtBot) -> None:
-    before = fitted.found
-    assert before is not None
-    fitted.fit()
-    qtbot.keyClick(fitted, Qt.Key.Key_Escape)
-    idle(fitted.context.jobs, qtbot)
-    assert fitted.found is before and fitted.fit_button.isEnabled() and all(button_states(fitted))
-    assert fitted.panel.stack.currentWidget() is fitted.panel.tabs
+@pytest.fixture
+def let_go(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+    """Let fits compute between two records until this is set."""
+    go_on = threading.Event()
 
-
-def test_stopping_waits_for_no_computation(page: Page, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Between two records a fit computes for seconds: the window must not wait for it."""
-    inside, let_go = threading.Event(), threading.Event()
-
-    def slow(*_: object) -> Any:
+    def slow(*_: object) -> Work[None]:
         yield Progress(0, 2, "slow")
-        inside.set()
-        let_go.wait(GUARD_MS / 1e3)
+        go_on.wait(GUARD_MS / 1e3)
         yield Progress(1, 2, "slow")
 
     monkeypatch.setattr("gui.pages.fit.page.iter_fit", slow)
+    yield go_on
+    go_on.set()
+
+
+def test_a_fit_that_is_stopped_leaves_the_one_before(fitted: Page, let_go: threading.Event) -> None:
+    before = fitted.found
+    fitted.fit()
+    assert not fitted.fit_button.isEnabled() and not any(button_states(fitted))
+    fitted.stop_button.click()
+    assert not let_go.is_set(), "nobody waited for the computation"
+    assert fitted.found is before and all(button_states(fitted))
+    assert fitted.panel.stack.currentWidget() is fitted.panel.tabs
+
+
+def test_the_first_fit_is_stopped_between_two_records(page: Page, let_go: threading.Event) -> None:
     page.fit()
-    qtbot.waitUntil(inside.is_set, timeout=GUARD_MS)
     page.stop_button.click()
-    assert page.context.jobs.jobs()[0].state is JobState.CANCELLED
+    assert page.context.jobs.jobs()[0].state is JobState.CANCELLED and not let_go.is_set()
     assert page.fit_button.isEnabled() and page.panel.verdict.text() == "Stopped."
-    let_go.set()
-    idle(page.context.jobs, qtbot)
 
 
 # -- another H ---------------------------------------------------------------------------------------------
