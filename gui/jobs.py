@@ -95,6 +95,7 @@ class Jobs(QObject):
         self._callbacks: dict[int, tuple[Callable[[Any], None] | None, Callable[[Job], None] | None]] = {}
         self._workers = Workers(2, "lfcal-compute")
         self._opening: set[int] = set()
+        self._left: set[int] = set()
         self._abandoned: list[threading.Thread] = []
         self._loads = Loads(lambda call: self._queue.put(("call", call)))
         self._generation: dict[str, int] = {}
@@ -115,10 +116,12 @@ class Jobs(QObject):
         on_failed: Callable[[Job], None] | None = None,
         *,
         abandon: bool = False,
+        leave: bool = False,
     ) -> int:
         """Run ``work()`` in a thread of its own; return the job's number.
 
         ``abandon``: until its first record it only opens files, so that stopping it then need not wait for it.
+        ``leave``: it writes nothing at all and may compute for long between two records; stopping never waits for it.
         """
         number = next(self._numbers)
         job = Job(number, title, page)
@@ -127,6 +130,8 @@ class Jobs(QObject):
         self._callbacks[number] = (on_done, on_failed)
         if abandon:
             self._opening.add(number)
+        if leave:
+            self._left.add(number)
         thread = threading.Thread(target=self._run, args=(number, work), name=f"lfcal-job-{number}", daemon=True)
         self._threads[number] = thread
         self._timer.start()
@@ -162,7 +167,8 @@ class Jobs(QObject):
         """Ask a job to stop; it cleans up behind itself."""
         if number in self._stops:
             self._stops[number].set()
-            if number in self._opening and self._jobs[number].progress is None:
+            opening = number in self._opening and self._jobs[number].progress is None
+            if opening or number in self._left:
                 self._abandoned.append(self._threads[number])
                 self._end(number, join_s=0, state=JobState.CANCELLED)
 
@@ -295,6 +301,7 @@ class Jobs(QObject):
             return
         job = self._change(number, **changes)
         self._opening.discard(number)
+        self._left.discard(number)
         self._threads.pop(number).join(join_s)
         self._stops.pop(number)
         on_done, on_failed = self._callbacks.pop(number)
@@ -313,8 +320,8 @@ class Jobs(QObject):
         self._closed = True
         for stop in self._stops.values():
             stop.set()
-        wait_for(list(self._threads.values()), JOBS_S)
-        wait_for(self._abandoned, LOADS_S)
+        wait_for([thread for number, thread in self._threads.items() if number not in self._left], JOBS_S)
+        wait_for([*self._abandoned, *(self._threads[number] for number in self._left)], LOADS_S)
         self._loads.close(LOADS_S)
         self._workers.close(COMPUTATIONS_S)
         self._timer.stop()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from PySide6.QtWidgets import QApplication, QMenu, QVBoxLayout, QWidget
 from gui.saving import ask_target, write_file, write_picture
 from gui.theme import current_theme
 
-__all__ = ["LINES", "LinePlot", "style_axes", "theme_plot"]
+__all__ = ["LINES", "DecadeAxis", "LinePlot", "style_axes", "theme_plot"]
 
 LINES = ("#2a8fc4", "#d9772b", "#2aa37b", "#c76aa0", "#8b97a8", "#c9a227")
 """Line colours that stay apart for colour-blind readers and on both themes."""
@@ -49,6 +50,28 @@ def theme_plot(graphics: pg.GraphicsLayoutWidget, *plots: pg.PlotItem) -> None:
             legend.setLabelTextColor(theme.text)
             for _, label in legend.items:  # text that is there already keeps its colour otherwise
                 label.setText(label.text, color=theme.text)
+
+
+FEW, MOST = 2.5, 8
+"""Decades up to which numbers between them are shown, and decades shown at most."""
+
+
+class DecadeAxis(pg.AxisItem):
+    """An axis of decimal logarithms with the numbers themselves: 1, 2 and 5, or decades where there are many."""
+
+    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
+        """Return where ticks are: pairs of their distance and their places."""
+        low, high = math.floor(minVal), math.ceil(maxVal)
+        if maxVal - minVal <= FEW:
+            steps = [math.log10(k) for k in (1, 2, 5)]
+            ticks = [decade + step for decade in range(low, high + 1) for step in steps]
+        else:
+            ticks = [float(d) for d in range(low, high + 1, math.ceil((high - low) / MOST))]
+        return [(1.0, [tick for tick in ticks if minVal <= tick <= maxVal])]
+
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
+        """Return the numbers."""
+        return [f"{10**value:g}" for value in values]
 
 
 class LinePlot(QWidget):

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -13,12 +12,9 @@ from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
-    from lfcal.fit import Fit, Measured
-    from lfcal.progress import Work
+    from lfcal.fit import Fit
 
 __all__ = ["register"]
-
-CAMERA, EFFECTS, MODEL, NUMBERS, REPORT = "camera.json", "effects.json", "H.h5", "fit.json", "report"
 
 
 def register(app: typer.Typer) -> None:
@@ -107,6 +103,7 @@ def command(
     from lfcal.fit import iter_fit_camera
     from lfcal.fit.files import fit_dict
     from lfcal.fit.setup import called_for, with_given
+    from lfcal.fit.writing import MODEL, iter_write_fit
     from lfcal.frames import CorrectionRecipe
     from lfcal.simulate.effects.described import parse_effects
 
@@ -140,7 +137,7 @@ def command(
     shot = read_object(known_object, scene, how, measured) if known_object and scene else None
     begins = with_given(called_for(measured.plan), *chosen) if effects else None
     fit = run_work(iter_fit_camera(measured, start, groups, effects=begins, workers=workers), quiet=json)
-    written = run_work(_iter_write(fit, measured, out, known, with_h=not no_h, workers=workers), quiet=json)
+    written = run_work(iter_write_fit(fit, measured, out, known, with_h=not no_h, workers=workers), quiet=json)
     known_of = fit_dict(fit) | {"source": source, "files": written}
     if not json:
         _show(fit, out, written)
@@ -174,36 +171,13 @@ def _groups(text: str) -> tuple[str, ...]:
 def _check_before(out: Path, *inputs: Path | str | None, more: Sequence[str] = (), no_h: bool, force: bool) -> None:
     """Raise where an output cannot be written, is an input, or exists."""
     from lfcal.cli.outputs import check_outputs
-    from lfcal.fit.report import report_files
+    from lfcal.fit.writing import MODEL, fit_outputs
 
-    files = [out / name for name in (MODEL, CAMERA, EFFECTS, NUMBERS, *more)]
-    check_outputs([*files, *report_files(out / REPORT)], *inputs, force=force)
+    check_outputs([*fit_outputs(out), *(out / name for name in more)], *inputs, force=force)
     # beside another camera it would be taken for that camera's H
-    if no_h and files[0].exists():
-        raise InputError.expected(str(files[0]), "no H with --no-h", "one of an earlier fit", "choose another folder")
-
-
-def _iter_write(
-    fit: Fit, measured: Measured, out: Path, known: dict[str, Any], *, with_h: bool, workers: int | None
-) -> Work[list[Path]]:
-    """Write everything that a fit makes; ``fit.json`` comes last: where it is, all of it is."""
-    from lfcal.fit.files import effects_text, fit_dict, iter_write_model, json_text, measured_camera, write_text
-    from lfcal.fit.report import iter_fit_report
-
-    out.mkdir(parents=True, exist_ok=True)
-    written = []
-    if with_h:
-        written.append((yield from iter_write_model(fit, out / MODEL, provenance=known, workers=workers)))
-    written.append((yield from iter_fit_report(fit, measured, out / REPORT, known["source"])))
-    texts = {
-        CAMERA: measured_camera(fit).to_json(),
-        EFFECTS: effects_text(fit),
-        NUMBERS: json_text(fit_dict(fit) | known | {"fitted": datetime.now(UTC).isoformat(timespec="seconds")}),
-    }
-    for name, text in texts.items():
-        write_text(out / name, text)
-        written.append(out / name)
-    return written
+    matrix = out / MODEL
+    if no_h and matrix.exists():
+        raise InputError.expected(str(matrix), "no H with --no-h", "one of an earlier fit", "choose another folder")
 
 
 def _show(fit: Fit, out: Path, written: list[Path]) -> None:

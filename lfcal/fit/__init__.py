@@ -7,16 +7,18 @@
 - ``normal``: normal equations; ``problem``: predictions and derivatives at a vector; ``solver``: Levenberg-Marquardt
 - ``select``: which groups a scan calls for; ``nuisance``: stage and lamp of single patterns; ``outliers``
 - ``questions``: order of lens types, mirrored axes, sign of depth, another camera
+- ``convergence``: what each round of a fit leaves
 - ``judge``: chi² and the model's error; ``summary``, ``result``: what was found and how sure it is
 - ``fit``: all of it in order
 - ``design``: which positions to record next; ``information``: what patterns tell; ``earlier``: a fit to go on from
-- ``files``: camera, effects, numbers and H as files; ``drawing``, ``report``: a fit in pictures and as a page;
-  ``design_drawing``: expected errors
+- ``files``: camera, effects, numbers and H as files; ``writing``: all of them in a folder
+- ``drawing``, ``report``: a fit in pictures and as a page; ``design_drawing``: expected errors
 - ``locate``, ``frame_noise``, ``expected``, ``compared``, ``suspects``, ``holds``: whether an old H
   still holds, from new frames
 - ``dated``, ``trend``: fits of a camera over months
 """
 
+from lfcal.fit.convergence import FitProgress
 from lfcal.fit.fit import fit_camera, iter_fit_camera
 from lfcal.fit.holds import Check, check
 from lfcal.fit.locate import NewFrame
@@ -29,6 +31,7 @@ __all__ = [
     "GROUPS",
     "Check",
     "Fit",
+    "FitProgress",
     "Group",
     "Measured",
     "NewFrame",

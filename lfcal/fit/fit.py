@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lfcal.camera import Camera
 from lfcal.checks import check_number
 from lfcal.errors import InputError
+from lfcal.fit.convergence import rounds
 from lfcal.fit.measured import Measured, measured_of
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Columns, Local
@@ -32,7 +33,7 @@ from lfcal.fit.questions import (
 from lfcal.fit.result import Fit, Outlier
 from lfcal.fit.select import choose, prune
 from lfcal.fit.setup import Setup, called_for
-from lfcal.fit.solver import descend
+from lfcal.fit.solver import Tell, descend
 from lfcal.fit.summary import summarised
 from lfcal.progress import Work, drain
 from lfcal.psf import PSFMatrix
@@ -51,7 +52,10 @@ def iter_fit_camera(
     workers: int | None = None,
     **reading: Any,
 ) -> Work[Fit]:
-    """Fit as `fit_camera`; yields progress in derivatives, and closing it stops the fit."""
+    """Fit as `fit_camera`; yields progress in derivatives, and closing it stops the fit.
+
+    The start and the end of each round of them are a `FitProgress`.
+    """
     measured = source if isinstance(source, Measured) else measured_of(source, camera, **reading)
     if isinstance(source, Measured) and camera is not None:
         measured = replace(measured, plan=replace(measured.plan, camera=camera))
@@ -66,15 +70,16 @@ def iter_fit_camera(
     _check_stage(stage)
     problem = problem_of(measured, setup, (*core, *candidates), workers)
     core = tuple(group.name for group in problem.vector.groups if group.name in core)
-    point = yield from as_described(problem, core)
+    tell = rounds()
+    point = yield from as_described(problem, core, tell)
     if misfit(problem, point) > STRANGE:
         yield from asked(problem, core)
-    point, groups = yield from _approached(problem, point, core, candidates)
+    point, groups = yield from _approached(problem, point, core, candidates, tell=tell)
     if misfit(problem, point) > PLAIN:
         # much is left that no unknown explains: something may be otherwise than it is described
         yield from asked(problem, core)
     check_explained(problem, point)
-    finished = yield from _finished(problem, point, groups, core, candidates, stage)
+    finished = yield from _finished(problem, point, groups, core, candidates, stage=stage, tell=tell)
     problem, point, groups, columns, found = finished
     return summarised(problem, point, columns, groups=groups, tried=candidates, outliers=found)
 
@@ -148,7 +153,7 @@ def _check_stage(stage: str | float) -> None:
 
 
 def _approached(
-    problem: Problem, point: Point, core: Sequence[str], candidates: Sequence[str]
+    problem: Problem, point: Point, core: Sequence[str], candidates: Sequence[str], *, tell: Tell
 ) -> Work[tuple[Point, tuple[str, ...]]]:
     """Return a point near the best one and the groups that helped, computed coarsely."""
     vector, groups = problem.vector, tuple(core)
@@ -163,7 +168,9 @@ def _approached(
         if turn and groups == before:
             break
         which = vector.of_groups(groups).tolist()
-        point, _ = yield from descend(problem, point, which, "approach", most=4, enough=2e-3, columns=columns)
+        point, _ = yield from descend(
+            problem, point, which, "approach", most=4, enough=2e-3, columns=columns, tell=tell
+        )
         point = problem.weigh(point.u, point.local, point.model, point.sampling)
         if not candidates:
             break
@@ -185,7 +192,9 @@ def _finished(
     groups: tuple[str, ...],
     core: Sequence[str],
     candidates: Sequence[str],
+    *,
     stage: str | float,
+    tell: Tell,
 ) -> Work[Finished]:
     """Return the best point, computed finely: groups settled, patterns' own unknowns found, outliers left out."""
     vector = problem.vector
@@ -193,7 +202,7 @@ def _finished(
     every = vector.of_groups([*groups, *candidates]).tolist()
     columns = yield from problem.columns(point, every, "fine", own=True)
     which = vector.of_groups(groups).tolist()
-    point, _ = yield from descend(problem, point, which, "fine", most=1, columns=columns, enough=1e-5)
+    point, _ = yield from descend(problem, point, which, "fine", most=1, columns=columns, enough=1e-5, tell=tell)
     far, outliers = outliers_of(problem, point)
     if far.any():
         problem, point, columns = _without(problem, point, columns, ~far)
@@ -207,7 +216,9 @@ def _finished(
         point = problem.point(u, point.local, Fineness.finest, lamps=point.levels.lamps)
     else:
         point = problem.point(point.u, point.local, Fineness.finest, lamps=point.levels.lamps)
-    point, columns = yield from descend(problem, point, which, "finest", most=3, columns=columns, enough=1e-4)
+    point, columns = yield from descend(
+        problem, point, which, "finest", most=3, columns=columns, enough=1e-4, tell=tell
+    )
     return problem, own_steps(problem, point, columns, problem.measured.left_out), groups, columns, outliers
 
 

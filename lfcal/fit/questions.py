@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.camera import Camera
 from lfcal.camera.shadow import cutout_for
@@ -15,7 +16,7 @@ from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Local
 from lfcal.fit.problem import Point, Problem
-from lfcal.fit.solver import descend
+from lfcal.fit.solver import Tell, descend
 from lfcal.fit.spread import spread_out
 from lfcal.fit.weighing import flat
 from lfcal.progress import Work
@@ -32,6 +33,7 @@ __all__ = [
     "check_light",
     "misfit",
     "order_of_types",
+    "unexplained",
 ]
 
 PLAIN = 0.12
@@ -76,9 +78,8 @@ class Answer:
     remedy: str
 
 
-def misfit(problem: Problem, point: Point) -> float:
-    """Return what fitted patterns have beside model and noise, as a share of their rms (relative L2)."""
-    keep = problem.fitted
+def unexplained(problem: Problem, point: Point, keep: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return what the patterns ``keep`` have beside model and noise, as a share of their squares, and its sigma."""
     data, valid = flat(problem.measured.of(keep))
     inverse = np.where(valid, point.seen.inverse[keep], 1.0)
     off = np.where(valid, point.seen.residual[keep] / inverse, 0.0)
@@ -86,9 +87,15 @@ def misfit(problem: Problem, point: Point) -> float:
     constant, slope = (problem.measured.noise[keep, k, None] for k in (0, 1))
     noise = np.where(valid, constant + slope * np.maximum(light, 0), 0.0)
     back = point.levels.backgrounds[problem.planes[keep], None]
-    power = float(np.square(np.where(valid, data - back, 0.0), dtype=np.float64).sum())
+    power = max(1e-300, float(np.square(np.where(valid, data - back, 0.0), dtype=np.float64).sum()))
     beside = float(np.square(off, dtype=np.float64).sum() - noise.sum())
-    return float(np.sqrt(max(0.0, beside) / max(power, 1e-300)))
+    return beside / power, float(np.sqrt(2.0 * np.square(noise).sum())) / power
+
+
+def misfit(problem: Problem, point: Point) -> float:
+    """Return what fitted patterns have beside model and noise, as a share of their rms (relative L2)."""
+    share, _ = unexplained(problem, point, problem.fitted)
+    return float(np.sqrt(max(0.0, share)))
 
 
 def check_light(measured: Measured) -> None:
@@ -139,9 +146,9 @@ def check_explained(problem: Problem, point: Point) -> None:
         )
 
 
-def as_described(problem: Problem, core: Sequence[str]) -> Work[Point]:
+def as_described(problem: Problem, core: Sequence[str], tell: Tell | None = None) -> Work[Point]:
     """Return the fit of the unknowns ``core`` about the description."""
-    return (yield from _tried(problem, core, "as described", most=4))
+    return (yield from _tried(problem, core, "as described", most=4, tell=tell))
 
 
 def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
@@ -180,11 +187,13 @@ def order_of_types(described: Camera, found: Camera) -> str:
     return ", ".join(map(str, best)) if far[best] < 0.5 * own else ""
 
 
-def _tried(problem: Problem, core: Sequence[str], note: str, *, most: int) -> Work[Point]:
+def _tried(problem: Problem, core: Sequence[str], note: str, *, most: int, tell: Tell | None = None) -> Work[Point]:
     which = problem.vector.of_groups(core).tolist()
     local = Local(np.zeros((len(problem.measured), 2)))
     point = problem.point(np.zeros(len(problem.vector)), local, Fineness.coarse, doubtful=True)
-    point, _ = yield from descend(problem, point, which, note, most=most, enough=5e-3)
+    if tell is not None:
+        yield tell(problem, point, note)
+    point, _ = yield from descend(problem, point, which, note, most=most, enough=5e-3, tell=tell)
     return point
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError
 from lfcal.fit.normal import Columns, Normal
 from lfcal.fit.problem import Point, Problem
-from lfcal.progress import Work
+from lfcal.progress import Progress, Work
 from lfcal.simulate.engines.base import EnergyError
 
-__all__ = ["descend", "solve", "stepped"]
+__all__ = ["Tell", "descend", "solve", "stepped"]
 
 LONGEST = 5.0
 """Longest step of an unknown, in its scales."""
@@ -26,6 +26,9 @@ TRIES = 5
 """Dampings that are tried before a step is given up."""
 
 F8 = NDArray[np.float64]
+
+Tell = Callable[[Problem, Point, str], Progress]
+"""Makes a record of the point at which a round of a stage ended."""
 
 
 def solve(matrix: F8, gradient: F8) -> F8:
@@ -115,11 +118,12 @@ def descend(
     most: int = 8,
     enough: float = 1e-3,
     columns: Columns | None = None,
+    tell: Tell | None = None,
 ) -> Work[tuple[Point, Columns]]:
     """Go down until a step gains less than the share ``enough`` of the loss, at most ``most`` rounds of derivatives.
 
     Only the unknowns ``which`` move. ``columns`` are derivatives that are known already, for the first round. Returns
-    the point and the last derivatives; yields progress in derivatives.
+    the point and the last derivatives; yields progress in derivatives, and what ``tell`` makes of the end of a round.
     """
     damping, known = 1e-3, columns
     for turn in range(most):
@@ -133,6 +137,8 @@ def descend(
             better += gained
             if gained < max(enough * before, 0.05 * better):
                 break
+        if tell is not None:
+            yield tell(problem, point, f"{note}, round {turn + 1}")
         if better < enough * before:
             break
     assert known is not None

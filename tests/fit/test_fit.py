@@ -12,7 +12,7 @@ from lfcal.bench._fit_cameras import Truth, described_plan, random_truth, record
 from lfcal.bench.fit import judged, measured_error
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
-from lfcal.fit import Fit, Measured, fit_camera, iter_fit_camera, measured_of
+from lfcal.fit import Fit, FitProgress, Measured, fit_camera, iter_fit_camera, measured_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.questions import order_of_types
 from lfcal.fit.setup import described_effects
@@ -90,9 +90,10 @@ def test_an_h_with_missing_positions_is_fitted_as_its_patterns_are() -> None:
 
 def test_progress_and_cancel() -> None:
     work = iter_fit_camera(patterns()[1], unknowns=["geometry"], workers=1)
-    first = [next(work) for _ in range(3)]
+    start, *first = [next(work) for _ in range(4)]
+    assert isinstance(start, FitProgress) and start.stage == "as described"
     assert all(isinstance(one, Progress) and one.total > one.done for one in first)
-    assert first[0].stage.startswith("as described")
+    assert first[0].stage == "as described, round 1"
     work.close()
     with pytest.raises(StopIteration):
         next(work)

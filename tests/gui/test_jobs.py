@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-from gui.jobs import Job, Jobs, JobState
+from gui.jobs import JOBS_S, LOADS_S, Job, Jobs, JobState
 from lfcal.errors import InputError
 from lfcal.progress import Progress
 from tests.gui.waiting import GUARD_MS
@@ -119,3 +119,51 @@ def test_closing_stops_everything(qapp: Any) -> None:
     assert cleaned == ["cleaned"] and late == []
     jobs.compute("after", lambda: late.append("ran"), late.append)
     assert late == []
+
+
+def test_a_job_that_is_left_is_stopped_at_once(jobs: Jobs, qtbot: QtBot) -> None:
+    """One that writes nothing may compute on to its next record; nobody waits for it, and it reports no more."""
+    inside, go_on, results = threading.Event(), threading.Event(), list[str]()
+    cleaned: list[str] = []
+
+    def slow() -> Generator[Progress, None, str]:
+        try:
+            yield Progress(0, 2, "slow")
+            inside.set()
+            go_on.wait(GUARD_MS / 1e3)
+            yield Progress(1, 2, "slow")
+            return "result"
+        finally:
+            cleaned.append("cleaned")
+
+    number = jobs.start("Slow", "fit", slow, results.append, leave=True)
+    qtbot.waitUntil(inside.is_set, timeout=GUARD_MS)
+    thread = next(one for one in threading.enumerate() if one.name == f"lfcal-job-{number}")
+    qtbot.waitUntil(lambda: jobs.jobs()[0].progress is not None, timeout=GUARD_MS)
+    jobs.cancel(number)
+    assert jobs.jobs()[0].state is JobState.CANCELLED and not jobs.busy and not cleaned
+    go_on.set()
+    thread.join(GUARD_MS / 1e3)
+    qtbot.waitUntil(lambda: not jobs.busy, timeout=GUARD_MS)
+    assert cleaned == ["cleaned"] and not results and jobs.jobs()[0].state is JobState.CANCELLED
+
+
+def test_closing_waits_no_longer_for_what_is_left_than_for_a_file(
+    qapp: Any, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inside, go_on = threading.Event(), threading.Event()
+    waits: list[tuple[list[str], float]] = []
+
+    def slow() -> Generator[Progress, None, None]:
+        yield Progress(0, 2, "slow")
+        inside.set()
+        go_on.wait(GUARD_MS / 1e3)
+        yield Progress(1, 2, "slow")
+
+    monkeypatch.setattr("gui.jobs.wait_for", lambda threads, s: waits.append(([one.name for one in threads], s)))
+    made = Jobs()
+    number = made.start("Slow", "fit", slow, leave=True)
+    qtbot.waitUntil(inside.is_set, timeout=GUARD_MS)
+    made.close()
+    go_on.set()
+    assert waits == [([], JOBS_S), ([f"lfcal-job-{number}"], LOADS_S)]

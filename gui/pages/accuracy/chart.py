@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,34 +11,13 @@ from PySide6.QtCore import Qt, Signal
 
 from gui.pages.accuracy.model import Point
 from gui.theme import current_theme
-from gui.widgets.plots import LinePlot
+from gui.widgets.plots import DecadeAxis, LinePlot
 
 __all__ = ["ParetoChart"]
 
 SIZE, PICKED_SIZE = 10, 22
 LEFT = 64
 """Width of the axis of errors (px): its numbers change while it is measured, the chart is not to jump."""
-
-FEW, MOST = 2.5, 8
-"""Decades up to which numbers between them are shown, and decades shown at most."""
-
-
-class DecadeAxis(pg.AxisItem):
-    """An axis of decimal logarithms with the numbers themselves: 1, 2 and 5, or decades where there are many."""
-
-    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
-        """Return where ticks are: pairs of their distance and their places."""
-        low, high = math.floor(minVal), math.ceil(maxVal)
-        if maxVal - minVal <= FEW:
-            steps = [math.log10(k) for k in (1, 2, 5)]
-            ticks = [decade + step for decade in range(low, high + 1) for step in steps]
-        else:
-            ticks = [float(d) for d in range(low, high + 1, math.ceil((high - low) / MOST))]
-        return [(1.0, [tick for tick in ticks if minVal <= tick <= maxVal])]
-
-    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
-        """Return the numbers."""
-        return [f"{10**value:g}" for value in values]
 
 
 class ParetoChart(LinePlot):

@@ -13,7 +13,19 @@ from gui.models.project import ProjectState
 from gui.pages.plan.model import default_plan
 from lfcal.camera import preset
 
-OWN = ("camera", "plan", "acquire", "frames", "psf", "quality", "simulate", "reconstruct", "multiplex", "accuracy")
+OWN = (
+    "camera",
+    "plan",
+    "acquire",
+    "frames",
+    "psf",
+    "quality",
+    "fit",
+    "simulate",
+    "reconstruct",
+    "multiplex",
+    "accuracy",
+)
 
 
 def ready(project: ProjectState) -> PageState:
@@ -78,6 +90,7 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
         "frames": PageState.READY,
         "psf": PageState.NOTHING,
         "quality": PageState.NOTHING,
+        "fit": PageState.NOTHING,
         "simulate": PageState.READY,
         "reconstruct": PageState.NOTHING,
         "multiplex": PageState.READY,
@@ -87,7 +100,7 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
     full = ProjectState(plan=plan, psf=str(file), frames=str(tmp_path), reference="R.h5", redo=((0, 0, 0),))
     states = page_states(full, running={"simulate"}, attention={"frames", "not installed"})
     assert states["plan"] is states["psf"] is PageState.DONE
-    assert states["quality"] is states["reconstruct"] is states["accuracy"] is PageState.READY
+    assert states["quality"] is states["fit"] is states["reconstruct"] is states["accuracy"] is PageState.READY
     assert states["simulate"] is PageState.RUNNING
     assert states["frames"] is PageState.ATTENTION
     assert states["acquire"] is PageState.ATTENTION, "positions are to be recorded again"

@@ -1,0 +1,155 @@
+"""What is fitted: the positions of H, the camera that it starts from, and groups of unknowns."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import QFrame, QLabel, QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
+
+from gui.models.project import ProjectState
+from gui.pages.fit.model import FIELDS, FitSettings, Offer, group_rows
+from gui.widgets.cards import card, choice_box
+from gui.widgets.form import Form
+from lfcal.fit import Fit
+
+__all__ = ["ChoicesPanel"]
+
+WIDTH, FEW = 286, 4
+"""Width of the column (px), and rows of the list that are seen at least."""
+
+NAME = Qt.ItemDataRole.UserRole
+WAYS = (("auto", "found: those that help"), ("chosen", "those chosen below"))
+
+
+class ChoicesPanel(QWidget):
+    """The column on the left.
+
+    Signals
+    -------
+    edited(key, value)
+        A value of `FitSettings` is to change.
+    group_toggled(name, on)
+        A group of unknowns is to be fitted, or not.
+    """
+
+    edited = Signal(str, object)
+    group_toggled = Signal(str, bool)
+
+    def __init__(self) -> None:
+        super().__init__()
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(8)
+        column.addWidget(self._source_card())
+        column.addWidget(self._groups_card(), 1)
+        self.setFixedWidth(WIDTH)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _source_card(self) -> QFrame:
+        frame, column = card("Patterns and start")
+        self.source, self.use, self.start, self.noise = (_wrapped() for _ in range(4))
+        self.form = Form(FIELDS)
+        self.form.edited.connect(self.edited.emit)
+        for key in self.form.fields:
+            self.form.editor(key).setMinimumWidth(56)
+        column.addWidget(self.source)
+        column.addWidget(self.form)
+        for label in (self.use, self.start, self.noise):
+            column.addWidget(label)
+        return frame
+
+    def _groups_card(self) -> QFrame:
+        frame, column = card("Unknowns")
+        self.way = choice_box(WAYS, "Found: groups that lower the error of patterns that are never fitted")
+        self.way.setAccessibleName("choice of unknowns")
+        self.way.currentIndexChanged.connect(lambda _: self.edited.emit("auto", self.way.currentData() == "auto"))
+        self.groups = QListWidget()
+        self.groups.setAccessibleName("groups of unknowns")
+        for name, title, core in group_rows():
+            item = QListWidgetItem(title)
+            item.setData(NAME, name)
+            item.setToolTip(f"{name}: {title}" + (", always fitted where groups are found" if core else ""))
+            self.groups.addItem(item)
+        row, frame_px = self.groups.sizeHintForRow(0), 2 * self.groups.frameWidth() + 4
+        # in a low window the list scrolls, and nothing else
+        self.groups.setMinimumHeight(FEW * row + frame_px)
+        self.groups.setMaximumHeight(self.groups.count() * row + frame_px)
+        self.groups.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.groups.setTextElideMode(Qt.TextElideMode.ElideRight)
+        self.groups.itemChanged.connect(self._toggled)
+        self.legend = _wrapped()
+        column.addWidget(self.way)
+        column.addWidget(self.groups, 100)
+        column.addWidget(self.legend)
+        column.addStretch(1)
+        return frame
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_source(self, name: str, offer: Offer | None, project: ProjectState) -> None:
+        """Show what the H called ``name`` offers to a fit in a project; None: it is being opened."""
+        settings = FitSettings.of(project)
+        if offer is None:
+            self.source.setText(f"{name} is being opened …")
+            for label in (self.use, self.start, self.noise):
+                label.setText("")
+            return
+        self.source.setText(offer.source_words(name))
+        self.use.setText(offer.use_words(settings.positions))
+        for key in ("constant", "slope"):
+            editor = self.form.editor(key)
+            if isinstance(editor, QLineEdit):
+                editor.setPlaceholderText("needed" if offer.noise is None else "as H states")
+        _say(self.start, *offer.camera_words(settings, project.camera, project.plan))
+        _say(self.noise, *offer.noise_words(settings))
+
+    def show_settings(self, settings: FitSettings, fit: Fit | None) -> None:
+        """Show what the user chose; of a ``fit`` that found its groups, which they are."""
+        self.form.set_values({field.key: getattr(settings, field.key) for field in FIELDS})
+        blockers = [QSignalBlocker(self.way), QSignalBlocker(self.groups)]
+        self.way.setCurrentIndex(0 if settings.auto else 1)
+        groups = fit.groups if fit is not None and settings.auto else None
+        for k, (name, title, core) in enumerate(group_rows()):
+            item = self.groups.item(k)
+            if settings.auto:
+                flags = Qt.ItemFlag.ItemIsEnabled
+                mark = ("✓  " if core else "?  ") if groups is None else ("✓  " if name in groups else "–  ")
+                item.setData(Qt.ItemDataRole.CheckStateRole, None)
+            else:
+                flags, mark = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsUserCheckable, ""
+                on = name in settings.groups
+                item.setCheckState(Qt.CheckState.Checked if on else Qt.CheckState.Unchecked)
+            item.setFlags(flags)
+            item.setText(f"{mark}{title}")
+        self.legend.setText(_legend(settings, told=groups is not None))
+        self.legend.setVisible(bool(self.legend.text()))
+        for blocker in blockers:
+            blocker.unblock()
+
+    def set_running(self, running: bool) -> None:
+        """Keep choices as they are while a fit is at work."""
+        for widget in (self.form, self.way, self.groups):
+            widget.setEnabled(not running)
+
+    def _toggled(self, item: QListWidgetItem) -> None:
+        self.group_toggled.emit(item.data(NAME), item.checkState() == Qt.CheckState.Checked)
+
+
+def _legend(settings: FitSettings, *, told: bool) -> str:
+    if not settings.auto:
+        return ""
+    return "✓ fitted, – did not help" if told else "✓ always fitted, ? tried and kept if it helps"
+
+
+def _say(label: QLabel, words: str, role: str) -> None:
+    label.setText(words)
+    if label.property("role") != role:
+        label.setProperty("role", role)
+        label.style().unpolish(label)
+        label.style().polish(label)
+
+
+def _wrapped() -> QLabel:
+    label = QLabel()
+    label.setWordWrap(True)
+    label.setTextFormat(Qt.TextFormat.PlainText)
+    label.setProperty("role", "hint")
+    return label

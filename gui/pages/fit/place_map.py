@@ -1,0 +1,106 @@
+"""chi² of the patterns of a plane at their positions in the period; a click chooses one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QRectF, Signal
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from gui.models.display import colour_table
+from gui.pages.fit.model_run import Found, Place
+from gui.theme import current_theme
+from gui.widgets.plots import style_axes, theme_plot
+
+__all__ = ["PlaceMap"]
+
+SYMBOLS = {"fitted": "o", "kept aside": "s", "left out": "x"}
+LEAST = (0.8, 1.5)
+"""χ² at the ends of the colours, at least: what noise alone scatters is no pattern."""
+
+
+class PlaceMap(QWidget):
+    """A dot for each pattern: round where it was fitted, square where it was kept aside, a cross where left out.
+
+    Signals
+    -------
+    chosen(place)
+        The dot of a position (z, y, x) was clicked.
+    """
+
+    chosen = Signal(tuple)
+
+    def __init__(self) -> None:
+        super().__init__()
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        self.graphics = pg.GraphicsLayoutWidget()
+        self.graphics.setMinimumSize(120, 110)
+        column.addWidget(self.graphics)
+        self.plot: pg.PlotItem = self.graphics.addPlot(row=0, col=0)
+        self.plot.setAspectLocked(True)
+        self.plot.invertY(True)
+        self.plot.setMenuEnabled(False)
+        self.plot.hideButtons()
+        self.plot.setMouseEnabled(False, False)
+        style_axes(self.plot, "source x (px)", "source y (px)")
+        self.bar = pg.ColorBarItem(values=LEAST, width=12, interactive=False, label="χ²", colorMap=VIRIDIS)
+        self.graphics.addItem(self.bar, row=0, col=1)
+        self.places: tuple[Place, ...] = ()
+        self._tips: dict[Place, str] = {}
+        self.dots = pg.ScatterPlotItem(hoverable=True, tip=lambda x, y, data: self._tips[data])
+        self.dots.sigClicked.connect(self._clicked)
+        self.ring = pg.ScatterPlotItem(size=19, symbol="o", brush=None)
+        for item in (self.ring, self.dots):
+            self.plot.addItem(item)
+        self.setToolTip("Click a position to see its pattern")
+        self.apply_theme()
+
+    def show_plane(self, found: Found, z: int) -> None:
+        """Show the patterns of a plane; colours mean the same in all planes."""
+        ny, nx = found.measured.plan.period
+        self.places = tuple(place for place in found.places if place[0] == z)
+        self._tips = {
+            (z, y, x): f"y {y}, x {x}\nχ² {found.chi2[z, y, x]:.3g}\n{found.fate((z, y, x))}" for z, y, x in self.places
+        }
+        kept = [value for place, value in found.chi2.items() if found.fate(place) != "left out"]
+        levels = (min(LEAST[0], *kept), max(LEAST[1], *kept)) if kept else LEAST
+        self.bar.setLevels(values=levels)
+        theme = current_theme()
+        spots = []
+        for place in self.places:
+            fate = found.fate(place)
+            share = (found.chi2[place] - levels[0]) / (levels[1] - levels[0])
+            colour = theme.bad if fate == "left out" else tuple(TABLE[round(255 * float(np.clip(share, 0, 1)))])
+            spot = {"pos": (place[2], place[1]), "data": place, "size": 10, "symbol": SYMBOLS[fate]}
+            spots.append({**spot, "brush": pg.mkBrush(colour), "pen": pg.mkPen(theme.muted, width=0.6)})
+        self.dots.setData(spots)
+        self.plot.setRange(QRectF(-1.5, -1.5, nx + 2, ny + 2), padding=0)
+
+    def show_place(self, place: Place | None) -> None:
+        """Put the ring about a position; None: nowhere."""
+        self.ring.setData([] if place is None else [place[2]], [] if place is None else [place[1]])
+
+    def clear(self) -> None:
+        """Show nothing."""
+        self.places, self._tips = (), {}
+        self.dots.setData([])
+        self.show_place(None)
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        theme_plot(self.graphics, self.plot)
+        theme = current_theme()
+        self.bar.axis.setPen(theme.line)
+        self.bar.axis.setTextPen(theme.text)
+        self.ring.setPen(pg.mkPen(theme.accent, width=2))
+
+    def _clicked(self, _: Any, spots: Any, *__: Any) -> None:
+        if len(spots):
+            self.chosen.emit(spots[0].data())
+
+
+TABLE = colour_table("viridis")
+VIRIDIS = pg.ColorMap(np.linspace(0, 1, 256), TABLE)

@@ -1,0 +1,113 @@
+"""Rows of text that are sorted by their numbers, and copied as spreadsheets take them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QColor, QKeyEvent, QKeySequence
+from PySide6.QtWidgets import QAbstractItemView, QApplication, QHeaderView, QMenu, QTableWidget, QTableWidgetItem
+
+__all__ = ["RowsTable"]
+
+NUMBER, ROW = Qt.ItemDataRole.UserRole, Qt.ItemDataRole.UserRole + 1
+
+
+class Cell(QTableWidgetItem):
+    """A cell that sorts by its number, or by its text where it has none."""
+
+    def __lt__(self, other: QTableWidgetItem) -> bool:
+        """Return whether this cell comes first; cells without a number come last among numbers."""
+        one, two = self.data(NUMBER), other.data(NUMBER)
+        if one is None or two is None:
+            return self.text().lower() < other.text().lower()
+        return (math.isnan(one), one) < (math.isnan(two), two)
+
+
+class RowsTable(QTableWidget):
+    """A table of rows; a click on a header sorts, Ctrl+C copies the rows that are selected, or all.
+
+    Parameters
+    ----------
+    header
+        Titles of the columns.
+    wide
+        The column that takes the room that is left.
+    sizes
+        Numbers of the columns that hold numbers.
+    """
+
+    def __init__(self, header: tuple[str, ...], wide: int, sizes: Sequence[int] = ()) -> None:
+        super().__init__(0, len(header))
+        self._header, self._sizes = header, tuple(sizes)
+        self.setHorizontalHeaderLabels(header)
+        self.verticalHeader().hide()
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.setWordWrap(False)
+        self.setToolTip("Click a header to sort; Ctrl+C copies the selected rows, or all of them")
+        top = self.horizontalHeader()
+        for k in range(len(header)):
+            stretch = QHeaderView.ResizeMode.Stretch if k == wide else QHeaderView.ResizeMode.ResizeToContents
+            top.setSectionResizeMode(k, stretch)
+            title = self.horizontalHeaderItem(k)
+            if k in self._sizes and title is not None:
+                title.setTextAlignment(RIGHT)
+        self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.customContextMenuRequested.connect(self._menu)
+
+    def show_rows(
+        self,
+        rows: Sequence[tuple[str, ...]],
+        numbers: Sequence[tuple[float, ...]] = (),
+        colour: Callable[[int, int], str] = lambda row, column: "",
+    ) -> None:
+        """Show rows in their order; ``numbers`` are what they are sorted by, ``colour`` is that of (row, column)."""
+        self.setSortingEnabled(False)
+        self.setRowCount(len(rows))
+        for k, row in enumerate(rows):
+            for column, text in enumerate(row):
+                cell = Cell(text)
+                cell.setData(ROW, k)
+                cell.setToolTip(text)
+                if column in self._sizes:
+                    cell.setData(NUMBER, float(numbers[k][column]))
+                    cell.setTextAlignment(RIGHT)
+                if own := colour(k, column):
+                    cell.setForeground(QColor(own))
+                self.setItem(k, column, cell)
+        self.horizontalHeader().setSortIndicator(-1, Qt.SortOrder.AscendingOrder)
+        self.setSortingEnabled(True)
+
+    def number_of(self, row: int) -> int:
+        """Return which of the rows that were given stands in a row of the table, however it is sorted; -1: none."""
+        item = self.item(row, 0)
+        return -1 if item is None else int(item.data(ROW))
+
+    def text(self) -> str:
+        """Return the selected rows, or all, with the header: columns are parted by tabs."""
+        chosen = sorted({index.row() for index in self.selectedIndexes()}) or range(self.rowCount())
+        cells = [[self.item(k, c) for c in range(self.columnCount())] for k in chosen]
+        rows = [self._header, *(tuple("" if cell is None else cell.text() for cell in row) for row in cells)]
+        return "\n".join("\t".join(row) for row in rows) + "\n"
+
+    def copy(self) -> None:
+        """Put the selected rows, or all, on the clipboard."""
+        QApplication.clipboard().setText(self.text())
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Copy rows instead of one cell."""
+        if event.matches(QKeySequence.StandardKey.Copy):
+            self.copy()
+            return
+        super().keyPressEvent(event)
+
+    def _menu(self, position: QPoint) -> None:
+        menu = QMenu(self)
+        menu.addAction("Copy rows").triggered.connect(lambda _=False: self.copy())
+        menu.exec(self.viewport().mapToGlobal(position))
+        menu.deleteLater()
+
+
+RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter

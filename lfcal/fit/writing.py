@@ -1,0 +1,69 @@
+"""Everything that a fit makes, in a folder: camera, effects, H, numbers and report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from lfcal.fit.files import effects_text, fit_dict, iter_write_model, json_text, measured_camera, write_text
+from lfcal.fit.measured import Measured
+from lfcal.fit.report import iter_fit_report, report_files
+from lfcal.fit.result import Fit
+from lfcal.progress import Work
+
+__all__ = ["CAMERA", "EFFECTS", "MODEL", "NUMBERS", "REPORT", "fit_outputs", "iter_write_fit"]
+
+CAMERA, EFFECTS, MODEL, NUMBERS, REPORT = "camera.json", "effects.json", "H.h5", "fit.json", "report"
+
+
+def fit_outputs(folder: Path) -> list[Path]:
+    """Return all files that a fit in ``folder`` consists of."""
+    files = [folder / name for name in (MODEL, CAMERA, EFFECTS, NUMBERS)]
+    return [*files, *report_files(folder / REPORT)]
+
+
+def iter_write_fit(
+    fit: Fit,
+    measured: Measured,
+    folder: Path,
+    known: Mapping[str, Any],
+    *,
+    with_h: bool = True,
+    workers: int | None = None,
+) -> Work[list[Path]]:
+    """Write everything that a fit makes; ``fit.json`` comes last: where it is, all of it is.
+
+    Parameters
+    ----------
+    fit, measured
+        What was found, and in which patterns.
+    folder
+        Made where it is not there yet.
+    known
+        What is known of the source of the patterns, as plain JSON types; ``"source"`` is its name.
+    with_h
+        Whether H of the fitted camera is computed and written.
+    workers
+        Threads; None takes every processor.
+
+    Raises
+    ------
+    StorageError
+        If a file cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    if with_h:
+        written.append((yield from iter_write_model(fit, folder / MODEL, provenance=known, workers=workers)))
+    written.append((yield from iter_fit_report(fit, measured, folder / REPORT, str(known.get("source", "")))))
+    texts = {
+        CAMERA: measured_camera(fit).to_json(),
+        EFFECTS: effects_text(fit),
+        NUMBERS: json_text({**fit_dict(fit), **known, "fitted": datetime.now(UTC).isoformat(timespec="seconds")}),
+    }
+    for name, text in texts.items():
+        write_text(folder / name, text)
+        written.append(folder / name)
+    return written

@@ -1,0 +1,280 @@
+"""The Fit page: from H to the camera, what is shown of it, and what is made of it."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import weakref
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QApplication, QComboBox
+from pytestqt.qtbot import QtBot
+
+from gui.context import Context
+from gui.jobs import JobState
+from gui.models.page import PageState
+from gui.models.project import ProjectState
+from gui.pages.fit import PAGE
+from gui.pages.fit.model import FitSettings
+from gui.pages.fit.page import Page
+from gui.theme import DARK, LIGHT, apply_theme
+from gui.window import MainWindow
+from lfcal.progress import Progress, Work
+from tests.fit.common import few_patterns
+from tests.gui.pages.fit.common import GEOMETRY, saved, with_outlier
+from tests.gui.waiting import GUARD_MS, idle
+
+
+def button_states(page: Page) -> list[bool]:
+    return [b.isEnabled() for b in (page.use_button, page.model_button, page.save_button, page.report_button)]
+
+
+# -- fitting -----------------------------------------------------------------------------------------------
+def test_from_h_to_the_camera(page: Page, qtbot: QtBot) -> None:
+    panel = page.panel
+    assert panel.choices.source.text() == "H.h5: 6 of 8 positions recorded, 1 plane"
+    assert panel.stack.currentWidget() is panel.ready and not any(button_states(page))
+    page.fit_button.click()
+    assert page.stop_button.isEnabled() and not page.fit_button.isEnabled() and not panel.choices.form.isEnabled()
+    assert panel.stack.currentWidget() is panel.running
+    idle(page.context.jobs, qtbot)
+    found = page.found
+    assert found is not None and panel.stack.currentWidget() is panel.tabs and all(button_states(page))
+    fit = found.fit
+    assert fit.parameters["gap_um"].value == pytest.approx(1.01 * few_patterns().camera.lattice.gap_um, rel=1e-3)  # type: ignore[union-attr]
+    table = panel.parameters
+    assert table.rowCount() == len(fit.parameters) == 4
+    assert "explains the patterns" in panel.verdict.text()
+    assert QColor(LIGHT.good).name() in panel.verdict.styleSheet()
+    kinds = [panel.findings.item(k, 0).text() for k in range(panel.findings.rowCount())]
+    assert kinds == ["held", "fitted"]
+    rounds = panel.rounds.error.line.getData()
+    assert len(rounds[0]) >= 3 and rounds[1][-1] < rounds[1][0]
+    assert page.context.jobs.jobs()[0].result is None, "jobs are remembered for ever: they must not hold patterns"
+
+
+def test_pictures_of_a_position(fitted: Page) -> None:
+    panel, found = fitted.panel, fitted.found
+    assert found is not None
+    view = panel.patterns
+    assert view.place == found.places[0] and len(view.map.places) == 6
+    view.step(2)
+    place = found.places[2]
+    assert view.place == place
+    for picture, values in ((view.measured, found.patterns), (view.model, found.model)):
+        np.testing.assert_array_equal(picture.image, values[place])
+    np.testing.assert_array_equal(view.residual.image, found.fit.residual(*place))
+    assert view.residual.bar.levels() == (-5.0, 5.0)
+    assert f"χ² {found.chi2[place]:.3g}" in view.words.text()
+    view.model.hovered.emit(3, 4, 0.0)
+    assert f"t 3, s 4: measured {found.patterns[place][3, 4]:.5g}" in view.readout.text() and "σ" in view.readout.text()
+    assert all(one.cursor.isVisible() and one.cursor.pos().x() == 4 for one in view.views)
+    view.worst_button.click()
+    assert view.place == max(found.places, key=lambda one: found.chi2[one])
+    view.map.chosen.emit(found.places[4])
+    assert view.place == found.places[4] and view.patterns.value() == 4
+    fitted.receive((0, 99, 99))
+    assert view.place == found.places[4]
+
+
+def test_pictures_are_zoomed_together(fitted: Page) -> None:
+    view = fitted.panel.patterns
+    QApplication.processEvents()
+    box = view.model.plot.getViewBox()
+    box.setRange(xRange=(4, 8), yRange=(5, 9), padding=0)
+    box.sigRangeChangedManually.emit([True, True])
+    for one in view.views:
+        (left, right), (top, bottom) = one.plot.getViewBox().viewRange()
+        assert (left + right) / 2 == pytest.approx(6, abs=0.2) and (top + bottom) / 2 == pytest.approx(7, abs=0.2)
+        assert right - left < 14
+    view.residual.show_all()
+    for one in view.views:
+        (left, right), _ = one.plot.getViewBox().viewRange()
+        assert left <= -0.5 and right >= 14.5
+
+
+def test_parameters_are_sorted_by_number_and_copied(fitted: Page, qtbot: QtBot) -> None:
+    table, found = fitted.panel.parameters, fitted.found
+    assert found is not None
+    table.sortItems(3, Qt.SortOrder.DescendingOrder)
+    assert table.item(0, 0).text() == "gap_um" and table.number_of(0) == 0
+    table.sortItems(5, Qt.SortOrder.AscendingOrder)
+    away = [found.fit.parameters[table.item(k, 0).text()] for k in range(4)]
+    numbers = [(one.value - one.start) / one.sigma for one in away]
+    assert numbers == sorted(numbers)
+    table.clearSelection()
+    qtbot.keyClick(table, Qt.Key.Key_C, Qt.KeyboardModifier.ControlModifier)
+    lines = QApplication.clipboard().text().splitlines()
+    assert lines[0].split("\t")[:3] == ["Parameter", "Found", "± σ"] and len(lines) == 5
+    table.selectRow(1)
+    table.copy()
+    assert len(QApplication.clipboard().text().splitlines()) == 2
+
+
+def test_an_outlier_is_found_by_its_line(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    page.context.project.update("open", psf=str(saved(tmp_path / "outlier.h5", with_outlier())))
+    page.fit()
+    idle(page.context.jobs, qtbot)
+    panel = page.panel
+    assert page.found is not None and len(page.found.fit.outliers) == 1
+    panel.tabs.setCurrentWidget(panel.findings)
+    panel.findings.selectRow(0)
+    assert panel.tabs.currentWidget() is panel.patterns
+    one = page.found.fit.outliers[0]
+    assert panel.patterns.place == (one.z, one.y, one.x) and "left out" in panel.patterns.words.text()
+    panel.tabs.setCurrentWidget(panel.findings)
+    panel.findings.cellClicked.emit(0, 1)
+    assert panel.tabs.currentWidget() is panel.patterns, "a row that is selected already is clicked again"
+
+
+def test_an_incomplete_model_says_so(fitted: Page) -> None:
+    found = fitted.found
+    assert found is not None
+    worse = replace(found.fit, chi_square=replace(found.fit.chi_square, lit=2.0, sigma=0.05))
+    fitted.found = replace(found, fit=worse)
+    fitted.entered()
+    verdict = fitted.panel.verdict
+    assert verdict.text().startswith("The model is incomplete") and QColor(LIGHT.bad).name() in verdict.styleSheet()
+
+
+# -- what goes wrong ---------------------------------------------------------------------------------------
+def test_nothing_to_fit(window: MainWindow) -> None:
+    window.go("fit")
+    page: Any = window.page("fit")
+    assert "Nothing to fit yet" in page.empty.label.text() and not page.fit_button.isEnabled()
+    assert PAGE.state(ProjectState()) is PageState.NOTHING
+
+
+def test_an_error_is_one_line_in_the_page(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    other = replace(GEOMETRY, camera="window", positions=5)
+    project = page.context.project
+    project.update("choices", settings=other.into(project.state))
+    H = few_patterns()
+    values = np.random.default_rng(1).normal(0, 8, H.shape).astype(np.float32)
+    dark = type(H)(values, depths=H.depths, camera=H.camera, anchor=H.anchor, facts=H.facts)
+    project.update("open", psf=str(saved(tmp_path / "dark.h5", dark)))
+    page.fit()
+    idle(page.context.jobs, qtbot)
+    words = page.panel.verdict.text()
+    assert words.startswith("light of the patterns: expected more than their noise") and "\n" not in words
+    assert page.found is None and page.fit_button.isEnabled() and not any(button_states(page))
+
+
+@pytest.fixture
+def let_go(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+    """Let fits compute between two records until this is set."""
+    go_on = threading.Event()
+
+    def slow(*_: object) -> Work[None]:
+        yield Progress(0, 2, "slow")
+        go_on.wait(GUARD_MS / 1e3)
+        yield Progress(1, 2, "slow")
+
+    monkeypatch.setattr("gui.pages.fit.page.iter_fit", slow)
+    yield go_on
+    go_on.set()
+
+
+def test_a_fit_that_is_stopped_leaves_the_one_before(fitted: Page, let_go: threading.Event) -> None:
+    before = fitted.found
+    fitted.fit()
+    assert not fitted.fit_button.isEnabled() and not any(button_states(fitted))
+    fitted.stop_button.click()
+    assert not let_go.is_set(), "nobody waited for the computation"
+    assert fitted.found is before and all(button_states(fitted))
+    assert fitted.panel.stack.currentWidget() is fitted.panel.tabs
+
+
+def test_the_first_fit_is_stopped_between_two_records(page: Page, let_go: threading.Event) -> None:
+    page.fit()
+    page.stop_button.click()
+    assert page.context.jobs.jobs()[0].state is JobState.CANCELLED and not let_go.is_set()
+    assert page.fit_button.isEnabled() and page.panel.verdict.text() == "Stopped."
+
+
+# -- another H ---------------------------------------------------------------------------------------------
+def test_nothing_of_an_h_is_shown_beside_another(fitted: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    there = weakref.ref(fitted.found)
+    panel = fitted.panel
+    fitted.context.project.update("open", psf=str(saved(tmp_path / "other.h5")))
+    idle(fitted.context.jobs, qtbot)
+    assert panel.stack.currentWidget() is panel.ready and not any(button_states(fitted))
+    assert panel.parameters.rowCount() == panel.findings.rowCount() == 0 and panel.patterns.measured.image is None
+    assert panel.status.isHidden() and panel.choices.source.text().startswith("other.h5")
+    gc.collect()
+    assert there() is None, "its patterns may be large"
+
+
+def test_a_file_that_is_written_anew_is_another_h(fitted: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    path = Path(fitted.context.state.psf)
+    saved(tmp_path / "new.h5", with_outlier()).replace(path)
+    fitted.entered()
+    assert fitted.found is None and fitted.panel.stack.currentWidget() is fitted.panel.ready
+
+
+def test_a_file_that_is_being_written_is_left_alone(page: Page, qtbot: QtBot) -> None:
+    path = page.context.state.psf
+    page.context.forget(path)
+    page.entered()
+    idle(page.context.jobs, qtbot)
+    assert page.context.matrix(path) is None and page.empty is not None
+    assert "is being written" in page.empty.label.text()
+    page.context.matrices.want(path)  # as the window does when it is written
+    idle(page.context.jobs, qtbot)
+    assert page.empty is None and page.panel.choices.source.text().startswith("H.h5: 6 of 8")
+
+
+def test_a_fit_of_another_h_comes_too_late(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    page.fit()
+    page.context.project.update("open", psf=str(saved(tmp_path / "other.h5")))
+    idle(page.context.jobs, qtbot)
+    assert page.found is None and page.fit_button.isEnabled()
+
+
+# -- choices -----------------------------------------------------------------------------------------------
+def test_choices_are_undone_and_kept(page: Page, qtbot: QtBot) -> None:
+    choices, project = page.panel.choices, page.context.project
+    item = choices.groups.item(1)
+    item.setCheckState(Qt.CheckState.Checked)
+    name = item.data(Qt.ItemDataRole.UserRole)
+    assert page.settings.groups == ("geometry", name)
+    project.undo()
+    assert page.settings.groups == ("geometry",) and item.checkState() == Qt.CheckState.Unchecked
+    choices.way.setCurrentIndex(0)
+    assert page.settings.auto and "tried" in choices.legend.text()
+    box: Any = choices.form.editor("camera")
+    assert isinstance(box, QComboBox)
+    box.setCurrentIndex(1)
+    assert page.settings.camera == "window" and "this window" in choices.start.text()
+    constant: Any = choices.form.editor("constant")
+    constant.setText("-3")
+    constant.textEdited.emit("-3")
+    assert page.settings.constant is None and "0 or more" in choices.form.error
+    constant.setText("3")
+    constant.textEdited.emit("3")
+    assert page.settings.constant == 3 and choices.noise.property("role") == "error"
+    kept = FitSettings.of(ProjectState.from_json(project.state.to_json()))
+    assert kept == page.settings
+
+
+def test_choices_since_a_fit_are_told(fitted: Page) -> None:
+    project = fitted.context.project
+    assert "Choices changed" not in fitted.panel.detail.text()
+    project.update("more", settings=replace(GEOMETRY, positions=5).into(project.state))
+    assert "Choices changed since this fit" in fitted.panel.detail.text()
+    project.undo()
+    assert "Choices changed" not in fitted.panel.detail.text()
+
+
+def test_colours_of_the_theme(fitted: Page, qapp: QApplication, context: Context) -> None:
+    apply_theme(qapp, DARK)
+    context.theme_changed.emit()
+    assert QColor(DARK.good).name() in fitted.panel.verdict.styleSheet()
+    apply_theme(qapp, LIGHT)
