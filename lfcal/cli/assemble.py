@@ -83,6 +83,9 @@ def command(
     lost: float = typer.Option(0.005, "--lost", help="With --cutout auto: largest share of energy left outside."),
     interpolation: str = typer.Option("", "--interpolation", help="nearest, linear, cubic or fourier."),
     pad: bool = typer.Option(False, "--pad", help="Pad cutouts that leave the sensor with zeros, and mark them."),
+    fill: Path | None = typer.Option(
+        None, "--fill", help="Folder of lfcal fit of this scan: its model fills missing positions, which stay marked."
+    ),
     strict: bool = typer.Option(False, "--strict", help="Missing and repeated positions are errors."),
     skip_damaged: bool = typer.Option(
         False, "--skip-damaged", help="Leave out frames that cannot be read, and list them; every frame is read twice."
@@ -112,7 +115,7 @@ def command(
     # A manifest's frames lie beside it.
     beside = frames.parent if frames.suffix.lower() in TABLES else None
     if channel != "each":
-        check_output(out, frames, beside, plan, manifest, dark, white, force=force)
+        check_output(out, frames, beside, plan, manifest, dark, white, fill, force=force)
     recipe = CorrectionRecipe(
         dark=dark,
         black_level=black_level,
@@ -158,11 +161,11 @@ def command(
         report_notes([note] if note else [])
         parts = parts_of(channel, source, scan, out, lambda name: stack.enter_context(opened(colour=name)[0]))
         if channel == "each":
-            check_outputs([part.out for part in parts], frames, beside, plan, manifest, dark, white, force=force)
+            check_outputs([part.out for part in parts], frames, beside, plan, manifest, dark, white, fill, force=force)
         found = []
         for part in parts:
             own = replace(recipe, shift=bits, channel=part.channel)
-            found.append(_assemble(part, scan, own, settings, orientation, json=json, skip_damaged=skip_damaged))
+            found.append(_assemble(part, scan, own, settings, orientation, fill, json=json, skip_damaged=skip_damaged))
     if json:
         print_json(found if channel == "each" else found[0])
 
@@ -173,6 +176,7 @@ def _assemble(
     recipe: CorrectionRecipe,
     settings: AssemblySettings,
     orientation: str,
+    fill: Path | None,
     *,
     json: bool,
     skip_damaged: bool,
@@ -185,12 +189,19 @@ def _assemble(
 
     start = time.perf_counter()
     frames = part.source
-    known = {"intake": list(frames.metadata["notes"])} if "notes" in frames.metadata else {}
+    known: dict[str, Any] = {"intake": list(frames.metadata["notes"])} if "notes" in frames.metadata else {}
     if skip_damaged:
         frames = run_work(iter_undamaged(frames, workers=settings.workers), quiet=json)
     view, lie = upright(corrected_view(frames, recipe, scan), part.plan, orientation, quiet=json)
     check_turned_colours(frames, scan, recipe, lie["orientation"]["applied"])
-    report = run_work(iter_assemble_plan(view, part.plan, part.out, settings, provenance=known | lie), quiet=json)
+    filler = None
+    if fill is not None:
+        from lfcal.fit.stored import Filler, read_fit
+
+        filler = Filler(read_fit(fill), part.plan, settings.workers)
+        known |= {"filled": filler.provenance}
+    work = iter_assemble_plan(view, part.plan, part.out, settings, provenance=known | lie, fill=filler)
+    report = run_work(work, quiet=json)
     with report.matrix:
         return show_report(report, part.out, time.perf_counter() - start, json)
 
@@ -281,14 +292,18 @@ def parse_cutout(text: str) -> tuple[int, int] | str | None:
 def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -> dict[str, Any]:
     """Return what was assembled, and print it but for ``json``; what nobody measured is null or "unknown"."""
     from lfcal.cli.console import report as line
+    from lfcal.psf.facts import Origin
     from lfcal.units import format_bytes, format_seconds
 
     matrix = report.matrix
+    origin = matrix.facts.origin
+    filled = 0 if origin is None else int((origin == Origin.MODEL).sum())
     facts = {
         "out": out,
         "shape": matrix.shape,
         "frames": report.frames,
         "missing": report.missing,
+        "filled": filled,
         "repeated": report.repeated,
         "orientation": matrix.provenance.get("orientation", {"applied": report.orientation}),
         "left_out": [found._asdict() for found in report.left_out],
@@ -306,6 +321,12 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
     told = matrix.provenance.get("orientation", {}).get("note")
     for note in (*([told] if told else []), *report.notes):
         line(f"note: {note}")
+    if filled:
+        line(f"note: {filled} of the missing positions are filled by the model of the fit, and marked")
+    elif report.missing:
+        line(
+            "note: lfcal fit finds the optics from what is there; lfcal assemble --fill FIT then fills what is missing"
+        )
     for found in report.left_out[:LISTED]:
         where = "dark frame" if found.position is None else f"(z, y, x) = {tuple(found.position)}"
         line(f"left out: {found.label}, {where}")

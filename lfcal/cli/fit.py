@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +14,9 @@ from lfcal.errors import InputError
 
 if TYPE_CHECKING:
     from lfcal.fit import Fit, Measured
+    from lfcal.fit.hybrid import HybridSummary
     from lfcal.progress import Work
+    from lfcal.psf import PSFMatrix
 
 __all__ = ["register"]
 
@@ -40,6 +44,9 @@ def command(
         "", "--noise", help="CONSTANT,SLOPE: a sample of value v has the variance constant + slope v."
     ),
     no_h: bool = typer.Option(False, "--no-h", help="Do not compute H of the fitted camera."),
+    hybrid: bool = typer.Option(
+        False, "--hybrid", help="H.h5 is the model and what recorded patterns show beyond it, with its uncertainty."
+    ),
     plan: Path | None = typer.Option(None, "--plan", "-p", help="Scan plan (.json) of frames, if not beside them."),
     dark: str = typer.Option("", "--dark", help="Dark frame or folder of them for frames; none: not even their own."),
     black_level: float | None = typer.Option(
@@ -61,13 +68,15 @@ def command(
     """
     from lfcal.cli.cameras import load_camera
     from lfcal.cli.console import print_json, run_work
-    from lfcal.cli.fit_source import Reading, parse_noise, read_patterns
+    from lfcal.cli.fit_source import Reading, is_matrix, open_upright, parse_noise, read_patterns
     from lfcal.cli.orientation import check_choice
     from lfcal.fit import iter_fit_camera
     from lfcal.fit.files import fit_dict
     from lfcal.frames import CorrectionRecipe
 
     check_choice(orientation)
+    if hybrid and no_h:
+        raise InputError.expected("--hybrid", "an H to write", "--no-h", "leave one of them out")
     groups = unknowns if unknowns == "auto" else _groups(unknowns)
     _check_before(out, source, camera, plan, dark, white, no_h=no_h, force=force)
     recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
@@ -75,11 +84,19 @@ def command(
     how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
     measured, known = read_patterns(source, how, quiet=json)
     fit = run_work(iter_fit_camera(measured, start, groups, workers=workers), quiet=json)
-    written = run_work(_iter_write(fit, measured, out, known, with_h=not no_h, workers=workers), quiet=json)
+    with ExitStack() as stack:
+        patterns: PSFMatrix | Measured | None = None
+        if hybrid:
+            # of an H every recorded pattern, not those alone that were fitted
+            patterns = stack.enter_context(open_upright(source)) if is_matrix(source) else measured
+        written, summary = run_work(
+            _iter_write(fit, measured, out, known, patterns, how.noise, with_h=not no_h, workers=workers), quiet=json
+        )
     if json:
-        print_json(fit_dict(fit) | {"source": source, "files": written})
+        made = {} if summary is None else {"hybrid": asdict(summary)}
+        print_json(fit_dict(fit) | made | {"source": source, "files": written})
     else:
-        _show(fit, out, written)
+        _show(fit, out, written, summary)
 
 
 def _groups(text: str) -> tuple[str, ...]:
@@ -108,29 +125,55 @@ def _check_before(out: Path, *inputs: Path | str | None, no_h: bool, force: bool
 
 
 def _iter_write(
-    fit: Fit, measured: Measured, out: Path, known: dict[str, Any], *, with_h: bool, workers: int | None
-) -> Work[list[Path]]:
-    """Write everything that a fit makes; ``fit.json`` comes last: where it is, all of it is."""
-    from lfcal.fit.files import effects_text, fit_dict, iter_write_model, json_text, measured_camera, write_text
+    fit: Fit,
+    measured: Measured,
+    out: Path,
+    known: dict[str, Any],
+    patterns: PSFMatrix | Measured | None,
+    noise: tuple[float, float] | None,
+    *,
+    with_h: bool,
+    workers: int | None,
+) -> Work[tuple[list[Path], HybridSummary | None]]:
+    """Write everything that a fit makes; ``fit.json`` comes last: where it is, all of it is.
+
+    ``patterns`` are those of which H is the hybrid; None: H is the model.
+    """
+    from lfcal.fit.files import (
+        effects_text,
+        fit_dict,
+        iter_write_hybrid,
+        iter_write_model,
+        json_text,
+        measured_camera,
+        write_text,
+    )
+    from lfcal.fit.hybrid import hybrid_note
     from lfcal.fit.report import iter_fit_report
 
     out.mkdir(parents=True, exist_ok=True)
-    written = []
-    if with_h:
+    written: list[Path] = []
+    summary: HybridSummary | None = None
+    if patterns is not None:
+        work = iter_write_hybrid(fit, patterns, out / MODEL, noise=noise, provenance=known, workers=workers)
+        summary = yield from work
+        written.append(out / MODEL)
+    elif with_h:
         written.append((yield from iter_write_model(fit, out / MODEL, provenance=known, workers=workers)))
-    written.append((yield from iter_fit_report(fit, measured, out / REPORT, known["source"])))
+    notes = () if summary is None else (str(summary),)
+    written.append((yield from iter_fit_report(fit, measured, out / REPORT, known["source"], notes)))
     texts = {
         CAMERA: measured_camera(fit).to_json(),
         EFFECTS: effects_text(fit),
-        NUMBERS: json_text(fit_dict(fit) | known),
+        NUMBERS: json_text(fit_dict(fit) | ({} if summary is None else hybrid_note(summary)) | known),
     }
     for name, text in texts.items():
         write_text(out / name, text)
         written.append(out / name)
-    return written
+    return written, summary
 
 
-def _show(fit: Fit, out: Path, written: list[Path]) -> None:
+def _show(fit: Fit, out: Path, written: list[Path], summary: HybridSummary | None) -> None:
     from lfcal.cli.console import print_table, report
 
     rows = [
@@ -145,4 +188,6 @@ def _show(fit: Fit, out: Path, written: list[Path]) -> None:
         report(f"left out: (z, y, x) = ({one.z}, {one.y}, {one.x}): {one.reason}")
     for combination in fit.unidentified:
         report(f"note: this scan does not tell apart: {combination}")
+    if summary is not None:
+        typer.echo(str(summary))
     typer.echo(f"{out}: {', '.join(str(path.relative_to(out)) for path in written)}")
