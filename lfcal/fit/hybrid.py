@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.fit.hybrid_patterns import Recorded, model_uncertainty, plane_data
+from lfcal.fit.hybrid_patterns import Recorded, iter_plane_data, model_uncertainty
 from lfcal.fit.leftover import Leftover, iter_leftover
 from lfcal.fit.leftover_size import PlaneData
 from lfcal.fit.measured import Measured
@@ -135,7 +135,7 @@ def iter_hybrid_planes(
     found: list[tuple[Facts, NDArray[np.float64]]] = []
     for z in range(fit.planned.shape[0]):
         model = yield from fit.iter_plane(z, workers)
-        data, facts = plane_data(fit, recorded, z, model)
+        data, facts = yield from iter_plane_data(fit, recorded, z, model, workers)
         left = yield from iter_leftover(data, f"beyond the model, plane {z}", seed=z, workers=workers)
         plane = _joined(fit, data, facts, left)
         assert plane.facts.origin is not None

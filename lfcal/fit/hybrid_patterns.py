@@ -8,20 +8,23 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter
 
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
 from lfcal.fit.leftover_size import PlaneData
 from lfcal.fit.measured import Measured
+from lfcal.fit.model import Fineness, PlaneModel
+from lfcal.progress import Clock, Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts, Origin
+from lfcal.threads import for_each_chunk, worker_count
 
 if TYPE_CHECKING:
     from lfcal.fit.result import Fit
 
-__all__ = ["Recorded", "model_uncertainty", "plane_data"]
+__all__ = ["Recorded", "iter_plane_data", "model_uncertainty"]
 
 F4 = NDArray[np.float32]
 
@@ -57,7 +60,7 @@ class Recorded:
         """Return those of an H or of patterns; raises `InputError` where they are of another scan."""
         shape = planned.shape
         if isinstance(source, Measured):
-            _check_scan(source.plan, planned)
+            _check_scan(planned, source.plan.shape, source.plan.depths_um, source.plan.anchor)
             counts = np.zeros(shape[:3], np.uint16)
             noise = np.full((*shape[:3], 2), np.nan)
             places = {(z, y, x): k for k, (z, y, x) in enumerate(source.index.tolist())}
@@ -71,8 +74,7 @@ class Recorded:
             return cls(counts, noise, one)
         if source.is_transposed:
             raise InputError.expected("patterns", "those of H", "those of HT", "give H")
-        depths = tuple(float(z) for z in source.depths)
-        _check_scan(ScanPlan(planned.camera, source.period, source.cutout, depths, source.anchor), planned)
+        _check_scan(planned, source.shape, source.depths, source.anchor)
         counts = source.recorded
         known = source.facts.noise
         if given is not None:
@@ -86,16 +88,23 @@ class Recorded:
         return cls(counts, known.astype(np.float64), pattern)
 
 
-def _check_scan(plan: ScanPlan, planned: ScanPlan) -> None:
+def _check_scan(planned: ScanPlan, shape: tuple[int, ...], depths: ArrayLike, anchor: tuple[float, float]) -> None:
     """Raise where a scan's positions and pixels are not those that were fitted."""
-    for name in ("period", "cutout", "depths_um", "anchor"):
-        wanted, got = getattr(planned, name), getattr(plan, name)
-        if np.shape(wanted) != np.shape(got) or not np.allclose(wanted, got, rtol=1e-9, atol=1e-6):
-            raise InputError.expected(f"patterns, {name}", f"those fitted, {wanted}", got, "give the H that was fitted")
+    remedy = "give the H that was fitted"
+    if tuple(shape) != tuple(planned.shape):
+        raise InputError.expected("patterns (z, y, x, t, s)", f"those fitted, {planned.shape}", tuple(shape), remedy)
+    for name, wanted, got in (("depths (µm)", planned.depths_um, depths), ("anchor (pixels)", planned.anchor, anchor)):
+        if not np.allclose(wanted, got, rtol=1e-9, atol=1e-6):
+            raise InputError.expected(f"patterns, {name}", f"those fitted, {wanted}", np.asarray(got).tolist(), remedy)
 
 
-def plane_data(fit: Fit, recorded: Recorded, z: int, model: F4) -> tuple[PlaneData, Facts]:
-    """Return model and residuals of plane ``z``, and of which positions they are; outliers count as not recorded."""
+def iter_plane_data(
+    fit: Fit, recorded: Recorded, z: int, model: F4, workers: int | None
+) -> Work[tuple[PlaneData, Facts]]:
+    """Return model and residuals of plane ``z``, and of which positions they are; outliers count as not recorded.
+
+    Yields progress in patterns.
+    """
     counts = recorded.counts[z]
     residual, precision = np.zeros_like(model), np.zeros_like(model)
     back = fit.levels.backgrounds[z]
@@ -109,7 +118,7 @@ def plane_data(fit: Fit, recorded: Recorded, z: int, model: F4) -> tuple[PlaneDa
     around = _whole_period(fit.planned)
     own = counts > 0
     data = PlaneData(model, residual, precision, own, around)
-    _take_own(fit, data)
+    yield from _iter_take_own(fit, data, z, workers)
     far = _outliers(data)
     for one in fit.outliers:
         if one.z == z:
@@ -124,71 +133,96 @@ def _whole_period(plan: ScanPlan) -> bool:
     return min(plan.period) > 2 and max(abs(left) for left in plan.period_residual_px) < 1.0
 
 
-def _take_own(fit: Fit, data: PlaneData) -> None:
+def _iter_take_own(fit: Fit, data: PlaneData, z: int, workers: int | None) -> Work[None]:
     """Take out of each residual what lamp and displaced source make of it, where the fit found that they are unsteady.
 
-    A pattern's own is what its neighbours do not share: what they share the model lacks. The derivative by the source's
-    place is that between neighbouring positions, on the sensor.
+    A pattern's own is what its neighbours do not share: what they share the model lacks. Yields progress in patterns.
     """
     spread = fit.spread
     used = np.flatnonzero([spread.lamp, spread.stage_px, spread.stage_px])
     places = np.argwhere(data.recorded)
     if not used.size or len(places) <= NEIGHBOURS:
         return
+    plane = PlaneModel(fit.ideal_places, fit.planned, z, Fineness.finest) if spread.stage_px > 0 else None
+    gain, count = np.float32(fit.levels.gains[z]), worker_count(workers)
     beyond = np.square(model_uncertainty(data.model, max(fit.left_out_error.value, 1e-3)))
-    values, errors, shapes = np.empty((len(places), used.size)), np.empty((len(places), used.size)), []
-    for k, (y, x) in enumerate(places.tolist()):
-        rows = np.stack([data.model[y, x], *(_slope(data, y, x, axis) for axis in (0, 1))])[used]
-        rows = rows.reshape(len(used), -1).astype(np.float64)
-        precision = data.precision[y, x].astype(np.float64)
-        weight = (precision / (1.0 + precision * beyond[y, x])).ravel()
-        inverse = np.linalg.pinv((rows * weight) @ rows.T, hermitian=True)
-        values[k] = inverse @ ((rows * weight) @ data.residual[y, x].ravel().astype(np.float64))
-        errors[k] = np.diag(inverse)
-        shapes.append(rows)
-    steps = _not_shared(values, errors, places, data)
-    for (y, x), step, rows in zip(places.tolist(), steps, shapes, strict=True):
-        made = (step @ rows).reshape(data.model.shape[2:])
-        data.residual[y, x] -= np.where(data.precision[y, x] > 0, made, 0.0).astype(np.float32)
+    values, errors = np.empty((len(places), used.size)), np.empty((len(places), used.size))
+    clock = Clock(f"lamp and stage, plane {z}", 2 * len(places))
+    yield clock.at(0)
 
+    def displaced(at: NDArray[np.intp], by: NDArray[np.float64]) -> F4:
+        assert plane is not None
+        return gain * plane.patterns(at, by)
+
+    def look(start: int, stop: int) -> None:
+        at = places[start:stop]
+        here = data.model[at[:, 0], at[:, 1]]
+        rows = [here]
+        for axis in (0, 1) if plane is not None else ():
+            by = np.zeros((len(at), 2))
+            by[:, axis] = STEP_PX
+            rows.append((displaced(at, by) - displaced(at, -by)) / np.float32(2 * STEP_PX))
+        part = rows if 0 in used else rows[1:]
+        for k, (y, x) in enumerate(at.tolist(), start):
+            shape = np.stack([one[k - start].ravel() for one in part]).astype(np.float64)
+            precision = data.precision[y, x].astype(np.float64)
+            weight = (precision / (1.0 + precision * beyond[y, x])).ravel()
+            inverse = np.linalg.pinv((shape * weight) @ shape.T, hermitian=True)
+            values[k] = inverse @ ((shape * weight) @ data.residual[y, x].ravel().astype(np.float64))
+            errors[k] = np.diag(inverse)
+
+    def take(start: int, stop: int) -> None:
+        at = places[start:stop]
+        here = data.model[at[:, 0], at[:, 1]]
+        lamps = steps[start:stop, 0].astype(np.float32) if 0 in used else np.zeros(len(at), np.float32)
+        there = here if plane is None else displaced(at, steps[start:stop, -2:])
+        made = (1 + lamps[:, None, None]) * there - here
+        measured = data.precision[at[:, 0], at[:, 1]] > 0
+        data.residual[at[:, 0], at[:, 1]] -= np.where(measured, made, np.float32(0))
+
+    for turn, work in enumerate((look, take)):
+        steps = _not_shared(values, errors, places, data) if turn else np.zeros_like(values)
+        for first in range(0, len(places), 8 * count):
+            last = min(len(places), first + 8 * count)
+            for_each_chunk(lambda a, b, at=first, go=work: go(at + a, at + b), last - first, count)  # type: ignore[misc]
+            yield clock.at(turn * len(places) + last)
+
+
+STEP_PX = 0.05
+"""Step of a source's displacement (pixels)."""
 
 NEIGHBOURS = 6
-"""Nearest recorded positions whose mean is what a position shares with them."""
+"""Nearest recorded positions that a position is compared with."""
+
+SHARED = 3.0
+"""Positions over which what is shared is alike."""
 
 
 def _not_shared(
     values: NDArray[np.float64], errors: NDArray[np.float64], places: NDArray[np.intp], data: PlaneData
 ) -> NDArray[np.float64]:
-    """Return what of each position's values ``(n, k)`` its neighbours do not share, shrunk by its error."""
+    """Return what of each position's values ``(n, k)`` its neighbours do not share, shrunk by its error.
+
+    A value is what is shared, of a Gaussian correlation, what is the position's own, and its error; how large each is,
+    differences between neighbours tell.
+    """
     apart = np.abs(places[:, None] - places)
     if data.around:
         apart = np.minimum(apart, np.array(data.recorded.shape) - apart)
-    near = np.argsort(np.square(apart).sum(2), axis=1, kind="stable")[:, 1 : 1 + NEIGHBOURS]
-    left, error = values - values[near].mean(1), errors + errors[near].sum(1) / NEIGHBOURS**2
-    own = np.maximum(0.0, np.mean(np.square(left) - error, axis=0)) / (1.0 + 1.0 / NEIGHBOURS)
-    found: NDArray[np.float64] = left * (own / np.maximum(own + error, 1e-30))
-    return found
-
-
-def _slope(data: PlaneData, y: int, x: int, axis: int) -> F4:
-    """Return the derivative of a pattern by its source's place along an axis, pixels held on the sensor."""
-    n, at = data.model.shape[axis], (y, x)[axis]
-    sides: list[F4] = []
-    for step in (1, -1):
-        other = (at + step) % n if data.around else at + step
-        here = data.model[y, x]
-        if not 0 <= other < n:
-            sides.append(here)
+    square = np.square(apart).sum(2).astype(np.float64)
+    near = np.argsort(square, axis=1, kind="stable")[:, 1 : 1 + NEIGHBOURS]
+    correlation = 0.5 + 0.5 * np.exp(-0.5 * square / SHARED**2)
+    out = np.zeros_like(values)
+    for k in range(values.shape[1]):
+        value, error = values[:, k], errors[:, k]
+        left = np.square(value - value[near].mean(1)) - error - error[near].sum(1) / NEIGHBOURS**2
+        own = float(left.mean()) / (1.0 + 1.0 / NEIGHBOURS)
+        if own <= 0.0:
             continue
-        there = data.model[other, x] if axis == 0 else data.model[y, other]
-        # the cutout went along with the source
-        moved = np.roll(there, step, axis)
-        edge = [slice(None), slice(None)]
-        edge[axis] = slice(0, 1) if step == 1 else slice(-1, None)
-        moved[tuple(edge)] = here[tuple(edge)]
-        sides.append(moved)
-    found: F4 = np.float32(0.5) * (sides[0] - sides[1])
-    return found
+        shared = max(0.0, float(np.mean(np.square(value) - error)) - own) * correlation
+        smooth = shared @ np.linalg.solve(shared + np.diag(own + error), value)
+        out[:, k] = (value - smooth) * (own / (own + error))
+    return out
 
 
 def _outliers(data: PlaneData) -> NDArray[np.bool_]:

@@ -44,8 +44,8 @@ TRIED = 150_000
 NEAR = Moving(0.0, 1.0, 0.5)
 """Correlation of the part of spots' residuals that hardly reaches from one position to the next."""
 
-NEAR_SHARE = 0.3
-"""Its share of the variance: by one length alone what is far would be too smooth, or what is near too rough."""
+NEAR_SHARES = (0.3, 0.1, 0.03, 0.6)
+"""Its share of the variance that is tried: by one length alone what is far would be too smooth, or near too rough."""
 
 LIT = 0.02
 """Share of the plane's brightest pixel above which a pixel is lit."""
@@ -65,6 +65,8 @@ class Kind:
     ----------
     spots, stray
         Correlation of what spots and stray light lack; None: no more than noise shows.
+    near
+        Share of the spots' variance that hardly reaches from one position to the next.
     supported
         Whether positions that were left out were predicted better by their neighbours than by the model alone.
     spread
@@ -73,6 +75,7 @@ class Kind:
 
     spots: Moving | None = None
     stray: Moving | None = None
+    near: float = NEAR_SHARES[0]
     supported: bool = False
     spread: float = 1.0
 
@@ -134,11 +137,14 @@ def _correlation(values: F4, axis: int, step: int, shift: int, *, around: bool) 
 
 def _field(data: PlaneData, kind: Kind) -> Field:
     spots, stray = data.sizes
+    if kind.spots is None or kind.stray is None:
+        # one part alone has all of the variance
+        spots = stray = np.hypot(spots, stray)
     parts, shown = [], []
     if kind.spots is not None:
         near = replace(NEAR, velocity=kind.spots.velocity)
         parts += [kind.spots, near]
-        shown += [np.float32(math.sqrt(1 - NEAR_SHARE)) * spots, np.float32(math.sqrt(NEAR_SHARE)) * spots]
+        shown += [np.float32(math.sqrt(1 - kind.near)) * spots, np.float32(math.sqrt(kind.near)) * spots]
     if kind.stray is not None:
         parts.append(kind.stray)
         shown.append(stray)
@@ -162,8 +168,14 @@ def chosen_kind(part: PlaneData, velocity: float, seed: int = 0) -> Kind:
     if spots:
         tried = [replace(best, spots=Moving(velocity, *one)) for one in LENGTHS if one != USUAL]
         best, gains = _best(part, aside, [best, *tried])
+    if spots and stray:
+        best, gains = _best(part, aside, [best, replace(best, spots=None), replace(best, stray=None)])
     helped = float(gains.sum()) > GAIN * math.sqrt(float(np.square(gains).sum()))
-    return replace(best, supported=helped, spread=_spread(part, aside, best, seed))
+    # what hardly reaches to neighbours shows in what is not told of them
+    shares = NEAR_SHARES if best.spots is not None else NEAR_SHARES[:1]
+    kinds = [replace(best, near=share, supported=helped) for share in shares]
+    found = [replace(one, spread=_spread(part, aside, one, seed)) for one in kinds]
+    return min(found, key=lambda one: abs(math.log(one.spread)))
 
 
 def _middle(data: PlaneData) -> tuple[slice, slice]:
@@ -260,6 +272,8 @@ def iter_leftover(data: PlaneData, note: str, *, seed: int = 0, workers: int | N
     kind = chosen_kind(part, spot_velocity(part.model, around=data.around), seed)
     shares = _shares(part, kind, seed)
     yield clock.at(1)
+    # left-out positions tell whether too little is stated; whether too much is, of recorded ones, by half at most
+    grown = np.float32(kind.spread if kind.spread > 1.0 else math.sqrt(kind.spread))
     parts = [one for one in (kind.spots, kind.stray) if one is not None]
     # beyond it neighbours' patterns tell nothing of a tile
     halo = math.ceil(max(3 * one.pixels + 2.2 * abs(one.velocity) * one.positions for one in parts))
@@ -273,7 +287,7 @@ def iter_leftover(data: PlaneData, note: str, *, seed: int = 0, workers: int | N
             field = _field(tile, kind)
             value[:, :, inner[0], inner[1]] = field.estimate(tile.residual, tile.precision)[:, :, t, s]
             share = np.take_along_axis(shares[:, :, None, None, :], _ratio(tile, field)[..., None], -1)[..., 0]
-            variance[:, :, inner[0], inner[1]] = (np.float32(kind.spread) * share * field.variance)[:, :, t, s]
+            variance[:, :, inner[0], inner[1]] = (grown * share * field.variance)[:, :, t, s]
 
     count = worker_count(workers)
     with one_blas_thread():
@@ -281,5 +295,5 @@ def iter_leftover(data: PlaneData, note: str, *, seed: int = 0, workers: int | N
             last = min(len(tiles), first + count)
             for_each_chunk(lambda a, b, at=first: solve(at + a, at + b), last - first, count)  # type: ignore[misc]
             yield clock.at(1 + last)
-    prior: F4 = np.float32(kind.spread) * (np.square(data.sizes[0]) + np.square(data.sizes[1]))
+    prior: F4 = np.float32(max(1.0, kind.spread)) * (np.square(data.sizes[0]) + np.square(data.sizes[1]))
     return Leftover(kind, value, variance, prior)
