@@ -10,7 +10,7 @@
 - ``judge``: chi² and the model's error; ``summary``, ``result``: what was found and how sure it is
 - ``fit``: all of it in order
 - ``leftover_size``, ``leftover_field``, ``leftover``: what patterns show beyond the model, smooth over neighbours
-- ``hybrid_patterns``, ``hybrid``: model H with it, and the uncertainty of every entry
+- ``fitted``, ``hybrid_patterns``, ``hybrid``: model H with it, and the uncertainty of every entry
 - ``stored``: a fit read back, to fill what a scan never recorded
 - ``files``: camera, effects, numbers and H as files; ``drawing``, ``report``: a fit in pictures and as a page
 """

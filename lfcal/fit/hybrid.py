@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.fit.fitted import Fitted
 from lfcal.fit.hybrid_patterns import Recorded, iter_plane_data, model_uncertainty
 from lfcal.fit.leftover import Leftover, iter_leftover
 from lfcal.fit.leftover_size import PlaneData
@@ -23,9 +24,6 @@ from lfcal.fit.problem import ERRORS
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts, Origin, stacked
-
-if TYPE_CHECKING:
-    from lfcal.fit.result import Fit
 
 __all__ = [
     "HybridPlane",
@@ -104,7 +102,7 @@ class HybridSummary:
 
 
 def iter_hybrid_planes(
-    fit: Fit,
+    fit: Fitted,
     source: PSFMatrix | Measured,
     take: Callable[[int, HybridPlane], object],
     *,
@@ -145,7 +143,7 @@ def iter_hybrid_planes(
 
 
 def iter_hybrid(
-    fit: Fit,
+    fit: Fitted,
     source: PSFMatrix | Measured,
     *,
     noise: tuple[float, float] | None = None,
@@ -177,7 +175,7 @@ def hybrid_note(summary: HybridSummary) -> dict[str, Any]:
     return {"hybrid": asdict(summary)}
 
 
-def _joined(fit: Fit, data: PlaneData, facts: Facts, left: Leftover) -> HybridPlane:
+def _joined(fit: Fitted, data: PlaneData, facts: Facts, left: Leftover) -> HybridPlane:
     """Return the plane of model and estimate, where the estimate is better than none."""
     assert facts.origin is not None
     own = data.recorded & (not left.kind.empty)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +12,7 @@ from scipy.ndimage import gaussian_filter
 
 from lfcal.camera import ScanPlan
 from lfcal.errors import InputError
+from lfcal.fit.fitted import Fitted
 from lfcal.fit.leftover_size import PlaneData
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, PlaneModel
@@ -20,9 +20,6 @@ from lfcal.progress import Clock, Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.facts import Facts, Origin
 from lfcal.threads import for_each_chunk, worker_count
-
-if TYPE_CHECKING:
-    from lfcal.fit.result import Fit
 
 __all__ = ["Recorded", "iter_plane_data", "model_uncertainty"]
 
@@ -99,7 +96,7 @@ def _check_scan(planned: ScanPlan, shape: tuple[int, ...], depths: ArrayLike, an
 
 
 def iter_plane_data(
-    fit: Fit, recorded: Recorded, z: int, model: F4, workers: int | None
+    fit: Fitted, recorded: Recorded, z: int, model: F4, workers: int | None
 ) -> Work[tuple[PlaneData, Facts]]:
     """Return model and residuals of plane ``z``, and of which positions they are; outliers count as not recorded.
 
@@ -133,7 +130,7 @@ def _whole_period(plan: ScanPlan) -> bool:
     return min(plan.period) > 2 and max(abs(left) for left in plan.period_residual_px) < 1.0
 
 
-def _iter_take_own(fit: Fit, data: PlaneData, z: int, workers: int | None) -> Work[None]:
+def _iter_take_own(fit: Fitted, data: PlaneData, z: int, workers: int | None) -> Work[None]:
     """Take out of each residual what lamp and displaced source make of it, where the fit found that they are unsteady.
 
     A pattern's own is what its neighbours do not share: what they share the model lacks. Yields progress in patterns.

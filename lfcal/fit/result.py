@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lfcal.axes import Position
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
+from lfcal.fit.hybrid import iter_hybrid
 from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, iter_model_plane
@@ -231,8 +232,6 @@ class Fit:
         workers: int | None = None,
     ) -> Work[PSFMatrix]:
         """Compute the hybrid H as `hybrid`; yields progress, and closing it stops the computation."""
-        from lfcal.fit.hybrid import iter_hybrid
-
         return (yield from iter_hybrid(self, source, noise=noise, workers=workers))
 
     def model(self, workers: int | None = None) -> PSFMatrix:
