@@ -24,7 +24,7 @@ from tests.fit.common import few_patterns, measured, setup_of, small_plan, some_
 from tests.fit.test_incomplete import ABERRATED, COUNT, PEAK, READ, ghosted, outcome, tilted
 from tests.fit.test_incomplete import PLAN as INCOMPLETE
 
-PLAN = replace(small_plan(15, (2.2,)), period=(9, 14))
+PLAN = replace(small_plan(15, (2.2,)), period=(8, 12))
 NOISE = (64.0, 1.0)
 EVERY = np.argwhere(np.ones(PLAN.shape[:3], bool))
 
