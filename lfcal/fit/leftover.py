@@ -44,7 +44,7 @@ TRIED = 150_000
 NEAR = Moving(0.0, 1.0, 0.5)
 """Correlation of the part of spots' residuals that hardly reaches from one position to the next."""
 
-NEAR_SHARES = (0.3, 0.1, 0.03, 0.6)
+NEAR_SHARES = (0.3, 0.6)
 """Its share of the variance that is tried: by one length alone what is far would be too smooth, or near too rough."""
 
 LIT = 0.02

@@ -222,12 +222,20 @@ def truths(kind: str) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("kind", "light", "better"), [("ghost", 1.0, 2.0), ("tilt", 1.0, 1.9), ("aberration", 0.1, 2.0), ("none", 1.0, 2.0)]
+    ("kind", "light", "better", "most"),
+    [
+        ("none", 1.0, 2.0, 1.3),
+        ("ghost", 1.0, 2.0, 1.3),
+        ("tilt", 1.0, 2.0, 1.3),
+        # so large an error a recorded pattern of much light tells nearly all of
+        ("aberration", 1.0, 1.0, 1.3),
+        # of little light the dim pixels' share is told too small
+        ("aberration", 0.1, 2.0, 1.8),
+    ],
 )
-def test_incomplete_models_that_were_fitted(kind: str, light: float, better: float) -> None:
+def test_incomplete_models_that_were_fitted(kind: str, light: float, better: float, most: float) -> None:
     """With noise that neither fit nor estimate have seen; truth by the reference, or by what no lfcal effect does."""
     fit, (index, truth) = outcome(kind).fit, truths(kind)
-    # of an aberration so large a pattern of much light tells nearly all: then the noise decides
     truth = light * truth
     fit = replace(
         fit, levels=replace(fit.levels, gains=light * fit.levels.gains, backgrounds=light * fit.levels.backgrounds)
@@ -246,5 +254,5 @@ def test_incomplete_models_that_were_fitted(kind: str, light: float, better: flo
         lit = model > 0.03 * model.max()
         pull = float(np.sqrt(np.mean(np.square((values - truth)[lit] / sigma[lit]))))
         print(f"{kind}: hybrid {error:.2%}, model {alone:.2%}, pattern {recorded:.2%}, pull {pull:.2f}")
-        assert better * error < recorded and 0.8 < pull < 1.3
+        assert better * error < recorded and 0.8 < pull < most
         assert error < (1.05 if kind == "none" else 0.8) * alone
