@@ -86,6 +86,9 @@ def command(
         False, "--half-cell", help="Of a half-cell scan: patterns half a period away stand for those not recorded."
     ),
     pad: bool = typer.Option(False, "--pad", help="Pad cutouts that leave the sensor with zeros, and mark them."),
+    fill: Path | None = typer.Option(
+        None, "--fill", help="Folder of lfcal fit of this scan: its model fills missing positions, which stay marked."
+    ),
     strict: bool = typer.Option(False, "--strict", help="Missing and repeated positions are errors."),
     skip_damaged: bool = typer.Option(
         False, "--skip-damaged", help="Leave out frames that cannot be read, and list them; every frame is read twice."
@@ -115,7 +118,7 @@ def command(
     # A manifest's frames lie beside it.
     beside = frames.parent if frames.suffix.lower() in TABLES else None
     if channel != "each":
-        check_output(out, frames, beside, plan, manifest, dark, white, force=force)
+        check_output(out, frames, beside, plan, manifest, dark, white, fill, force=force)
     recipe = CorrectionRecipe(
         dark=dark,
         black_level=black_level,
@@ -161,11 +164,11 @@ def command(
         report_notes([note] if note else [])
         parts = parts_of(channel, source, scan, out, lambda name: stack.enter_context(opened(colour=name)[0]))
         if channel == "each":
-            check_outputs([part.out for part in parts], frames, beside, plan, manifest, dark, white, force=force)
+            check_outputs([part.out for part in parts], frames, beside, plan, manifest, dark, white, fill, force=force)
         found = []
         for part in parts:
             own = replace(recipe, shift=bits, channel=part.channel)
-            how = _How(settings, orientation, half_cell, skip_damaged, json)
+            how = _How(settings, orientation, half_cell, fill, skip_damaged, json)
             found.append(_assemble(part, scan, own, how))
     if json:
         print_json(found if channel == "each" else found[0])
@@ -178,6 +181,7 @@ class _How:
     settings: AssemblySettings
     orientation: str
     half_cell: bool
+    fill: Path | None
     skip_damaged: bool
     json: bool
 
@@ -192,14 +196,21 @@ def _assemble(part: Part, scan: ScanPlan, recipe: CorrectionRecipe, how: _How) -
 
     start, settings, json = time.perf_counter(), how.settings, how.json
     frames = part.source
-    known = {"intake": list(frames.metadata["notes"])} if "notes" in frames.metadata else {}
+    known: dict[str, Any] = {"intake": list(frames.metadata["notes"])} if "notes" in frames.metadata else {}
     if how.skip_damaged:
         frames = run_work(iter_undamaged(frames, workers=settings.workers), quiet=json)
     view, lie = upright(corrected_view(frames, recipe, scan), part.plan, how.orientation, quiet=json)
     check_turned_colours(frames, scan, recipe, lie["orientation"]["applied"])
     if how.half_cell:
         view = with_partners(view, part.plan)
-    report = run_work(iter_assemble_plan(view, part.plan, part.out, settings, provenance=known | lie), quiet=json)
+    filler = None
+    if how.fill is not None:
+        from lfcal.fit.stored import Filler, read_fit
+
+        filler = Filler(read_fit(how.fill), part.plan, settings.workers)
+        known |= {"filled": filler.provenance}
+    work = iter_assemble_plan(view, part.plan, part.out, settings, provenance=known | lie, fill=filler)
+    report = run_work(work, quiet=json)
     with report.matrix:
         return show_report(report, part.out, time.perf_counter() - start, json)
 
@@ -290,14 +301,18 @@ def parse_cutout(text: str) -> tuple[int, int] | str | None:
 def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -> dict[str, Any]:
     """Return what was assembled, and print it but for ``json``; what nobody measured is null or "unknown"."""
     from lfcal.cli.console import report as line
+    from lfcal.psf.facts import Origin
     from lfcal.units import format_bytes, format_seconds
 
     matrix = report.matrix
+    origin = matrix.facts.origin
+    filled = 0 if origin is None else int((origin == Origin.MODEL).sum())
     facts = {
         "out": out,
         "shape": matrix.shape,
         "frames": report.frames,
         "missing": report.missing,
+        "filled": filled,
         "repeated": report.repeated,
         "orientation": matrix.provenance.get("orientation", {"applied": report.orientation}),
         "left_out": [found._asdict() for found in report.left_out],
@@ -319,6 +334,12 @@ def show_report(report: AssemblyReport, out: Path, seconds: float, json: bool) -
         line(f"note: {copied} positions have the patterns recorded half a period away; they are marked")
     for note in (*([told] if told else []), *report.notes):
         line(f"note: {note}")
+    if filled:
+        line(f"note: {filled} of the missing positions are filled by the model of the fit, and marked")
+    elif report.missing:
+        line(
+            "note: lfcal fit finds the optics from what is there; lfcal assemble --fill FIT then fills what is missing"
+        )
     for found in report.left_out[:LISTED]:
         where = "dark frame" if found.position is None else f"(z, y, x) = {tuple(found.position)}"
         line(f"left out: {found.label}, {where}")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +14,9 @@ from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
-    from lfcal.fit import Fit
+    from lfcal.fit import Fit, Measured
+    from lfcal.fit.hybrid import HybridSummary
+    from lfcal.psf import PSFMatrix
 
 __all__ = ["register"]
 
@@ -65,6 +69,9 @@ def command(
     ),
     scene: Path | None = typer.Option(None, "--scene", help="The known object: volume (.tif, .h5, .npy) as H sees it."),
     no_h: bool = typer.Option(False, "--no-h", help="Do not compute H of the fitted camera."),
+    hybrid: bool = typer.Option(
+        False, "--hybrid", help="H.h5 is the model and what recorded patterns show beyond it, with its uncertainty."
+    ),
     plan: Path | None = typer.Option(None, "--plan", "-p", help="Scan plan (.json) of frames, if not beside them."),
     dark: str = typer.Option("", "--dark", help="Dark frame or folder of them for frames; none: not even their own."),
     black_level: float | None = typer.Option(
@@ -88,7 +95,7 @@ def command(
     from lfcal.cli.cameras import load_camera
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.fit_check import Asked, check_h
-    from lfcal.cli.fit_source import SOME, Reading, parse_noise, read_patterns
+    from lfcal.cli.fit_source import SOME, Reading, is_matrix, open_upright, parse_noise, read_patterns
     from lfcal.cli.fit_validate import (
         VALIDATION,
         iter_write_validation,
@@ -119,6 +126,8 @@ def command(
     if len(sources) > 1:
         raise InputError.expected("SOURCE", "one", f"{len(sources)}", "fit one at a time; --check takes several frames")
     source = sources[0]
+    if hybrid and no_h:
+        raise InputError.expected("--hybrid", "an H to write", "--no-h", "leave one of them out")
     groups = unknowns if unknowns == "auto" else _groups(unknowns)
     chosen = parse_effects(effects)
     if (known_object is None) != (scene is None) or (known_object and no_h):
@@ -137,10 +146,20 @@ def command(
     shot = read_object(known_object, scene, how, measured) if known_object and scene else None
     begins = with_given(called_for(measured.plan), *chosen) if effects else None
     fit = run_work(iter_fit_camera(measured, start, groups, effects=begins, workers=workers), quiet=json)
-    written = run_work(iter_write_fit(fit, measured, out, known, with_h=not no_h, workers=workers), quiet=json)
+    with ExitStack() as stack:
+        patterns: PSFMatrix | Measured | None = None
+        if hybrid:
+            # of an H every recorded pattern, not those alone that were fitted
+            patterns = stack.enter_context(open_upright(source)) if is_matrix(source) else measured
+        work = iter_write_fit(
+            fit, measured, out, known, patterns=patterns, noise=how.noise, with_h=not no_h, workers=workers
+        )
+        written, summary = run_work(work, quiet=json)
     known_of = fit_dict(fit) | {"source": source, "files": written}
+    if summary is not None:
+        known_of["hybrid"] = asdict(summary)
     if not json:
-        _show(fit, out, written)
+        _show(fit, out, written, summary)
     if aside is not None:
         found = run_work(iter_write_validation(fit, aside, out, source, validate_on), quiet=json)
         known_of["validation"] = validation_dict(found)
@@ -180,7 +199,7 @@ def _check_before(out: Path, *inputs: Path | str | None, more: Sequence[str] = (
         raise InputError.expected(str(matrix), "no H with --no-h", "one of an earlier fit", "choose another folder")
 
 
-def _show(fit: Fit, out: Path, written: list[Path]) -> None:
+def _show(fit: Fit, out: Path, written: list[Path], summary: HybridSummary | None) -> None:
     from lfcal.cli.console import print_table, report
 
     rows = [
@@ -195,4 +214,6 @@ def _show(fit: Fit, out: Path, written: list[Path]) -> None:
         report(f"left out: (z, y, x) = ({one.z}, {one.y}, {one.x}): {one.reason}")
     for combination in fit.unidentified:
         report(f"note: this scan does not tell apart: {combination}")
+    if summary is not None:
+        typer.echo(str(summary))
     typer.echo(f"{out}: {', '.join(str(path.relative_to(out)) for path in written)}")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lfcal.frames import CorrectionRecipe
     from lfcal.psf import PSFMatrix
 
-__all__ = ["Reading", "is_matrix", "own_words", "parse_noise", "read_patterns"]
+__all__ = ["Reading", "is_matrix", "open_upright", "own_words", "parse_noise", "read_patterns"]
 
 SOME = 40
 """Positions that are taken of a source that has more."""
@@ -86,6 +86,14 @@ def own_words(without: str = "") -> Iterator[None]:
         raise type(error)(told) from None
 
 
+def open_upright(path: Path) -> PSFMatrix:
+    """Return the H of a file, which may hold HT."""
+    from lfcal.psf import open_psf
+
+    matrix = open_psf(path)
+    return matrix.T if matrix.is_transposed else matrix
+
+
 def parse_noise(text: str) -> tuple[float, float] | None:
     """Return constant and slope of a variance written as ``64,1``; None for empty."""
     if not text:
@@ -108,10 +116,7 @@ def read_patterns(source: Path, how: Reading, *, quiet: bool) -> tuple[Measured,
 
     with ExitStack() as stack:
         if is_matrix(source):
-            from lfcal.psf import open_psf
-
-            matrix = stack.enter_context(open_psf(source))
-            matrix = matrix.T if matrix.is_transposed else matrix
+            matrix = stack.enter_context(open_upright(source))
             known: dict[str, Any] = {"source": source.name}
             aside = _aside_of(matrix)
         else:

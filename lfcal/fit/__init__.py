@@ -16,6 +16,9 @@
 - ``locate``, ``frame_noise``, ``expected``, ``compared``, ``suspects``, ``holds``: whether an old H
   still holds, from new frames
 - ``dated``, ``trend``: fits of a camera over months
+- ``leftover_size``, ``leftover_field``, ``leftover``: what patterns show beyond the model, smooth over neighbours
+- ``fitted``, ``hybrid_patterns``, ``hybrid``: model H with it, and the uncertainty of every entry
+- ``stored``: a fit read back, to fill what a scan never recorded
 """
 
 from lfcal.fit.convergence import FitProgress

@@ -11,10 +11,12 @@ from typing import Any
 
 from lfcal.camera import Camera, quantities_of, value_at
 from lfcal.files import replace_whole
+from lfcal.fit.hybrid import HybridPlane, HybridSummary, hybrid_note, iter_hybrid_planes
+from lfcal.fit.measured import Measured
 from lfcal.fit.result import Fit
 from lfcal.plain import plain
 from lfcal.progress import Work
-from lfcal.psf import PSFWriter
+from lfcal.psf import PSFMatrix, PSFWriter
 from lfcal.simulate.effects.described import Entry, entries_json
 
 __all__ = [
@@ -22,6 +24,7 @@ __all__ = [
     "VERSION",
     "effects_text",
     "fit_dict",
+    "iter_write_hybrid",
     "iter_write_model",
     "json_text",
     "measured_camera",
@@ -90,6 +93,7 @@ def fit_dict(fit: Fit) -> dict[str, Any]:
             "outliers": fit.outliers,
             "answers": dict(fit.answers),
             "spread": fit.spread,
+            "scan": {"period": fit.planned.period, "anchor": fit.planned.anchor, "cutout": fit.planned.cutout},
             "depths_um": fit.planned.depths_um,
             "depth_errors_um": fit.setup.depth_errors_um,
             "stage_scale": fit.setup.stage_scale,
@@ -129,6 +133,47 @@ def iter_write_model(
     ) as writer:
         yield from fit.iter_planes(writer.write_plane, workers)
     return Path(out)
+
+
+def iter_write_hybrid(
+    fit: Fit,
+    source: PSFMatrix | Measured,
+    out: str | os.PathLike[str],
+    *,
+    noise: tuple[float, float] | None = None,
+    provenance: Mapping[str, Any] | None = None,
+    compression: str = "gzip",
+    workers: int | None = None,
+) -> Work[HybridSummary]:
+    """Write the hybrid H of a fit and recorded patterns to a file, plane by plane; return what it is made of.
+
+    Yields progress; closing it leaves nothing half-written. ``noise`` is constant and slope of a sample's variance
+    where H does not state it; ``provenance`` is kept beside the fit's own.
+
+    Raises
+    ------
+    InputError
+        If the patterns are of another scan, or their noise is not known.
+    StorageError
+        If the file cannot be written.
+    """
+    with PSFWriter(
+        out,
+        fit.planned.shape,
+        depths=fit.planned.depths_um,
+        camera=measured_camera(fit),
+        anchor=fit.planned.anchor,
+        compression=compression,
+        provenance={**fit.provenance, **(provenance or {})},
+        workers=workers,
+    ) as writer:
+
+        def take(z: int, plane: HybridPlane) -> None:
+            writer.write_plane(z, plane.values, facts=plane.facts, uncertainty=plane.uncertainty)
+
+        summary = yield from iter_hybrid_planes(fit, source, take, noise=noise, workers=workers)
+        writer.note(hybrid_note(summary))
+    return summary
 
 
 def write_text(path: Path, text: str) -> None:

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.fit.setup import Setup
+from lfcal.progress import Clock, Work
 from lfcal.simulate.engines.base import Displaceable, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse, at_wavelength, filtered
+from lfcal.threads import for_each_chunk, worker_count
 
-__all__ = ["LEVEL", "Fineness", "PlaneModel", "predict"]
+__all__ = ["LEVEL", "Fineness", "PlaneModel", "iter_model_plane", "predict"]
 
 LEVEL = "grid"
 """Level at which patterns are computed: all lenslets coherent, exact angles, and smooth in every unknown."""
@@ -116,4 +118,29 @@ def predict(
     for z in np.unique(index[:, 0]).tolist():
         own = np.flatnonzero(index[:, 0] == z)
         out[own] = PlaneModel(setup, planned, z, sampling).patterns(index[own, 1:], offsets_px[own])
+    return out
+
+
+def iter_model_plane(
+    setup: Setup, planned: ScanPlan, z: int, gain: float, workers: int | None = None, sampling: Sampling | None = None
+) -> Work[NDArray[np.float32]]:
+    """Compute ``gain`` times the patterns of all positions of plane ``z`` ``(ny, nx, nt, ns)``.
+
+    Yields progress in rows of all planes; rows are computed in ``workers`` threads, None: every processor.
+    """
+    nz, ny, nx = planned.shape[:3]
+    out = np.empty(planned.shape[1:], np.float32)
+    clock, count = Clock("model", nz * ny), worker_count(workers)
+    yield clock.at(z * ny)
+    plane = PlaneModel(setup, planned, z, sampling or Fineness.finest)
+
+    def rows(start: int, stop: int) -> None:
+        for y in range(start, stop):
+            places = np.stack([np.full(nx, y), np.arange(nx)], axis=1)
+            out[y] = np.float32(gain) * plane.patterns(places, np.zeros((nx, 2)))
+
+    for first in range(0, ny, count):
+        last = min(ny, first + count)
+        for_each_chunk(lambda a, b, at=first: rows(at + a, at + b), last - first, count)  # type: ignore[misc]
+        yield clock.at(z * ny + last)
     return out

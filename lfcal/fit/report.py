@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from lfcal import __version__
@@ -33,8 +33,12 @@ def report_files(folder: Path) -> list[Path]:
     return [folder / name for name in (*PICTURES, PAGE)]
 
 
-def iter_fit_report(fit: Fit, measured: Measured, folder: Path, source: str = "") -> Work[Path]:
+def iter_fit_report(
+    fit: Fit, measured: Measured, folder: Path, source: str = "", notes: Sequence[str] = ()
+) -> Work[Path]:
     """Write the pictures and the page of a fit of ``measured`` into ``folder``; return the page.
+
+    ``notes`` are lines that stand below the verdict.
 
     Everything is drawn before the first file is written; each file appears whole or not at all, the page last.
     """
@@ -52,7 +56,7 @@ def iter_fit_report(fit: Fit, measured: Measured, folder: Path, source: str = ""
             yield clock.at(1 + k)
             draw(Path(scratch) / name)
             drawn[name] = (Path(scratch) / name).read_bytes()
-    text = _page(fit, left, drawn, source)
+    text = _page(fit, left, drawn, source, notes)
     for path, content in zip(report_files(folder), (*drawn.values(), text.encode()), strict=True):
         with replace_whole(path) as part:
             part.write_bytes(content)
@@ -60,14 +64,15 @@ def iter_fit_report(fit: Fit, measured: Measured, folder: Path, source: str = ""
     return folder / PAGE
 
 
-def _page(fit: Fit, left: Leftover, drawn: dict[str, bytes], source: str) -> str:
+def _page(fit: Fit, left: Leftover, drawn: dict[str, bytes], source: str, notes: Sequence[str]) -> str:
     title = f"{source or fit.camera.name}: the optics from {len(left.index)} patterns"
     patterns, leftover, parameters = (
         _figure(content, caption) for content, caption in zip(drawn.values(), CAPTIONS, strict=True)
     )
+    more = "".join(f"<p>{_text(one[0].upper() + one[1:])}</p>" for one in notes)
     merit = "good" if fit.complete else "bad"
     body = [
-        f'<section class="verdict {merit}">{_text(_sentence(fit))}<p>{_text(_rest(fit))}</p></section>',
+        f'<section class="verdict {merit}">{_text(_sentence(fit))}<p>{_text(_rest(fit))}</p>{more}</section>',
         _section("Parameters", _parameters(fit) + parameters),
         _section("Patterns", patterns),
         _section("What is left over", _chi2(left) + leftover),

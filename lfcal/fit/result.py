@@ -13,16 +13,17 @@ from numpy.typing import NDArray
 from lfcal.axes import Position
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
+from lfcal.fit.hybrid import iter_hybrid
 from lfcal.fit.judge import INCOMPLETE, ChiSquare, ModelError
-from lfcal.fit.model import Fineness, PlaneModel
+from lfcal.fit.measured import Measured
+from lfcal.fit.model import Fineness, iter_model_plane
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import Setup
 from lfcal.fit.weighing import Levels
 from lfcal.plain import plain
-from lfcal.progress import Clock, Work, drain
+from lfcal.progress import Work, drain
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects.base import Effect
-from lfcal.threads import for_each_chunk, worker_count
 
 __all__ = ["Fit", "Outlier", "Parameter"]
 
@@ -168,24 +169,16 @@ class Fit:
         workers
             Threads; None takes every processor.
         """
-        nz, ny, nx = self.planned.shape[:3]
-        out = np.empty(self.planned.shape[1:], np.float32)
-        clock, count = Clock("model", nz * ny), worker_count(workers)
-        yield clock.at(0)
-        for z in range(nz):
-            plane = PlaneModel(self.ideal_places, self.planned, z, Fineness.finest)
-            gain = np.float32(self.levels.gains[z])
+        for z in range(self.planned.shape[0]):
+            take(z, (yield from self.iter_plane(z, workers)))
 
-            def rows(start: int, stop: int, plane: PlaneModel = plane, gain: np.float32 = gain) -> None:
-                for y in range(start, stop):
-                    places = np.stack([np.full(nx, y), np.arange(nx)], axis=1)
-                    out[y] = gain * plane.patterns(places, np.zeros((nx, 2)))
-
-            for first in range(0, ny, count):
-                last = min(ny, first + count)
-                for_each_chunk(lambda a, b, at=first, go=rows: go(at + a, at + b), last - first, count)  # type: ignore[misc]
-                yield clock.at(z * ny + last)
-            take(z, out)
+    def iter_plane(self, z: int, workers: int | None = None) -> Work[NDArray[np.float32]]:
+        """Compute plane ``z`` of H of the fitted camera ``(ny, nx, nt, ns)``; yields progress in rows."""
+        return (
+            yield from iter_model_plane(
+                self.ideal_places, self.planned, z, float(self.levels.gains[z]), workers, Fineness.finest
+            )
+        )
 
     def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
         """Compute H of the fitted camera as `model`; yields progress in rows."""
@@ -219,6 +212,41 @@ class Fit:
     def ideal_places(self) -> Setup:
         """The setup with sources where H has them: depths stay as found, steps of the stage are the planned ones."""
         return replace(self.setup, stage_scale=0.0)
+
+    def hybrid(
+        self,
+        source: PSFMatrix | Measured,
+        *,
+        noise: tuple[float, float] | None = None,
+        workers: int | None = None,
+    ) -> PSFMatrix:
+        """Return H of the fitted camera with what recorded patterns show beyond it, and the uncertainty of each entry.
+
+        Parameters
+        ----------
+        source
+            Recorded patterns of the same scan, all of them or those that were fitted.
+        noise
+            Constant and slope of a sample's variance; None takes what the source states.
+        workers
+            Threads; None takes every processor.
+
+        Raises
+        ------
+        InputError
+            If they are of another scan, or their noise is not known.
+        """
+        return drain(self.iter_hybrid(source, noise=noise, workers=workers))
+
+    def iter_hybrid(
+        self,
+        source: PSFMatrix | Measured,
+        *,
+        noise: tuple[float, float] | None = None,
+        workers: int | None = None,
+    ) -> Work[PSFMatrix]:
+        """Compute the hybrid H as `hybrid`; yields progress, and closing it stops the computation."""
+        return (yield from iter_hybrid(self, source, noise=noise, workers=workers))
 
     def model(self, workers: int | None = None) -> PSFMatrix:
         """Return H of the fitted camera over all positions and depths, without noise, in the units of the data."""

@@ -88,8 +88,9 @@ class Weighed:
 
 def flat(measured: Measured) -> tuple[F4, NDArray[np.bool_]]:
     """Return patterns and valid pixels as ``(n, m)``."""
-    n = len(measured)
-    return measured.patterns.reshape(n, -1), measured.valid.reshape(n, -1)
+    # by their number, for there may be none
+    shape = (len(measured), measured.plan.cutout[0] * measured.plan.cutout[1])
+    return measured.patterns.reshape(shape), measured.valid.reshape(shape)
 
 
 def variance(measured: Measured, light: F4, *, doubtful: bool, error: float) -> F4:

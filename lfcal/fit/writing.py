@@ -5,17 +5,34 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from lfcal.fit.files import effects_text, fit_dict, iter_write_model, json_text, measured_camera, write_text
+from lfcal.fit.files import (
+    effects_text,
+    fit_dict,
+    iter_write_hybrid,
+    iter_write_model,
+    json_text,
+    measured_camera,
+    write_text,
+)
+from lfcal.fit.hybrid import HybridSummary, hybrid_note
 from lfcal.fit.measured import Measured
 from lfcal.fit.report import iter_fit_report, report_files
 from lfcal.fit.result import Fit
 from lfcal.progress import Work
+from lfcal.psf import PSFMatrix
 
-__all__ = ["CAMERA", "EFFECTS", "MODEL", "NUMBERS", "REPORT", "fit_outputs", "iter_write_fit"]
+__all__ = ["CAMERA", "EFFECTS", "MODEL", "NUMBERS", "REPORT", "Written", "fit_outputs", "iter_write_fit"]
 
 CAMERA, EFFECTS, MODEL, NUMBERS, REPORT = "camera.json", "effects.json", "H.h5", "fit.json", "report"
+
+
+class Written(NamedTuple):
+    """Files of a fit, and what a hybrid H has beyond the model."""
+
+    files: list[Path]
+    hybrid: HybridSummary | None
 
 
 def fit_outputs(folder: Path) -> list[Path]:
@@ -30,9 +47,11 @@ def iter_write_fit(
     folder: Path,
     known: Mapping[str, Any],
     *,
+    patterns: PSFMatrix | Measured | None = None,
+    noise: tuple[float, float] | None = None,
     with_h: bool = True,
     workers: int | None = None,
-) -> Work[list[Path]]:
+) -> Work[Written]:
     """Write everything that a fit makes; ``fit.json`` comes last: where it is, all of it is.
 
     Parameters
@@ -43,6 +62,8 @@ def iter_write_fit(
         Made where it is not there yet.
     known
         What is known of the source of the patterns, as plain JSON types; ``"source"`` is its name.
+    patterns, noise
+        Those of which H is the hybrid, and their noise where they do not state it; None: H is the model.
     with_h
         Whether H of the fitted camera is computed and written.
     workers
@@ -54,16 +75,26 @@ def iter_write_fit(
         If a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    if with_h:
+    written: list[Path] = []
+    summary: HybridSummary | None = None
+    if patterns is not None:
+        work = iter_write_hybrid(fit, patterns, folder / MODEL, noise=noise, provenance=known, workers=workers)
+        summary = yield from work
+        written.append(folder / MODEL)
+    elif with_h:
         written.append((yield from iter_write_model(fit, folder / MODEL, provenance=known, workers=workers)))
-    written.append((yield from iter_fit_report(fit, measured, folder / REPORT, str(known.get("source", "")))))
+    notes = () if summary is None else (str(summary),)
+    written.append((yield from iter_fit_report(fit, measured, folder / REPORT, str(known.get("source", "")), notes)))
     texts = {
         CAMERA: measured_camera(fit).to_json(),
         EFFECTS: effects_text(fit),
-        NUMBERS: json_text({**fit_dict(fit), **known, "fitted": datetime.now(UTC).isoformat(timespec="seconds")}),
+        NUMBERS: json_text(
+            fit_dict(fit)
+            | ({} if summary is None else hybrid_note(summary))
+            | {**known, "fitted": datetime.now(UTC).isoformat(timespec="seconds")}
+        ),
     }
     for name, text in texts.items():
         write_text(folder / name, text)
         written.append(folder / name)
-    return written
+    return Written(written, summary)

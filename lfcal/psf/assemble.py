@@ -23,6 +23,7 @@ from lfcal.progress import Clock, Work, drain
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout
 from lfcal.psf.facts import Facts, pack_valid, stacked
+from lfcal.psf.filling import Fill
 from lfcal.psf.gather import Gatherer, by_position
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.opening import open_psf
@@ -39,7 +40,9 @@ class _Sink(Protocol):
 
     def __exit__(self, *_: Any) -> None: ...
 
-    def write_plane(self, z: int, plane: NDArray[Any], *, facts: Facts) -> None: ...
+    def write_plane(
+        self, z: int, plane: NDArray[Any], *, facts: Facts, uncertainty: NDArray[np.float32] | None = None
+    ) -> None: ...
 
 
 def iter_assemble(
@@ -55,6 +58,7 @@ def iter_assemble(
     dtype: str = "float32",
     compression: str = "gzip",
     provenance: Mapping[str, Any] | None = None,
+    fill: Fill | None = None,
     workers: int | None = None,
 ) -> Work[AssemblyReport]:
     """Assemble H from frames, streaming: at most two planes are in memory, the file appears whole or not.
@@ -76,6 +80,8 @@ def iter_assemble(
         the source, whose manifest may say it.
     strict
         Missing and repeated positions are errors instead of being recorded in the file.
+    fill
+        Fills missing positions, which stay marked as never recorded; None leaves them 0.
     dtype, compression, workers
         As in `PSFWriter`.
 
@@ -119,19 +125,20 @@ def iter_assemble(
             provenance=history,
             workers=workers,
         )
-    yield from _fill(gatherer, order, starts, counts, sink, workers)
+    yield from _gather(gatherer, order, starts, counts, sink, fill, workers)
     matrix = sink.matrix() if isinstance(sink, _Memory) else open_psf(sink.path)
     applied = AS_IS if turned is None else turned["applied"]
     report = AssemblyReport.of(matrix, frames, missing, repeated, padded, residual)
     return replace(report, left_out=left_out, orientation=applied)
 
 
-def _fill(
+def _gather(
     gatherer: Gatherer,
     order: NDArray[np.int64],
     starts: NDArray[np.int64],
     counts: NDArray[np.int64],
     sink: _Sink,
+    fill: Fill | None,
     workers: int | None,
 ) -> Work[None]:
     """Gather every plane by rows in threads and hand it to the sink."""
@@ -142,8 +149,8 @@ def _fill(
         for z, recorded in enumerate(counts):
             plane = _Plane(recorded, gatherer.cutout.shape)
             first = z * recorded.size
-            fill = partial(plane.fill_row, gatherer, order, starts[first : first + recorded.size + 1])
-            results = pool.map(fill, range(recorded.shape[0]))
+            row = partial(plane.fill_row, gatherer, order, starts[first : first + recorded.size + 1])
+            results = pool.map(row, range(recorded.shape[0]))
             try:
                 for count in results:
                     done += count
@@ -159,7 +166,11 @@ def _fill(
                     f"only zeros ({label} and others)",
                     "check exposure, anchor and dark frame",
                 )
-            sink.write_plane(z, plane.values, facts=plane.facts())
+            if fill is None:
+                sink.write_plane(z, plane.values, facts=plane.facts())
+                continue
+            filled = yield from fill(z, plane.values, plane.facts())
+            sink.write_plane(z, plane.values, facts=filled.facts, uncertainty=filled.uncertainty)
 
 
 class _Plane:
@@ -247,6 +258,7 @@ class _Memory:
     ) -> None:
         self.values = np.zeros((*shape, *cutout), np.float32)
         self.facts: list[Facts] = []
+        self.uncertainty: NDArray[np.float32] | None = None
         self.meta, self.history = meta, history
 
     def __enter__(self) -> None:
@@ -255,16 +267,23 @@ class _Memory:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def write_plane(self, z: int, plane: NDArray[Any], *, facts: Facts) -> None:
+    def write_plane(
+        self, z: int, plane: NDArray[Any], *, facts: Facts, uncertainty: NDArray[np.float32] | None = None
+    ) -> None:
         if not np.isfinite(plane.sum(dtype=np.float64)):
             raise InputError.expected(
                 f"plane {z}", "finite values", "NaN or infinity", "find the frame and record it again"
             )
         self.values[z] = plane
         self.facts.append(facts)
+        if uncertainty is not None:
+            if self.uncertainty is None:
+                self.uncertainty = np.zeros_like(self.values)
+            self.uncertainty[z] = uncertainty
 
     def matrix(self) -> PSFMatrix:
-        return PSFMatrix(self.values, facts=stacked(self.facts), provenance=self.history, **self.meta)
+        facts = stacked(self.facts)
+        return PSFMatrix(self.values, facts=facts, uncertainty=self.uncertainty, provenance=self.history, **self.meta)
 
 
 def _positions(mask: NDArray[np.bool_]) -> tuple[Position, ...]:

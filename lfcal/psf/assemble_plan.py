@@ -15,6 +15,7 @@ from lfcal.progress import Work, drain
 from lfcal.psf.assemble import iter_assemble
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout, find_cutout
+from lfcal.psf.filling import Fill
 from lfcal.psf.gather import Gatherer
 from lfcal.psf.pedestal import check_pedestal
 
@@ -74,6 +75,7 @@ def iter_assemble_plan(
     settings: AssemblySettings | None = None,
     *,
     provenance: Mapping[str, Any] | None = None,
+    fill: Fill | None = None,
 ) -> Work[AssemblyReport]:
     """Assemble H of ``plan`` from the frames of ``source``, which are taken as they come.
 
@@ -89,6 +91,8 @@ def iter_assemble_plan(
         How; None: the defaults.
     provenance
         Kept with H, besides plan, corrections and settings.
+    fill
+        As in `iter_assemble`.
 
     Raises
     ------
@@ -121,6 +125,7 @@ def iter_assemble_plan(
             dtype=settings.dtype,
             compression=settings.compression,
             provenance={**known, "plan": plan.to_dict(), **(provenance or {})},
+            fill=fill,
             workers=settings.workers,
         )
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,20 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from lfcal.errors import InputError
 
-__all__ = ["Facts", "fitting", "pack_valid", "packed_bytes", "stacked", "unpack_valid"]
+__all__ = ["Facts", "Origin", "fitting", "pack_valid", "packed_bytes", "stacked", "unpack_valid"]
+
+
+class Origin(IntEnum):
+    """Where the pattern of a position comes from."""
+
+    MEASURED = 0
+    """Recorded frames alone; nothing at all where there are none."""
+    HYBRID = 1
+    """A model, and what was measured beyond it."""
+    MODEL = 2
+    """A model alone."""
+    OUTLIER = 3
+    """A model alone, for the recorded pattern is not like the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +47,8 @@ class Facts:
     error
         Stated relative error (sum of absolute errors over sum of absolute values) of each plane ``(nz,)``, or a
         number for one plane; NaN where none is stated.
+    origin
+        Where each pattern comes from, as numbers of `Origin`; None: all are measured.
     """
 
     recorded: NDArray[np.uint16] | None = None
@@ -41,6 +57,7 @@ class Facts:
     spread: NDArray[np.float32] | None = None
     valid: NDArray[np.uint8] | None = None
     error: NDArray[np.float64] | None = None
+    origin: NDArray[np.uint8] | None = None
 
     @classmethod
     def of(cls, positions: tuple[int, ...], cutout: tuple[int, int], **values: ArrayLike | None) -> Facts:
@@ -59,6 +76,7 @@ class Facts:
             "spread": (positions, np.float32),
             "valid": ((*positions, packed_bytes(cutout)), np.uint8),
             "error": (lead, np.float64),
+            "origin": (positions, np.uint8),
         }
         checked = {name: fitting(name, value, *form[name]) for name, value in values.items() if value is not None}
         return cls(**checked)
@@ -98,7 +116,14 @@ def unpack_valid(packed: NDArray[np.uint8], cutout: tuple[int, int]) -> NDArray[
     return bits.reshape(*packed.shape[:-1], *cutout).astype(np.bool_)
 
 
-_UNKNOWN: dict[str, float] = {"recorded": 0, "saturated": -1, "noise": np.nan, "spread": np.nan, "valid": 255}
+_UNKNOWN: dict[str, float] = {
+    "recorded": 0,
+    "saturated": -1,
+    "noise": np.nan,
+    "spread": np.nan,
+    "valid": 255,
+    "origin": 0,
+}
 """What stands for a plane of which a fact is not known while it is of others."""
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["CENTRE_RULE", "COMPRESSIONS", "STORED_TYPES", "MatrixGroup", "MatrixHeader", "plane_checksum"]
 
 CENTRE_RULE = "(n - 1) // 2"
+UNCERTAINTY_STEPS = 65535
 COMPRESSIONS = ("gzip", "zstd", "none")
 Convert = Callable[[NDArray[Any]], NDArray[Any]]
 STORED_TYPES = ("float32", "uint16", "float64", "uint8")
@@ -70,14 +71,18 @@ class MatrixGroup:
         self._used = np.zeros((nz, 4), np.int32)
         self._sums = np.zeros((nz, *header.shape[3:]))
         self._facts = [Facts()] * nz
-        self._data = self._create_dataset()
+        self._provenance = dict(header.provenance)
+        self._uncertainty: Any = None
+        self._uncertain = np.zeros(nz, bool)
+        self._uncertainty_scale = np.ones(nz)
+        self._data = self._create_dataset("H", header.dtype)
 
     @property
     def lacking(self) -> list[int]:
         """Planes that were not written yet."""
         return np.flatnonzero(~self._written).tolist()
 
-    def _create_dataset(self) -> Any:
+    def _create_dataset(self, name: str, dtype: np.dtype[Any]) -> Any:
         header = self._header
         options: dict[str, Any] = {"fletcher32": True}
         if header.compression == "gzip":
@@ -87,7 +92,7 @@ class MatrixGroup:
 
             options |= {"shuffle": True} | dict(hdf5plugin.Zstd(clevel=3))
         chunk = (1, 1, 1, *header.shape[3:])
-        return self._group.create_dataset("H", header.shape, header.dtype, chunks=chunk, track_times=False, **options)
+        return self._group.create_dataset(name, header.shape, dtype, chunks=chunk, track_times=False, **options)
 
     def write_plane(self, z: int, plane: NDArray[Any], facts: Facts) -> None:
         """Write plane ``z`` ``(ny, nx, nt, ns)`` and what is known of its positions."""
@@ -116,6 +121,42 @@ class MatrixGroup:
         self._checksum[z] = zlib.crc32(each.data)
         self._note(z, facts, error)
         self._written[z] = True
+
+    def note(self, provenance: Mapping[str, Any]) -> None:
+        """Keep more provenance beside the header's."""
+        self._provenance |= provenance
+
+    def write_uncertainty(self, z: int, plane: NDArray[np.floating[Any]]) -> None:
+        """Write the standard deviation of every entry of plane ``z`` ``(ny, nx, nt, ns)``; 0: none is stated.
+
+        Stored in steps of 1/65535 of the plane's largest, rounded up: none becomes 0.
+        """
+        if plane.shape != self._header.shape[1:]:
+            raise InputError.expected(
+                f"uncertainty of plane {z}", f"shape {self._header.shape[1:]}", plane.shape, "one value per entry"
+            )
+        low, largest, _ = _range(plane, self._header.workers)
+        if not (np.isfinite(largest) and low >= 0):
+            raise InputError.expected(f"uncertainty of plane {z}", "numbers ≥ 0", f"{low:g} to {largest:g}", "check it")
+        if self._uncertainty is None:
+            self._uncertainty = self._create_dataset("uncertainty", np.dtype(np.uint16))
+        scale = largest / UNCERTAINTY_STEPS if largest > 0 else 1.0
+        steps = np.float32(1 / scale)
+
+        def rounded(pattern: NDArray[Any]) -> NDArray[Any]:
+            found: NDArray[Any] = np.minimum(np.ceil(pattern * steps), UNCERTAINTY_STEPS).astype(np.uint16)
+            return found
+
+        parallel_write(self._uncertainty, z, plane, convert=rounded, workers=self._header.workers)
+        self._uncertain[z], self._uncertainty_scale[z] = True, scale
+
+    def _complete_uncertainty(self) -> None:
+        if self._uncertainty is None:
+            return
+        none = np.broadcast_to(np.zeros((), np.uint16), self._header.shape[1:])
+        for z in np.flatnonzero(~self._uncertain).tolist():
+            parallel_write(self._uncertainty, z, none, workers=self._header.workers)
+        self._uncertainty.attrs["scale"] = self._uncertainty_scale
 
     def _note(self, z: int, facts: Facts, rounding: float) -> None:
         known = facts.known()
@@ -167,6 +208,7 @@ class MatrixGroup:
     def complete(self) -> None:
         """Write everything but the values; every plane must be there."""
         group, header = self._group, self._header
+        self._complete_uncertainty()
         group.create_dataset("depth_sum", data=self._sums)
         group.create_dataset("depths", data=header.depths).attrs["unit"] = "um"
         for name, values in stacked(self._facts).known().items():
@@ -183,7 +225,7 @@ class MatrixGroup:
                 "centre": CENTRE_RULE,
                 "anchor": np.asarray(header.anchor, np.float64),
                 "region": header.region,
-                "provenance": json.dumps({"lfcal": __version__, **header.provenance}),
+                "provenance": json.dumps({"lfcal": __version__, **self._provenance}),
             }
         )
         if header.camera is not None:

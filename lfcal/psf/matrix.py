@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from lfcal.axes import check_psf_shape
 from lfcal.errors import InputError
 from lfcal.h5.dataset import H5Data
-from lfcal.psf.facts import Facts, fitting, unpack_valid
+from lfcal.psf.facts import Facts, Origin, fitting, unpack_valid
 from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 
 if TYPE_CHECKING:
@@ -48,6 +48,8 @@ class PSFMatrix:
         Saturated pixels in each position's pattern ``(nz, ny, nx)``, -1 where unknown; None: not counted.
     facts
         All that is known of the positions, in place of ``recorded`` and ``saturated``.
+    uncertainty
+        Stated standard deviation of every entry, of the same shape, 0 where none is stated beside the noise; or None.
     depth_sums
         Depth-plane sums ``(nz, nt, ns)`` where they are known already.
     region
@@ -75,6 +77,7 @@ class PSFMatrix:
         recorded: ArrayLike | None = None,
         saturated: ArrayLike | None = None,
         facts: Facts | None = None,
+        uncertainty: Any = None,
         depth_sums: ArrayLike | None = None,
         region: str = "",
         transposed: bool = False,
@@ -95,6 +98,9 @@ class PSFMatrix:
         self._anchor = (float(anchor[0]), float(anchor[1]))
         given = {"recorded": recorded, "saturated": saturated} if facts is None else facts.known()
         self._facts = Facts.of(shape[:3], shape[3:], **given)
+        self._uncertainty = None if uncertainty is None else _as_planes(uncertainty)
+        if self._uncertainty is not None and self._uncertainty.shape != shape:
+            raise InputError.expected("uncertainty", f"shape {shape}", self._uncertainty.shape, "one value per entry")
         self.region = region
         self._provenance = dict(provenance or {})
         self._sums: dict[int, NDArray[np.float64]] = {}
@@ -212,6 +218,24 @@ class PSFMatrix:
         # variance grows with the signal, which noise may have pushed below zero: the photon part is never negative
         variance: NDArray[np.float64] = constant + slope * np.maximum(self[z, y, x].astype(np.float64), 0)
         return variance
+
+    def uncertainty(self, z: int, y: int, x: int) -> NDArray[np.float32] | None:
+        """Return the standard deviation of each entry ``(nt, ns)`` of a pattern of H, or None where it is not known.
+
+        As it is stated, for a pattern of which a model has its share; of a measured one that of its noise.
+        """
+        stated = self._uncertainty
+        if stated is not None:
+            found: NDArray[np.float32] = stated.cutout(z, y, x)
+            if self.facts.origin is None or self.facts.origin[z, y, x] != Origin.MEASURED:
+                return found
+        variance = self.variance(z, y, x)
+        return None if variance is None else np.sqrt(variance).astype(np.float32)
+
+    @property
+    def stated_uncertainty(self) -> Planes | None:
+        """Stated standard deviations of every entry of H, 0 where only the noise is stated; None: there are none."""
+        return self._uncertainty
 
     @property
     def provenance(self) -> dict[str, Any]:

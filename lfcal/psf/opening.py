@@ -23,7 +23,7 @@ from lfcal.psf.chunk_codec import parallel_read
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import CENTRE_RULE, plane_checksum
 from lfcal.psf.matrix import PSFMatrix
-from lfcal.psf.planes import FilePlanes
+from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 from lfcal.psf.store import FORMAT, REGIONS, VERSION
 
 __all__ = ["open_psf", "opening_notes", "regions_of"]
@@ -151,6 +151,7 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
         scale=scale,
         offset=offset,
         facts=_facts(file, prefix, shape, provenance),
+        uncertainty=_uncertainty(file, prefix, data),
         depth_sums=file.values(sums, (shape[0], *shape[3:]), finite=True) if sums in file else None,
         region=attributes.text("region", ""),
         transposed=attributes.text("matrix", "H") == "HT",
@@ -201,7 +202,7 @@ def _provenance(file: H5File, attributes: Attributes) -> dict[str, Any]:
     return found
 
 
-_KINDS = {"recorded": "iu", "saturated": "iu", "noise": "f", "spread": "f", "valid": "u", "error": "f"}
+_KINDS = {"recorded": "iu", "saturated": "iu", "noise": "f", "spread": "f", "valid": "u", "error": "f", "origin": "u"}
 """Kinds of numbers of each fact, as numpy's ``dtype.kind``."""
 
 
@@ -213,6 +214,20 @@ def _facts(file: H5File, prefix: str, shape: tuple[int, ...], provenance: Mappin
         # assembly without corrections did not count then, and wrote zeros
         found["saturated"] = np.where(found["saturated"] == 0, -1, found["saturated"].astype(np.int32))
     return Facts.of(shape[:3], (shape[3], shape[4]), **found)
+
+
+def _uncertainty(file: H5File, prefix: str, data: H5Data) -> Planes | None:
+    """Return the stated standard deviations of every entry, read when asked for; None where there are none."""
+    name = f"{prefix}uncertainty"
+    if name not in file:
+        return None
+    found = file.dataset(name)
+    if found.shape != data.shape or found.dtype.kind != "u":
+        raise FileFormatError.expected(
+            found.where, f"integers {data.shape}", f"{found.dtype} {found.shape}", "take the file from its source again"
+        )
+    scale, _ = _scaling(found, data.shape[0])
+    return ScaledPlanes(DatasetPlanes(found), np.broadcast_to(scale, data.shape[0]), np.zeros(data.shape[0]))
 
 
 def _check_planes(file: H5File, group: str) -> None:

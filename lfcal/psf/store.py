@@ -129,15 +129,23 @@ class PSFWriter:
         recorded: ArrayLike | None = None,
         saturated: ArrayLike | None = None,
         facts: Facts | None = None,
+        uncertainty: NDArray[np.floating[Any]] | None = None,
     ) -> None:
         """Write plane ``z``, ``(ny, nx, nt, ns)``.
 
         ``recorded`` and ``saturated`` are ``(ny, nx)`` counts per position (by default 1 and unknown); ``facts``
-        stands for both and all else that is known.
+        stands for both and all else that is known. ``uncertainty`` is the standard deviation of every entry, 0 where
+        none is stated beside the noise.
         """
         if facts is None:
             facts = Facts.of(self.shape[1:3], self.shape[3:], recorded=recorded, saturated=saturated)
         self._matrix.write_plane(z, plane, facts)
+        if uncertainty is not None:
+            self._matrix.write_uncertainty(z, uncertainty)
+
+    def note(self, provenance: Mapping[str, Any]) -> None:
+        """Keep more provenance, known only after the planes were."""
+        self._matrix.note(provenance)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -200,7 +208,9 @@ def iter_save(
     ) as writer:
         yield clock.at(0)
         for z in range(len(matrix)):
-            writer.write_plane(z, matrix.plane(z), facts=facts_of(matrix).plane(z))
+            stated = matrix.stated_uncertainty
+            uncertainty = None if stated is None else stated.plane(z)
+            writer.write_plane(z, matrix.plane(z), facts=facts_of(matrix).plane(z), uncertainty=uncertainty)
             yield clock.at(z + 1)
     return Path(path)
 
@@ -253,6 +263,8 @@ def save_regions(matrices: Mapping[str, PSFMatrix], path: str | os.PathLike[str]
             part = MatrixGroup(group, header)
             for z in range(len(matrix)):
                 part.write_plane(z, matrix.plane(z), facts_of(matrix).plane(z))
+                if matrix.stated_uncertainty is not None:
+                    part.write_uncertainty(z, matrix.stated_uncertainty.plane(z))
             part.complete()
         mark_default_plot(file)
     return target

@@ -39,7 +39,7 @@ class DamagedPlane:
     what
         ``"damaged"``: patterns cannot be decoded; ``"changed"``: all can, but their checksum is another;
         ``"not finite"``: there are NaN or infinite values; ``"depth sum changed"``: the stored sum over all positions
-        is not that of the patterns.
+        is not that of the patterns; ``"uncertainty damaged"``: stated standard deviations cannot be decoded.
     positions
         The patterns (z, y, x) that are at fault; empty where only the plane is known.
     """
@@ -121,10 +121,13 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
             data = file.dataset(f"{prefix}H")
             stored = _Stored.of(file, prefix, data) if f"{prefix}checksum" in file else None
             compared &= stored is not None
+            sure = file.dataset(f"{prefix}uncertainty") if f"{prefix}uncertainty" in file else None
             clock = Clock(f"check planes {region}".rstrip(), data.shape[0])
             for z in range(data.shape[0]):
                 yield clock.at(z)
                 found += _look(data, z, stored, region, workers)
+                if sure is not None and (bad := _unreadable(sure, z, workers)):
+                    found.append(DamagedPlane(region, z, "uncertainty damaged", bad))
             planes += data.shape[0]
             yield clock.at(data.shape[0])
     return MatrixCheck(source, planes, compared, tuple(found), missing, tuple(strays))
@@ -179,6 +182,15 @@ def _look(data: H5Data, z: int, stored: _Stored | None, region: str, workers: in
         yield DamagedPlane(region, z, "not finite", _at(z, ~finite))
     elif stored is not None and not stored.sums_agree(z, plane, workers):
         yield DamagedPlane(region, z, "depth sum changed")
+
+
+def _unreadable(data: H5Data, z: int, workers: int | None) -> tuple[Position, ...]:
+    """Return the positions of plane ``z`` that cannot be decoded; each chunk has a checksum of its own."""
+    try:
+        parallel_read(data, z, workers=workers)
+    except (FileFormatError, StorageError):
+        return _undecodable(data, z)
+    return ()
 
 
 def _undecodable(data: H5Data, z: int) -> tuple[Position, ...]:

@@ -34,9 +34,12 @@ def matrix() -> PSFMatrix:
         spread=ones,
         valid=pack_valid(np.ones(SHAPE, np.bool_)),
         error=[0.01, 0.02],
+        origin=ones,
     )
     values = np.random.default_rng(0).random(SHAPE).astype("f4")
-    return PSFMatrix(values, depths=[1.0, 2.0], camera=preset("bench"), anchor=(3.0, 4.0), facts=facts)
+    return PSFMatrix(
+        values, depths=[1.0, 2.0], camera=preset("bench"), anchor=(3.0, 4.0), facts=facts, uncertainty=0.1 * values
+    )
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from lfcal.errors import FileFormatError, InputError, LfcalError, StorageError, 
 from lfcal.progress import drain
 from lfcal.psf import Facts, PSFMatrix, PSFWriter, iter_save, open_psf, regions_of, save, save_regions
 from lfcal.psf.export import export
-from lfcal.psf.facts import pack_valid
+from lfcal.psf.facts import Origin, pack_valid
 from lfcal.psf.transpose_file import iter_transpose_file
 
 SHAPE = (2, 3, 4, 5, 7)
@@ -380,3 +380,34 @@ def test_pipes_are_refused_instead_of_waited_for(tmp_path: Path, name: str) -> N
     os.mkfifo(tmp_path / name)
     with pytest.raises(StorageError, match="is a pipe or a device; name a file on a disk"):
         open_psf(tmp_path / name)
+
+
+def test_uncertainty_and_origin_are_kept_and_read_back(tmp_path: Path) -> None:
+    """Rounded up to steps of the plane's largest; of a measured pattern the noise's; a plane without any reads 0."""
+    rng = np.random.default_rng(0)
+    values = rng.random((2, 2, 3, 5, 5)).astype(np.float32)
+    sigma = (rng.random((2, 2, 3, 5, 5)) ** 4).astype(np.float32)
+    origin = np.zeros((2, 2, 3), np.uint8)
+    origin[0, 1] = [Origin.HYBRID, Origin.MODEL, Origin.OUTLIER]
+    facts = Facts.of((2, 2, 3), (5, 5), origin=origin, noise=np.full((2, 2, 3, 2), 0.25))
+    with PSFWriter(tmp_path / "H.h5", values.shape) as writer:
+        writer.write_plane(1, values[1], facts=facts.plane(1))
+        writer.write_plane(0, values[0], facts=facts.plane(0), uncertainty=sigma[0])
+    with open_psf(tmp_path / "H.h5") as H:
+        assert H.facts.origin is not None
+        np.testing.assert_array_equal(H.facts.origin, origin)
+        for x in range(3):
+            found = H.uncertainty(0, 1, x)
+            assert found is not None and np.all(found >= sigma[0, 1, x] * (1 - 1e-6))
+            assert np.all(found - sigma[0, 1, x] < 1.01 * sigma[0].max() / 65535)
+        np.testing.assert_allclose(H.uncertainty(0, 0, 0), np.sqrt(0.25 + 0.25 * values[0, 0, 0]), rtol=1e-6)
+        assert H.stated_uncertainty is not None and not H.stated_uncertainty.plane(1).any()
+    for wrong in (sigma[0, 1:], -sigma[0], np.full_like(sigma[0], np.nan)):
+        with (
+            pytest.raises(InputError, match="uncertainty of plane 0"),
+            PSFWriter(tmp_path / "bad.h5", (1, *values.shape[1:])) as writer,
+        ):
+            writer.write_plane(0, values[0], uncertainty=wrong)
+    assert not (tmp_path / "bad.h5").exists()
+    with pytest.raises(InputError, match="uncertainty: expected shape"):
+        PSFMatrix(values, uncertainty=sigma[:1])

@@ -65,6 +65,14 @@ def test_what_is_kept_beside_the_values_is_compared_too(tmp_path: Path, name: st
     assert (found.z, found.what) == (0, what)
 
 
+def test_damaged_uncertainty_is_located(tmp_path: Path) -> None:
+    path = save(PSFMatrix(VALUES, uncertainty=0.1 * VALUES), tmp_path / "H.h5")
+    assert verify(path).ok
+    flip(path, offset_of(path, "uncertainty", (1, 2, 0)))
+    (found,) = verify(path).damaged
+    assert (found.z, found.what, found.positions) == (1, "uncertainty damaged", (Position(1, 2, 0),))
+
+
 def test_a_file_without_checksums_says_so(tmp_path: Path) -> None:
     path = save(PSFMatrix(VALUES), tmp_path / "H.h5")
     with h5py.File(path, "r+") as file:

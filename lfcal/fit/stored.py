@@ -1,0 +1,219 @@
+"""A fit read back from its folder: what fills the positions that a scan never recorded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.camera import Camera, ScanPlan
+from lfcal.errors import FileFormatError, InputError
+from lfcal.files import read_text
+from lfcal.fit.files import FORMAT, VERSION
+from lfcal.fit.hybrid_patterns import model_uncertainty
+from lfcal.fit.model import Fineness, PlaneModel
+from lfcal.fit.problem import ERRORS
+from lfcal.fit.setup import Setup
+from lfcal.fit.spread import spread_out
+from lfcal.plain import parse_json
+from lfcal.progress import Clock, Work
+from lfcal.psf.facts import Facts, Origin
+from lfcal.psf.filling import Filled
+from lfcal.simulate.effects.described import effect_from, read_entries
+from lfcal.threads import for_each_chunk, worker_count
+from lfcal.units import format_share
+
+__all__ = ["Filler", "StoredFit", "read_fit"]
+
+F4 = NDArray[np.float32]
+
+COMPARED = 8
+"""Recorded positions of a plane at which a fit is held against what is there."""
+
+FAR = 0.25
+"""Relative distance (L2, beyond noise) from which on recorded patterns are not those of the fit."""
+
+OTHER_LIGHT = 0.05
+"""Difference of the light from which on patterns are not in the units of the fit."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredFit:
+    """What a fit's folder holds, as far as positions are filled by it.
+
+    Attributes
+    ----------
+    folder
+        Where it is.
+    setup
+        Camera, effects and depths as found, sources where H has them.
+    depths_um, period, anchor
+        Of the scan that was fitted.
+    gains
+        Light of each plane in the units of the data ``(nz,)``; NaN where no pattern of it was fitted.
+    error
+        Stated relative error (L2) of the model.
+    """
+
+    folder: Path
+    setup: Setup
+    depths_um: tuple[float, ...]
+    period: tuple[int, int]
+    anchor: tuple[float, float]
+    gains: NDArray[np.float64]
+    error: float
+
+    def check(self, plan: ScanPlan) -> None:
+        """Raise `InputError` where a plan's scan is not the one that was fitted; its cutout may be another."""
+        have: dict[str, tuple[Any, Any]] = {
+            "period": (self.period, plan.period),
+            "depths (µm)": (self.depths_um, plan.depths_um),
+            "anchor (pixels)": (self.anchor, plan.anchor),
+            "pixel (µm)": (self.setup.camera.sensor.pixel_um, plan.camera.sensor.pixel_um),
+        }
+        for name, (own, theirs) in have.items():
+            if np.shape(own) != np.shape(theirs) or not np.allclose(own, theirs, rtol=1e-6, atol=1e-6):
+                raise InputError.expected(
+                    f"{self.folder}, {name}", f"that of the scan, {theirs}", own, "name the fit of this scan"
+                )
+        if plan.resample:
+            raise InputError.expected(
+                f"{self.folder}, scan", "on the sensor's own pixels", "a resampled one", "leave --fill out"
+            )
+
+
+def read_fit(folder: Path) -> StoredFit:
+    """Read the folder that ``lfcal fit`` wrote.
+
+    Raises
+    ------
+    StorageError, FileFormatError, InputError
+        If a file is not there, or is no such file.
+    """
+    path = folder / "fit.json"
+    again = "run lfcal fit again"
+    found = parse_json(read_text(path), str(path), remedy=again)
+    if not isinstance(found, dict) or found.get("format") != FORMAT or found.get("version") != VERSION:
+        raise FileFormatError.expected(str(path), f"{FORMAT}, version {VERSION}", "another file", again)
+    if "scan" not in found:
+        raise FileFormatError.expected(str(path), "the scan that was fitted", "a fit of an older lfcal", again)
+    camera = Camera.from_json(read_text(folder / "camera.json"))
+    # those without magnitudes are in the file as switched on
+    given = tuple(entry.effect or effect_from(entry.name, {}) for entry in read_entries(folder / "effects.json"))
+    try:
+        setup = Setup(camera, given, tuple(float(v) for v in found["depth_errors_um"]))
+        gains = np.array([float(v) for v in found["gains"]])
+        fitted = {int(at[0]) for at in found["positions"]}
+        depths = tuple(float(v) for v in found["depths_um"])
+        period, anchor = (tuple(found["scan"][name]) for name in ("period", "anchor"))
+        error = float(found["left_out_error"]["value"])
+        good = len(gains) == len(depths) == len(setup.depth_errors_um) and np.isfinite([*gains, *depths, error]).all()
+        (ny, nx), (row, column) = (int(v) for v in period), (float(v) for v in anchor)
+    except (KeyError, IndexError, TypeError, ValueError):
+        good = False
+    if not good:
+        raise FileFormatError.expected(str(path), "numbers of a fit", "others", again)
+    gains[[z for z in range(len(gains)) if z not in fitted]] = np.nan
+    whole = math.hypot(error, ERRORS[Fineness.finest])
+    return StoredFit(folder, setup, depths, (ny, nx), (row, column), gains, whole)
+
+
+class Filler:
+    """Fills the missing positions of planes that are being assembled.
+
+    Parameters
+    ----------
+    fit
+        The fit of the scan.
+    plan
+        The scan as it is assembled.
+    workers
+        Threads; None takes every processor.
+    """
+
+    def __init__(self, fit: StoredFit, plan: ScanPlan, workers: int | None = None) -> None:
+        fit.check(plan)
+        self._fit, self._plan, self._workers = fit, plan, worker_count(workers)
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """What H says of what fills it."""
+        return {"fit": self._fit.folder.name, "error": self._fit.error, "camera": self._fit.setup.camera.to_dict()}
+
+    def __call__(self, z: int, values: F4, facts: Facts) -> Work[Filled]:
+        """Fill plane ``z`` ``(ny, nx, nt, ns)`` in place where nothing was recorded; yields progress in positions.
+
+        Raises
+        ------
+        InputError
+            If recorded patterns are not those that the fit predicts, or no pattern of the plane was fitted.
+        """
+        assert facts.recorded is not None
+        missing = np.argwhere(facts.recorded == 0)
+        if not len(missing):
+            return Filled(facts, None)
+        gain = self._fit.gains[z]
+        if not math.isfinite(gain):
+            raise InputError.expected(
+                f"{self._fit.folder}, plane {z}", "a pattern of it among the fitted", "none", "fit one of each plane"
+            )
+        plan = replace(self._plan, camera=self._fit.setup.camera, cutout=(values.shape[2], values.shape[3]))
+        model = PlaneModel(self._fit.setup, plan, z, Fineness.finest)
+        self._compare(z, model, values, facts)
+        clock = Clock(f"fill plane {z}", len(missing))
+        yield clock.at(0)
+        step = 8 * self._workers
+
+        def some(start: int, stop: int) -> None:
+            at = missing[start:stop]
+            values[at[:, 0], at[:, 1]] = np.float32(gain) * model.patterns(at, np.zeros((len(at), 2)))
+
+        for first in range(0, len(missing), step):
+            last = min(len(missing), first + step)
+            for_each_chunk(lambda a, b, at=first: some(at + a, at + b), last - first, self._workers)  # type: ignore[misc]
+            yield clock.at(last)
+        rows, columns = missing.T
+        origin = np.zeros(facts.recorded.shape, np.uint8)
+        origin[rows, columns] = Origin.MODEL
+        spread = np.zeros_like(values)
+        spread[rows, columns] = model_uncertainty(values[rows, columns][None], self._fit.error)[0]
+        known: Mapping[str, Any] = facts.known()
+        return Filled(Facts.of(origin.shape, plan.cutout, **{**known, "origin": origin}), spread)
+
+    def _compare(self, z: int, model: PlaneModel, values: F4, facts: Facts) -> None:
+        """Raise where recorded patterns are not those of the fit."""
+        assert facts.recorded is not None
+        there = np.argwhere(facts.recorded > 0)
+        if not len(there):
+            return
+        some = there[
+            spread_out(np.c_[np.zeros(len(there), np.intp), there], min(COMPARED, len(there)), self._plan.period)
+        ]
+        light = self._fit.gains[z] * model.patterns(some, np.zeros((len(some), 2))).astype(np.float64)
+        data = values[some[:, 0], some[:, 1]].astype(np.float64)
+        # a background is no light of the point
+        light0, data0 = (one - one.mean((1, 2), keepdims=True) for one in (light, data))
+        scale = float((light0 * data0).sum() / np.square(light0).sum())
+        left = float(np.square(data0 - scale * light0).sum())
+        if facts.noise is not None and np.isfinite(noise := facts.noise[some[:, 0], some[:, 1]]).all():
+            left -= float((noise[:, 0, None, None] + noise[:, 1, None, None] * np.maximum(light, 0)).sum())
+        far = math.sqrt(max(0.0, left) / float(np.square(data0).sum()))
+        if scale <= 0 or far > FAR:
+            raise InputError.expected(
+                f"{self._fit.folder}",
+                f"the fit of the camera that recorded plane {z}",
+                f"predictions {format_share(far)} off" if scale > 0 else "predictions of no likeness",
+                "fit these frames",
+            )
+        if abs(scale - 1.0) > OTHER_LIGHT:
+            raise InputError.expected(
+                f"{self._fit.folder}",
+                f"light as in the frames of plane {z}",
+                f"{format_share(1 / scale)} of it",
+                "fit these frames, with the corrections that they are assembled with",
+            )
