@@ -80,7 +80,7 @@ class Results:
             "fit",
             str(Path(folder) / MODEL),
             lambda: iter_write_fit(found.fit, found.measured, Path(folder), known),
-            lambda files: self._saved(found, files),
+            lambda written: self._saved(found, written.files),
             lambda job: self._page.refuse(job.error),
         )
 
