@@ -31,8 +31,8 @@ class Reached:
 
     Attributes
     ----------
-    frames, hours
-        Recorded frames, and the stage's time for them (h).
+    frames
+        Recorded frames.
     seconds
         Processor time of the fit (s); 0 of a recorded H.
     errors
@@ -40,7 +40,6 @@ class Reached:
     """
 
     frames: int
-    hours: float
     seconds: float
     errors: tuple[float, ...]
 
@@ -59,8 +58,11 @@ def command(
     cameras: int = typer.Option(3, min=1, help="Random cameras for each number."),
     positions: int = typer.Option(30, min=1, help="Positions a plane at which H is judged."),
     cutout: int = typer.Option(0, min=0, help="Pixels of the patterns; 0: what the camera needs."),
+    per_frame: float = typer.Option(2.0, "--per-frame", min=0.001, help="Seconds of stage and exposure for a frame."),
     seed: int = typer.Option(0, help="Of the first camera."),
-    chart: Path | None = typer.Option(None, "--chart", help="Where to draw error against frames, hours and seconds."),
+    chart: Path | None = typer.Option(
+        None, "--chart", help="Where to draw error against frames, stage time and seconds."
+    ),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -77,25 +79,28 @@ def command(
     if chart is not None:
         check_output(chart, force=force)
     numbers = _numbers(counts)
-    plan = described_plan(camera, cutout=cutout or None)
+    plan, seeds = described_plan(camera, cutout=cutout or None), range(seed, seed + cameras)
     fitted = []
     for count in numbers:
-        fitted.append(_fitted(plan, count, range(seed, seed + cameras), positions, workers))
+        fitted.append(_fitted(plan, count, seeds, positions, workers))
         if not json:
             typer.echo(f"{count} patterns: H {100 * fitted[-1].median:.2f} % off, {fitted[-1].seconds:.0f} s")
-    whole = _recorded(plan, range(seed, seed + cameras), positions)
+    whole = _recorded(plan, seeds, positions)
     if chart is not None:
-        _draw(chart, fitted, whole, camera)
+        _draw(chart, fitted, whole, camera, per_frame)
+    named = [("fitted", one) for one in fitted] + [("recorded, every position", whole)]
     if json:
         print_json({"fitted": [vars(one) for one in fitted], "recorded": vars(whole)})
         return
-    rows = [_row("fitted", one) for one in fitted] + [_row("recorded, every position", whole)]
-    print_table(["H", "frames", "hours", "processor s", "error, median", "worst"], rows, title=f"{camera}, two depths")
+    rows = [_row(name, one, per_frame) for name, one in named]
+    print_table(
+        ["H", "frames", "minutes", "processor s", "error, median", "worst"], rows, title=f"{camera}, two depths"
+    )
 
 
-def _row(name: str, one: Reached) -> list[str]:
+def _row(name: str, one: Reached, per_frame: float) -> list[str]:
     errors = [f"{100 * value:.2f} %" for value in (one.median, max(one.errors))]
-    return [name, f"{one.frames}", f"{one.hours:.2g}", f"{one.seconds:.0f}", *errors]
+    return [name, f"{one.frames}", f"{one.frames * per_frame / 60:.2g}", f"{one.seconds:.0f}", *errors]
 
 
 def _numbers(text: str) -> list[int]:
@@ -108,13 +113,6 @@ def _numbers(text: str) -> list[int]:
     if not found or found[0] < 3:
         raise InputError.expected("--counts", "whole numbers from 3 on", repr(text), "for example 6,24,96")
     return found
-
-
-def _hours(plan: ScanPlan, frames: int) -> float:
-    from lfcal.camera.forecast import Forecast
-
-    whole = Forecast.of(plan)
-    return whole.hours * frames / whole.frames
 
 
 def _fitted(plan: ScanPlan, count: int, seeds: range, positions: int, workers: int | None) -> Reached:
@@ -134,7 +132,7 @@ def _fitted(plan: ScanPlan, count: int, seeds: range, positions: int, workers: i
         fit = fit_camera(measured, workers=workers)
         seconds.append(time.process_time() - start)
         errors.append(measured_error(fit, truth, positions)["error_l1"])
-    return Reached(count, _hours(plan, count), float(np.median(seconds)), tuple(errors))
+    return Reached(count, float(np.median(seconds)), tuple(errors))
 
 
 def _recorded(plan: ScanPlan, seeds: range, positions: int) -> Reached:
@@ -153,16 +151,15 @@ def _recorded(plan: ScanPlan, seeds: range, positions: int) -> Reached:
         light = predict(truth.setup, plan, data.index, still, Fineness.finest).astype(np.float64)
         light *= (data.patterns * light).sum() / np.square(light).sum()
         errors.append(float(np.abs(data.patterns - light).sum() / light.sum()))
-    frames = plan.n_positions
-    return Reached(frames, _hours(plan, frames), 0.0, tuple(errors))
+    return Reached(plan.n_positions, 0.0, tuple(errors))
 
 
-def _draw(path: Path, fitted: list[Reached], whole: Reached, camera: str) -> None:
+def _draw(path: Path, fitted: list[Reached], whole: Reached, camera: str, per_frame: float) -> None:
     from lfcal.figures import LINES, figure, save_figure
 
     axes: list[tuple[str, Any]] = [
         ("recorded frames", lambda one: one.frames),
-        ("hours on the stage", lambda one: one.hours),
+        (f"minutes on the stage, {per_frame:g} s a frame", lambda one: one.frames * per_frame / 60),
         ("processor time of the fit (s)", lambda one: one.seconds),
     ]
     with figure(9.0, 3.2) as fig:
