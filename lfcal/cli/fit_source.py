@@ -220,7 +220,7 @@ def _picked(
         raise FileFormatError(str(error).replace(' (colour="G")', f": {one}")) from None
     except InputError as error:
         said, _, remedy = str(error).partition("; ")
-        if "--order" not in remedy and "--manifest" not in remedy:
+        if not any(option in remedy for option in ("--order", "--manifest", "--pattern")):
             raise
         # lists, patterns and orders are options of another command
         raise InputError(f"{said}; assemble them with lfcal assemble, which takes lists, and fit that H") from None

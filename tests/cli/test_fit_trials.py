@@ -94,7 +94,7 @@ def test_unlucky_h_files_end_in_one_line(lfcal: Lfcal, tmp_path: Path, name: str
 
 
 def write_frames(folder: Path, count: int = 8) -> None:
-    folder.mkdir()
+    folder.mkdir(parents=True)
     rng = np.random.default_rng(0)
     for k in range(count):
         frame = rng.integers(0, 4000, (120, 120)).astype(np.uint16)
@@ -110,13 +110,16 @@ def test_folders_without_frames_plan_or_positions_end_in_one_line(lfcal: Lfcal, 
     for k, path in enumerate(sorted(numbered.iterdir())):
         path.rename(numbered / f"frame{k}.png")
     (numbered / "plan.json").write_text(plan.to_json())
+    write_frames(tmp_path / "nested" / "frames")
+    (tmp_path / "nested" / "plan.json").write_text(plan.to_json())
     write_frames(tmp_path / "damaged")
     (tmp_path / "damaged" / "plan.json").write_text(plan.to_json())
     (tmp_path / "damaged" / "z0_y1_x1.png").write_bytes(b"")
     for name, what in (
         ("empty", "frames in"),
         ("frames", "scan plan: expected plan.json"),
-        # neither lists nor orders are options here
+        # neither lists nor orders nor patterns are options here
+        ("nested", "assemble them with lfcal assemble, which takes lists, and fit that H"),
         ("numbered", "assemble them with lfcal assemble, which takes lists, and fit that H"),
         ("damaged", "or leave it out (lfcal assemble --skip-damaged)"),
     ):
@@ -125,7 +128,7 @@ def test_folders_without_frames_plan_or_positions_end_in_one_line(lfcal: Lfcal, 
         )
         said = [line for line in run.err.splitlines() if not line.startswith("lfcal: note:")]
         assert run.code == 2 and len(said) == 1 and what in said[0], run.err
-        assert "--manifest" not in said[0] and "--order" not in said[0] and not (tmp_path / "fit").exists()
+        assert not any(o in said[0] for o in ("--manifest", "--order", "--pattern")) and not (tmp_path / "fit").exists()
 
 
 def test_frames_of_fewer_bits_than_described_have_no_known_noise(lfcal: Lfcal, tmp_path: Path) -> None:
