@@ -112,6 +112,7 @@ def test_folders_without_frames_plan_or_positions_end_in_one_line(lfcal: Lfcal, 
     (numbered / "plan.json").write_text(plan.to_json())
     write_frames(tmp_path / "nested" / "frames")
     (tmp_path / "nested" / "plan.json").write_text(plan.to_json())
+    cv2.imwrite(str(tmp_path / "nested" / "dark.png"), np.zeros((120, 120), np.uint16))
     write_frames(tmp_path / "damaged")
     (tmp_path / "damaged" / "plan.json").write_text(plan.to_json())
     (tmp_path / "damaged" / "z0_y1_x1.png").write_bytes(b"")
