@@ -20,6 +20,7 @@ from lfcal.simulate.engines import (
     geometric,
     grid,
     microscope,
+    nodes,
     objective,
     polygon,
     radial,
@@ -328,7 +329,7 @@ MUTANTS = (
     Mutant(
         "Few samples to a pixel",
         "weights as the fit leaves them",
-        value(grid, "conserving", lambda rule: rule),
+        value(nodes, "conserving", lambda rule: rule),
         EnergyError,
     ),
     Mutant(

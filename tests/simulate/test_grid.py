@@ -11,6 +11,7 @@ from lfcal.errors import InputError
 from lfcal.simulate.engines.base import Displaceable, EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.grid import GridPlane
+from lfcal.simulate.engines.nodes import MANY_ANGLES, conserving_rule
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Iris, Scene
@@ -142,3 +143,23 @@ def test_what_no_grid_holds_is_refused() -> None:
         GridPlane(camera_scene(3.0), Sampling(samples_per_px=4.5))
     with pytest.raises(InputError, match="grid of a position: expected at most 4096 samples a side"):
         GridPlane(camera_scene(3.0), Sampling(samples_per_px=64, margin_px=500))
+
+
+@pytest.mark.parametrize(("per_px", "band"), [(9, 0.3), (16, 3.0), (30, 3.0), (40, 16.0), (4, 2.0)])
+def test_pixels_take_all_nodes_alike_however_many_there_are(per_px: int, band: float) -> None:
+    """The best fit leaves nodes out where the light needs fewer: weights of what is left were no numbers."""
+    rule = conserving_rule(per_px, band, MANY_ANGLES)
+    taken = [rule.weights[first::per_px].sum() for first in range(per_px)]
+    np.testing.assert_allclose(taken, 1 / per_px, rtol=1e-9)
+    x = (np.arange(rule.weights.size) - (rule.weights.size - 1) / 2) / per_px
+    f = np.linspace(0, band, 300)
+    seen = np.cos(2 * np.pi * np.outer(f, x)) @ rule.weights
+    trust = np.clip(1 - f / band, 0, None) ** MANY_ANGLES
+    assert np.abs(seen - np.sinc(f)) @ trust / trust.sum() < 3e-3
+
+
+def test_what_is_no_number_is_refused() -> None:
+    plane = GridPlane(camera_scene(3.0, cutout=(21, 21)), Sampling(samples_per_px=4, margin_px=8))
+    plane._weights = plane._weights * np.float32(np.nan)
+    with pytest.raises(EnergyError, match="energy on the sensor"):
+        plane.rows([1], [2])

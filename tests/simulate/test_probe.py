@@ -13,7 +13,7 @@ from pytest import MonkeyPatch
 
 from lfcal.camera import LensletLattice, LensType, ScanPlan
 from lfcal.simulate import simulate_psf
-from lfcal.simulate.accuracy import sampling
+from lfcal.simulate.accuracy import probe, sampling
 from lfcal.simulate.accuracy.probe import settle
 from lfcal.simulate.accuracy.sampling import Fringes, Step, steps_for
 from lfcal.simulate.engines.base import Sampling
@@ -164,3 +164,13 @@ def test_h_states_what_each_plane_reached(tmp_path: Path) -> None:
     assert "error" not in stored.facts.known() or np.isnan(stored.facts.known()["error"]).all()
     reference = simulate_psf(camera, plan, BASE, "reference", tolerance=0.05)
     assert (reference.facts.known()["error"] == 0.03).all()
+
+
+def test_what_nothing_judges_is_as_much_better_as_steps_are() -> None:
+    """The last step states no error that those before it contradict."""
+    scene = fast_scene(cutout=(45, 45), exact_rays=True, exact_defocus=True)
+    judge = probe._Judge(scene, "wave")
+    last = judge.steps[-1]
+    before = probe.Settled(None, judge.steps[-2].level, judge.steps[-2].sampling, 1.0)  # type: ignore[arg-type]
+    assert judge._improved(last, before) == pytest.approx(last.expected / judge.steps[-2].expected)
+    assert judge._improved(last, None) == last.expected

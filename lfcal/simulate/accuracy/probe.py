@@ -105,7 +105,7 @@ def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) ->
         if stuck and step.level == level:
             continue
         try:
-            found = judge.measured(step)
+            found = judge.measured(step, settled)
         except (InputError, EnergyError):
             if settled is None:
                 raise
@@ -113,6 +113,7 @@ def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) ->
         stuck = judge.by_reference and settled is not None and found.error > STUCK * settled.error
         if settled is None or found.error < settled.error:
             settled = found
+        del found  # its tables make room for the next
         if settled.error <= share:
             break
     assert settled is not None  # there is a step at least
@@ -149,6 +150,10 @@ def _places(scene: Scene) -> tuple[list[int], list[int]]:
     return rows, columns
 
 
+DARK = 1e-3
+"""Share of the iris's light to which errors are relative at the least: a cutout beside the light is black."""
+
+
 class _Judge:
     """Measures steps of one scene; the responses that it computed are kept."""
 
@@ -167,8 +172,8 @@ class _Judge:
         across = 2 * scene.shadow_radius_um + 4 * scene.lattice.pitch_um
         return samples * max(across / scene.reduced_pixel_um, max(scene.cutout))
 
-    def measured(self, step: Step) -> Settled:
-        """Return a step with its error; the expected one where nothing finer can be computed."""
+    def measured(self, step: Step, before: Settled | None = None) -> Settled:
+        """Return a step with its error; where nothing finer can be computed, as that of the step before lets expect."""
         engine, found, sampling = balanced(self.scene, step.level, step.sampling)
         self._known[step.level, sampling] = found
         for level, finer_sampling, left in self._judges(step, sampling, engine.level):
@@ -176,10 +181,18 @@ class _Judge:
                 truth = self._responses(level, finer_sampling)
             except (InputError, EnergyError):  # a grid too large
                 continue
-            light = float(truth.sum())
-            error = float(np.abs(found - truth).sum()) / light if light > 0 else 0.0
+            ny, nx = truth.shape[:2]
+            light = max(float(truth.sum()), DARK * ny * nx)
+            error = float(np.abs(found - truth).sum()) / light
             return Settled(engine, step.level, sampling, MARGIN * error / left)
-        return Settled(engine, step.level, sampling, step.expected)
+        return Settled(engine, step.level, sampling, self._improved(step, before))
+
+    def _improved(self, step: Step, before: Settled | None) -> float:
+        """Return the error of a step that nothing judges: better than the one before by as much as steps are."""
+        known = [s.expected for s in self.steps if before and (s.level, s.sampling) == (before.level, before.sampling)]
+        if before is None or not known:
+            return step.expected
+        return max(step.expected, before.error * step.expected / known[0])
 
     def _responses(self, level: str, sampling: Sampling) -> Responses:
         if (level, sampling) not in self._known:

@@ -160,19 +160,19 @@ class Pilot:
     Positions spread over the period are computed twice in the caller's thread, the second time with the clock on.
     """
 
-    def __init__(self, engine: PlaneEngine, columns: int = 24) -> None:
-        self._engine = engine
+    # it does not hold its engine: tables in a circle of references would stay in memory long after their use
+    def __init__(self, columns: int = 24) -> None:
         self._columns = columns
         self._each: float | None = None
 
-    def seconds(self, n_positions: int) -> float:
-        """Return the CPU-seconds of ``n_positions``."""
+    def seconds(self, engine: PlaneEngine, n_positions: int) -> float:
+        """Return the CPU-seconds of ``n_positions`` by the engine that it belongs to."""
         if self._each is None:
-            ny, nx = self._engine.scene.period
+            ny, nx = engine.scene.period
             xs = np.unique(np.linspace(0, nx - 1, min(nx, self._columns)).astype(int))
             ys = np.unique([ny // 7, (3 * ny) // 5])
-            self._engine.rows(ys[:1], xs[:1], workers=1)
+            engine.rows(ys[:1], xs[:1], workers=1)
             start = time.thread_time()
-            self._engine.rows(ys, xs, workers=1)
+            engine.rows(ys, xs, workers=1)
             self._each = (time.thread_time() - start) / (len(xs) * len(ys))
         return self._each * n_positions

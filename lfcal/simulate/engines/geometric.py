@@ -37,7 +37,7 @@ class GeometricPlane:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self._ledger = Ledger()
-        self._pilot = Pilot(self)
+        self._pilot = Pilot()
         # both outlines in a common frame: the lenslet about its centre in µm, the pupil in radii of f/(2 Nw)
         lens: Points = aperture_outline(scene)
         if scene.aperture == "circle":
@@ -98,7 +98,7 @@ class GeometricPlane:
 
     def predicted_seconds(self, n_positions: int) -> float:
         """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
-        return self._pilot.seconds(n_positions)
+        return self._pilot.seconds(self, n_positions)
 
     def _draw(self, source_yx: NDArray[np.float64], pixel: NDArray[np.int64], out: NDArray[np.float32]) -> None:
         scene = self.scene

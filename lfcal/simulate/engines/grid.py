@@ -23,7 +23,7 @@ from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot,
 from lfcal.simulate.engines.extent import MOST_SAMPLES, MOST_TABLE, SWITCH, Extent
 from lfcal.simulate.engines.field import choose_mode, field_table
 from lfcal.simulate.engines.masks import RING
-from lfcal.simulate.engines.nodes import MANY_ANGLES, conserving, fitted_rule
+from lfcal.simulate.engines.nodes import MANY_ANGLES, conserving_rule, fitted_rule
 from lfcal.simulate.engines.propagator import sensor_propagator
 from lfcal.simulate.engines.tables import (
     aperture_radius,
@@ -113,14 +113,15 @@ class GridPlane:
         if scene.tilt != (0.0, 0.0):
             self._tilted = TiltedArray(scene, self._n, self._dx, self._n / 2 * self._dx, self._dtype)
         band = min(2.0 * self.per_px, largest_angle(scene))
-        rule = fitted_rule(self.per_px, band, scene.pixel_fill, falloff=MANY_ANGLES)
-        # pixels without gaps between them make no light of their own
-        self._rule = conserving(rule) if scene.pixel_fill == 1 else rule
+        if scene.pixel_fill == 1:  # pixels without gaps between them make no light of their own
+            self._rule = conserving_rule(self.per_px, band, MANY_ANGLES)
+        else:
+            self._rule = fitted_rule(self.per_px, band, scene.pixel_fill, falloff=MANY_ANGLES)
         self._weights = (self._rule.weights * scene.reduced_pixel_um).astype(self._real)
         self._lit: tuple[Place, Complex] | None = None
         self._wider: GridPlane | None = None
         self._ledger = Ledger()
-        self._pilot = Pilot(self)
+        self._pilot = Pilot()
 
     # -- set-up ------------------------------------------------------------------------------------------
     def _lenslets(self) -> tuple[Aperture, ...]:
@@ -187,7 +188,7 @@ class GridPlane:
         other = copy(self)
         other.mode, other._lit, other._wider = mode, None, None
         other._table, other._size = other._main_field()
-        other._ledger, other._pilot = Ledger(), Pilot(other)
+        other._ledger, other._pilot = Ledger(), Pilot()
         return other
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> GridPlane:
@@ -200,7 +201,7 @@ class GridPlane:
             return self._wider.displaced(offsets_um)
         other = copy(self)
         other.scene, other._lit = scene, None
-        other._ledger, other._pilot = Ledger(), Pilot(other)
+        other._ledger, other._pilot = Ledger(), Pilot()
         return other
 
     # -- responses ---------------------------------------------------------------------------------------
@@ -239,7 +240,7 @@ class GridPlane:
 
     def predicted_seconds(self, n_positions: int) -> float:
         """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
-        return self._pilot.seconds(n_positions)
+        return self._pilot.seconds(self, n_positions)
 
     def _respond(self, source: Place, pixel: tuple[int, int], work: Complex, out: NDArray[np.float32]) -> None:
         """Fill ``out`` (nt, ns) for a source (y, x) on the sensor and its cutout's middle pixel."""
@@ -310,7 +311,7 @@ class GridPlane:
 
     def _certify(self, energy_in: float, energy_out: float) -> None:
         ratio = energy_out / energy_in if energy_in > 0 else 0.0
-        if ratio > 1 + SLACK:
+        if not ratio <= 1 + SLACK:  # what is no number is no light either
             raise EnergyError.expected(
                 "energy on the sensor",
                 "at most what passed the array",

@@ -119,7 +119,7 @@ class DebyePlane:
         self.scene = scene
         self.sampling = sampling or Sampling()
         self._ledger = Ledger()
-        self._pilot = Pilot(self)
+        self._pilot = Pilot()
         self._lock = threading.Lock()
         self._matrices: dict[Phase, Matrix] = {}
         self._lefts: dict[Phase, tuple[Matrix, ...]] = {}
@@ -275,7 +275,7 @@ class DebyePlane:
 
     def predicted_seconds(self, n_positions: int) -> float:
         """Return the CPU-seconds of ``n_positions`` of a whole period; see `PlaneEngine.predicted_seconds`."""
-        return self._pilot.seconds(n_positions)
+        return self._pilot.seconds(self, n_positions)
 
     def _phase(self, axis: int, source: float, pixel: int) -> tuple[Phase, bool]:
         """Return the key of a source coordinate's matrix, and whether the response is its mirror image."""

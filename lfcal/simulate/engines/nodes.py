@@ -48,7 +48,12 @@ class NodeRule:
 
 
 def fitted_rule(
-    per_px: int, band: float, fill: float = 1.0, beyond: int = 1, falloff: float = ONE_APERTURE
+    per_px: int,
+    band: float,
+    fill: float = 1.0,
+    beyond: int = 1,
+    falloff: float = ONE_APERTURE,
+    even: float = 0.0,
 ) -> NodeRule:
     """Return the rule for intensities band-limited to ``band`` cycles per pixel.
 
@@ -64,6 +69,8 @@ def fitted_rule(
         Nodes taken from each neighbour; more than one gains nothing.
     falloff
         Power of 1 - f/band with which the light's spectrum ends, `ONE_APERTURE` or `MANY_ANGLES`.
+    even
+        How much weights are held to those that are the same at all nodes: else light that needs fewer leaves some out.
 
     The weights solve a non-negative least-squares fit of sum_k w_k cos(2 pi f x_k) to sinc(f fill) fill,
     weighted by the transfer function 1 - f/band of the light, with the sum held to ``fill``.
@@ -76,9 +83,33 @@ def fitted_rule(
     trust[0] = 1e3
     right = x[n // 2 :]  # the weights are symmetric
     basis = np.cos(2 * np.pi * np.outer(f, right)) * np.where(right == 0, 1.0, 2.0)
-    solution, _ = nnls(basis * trust[:, None], fill * np.sinc(f * fill) * trust)
+    wanted = fill * np.sinc(f * fill) * trust
+    basis *= trust[:, None]
+    if even:
+        basis = np.concatenate([basis, even * np.eye(right.size)])
+        wanted = np.concatenate([wanted, np.where(right < 0.5, even * fill / per_px, 0.0)])
+    solution, _ = nnls(basis, wanted)
     weights = np.concatenate([solution[n % 2 :][::-1], solution])
     return NodeRule(per_px, beyond, weights * (fill / weights.sum()))
+
+
+def conserving_rule(per_px: int, band: float, falloff: float = ONE_APERTURE) -> NodeRule:
+    """Return the rule of pixels without gaps whose weights `conserving` makes; see `fitted_rule`.
+
+    Where the light needs far fewer nodes the best fit leaves some out, which all pixels together must not do.
+    """
+    rule = fitted_rule(per_px, band, falloff=falloff)
+    taken = [float(rule.weights[first::per_px].sum()) for first in range(per_px)]
+    if min(taken) < FEWEST * max(taken):
+        rule = fitted_rule(per_px, band, falloff=falloff, even=EVEN)
+    return conserving(rule)
+
+
+FEWEST = 0.1
+"""Share of the best-taken nodes' weight below which others are as good as left out."""
+
+EVEN = 0.01
+"""How much weights are evened out then: the fit stays good to 2e-4."""
 
 
 def conserving(rule: NodeRule) -> NodeRule:

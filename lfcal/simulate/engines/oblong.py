@@ -97,7 +97,7 @@ class OblongPlane:
         self._fine = make(_fine_scene(scene), sampling=_fine_sampling(sampling))
         self.level = self._fine.level
         self._degree = 1 if self.level == "geometric" else 5
-        self._pilot = Pilot(self)
+        self._pilot = Pilot()
 
     @property
     def certificate(self) -> Certificate:
@@ -128,7 +128,7 @@ class OblongPlane:
 
     def predicted_seconds(self, n_positions: int) -> float:
         """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
-        return self._pilot.seconds(n_positions)
+        return self._pilot.seconds(self, n_positions)
 
     def _binned(self, fine: NDArray[np.float32], shift_y: float, shift_x: float = 0.0) -> NDArray[np.float32]:
         """Return fine windows ``(..., rows, columns)`` summed to oblong pixels moved by (shift_y, shift_x)."""

@@ -60,7 +60,7 @@ class ReferencePlane:
         self.sampling = sampling or Sampling()
         self.mode = mode or choose_mode(scene)
         self._ledger = Ledger()
-        self._pilot = Pilot(self, columns=1)
+        self._pilot = Pilot(columns=1)
         wanted = self.sampling.samples_per_px
         self.per_px = 8 if wanted is None else round(wanted)
         if self.per_px < 1 or (wanted is not None and self.per_px != wanted):
@@ -149,7 +149,7 @@ class ReferencePlane:
 
     def predicted_seconds(self, n_positions: int) -> float:
         """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
-        return self._pilot.seconds(n_positions)
+        return self._pilot.seconds(self, n_positions)
 
     def lenslet_field(self, y_um: float, x_um: float) -> Complex:
         """Return the field just behind the array, ``(n, n)``, centred on a chief ray at (y, x) on the sensor."""

@@ -64,7 +64,7 @@ class WavePlane:
         self.coherent = self._overlap() if wanted is None else wanted
         self._dtype = np.dtype(np.float64 if self.sampling.double else np.float32)
         self._ledger = Ledger()
-        self._pilot = Pilot(self)
+        self._pilot = Pilot()
 
     def _overlap(self) -> bool:
         """Return whether neighbouring lenslets' spots share so much of their windows that fields must be added."""
@@ -86,7 +86,7 @@ class WavePlane:
                 self._wider = build_tables(farther, self.sampling, self.mode)
             other.tables = self._wider
         other._ledger = Ledger()
-        other._pilot = Pilot(other)
+        other._pilot = Pilot()
         return other
 
     @property
@@ -127,7 +127,7 @@ class WavePlane:
 
     def predicted_seconds(self, n_positions: int) -> float:
         """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
-        return self._pilot.seconds(n_positions)
+        return self._pilot.seconds(self, n_positions)
 
     # -- one row of positions ------------------------------------------------------------------------------
     def _respond(self, source_yx: NDArray[np.float64], pixel: NDArray[np.int64], out: NDArray[np.float32]) -> None:
