@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
+FOLDER = Path("fit")
+
 
 def register(app: typer.Typer) -> None:
     """Add ``fit`` to the app."""
@@ -34,7 +36,7 @@ def command(
     ),
     *,
     camera: str = typer.Option("", "--camera", help="Preset or camera file to start from; H's or the plan's own."),
-    out: Path = typer.Option(Path("fit"), "--out", "-o", help="Folder to write into."),
+    out: Path = typer.Option(FOLDER, "--out", "-o", help="Folder to write into."),
     unknowns: str = typer.Option(
         "auto", "--unknowns", help="auto: groups that lower the error of patterns left out; or groups: A,B,C."
     ),
@@ -57,7 +59,9 @@ def command(
     check: Path | None = typer.Option(
         None, "--check", help="Old H (.h5) that the new frames are held against; nothing is fitted or written."
     ),
-    limit: float = typer.Option(2.0, "--limit", help="With --check: error up to which H holds (percent)."),
+    limit: float | None = typer.Option(
+        None, "--limit", help="With --check: error up to which H holds (percent), 2 by default."
+    ),
     validate: bool = typer.Option(
         False, "--validate", help="Predict recorded positions that were not fitted: error of each, validation.json."
     ),
@@ -116,13 +120,33 @@ def command(
 
     check_choice(orientation)
     if check is not None:
+        given = {
+            "--camera": camera,
+            "--unknowns": unknowns != "auto",
+            "--effect": effects,
+            "--validate": validate or validate_on,
+            "--object": known_object or scene,
+            "--no-h": no_h,
+            "--hybrid": hybrid,
+            "-o": out != FOLDER,
+        }
+        wrong = [name for name, said in given.items() if said]
+        if wrong:
+            raise InputError.expected("--check", "frames alone: nothing is fitted or written", wrong[0], "leave it out")
         recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
         asked = Asked(
-            parse_noise(noise), limit / 100, SOME if positions is None else positions, plan, recipe, orientation
+            parse_noise(noise),
+            (2.0 if limit is None else limit) / 100,
+            SOME if positions is None else positions,
+            plan,
+            recipe,
+            orientation,
         )
         if not check_h(check, sources, asked, json=json):
             raise typer.Exit(1)
         return
+    if limit is not None:
+        raise InputError.expected("--limit", "--check H with it", "none", "leave it out, or name the H to check")
     if len(sources) > 1:
         raise InputError.expected("SOURCE", "one", f"{len(sources)}", "fit one at a time; --check takes several frames")
     source = sources[0]

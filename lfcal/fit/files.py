@@ -104,6 +104,26 @@ def fit_dict(fit: Fit) -> dict[str, Any]:
     return found
 
 
+def _writer(
+    fit: Fit,
+    out: str | os.PathLike[str],
+    provenance: Mapping[str, Any] | None,
+    compression: str,
+    workers: int | None,
+) -> PSFWriter:
+    """Return the writer of an H of the fitted camera."""
+    return PSFWriter(
+        out,
+        fit.planned.shape,
+        depths=fit.planned.depths_um,
+        camera=measured_camera(fit),
+        anchor=fit.planned.anchor,
+        compression=compression,
+        provenance={**fit.provenance, **(provenance or {})},
+        workers=workers,
+    )
+
+
 def iter_write_model(
     fit: Fit,
     out: str | os.PathLike[str],
@@ -121,16 +141,7 @@ def iter_write_model(
     StorageError
         If the file cannot be written.
     """
-    with PSFWriter(
-        out,
-        fit.planned.shape,
-        depths=fit.planned.depths_um,
-        camera=measured_camera(fit),
-        anchor=fit.planned.anchor,
-        compression=compression,
-        provenance={**fit.provenance, **(provenance or {})},
-        workers=workers,
-    ) as writer:
+    with _writer(fit, out, provenance, compression, workers) as writer:
         yield from fit.iter_planes(writer.write_plane, workers)
     return Path(out)
 
@@ -157,16 +168,7 @@ def iter_write_hybrid(
     StorageError
         If the file cannot be written.
     """
-    with PSFWriter(
-        out,
-        fit.planned.shape,
-        depths=fit.planned.depths_um,
-        camera=measured_camera(fit),
-        anchor=fit.planned.anchor,
-        compression=compression,
-        provenance={**fit.provenance, **(provenance or {})},
-        workers=workers,
-    ) as writer:
+    with _writer(fit, out, provenance, compression, workers) as writer:
 
         def take(z: int, plane: HybridPlane) -> None:
             writer.write_plane(z, plane.values, facts=plane.facts, uncertainty=plane.uncertainty)

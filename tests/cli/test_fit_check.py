@@ -197,3 +197,21 @@ def test_a_camera_whose_noise_is_stated_needs_no_words(lfcal: Lfcal, place: Path
     assert run.code == 0 and isinstance(run.json, dict), run.err
     assert run.json["noise_from"] == "as the frames are described"
     assert abs(run.json["chi2"]["lit"] - 1) < 0.3 and json.dumps(run.json["notes"]) == "[]"
+
+
+def test_options_of_a_fit_are_not_ignored_beside_a_check(lfcal: Lfcal, place: Path) -> None:
+    for more, named in (
+        (("-o", "other"), "-o"),
+        (("--unknowns", "geometry"), "--unknowns"),
+        (("--effect", "crosstalk=0.01"), "--effect"),
+        (("--camera", "bench"), "--camera"),
+        (("--no-h",), "--no-h"),
+        (("--hybrid",), "--hybrid"),
+        (("--validate",), "--validate"),
+    ):
+        run = lfcal("fit", "--check", "H.h5", "any.tif", *more)
+        assert run.code == 2 and len(run.err.splitlines()) == 1
+        assert f"--check: expected frames alone: nothing is fitted or written, got {named}; leave it out" in run.err
+    run = lfcal("fit", "H.h5", "--limit", "3")
+    assert run.code == 2 and "--limit: expected --check H with it" in run.err
+    assert not (place / "other").exists()
