@@ -200,7 +200,11 @@ MUTANTS = (
         ),
         AssertionError,
     ),
-    Mutant("Polygon's transform at zero frequency", "the edge form everywhere", value(polygon, "_STABLE_BELOW", 0.0)),
+    Mutant(
+        "Polygon's transform at zero frequency",
+        "the edge form without the 1 taken from each term",
+        rewritten(polygon, "transform", ("* (1 + turned) + turned)", "* (1 + turned) + turned + 1)")),
+    ),
     Mutant(
         "Nothing passes the iris",
         "the field is divided by its energy",

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from lfcal.simulate.engines.polygon import area, iris_outline, regular, transform
+from lfcal.simulate.engines import polygon
+from lfcal.simulate.engines.polygon import area, iris_outline, regular
 from lfcal.simulate.scene import Iris
 from tests.hard_cases.record import hard_case, worst
 
@@ -20,7 +21,7 @@ from tests.hard_cases.record import hard_case, worst
 def test_polygon_at_zero():
     outline = regular(9, 0.2)
     f = np.array([0.0, 1e-300, 1e-12, 1e-9])
-    return float(np.abs(transform(outline, f, -f) - area(outline)).max() / area(outline))
+    return float(np.abs(polygon.transform(outline, f, -f) - area(outline)).max() / area(outline))
 
 
 @hard_case(

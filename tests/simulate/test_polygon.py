@@ -8,7 +8,16 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.simulate.engines.polygon import area, clip, disc_transform, half_planes, iris_outline, regular, transform
+from lfcal.simulate.engines.polygon import (
+    area,
+    clip,
+    disc_transform,
+    half_planes,
+    iris_outline,
+    regular,
+    spectrum,
+    transform,
+)
 from lfcal.simulate.scene import Iris
 
 
@@ -70,3 +79,30 @@ def test_disc_transform_is_the_limit_of_polygons():
     many = transform(regular(4000), f, np.zeros(5)).real
     assert np.abs(disc_transform(1.0, f) - many).max() < 1e-5
     assert disc_transform(1.0, 0.0) == pytest.approx(math.pi, rel=1e-15)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3, 40.0])
+@pytest.mark.parametrize("radius", [1.0, 1e-3])
+def test_grid_and_points_have_one_transform_at_any_frequency(offset, radius):
+    """The stop of a narrow barrel is small and aside: frequencies of a whole grid are near zero for it."""
+    outline = regular(7, 0.4) * radius + np.array([offset, -offset / 3])
+    f = np.array([-900.0, -3.0, -0.02, -1e-9, -1e-160, 0.0, 1e-14, 1e-5, 0.4, 7.0, 1e5])
+    x, y = f[None, :] + np.zeros((f.size, 1)), f[:, None] + np.zeros(f.size)
+    found = spectrum(outline, f, f)
+    phase = 4e-16 * 2 * np.pi * offset * (np.abs(x) + np.abs(y))  # what the phase of a pupil aside is rounded to
+    assert (np.abs(found - transform(outline, x, y)) <= (1e-14 + phase) * area(outline)).all()
+    wanted = np.array([[by_quadrature(outline, a, b) for a in f[1:10]] for b in f[1:10]])
+    assert (np.abs(found[1:10, 1:10] - wanted) <= (1e-14 + phase[1:10, 1:10]) * area(outline)).all()
+
+
+def by_quadrature(outline, fx, fy):
+    """Integrate exp(-2 pi i f.x) over triangles about the first vertex, by Gauss-Legendre."""
+    t, w = np.polynomial.legendre.leggauss(60)
+    u, v = np.meshgrid((t + 1) / 2, (t + 1) / 2, indexing="ij")
+    weight = np.outer(w, w) / 4 * u
+    total = 0j
+    for p, q in itertools.pairwise(outline[1:]):
+        e, g = p - outline[0], q - outline[0]
+        x, y = (outline[0, i] + u * (e[i] * (1 - v) + g[i] * v) for i in (0, 1))
+        total += (e[0] * g[1] - e[1] * g[0]) * (weight * np.exp(-2j * np.pi * (fx * x + fy * y))).sum()
+    return total

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import product
+
+import numpy as np
 
 from lfcal.camera import ScanPlan
+from lfcal.simulate.accuracy.probe import places
 from lfcal.simulate.accuracy.sampling import Step, grid_extent, steps_for, tilt_orders
 from lfcal.simulate.effects.base import Effect
 from lfcal.simulate.engines.base import Sampling
@@ -21,6 +25,9 @@ BESIDE = 24 << 20
 
 TRIED, GRID_JUDGE = 2, 3
 """Steps that are tried until one settles a plane, as a rule, and which on a grid judges others."""
+
+FAINT = 0.01
+"""Share of the light under which a cutout's errors are large beside what it sees: any step may be tried."""
 
 FIELD_MADE, FIELD_KEPT = 72, 16
 """Bytes to a sample of the main lens's field while it is made, and once windows or a grid have it."""
@@ -89,7 +96,7 @@ def _plane_bytes(
     if resolved == "reference":  # what others are judged by is not judged itself
         return BESIDE + filtered + engine_bytes(scene, steps[first], workers)
     # what was settled on stays while a finer step is made, or the one that judges it
-    tried = steps[first : first + TRIED]
+    tried = steps[first:] if _seen(scene) < FAINT else steps[first : first + TRIED]
     grids = [step for step in steps if step.level == "grid"][:GRID_JUDGE]
     others = [*tried, *grids[-1:]]
     return (
@@ -98,6 +105,23 @@ def _plane_bytes(
         + max(engine_bytes(scene, step, workers) for step in others)
         + engine_bytes(scene, tried[0], workers)
     )
+
+
+def _seen(scene: Scene) -> float:
+    """Return about the share of the light that cutouts see: of their area in the iris's shadow.
+
+    None where the shadows of all positions probed are so small that they fall between lenslets.
+    """
+    if scene.aperture == "circle" and all(_between_lenslets(scene, y, x) for y, x in product(*places(scene))):
+        return 0.0
+    return math.prod(scene.cutout) / max(math.pi * grid_extent(scene).shadow ** 2, 1.0)
+
+
+def _between_lenslets(scene: Scene, y: int, x: int) -> bool:
+    y_um, x_um = (um / scene.scale for um in scene.source_um(y, x))
+    reach = scene.clear_radius_um + scene.shadow_radius_um
+    centres, _ = scene.lattice.lenslets_within(reach, reach, (x_um, y_um))
+    return not bool((np.hypot(*(centres - (x_um, y_um)).T) < reach).any())
 
 
 def engine_bytes(scene: Scene, step: Step, workers: int) -> int:

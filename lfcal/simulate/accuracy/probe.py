@@ -15,7 +15,7 @@ from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.extent import SWITCH
 from lfcal.simulate.scene import Scene
 
-__all__ = ["LARGEST_GRID", "RETRIES", "Settled", "balanced", "settle"]
+__all__ = ["LARGEST_GRID", "RETRIES", "Settled", "balanced", "places", "settle"]
 
 RETRIES = 4
 """Refinements until the energy balances."""
@@ -122,7 +122,7 @@ def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) ->
 
 def balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine, Responses, Sampling]:
     """Return an engine whose energy balances, its responses at a few positions, and how finely it samples."""
-    ys, xs = _places(scene)
+    ys, xs = places(scene)
     for attempt in range(RETRIES + 1):
         engine = engine_for(scene, level, sampling)
         try:
@@ -139,7 +139,7 @@ def balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine,
     return engine, found.astype(np.float64), sampling
 
 
-def _places(scene: Scene) -> tuple[list[int], list[int]]:
+def places(scene: Scene) -> tuple[list[int], list[int]]:
     """Return rows and columns of the positions that stand for all.
 
     Four do, but near the native plane, where one lenslet has all the light, or the gap between two.
