@@ -27,10 +27,14 @@ class Terms(Group):
         As of every group.
     terms
         Orders (n, m) of the terms, each 1 at the pupil's rim.
+    late
+        Whether they are tried only once others were.
     """
 
-    def __init__(self, name: str, title: str, rank: int, terms: tuple[tuple[int, int], ...]) -> None:
-        self.name, self.title, self.rank, self.terms = name, title, rank, terms
+    def __init__(
+        self, name: str, title: str, rank: int, terms: tuple[tuple[int, int], ...], *, late: bool = False
+    ) -> None:
+        self.name, self.title, self.rank, self.terms, self.late = name, title, rank, terms, late
 
     def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
         """Return the coefficients of the terms (waves at the rim)."""
@@ -64,5 +68,12 @@ GROUPS = (
         "further wavefront of fourth and sixth order",
         54,
         ((4, 2), (4, -2), (4, 4), (4, -4), (6, 0)),
+    ),
+    Terms(
+        "fifth_order_wavefront",
+        "wavefront of fifth order",
+        56,
+        ((5, 1), (5, -1), (5, 3), (5, -3), (5, 5), (5, -5)),
+        late=True,
     ),
 )
