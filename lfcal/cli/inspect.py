@@ -14,6 +14,8 @@ from lfcal.cli.options import ForceOption, JsonOption, MatrixArgument, WorkersOp
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lfcal.fit import Setup
+    from lfcal.inspect import Inspection
     from lfcal.psf import PSFMatrix
     from lfcal.psf.compare import Comparison
     from lfcal.psf.quality import QualityReport
@@ -35,17 +37,26 @@ def command(
         "--session",
         help="Session folder with control frames: how well one period of H stands for the whole field.",
     ),
-    strict: bool = typer.Option(False, "--strict", help="End with exit code 1 when a metric is bad."),
+    seconds: float = typer.Option(
+        10.0, "--seconds", min=0, help="Time for comparing patterns with the camera's model; 0 leaves that out."
+    ),
+    fit: Path | None = typer.Option(
+        None, "--fit", help="Folder of lfcal fit of this scan: patterns are compared with the camera as found."
+    ),
+    strict: bool = typer.Option(False, "--strict", help="End with exit code 1 when H should not be used."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Measure the quality of H: every metric with its merit, the aperture of each plane, what to do.
 
+    Where its camera is known, patterns are compared with what it should give, and faults are named by what differs.
+
     Example: `lfcal inspect H.h5 --report report/`
     """
     from lfcal.cli.cameras import tell_assumed
     from lfcal.cli.console import print_json, run_work
+    from lfcal.inspect import iter_inspection
     from lfcal.psf.compare import iter_compare
     from lfcal.psf.opening import open_psf
     from lfcal.psf.quality import iter_inspect
@@ -60,19 +71,41 @@ def command(
         comparison = None
         if other is not None:
             comparison = run_work(iter_compare(H, other, workers=workers), quiet=json)
+        setup = None if fit is None else _setup_of(fit, H, seconds)
         controls = None if session is None else control_frames(session, H)
         quality = run_work(iter_inspect(H, controls=controls, workers=workers), quiet=json)
+        found = None
+        if seconds > 0:
+            found = run_work(iter_inspection(H, quality, setup=setup, seconds=seconds), quiet=json)
         if not json:
-            _show(H, quality, comparison)
+            _show(H, quality, comparison, found)
         page = _write(H, quality, other, report, workers, quiet=json)
     if json:
         extra: dict[str, Any] = {} if comparison is None else {"comparison": comparison.to_dict()}
+        if found is not None:
+            extra["model"] = found.to_dict()
+            extra["verdict"] = found.verdict
         extra["assumed"] = [] if H.camera is None else H.camera.marks.paths("assumed")
         print_json(quality.to_dict() | extra | ({} if page is None else {"report": page}))
     elif page is not None:
         typer.echo(f"report: {page}")
-    if strict and quality.merit == "bad":
+    if strict and (quality.merit == "bad" if found is None else found.bad):
         raise typer.Exit(1)
+
+
+def _setup_of(folder: Path, H: PSFMatrix, seconds: float) -> Setup:
+    """Return what a fit found of the camera; raises where it is of another scan, or would not be used."""
+    from lfcal.errors import InputError
+    from lfcal.fit.expected import plan_of
+    from lfcal.fit.stored import read_fit
+
+    if not seconds:
+        raise InputError.expected("--fit", "time to compare with it", "--seconds 0", "leave one of them out")
+    stored, plan = read_fit(folder), plan_of(H)
+    if plan is None:
+        raise InputError.expected("H", "a camera's matrix", "one without a camera", "assemble H with --camera")
+    stored.check(plan)
+    return stored.setup
 
 
 def _check_before(report: Path | None, *inputs: Path | None, force: bool) -> None:
@@ -138,7 +171,7 @@ def _write(
     return run_work(work, quiet=quiet)
 
 
-def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -> None:
+def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None, found: Inspection | None) -> None:
     """Print verdict, metrics, apertures and the comparison."""
     from lfcal.cli.console import print_table
     from lfcal.psf.report.page import limits, value_text
@@ -149,7 +182,12 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -
     if turned != "as is":
         typer.echo(f"made from frames that were turned upright: {turned}")
     colour = {"good": typer.colors.GREEN, "fair": typer.colors.YELLOW, "bad": typer.colors.RED}.get(quality.merit)
-    typer.secho(quality.verdict, fg=colour, bold=True)
+    verdict = quality.verdict
+    if found is not None:
+        verdict, colour = found.verdict, typer.colors.RED if found.bad else colour if quality.merit != "bad" else None
+    typer.secho(verdict, fg=colour, bold=True)
+    if found is not None:
+        _show_faults(found)
     print_table(
         ["merit", "metric", "value", "good", "bad", "cost (NRMSE)"],
         [[m.merit, m.spec.title, value_text(m), *limits(m), m.cost_text] for m in quality.metrics],
@@ -160,12 +198,16 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -
     )
     _show_f_number(H, quality)
     for metric in quality.metrics:
-        if metric.merit in ("bad", "fair"):
+        if metric.merit in ("bad", "fair") and (found is None or not found.withdrawn(metric)):
+            cause = None if found is None else found.settled(metric)
+            if cause is not None:
+                typer.echo(f"{metric.spec.title.lower()}: see {cause.title}, which makes it")
+                continue
             detail = f" ({metric.detail})" if metric.detail else ""
             typer.echo(
                 f"{metric.merit}: {metric.spec.title.lower()}, {value_text(metric)}{detail}: {metric.spec.advice}"
             )
-    redo = quality.redo()
+    redo = quality.redo() if found is None else found.redo()
     if redo:
         places = "1 position" if len(redo) == 1 else f"{len(redo)} positions"
         typer.echo(f"{places} to record again; --report writes the list to redo.json")
@@ -173,6 +215,28 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None) -
         words = f"correlation {comparison.correlation:.5f}, error {100 * comparison.rms_error:.2f} %, centroid shift "
         words += f"{comparison.rms_shift_px:.3f} px rms, {comparison.max_shift_px:.3f} px at most"
         typer.echo(f"against the reference: {words}")
+
+
+def _show_faults(found: Inspection) -> None:
+    """Print what the comparison with the camera found."""
+    from lfcal.cli.console import print_table
+    from lfcal.units import format_seconds, format_share
+
+    if not found.compared:
+        typer.echo(f"not compared with a camera: {found.why_not}; the metrics below are weaker than a comparison")
+        return
+    beside = f"{found.compared} patterns compared with the camera in {format_seconds(found.seconds)}"
+    typer.echo(f"{beside}: {'no fault found' if not found.findings else 'these faults stand out'}")
+    if found.findings:
+        print_table(
+            ["fault", "what", "of the light"],
+            [[one.title, one.detail, format_share(min(one.share, 1.0))] for one in found.findings],
+        )
+        for one in found.findings:
+            typer.echo(f"{one.title}: {one.fault.advice}")
+    gone = [m.spec.title.lower() for m in found.quality.metrics if m.merit in ("bad", "fair") and found.withdrawn(m)]
+    if gone:
+        typer.echo(f"not confirmed by the camera: {', '.join(gone)}")
 
 
 def _show_f_number(H: PSFMatrix, quality: QualityReport) -> None:

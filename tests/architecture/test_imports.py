@@ -54,6 +54,7 @@ ALLOWED: dict[str, set[str]] = {
     "acquire": COMMON | {"devices", "camera", "frames", "psf"},
     "campaign": COMMON | {"acquire", "devices", "fit", "camera", "frames", "psf"},
     "reconstruct": COMMON | {"psf"},
+    "inspect": COMMON | {"camera", "psf", "simulate", "fit", "reconstruct"},
     "multiplex": COMMON | {"camera", "lattice", "frames"},
     "accuracy": COMMON | {"camera", "frames", "lattice", "psf", "simulate", "acquire", "reconstruct", "multiplex"},
 }

@@ -1,0 +1,24 @@
+"""Inspection by model: patterns beside those that their camera should give, and the faults that differences name.
+
+- ``evidence``: patterns compared, each with its light, its source and its depth
+- ``faults``: what may have gone wrong, one family a module, found by name
+- ``search``: one fault after the other; ``inspection``: what was found beside the metrics that need no model
+"""
+
+from lfcal.inspect.evidence import Evidence, Unlike, iter_evidence
+from lfcal.inspect.finding import FAULTS, Fault, Finding, Picture
+from lfcal.inspect.inspection import Inspection, iter_inspection
+from lfcal.inspect.search import iter_search
+
+__all__ = [
+    "FAULTS",
+    "Evidence",
+    "Fault",
+    "Finding",
+    "Inspection",
+    "Picture",
+    "Unlike",
+    "iter_evidence",
+    "iter_inspection",
+    "iter_search",
+]

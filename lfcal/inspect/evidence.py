@@ -1,0 +1,330 @@
+"""What patterns show beside what their camera should give: the evidence that faults are found in."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from lfcal.camera import ScanPlan
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+from lfcal.fit.expected import Behind, behind, plan_of
+from lfcal.fit.setup import Setup
+from lfcal.fit.spread import spread_out
+from lfcal.inspect.modelled import Starts, correlation, depths_seen, modelled, parts, windows_seen
+from lfcal.progress import Clock, Work
+from lfcal.psf import PSFMatrix
+from lfcal.simulate.engines.base import EnergyError
+
+__all__ = ["COLUMNS", "Evidence", "Unlike", "iter_evidence"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+COLUMNS = ("gain", "background", "source_y", "source_x", "window_y", "window_x", "depth")
+"""What each pattern is fitted with: share of its light, counts, pixels of the source, pixels of the cutout, and the
+shift of depth as a share of the virtual depth."""
+
+MOST_SAMPLES = 6_000_000
+"""Samples of patterns that are compared at most: each takes some forty bytes."""
+
+FIRST = 4
+"""Patterns by which it is told how long one takes."""
+
+FEWEST = 24
+"""Patterns that are compared whatever time they take."""
+
+CLIP = 4.0
+"""Standard deviations beyond which a sample has no say in the fit of its pattern."""
+
+TURNS = 3
+"""Times that models follow what was fitted."""
+
+ALIKE = 0.5
+"""Correlation with the best fit by a camera that most patterns have if they are its own."""
+
+ROUNDS = 3
+"""Fits of each pattern: outliers are clipped, and the noise is told anew, after each."""
+
+BINS = 24
+"""Bins of brightness that the noise is told in."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unlike:
+    """Why patterns cannot be compared with a camera."""
+
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Some patterns of an H beside those that its camera should give.
+
+    Attributes
+    ----------
+    matrix, plan
+        H, and the scan that it is of.
+    camera
+        The camera behind it.
+    index
+        Positions ``(n, 3)`` as (z, y, x).
+    data, valid
+        Values ``(n, nt, ns)`` and which of them carry a measurement.
+    model
+        The same by the camera, as shares of the light of the iris.
+    columns
+        Derivatives of ``model`` by `COLUMNS` after the first two ``(n, 5, nt, ns)``.
+    values, sigmas
+        What fitted each pattern best, and the standard deviations ``(n, 7)``, in the order of `COLUMNS`; derivatives
+        are those of the model times the pattern's gain.
+    variance
+        Of each sample ``(n, nt, ns)``: noise, and what the model is off by as a rule.
+    misfit
+        Share of the light by which the model is off as a rule.
+    starts
+        Where the model and its derivatives were computed: displacements are told from there on.
+    seconds
+        What it took.
+    """
+
+    matrix: PSFMatrix
+    plan: ScanPlan
+    camera: Behind
+    index: NDArray[np.intp]
+    data: F4
+    valid: Flags
+    model: F4
+    columns: F4
+    values: F8
+    sigmas: F8
+    variance: F4
+    misfit: float
+    starts: Starts
+    seconds: float
+
+    def __len__(self) -> int:
+        """Return the number of patterns."""
+        return len(self.index)
+
+    def column(self, name: str) -> tuple[F8, F8]:
+        """Return values and standard deviations ``(n,)`` of one of `COLUMNS`, beside what was planned."""
+        k = COLUMNS.index(name)
+        return self.values[:, k] + self.starts.column(name, self.index[:, 0]), self.sigmas[:, k]
+
+    @cached_property
+    def light(self) -> F4:
+        """What the camera should give, at the gain of each pattern ``(n, nt, ns)``."""
+        return self.model * self.values[:, 0, None, None].astype(np.float32)
+
+    @cached_property
+    def left(self) -> F4:
+        """Data ``(n, nt, ns)`` less the best fit of each pattern; 0 where nothing was measured."""
+        values = self.values.astype(np.float32)
+        out = self.data - self.light - values[:, 1, None, None]
+        for k in range(2, len(COLUMNS)):
+            out -= (values[:, 0] * values[:, k])[:, None, None] * self.columns[:, k - 2]
+        out[~self.valid] = 0.0
+        return out
+
+    @cached_property
+    def weight(self) -> F4:
+        """1/variance of each sample ``(n, nt, ns)``; 0 where nothing was measured."""
+        found: F4 = np.where(self.valid, 1.0 / self.variance, 0.0).astype(np.float32)
+        return found
+
+    def beyond(self, column: F4) -> tuple[F8, F8]:
+        """Return by how much of one more column ``(n, nt, ns)`` each pattern is fitted better, and its sigma ``(n,)``.
+
+        What the columns that are fitted anyhow make up for is none of it; infinite sigma where nothing is left.
+        """
+        values, sigmas = np.zeros(len(self)), np.full(len(self), np.inf)
+        left, root = self.left, np.sqrt(self.weight)
+        for k in range(len(self)):
+            own = np.concatenate([self.model[k][None], np.ones_like(self.model[k])[None], self.columns[k]])
+            a = (own * root[k]).reshape(len(COLUMNS), -1)
+            size = np.sqrt(np.einsum("ij,ij->i", a, a, dtype=np.float64))
+            a = a[size > 0] / size[size > 0, None].astype(np.float32)
+            b = (column[k] * root[k]).ravel()
+            before = float(b @ b)
+            inverse = np.linalg.pinv((a @ a.T).astype(np.float64), rcond=1e-6, hermitian=True)
+            b = b - (inverse @ (a @ b)).astype(np.float32) @ a
+            r = np.clip((left[k] * root[k]).ravel(), -CLIP, CLIP)
+            power = float(b @ b)
+            if power > 1e-8 * before and power > 0:
+                values[k], sigmas[k] = float(b @ r) / power, 1 / math.sqrt(power)
+        return values, sigmas
+
+    def with_data(self, data: F4, valid: Flags) -> Evidence:
+        """Return the evidence of other values at the same positions."""
+        data = np.where(valid, data, np.float32(0))
+        found = _fitted(self.matrix, self.camera, self.index, data, valid, self.model, self.columns, self.starts)
+        return replace(found, seconds=self.seconds)
+
+    def corners(self) -> NDArray[np.intp]:
+        """Return the sensor's pixel (row, column) of each cutout's first sample ``(n, 2)``, from H's first cutout."""
+        return self.index[:, 1:].copy()
+
+
+def iter_evidence(
+    matrix: PSFMatrix, *, setup: Setup | None = None, seconds: float = 10.0, patterns: int | None = None
+) -> Work[Evidence | Unlike]:
+    """Compare patterns of H with its camera; without one, or where it does not explain H, say why not.
+
+    Parameters
+    ----------
+    matrix
+        H.
+    setup
+        The camera as it was found by a fit; None takes what H says of it.
+    seconds
+        Time that it may take: as many patterns are compared as it allows.
+    patterns
+        Compare so many instead, however long they take.
+    """
+    check_number("seconds of a comparison", seconds, above=0)
+    start = time.perf_counter()
+    clock = Clock("comparing with the camera", 100)
+    yield clock.at(0)
+    recorded = np.argwhere(matrix.recorded > 0)
+    if len(recorded) < FIRST:
+        return Unlike(f"only {len(recorded)} positions were recorded")
+    first = recorded[spread_out(recorded, FIRST, matrix.period)]
+    if matrix.camera is None:
+        return Unlike("H has no camera")
+    took = time.perf_counter()
+    try:
+        plan = plan_of(matrix)  # says what is wrong with the description
+        assert plan is not None
+        known = behind(matrix, first) if setup is None else Behind(setup, plan, 0.0)
+        if known is None:
+            return Unlike("no engine computes its camera")
+        took = time.perf_counter()
+        modelled(known, first)
+    except (InputError, EnergyError) as error:
+        return Unlike(str(error))
+    each = (time.perf_counter() - took) / FIRST
+    size = int(np.prod(matrix.cutout))
+    many = patterns or max(FEWEST, int(0.6 * seconds / max(each, 1e-6)))
+    many = min(many, max(FEWEST, MOST_SAMPLES // size), len(recorded))
+    index = recorded[spread_out(recorded, many, matrix.period)] if many < len(recorded) else recorded
+    data = np.stack([np.asarray(matrix[z, y, x], np.float32) for z, y, x in index.tolist()])
+    valid = np.stack([matrix.valid(z, y, x) for z, y, x in index.tolist()]) & np.isfinite(data)
+    data[~valid] = 0.0
+    model, columns = (np.empty((len(index), *shape), np.float32) for shape in (matrix.cutout, (5, *matrix.cutout)))
+    starts = Starts.none(len(index), len(matrix))
+    starts = replace(starts, depth=depths_seen(known, index, data))
+    for part in parts(index, np.arange(len(index))):
+        model[part], columns[part] = modelled(known, index[part], starts.of(part))
+        yield clock.at(int(80 * (part[-1] + 1) / len(index)))
+    starts = replace(starts, window=windows_seen(index, data, model))
+    again = starts.window.any(1)
+    for turn in range(TURNS):
+        for part in parts(index, np.flatnonzero(again)):
+            model[part], columns[part] = modelled(known, index[part], starts.of(part))
+            yield clock.at(80 + 5 * turn)
+        found = _fitted(matrix, known, index, data, valid, model, columns, starts)
+        moved = starts.nearer(found.values, index[:, 0])
+        again = moved.apart_from(starts, index[:, 0])
+        if not again.any() or (patterns is None and time.perf_counter() - start > seconds):
+            break
+        starts = moved
+    yield clock.at(100)
+    alike = float(np.median(_alike(found)))
+    if alike < ALIKE:
+        return Unlike(f"patterns have little in common with those of the camera (correlation {alike:.2f})")
+    return replace(found, seconds=time.perf_counter() - start)
+
+
+def _alike(found: Evidence) -> F8:
+    """Return the correlation of each pattern with what fits it best ``(n,)``."""
+    return correlation(np.where(found.valid, found.data - found.left, np.float32(0)), found.data)
+
+
+def _fitted(
+    matrix: PSFMatrix,
+    known: Behind,
+    index: NDArray[np.intp],
+    data: F4,
+    valid: Flags,
+    model: F4,
+    columns: F4,
+    starts: Starts,
+) -> Evidence:
+    n = len(index)
+    values, sigmas = np.zeros((n, len(COLUMNS))), np.full((n, len(COLUMNS)), np.inf)
+    variance = _start_of(data, valid)
+    light = np.zeros_like(data)
+    keep = valid.copy()
+    misfit = 0.0
+    for _ in range(ROUNDS):
+        for k in range(n):
+            values[k], sigmas[k], light[k] = _fit_one(data[k], keep[k], model[k], columns[k], variance[k])
+        variance, misfit = _variance(data - light, np.maximum(model * values[:, 0, None, None], 0), valid)
+        keep = valid & (np.square(data - light) < CLIP**2 * variance)
+    return Evidence(
+        matrix, known.plan, known, index, data, valid, model, columns, values, sigmas, variance, misfit, starts, 0.0
+    )
+
+
+def _start_of(data: F4, valid: Flags) -> F4:
+    """Return a constant variance, by neighbours' differences where there is little light."""
+    steps = (data[:, :, 1:] - data[:, :, :-1])[valid[:, :, 1:] & valid[:, :, :-1]]
+    spread = 1.4826 * float(np.median(np.abs(steps))) / math.sqrt(2) if steps.size else 1.0
+    least = 1e-6 * max(float(np.abs(data).max()), 1e-30)
+    return np.full(data.shape, max(spread, least) ** 2, np.float32)
+
+
+def _fit_one(data: F4, keep: Flags, model: F4, columns: F4, variance: F4) -> tuple[F8, F8, F4]:
+    """Return what fits one pattern best, its standard deviations, and the pattern so fitted."""
+    root = np.where(keep, 1.0 / np.sqrt(variance), 0.0).astype(np.float32)
+    x = np.concatenate([model[None], np.ones_like(model)[None], columns]).reshape(len(COLUMNS), -1)
+    a = x * root.ravel()
+    normal = (a @ a.T).astype(np.float64)
+    size = np.sqrt(np.maximum(np.diag(normal), 0))
+    used = size > 1e-9 * max(size[0], 1e-300)
+    values, sigmas = np.zeros(len(COLUMNS)), np.full(len(COLUMNS), np.inf)
+    if not used[0]:
+        return values, sigmas, np.zeros_like(data)
+    scaled = normal[np.ix_(used, used)] / np.outer(size[used], size[used])
+    inverse = np.linalg.pinv(scaled, rcond=1e-6, hermitian=True)
+    step = inverse @ ((a[used] @ (data * root).ravel()) / size[used]) / size[used]
+    values[used] = step
+    sigmas[used] = np.sqrt(np.maximum(np.diag(inverse), 0)) / size[used]
+    fitted = (step.astype(np.float32) @ x[used]).reshape(data.shape)
+    # displacements in pixels, depth as a share: derivatives of the pattern as bright as it is
+    gain = values[0] if abs(values[0]) > 1e-300 else 1.0
+    values[2:] /= gain
+    sigmas[2:] /= abs(gain)
+    return values, sigmas, fitted
+
+
+def _variance(residual: F4, light: F4, valid: Flags) -> tuple[F4, float]:
+    """Return constant + slope v + (share v)² of each sample, and the share: by medians over bins of brightness v."""
+    v, r = light[valid].astype(np.float64), residual[valid].astype(np.float64)
+    top = float(v.max()) if v.size else 0.0
+    if top <= 0:
+        return np.full(light.shape, max(float(np.var(r)) if r.size else 1.0, 1e-30), np.float32), 0.0
+    edges = np.concatenate([[-1.0], top * np.geomspace(1e-5, 1, BINS)])
+    which = np.digitize(v, edges[1:-1])
+    rows, wanted = [], []
+    for b in range(BINS):
+        own = which == b
+        if own.sum() >= 50:
+            rows.append([1.0, float(np.mean(v[own])), float(np.mean(v[own] ** 2))])
+            wanted.append(float(np.median(r[own] ** 2)) / 0.4549)
+    a, y = np.array(rows), np.maximum(np.array(wanted), 1e-30 * top**2)
+    # bins count alike whatever their size: relative errors
+    scale = a.max(0)
+    found, _ = nnls(a / scale / y[:, None], np.ones(len(y)))
+    constant, slope, square = found / scale
+    least = max(constant, 1e-12 * top**2)
+    out = least + slope * light + square * np.square(light)
+    return out.astype(np.float32), math.sqrt(square)

@@ -1,0 +1,193 @@
+"""Light of the source over the scan: lamp, exposure, and focus that drifts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.inspect.evidence import Evidence
+from lfcal.inspect.faults.scan import place_map, share_of
+from lfcal.inspect.faults.series import robust, scan_order, sharpest_step
+from lfcal.inspect.finding import Fault, Finding, Picture
+
+__all__ = ["FAULTS", "Exposure", "Flicker", "FocusDrift", "Lamp"]
+
+F8 = NDArray[np.float64]
+
+SURE = 7.0
+"""Standard deviations that a trend stands out by."""
+
+WORTH = 0.02
+"""Change of the light that is worth a word."""
+
+ODD = 0.25
+"""Light of a single frame beside that of its neighbours that makes it odd."""
+
+
+def _gains(evidence: Evidence) -> tuple[F8, F8]:
+    """Return the light of each pattern over that of its plane, less 1, and its standard deviation."""
+    values, sigmas = evidence.column("gain")
+    out, errors = np.zeros(len(values)), np.full(len(values), np.inf)
+    for z in np.unique(evidence.index[:, 0]):
+        own = evidence.index[:, 0] == z
+        middle = float(np.median(values[own]))
+        if middle > 0:
+            out[own], errors[own] = values[own] / middle - 1, sigmas[own] / middle
+    return out, errors
+
+
+def _within(evidence: Evidence) -> F8:
+    """Return how far the scan of each pattern's plane had come, -0.5 to 0.5 ``(n,)``."""
+    ny, nx = evidence.plan.period
+    _, y, x = evidence.index.T
+    found: F8 = (y * nx + np.where(y % 2, nx - 1 - x, x) + 0.5) / (ny * nx) - 0.5
+    return found
+
+
+class Exposure(Fault):
+    """Single frames of another exposure."""
+
+    name = "exposure"
+    title = "single frames of another exposure"
+    rank = 40
+    advice = "Record these positions again; switch automatic exposure off."
+    settles: ClassVar[tuple[str, ...]] = ("flicker",)
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield frames whose light is far off that of all others."""
+        gains, sigmas = _gains(evidence)
+        good = np.isfinite(sigmas)
+        if good.sum() < 8:
+            return
+        scatter = max(1e-4, 1.4826 * float(np.median(np.abs(gains[good]))))
+        bad = np.flatnonzero(good & (np.abs(gains) > max(ODD, 10 * scatter)) & (np.abs(gains) > SURE * sigmas))
+        if not bad.size or bad.size > 0.2 * good.sum():
+            return
+        worst = bad[np.argmax(np.abs(gains[bad]))]
+        place = tuple(int(v) for v in evidence.index[worst])
+        many = "1 frame" if bad.size == 1 else f"{bad.size} frames"
+        yield Finding(
+            self,
+            f"{many} of {len(evidence)} compared, the worst at {place} with {1 + gains[worst]:.2f} times the light",
+            float(abs(gains[worst]) / max(scatter, float(sigmas[worst]))),
+            float(np.abs(gains[bad]).sum() / len(evidence)),
+            positions=evidence.index[bad],
+            picture=place_map(evidence, 1 + gains, "", "light over that of the plane"),
+            redo=True,
+        )
+
+
+class Lamp(Fault):
+    """Light that rises or falls during the scan, or jumps."""
+
+    name = "lamp"
+    title = "lamp that changes during the scan"
+    rank = 41
+    advice = "Let the lamp warm up, or record control frames that it is corrected by; scale H by the lamp's course."
+    settles: ClassVar[tuple[str, ...]] = ("lamp", "plane_energy")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the trend over each plane's scan, and the sharpest step."""
+        gains, sigmas = _gains(evidence)
+        z = evidence.index[:, 0]
+        rows = [np.where(z == plane, 1.0, 0.0) for plane in np.unique(z)]
+        time = _within(evidence)
+        found, errors, _ = robust(np.stack([*rows, time], 1), gains, sigmas)
+        trend, error = float(found[-1]), float(errors[-1])
+        step = sharpest_step(evidence.index, gains, sigmas, evidence.plan.period)
+        if step is not None and step.sigmas > SURE and abs(step.size) > WORTH:
+            first = tuple(int(v) for v in evidence.index[step.after[0]])
+            detail, told, size = f"{100 * step.size:+.1f} % from {first} on", step.sigmas, abs(step.size)
+        elif abs(trend) > SURE * error and abs(trend) > WORTH:
+            detail, told, size = f"{100 * trend:+.1f} % over the scan of a plane", abs(trend) / error, abs(trend)
+        else:
+            return
+
+        def repair(index: NDArray[np.intp], patterns: NDArray[np.float32]) -> NDArray[np.float32]:
+            if step is not None and abs(step.size) == size:
+                first = evidence.index[step.after[0]]
+                shape = (int(z.max()) + 1, *evidence.plan.period)
+                late = np.ravel_multi_index(tuple(index.T), shape) >= np.ravel_multi_index(tuple(first), shape)
+                light = np.where(late, 1 + step.size / 2, 1 - step.size / 2)
+            else:
+                ny, nx = evidence.plan.period
+                _, y, x = index.T
+                come = (y * nx + np.where(y % 2, nx - 1 - x, x) + 0.5) / (ny * nx) - 0.5
+                light = 1 + trend * come
+            return (patterns / light[:, None, None]).astype(np.float32)
+
+        order = scan_order(evidence.index, evidence.plan.period)
+        yield Finding(
+            self,
+            detail,
+            float(told),
+            size / 4,
+            picture=Picture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
+            repair=repair,
+        )
+
+
+class Flicker(Fault):
+    """Light that differs from frame to frame."""
+
+    name = "flicker"
+    title = "lamp that flickers"
+    rank = 42
+    advice = "Stabilise the lamp's current, or expose for whole periods of the mains."
+    settles: ClassVar[tuple[str, ...]] = ("flicker",)
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the scatter of the light beyond its own error."""
+        gains, sigmas = _gains(evidence)
+        good = np.isfinite(sigmas)
+        if good.sum() < 8:
+            return
+        order = scan_order(evidence.index, evidence.plan.period)
+        order = order[good[order]]
+        # of neighbours in time: what changes slowly is the lamp's course
+        scatter = 1.4826 * float(np.median(np.abs(np.diff(gains[order])))) / np.sqrt(2)
+        chance = float(np.median(sigmas[order]))
+        rms = float(np.sqrt(max(0.0, scatter**2 - chance**2)))
+        if rms < WORTH or (scatter / chance - 1) * np.sqrt(len(order)) < SURE:
+            return
+        yield Finding(
+            self,
+            f"{100 * rms:.1f} % (rms) from frame to frame",
+            float((scatter / chance - 1) * np.sqrt(len(order))),
+            rms,
+            picture=Picture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
+        )
+
+
+class FocusDrift(Fault):
+    """Depth that changes during the scan of a plane."""
+
+    name = "focus_drift"
+    title = "focus that drifts during the scan"
+    rank = 52
+    advice = "Let camera and stage come to temperature, and check that the focus is held; record the plane again."
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the planes whose depth changes over the scan."""
+        values, sigmas = evidence.column("depth")
+        z = evidence.index[:, 0]
+        for plane in np.unique(z).tolist():
+            own = np.flatnonzero(z == plane)
+            design = np.stack([np.ones(len(own)), _within(evidence)[own]], 1)
+            found, errors, _ = robust(design, values[own], np.hypot(sigmas[own], 2e-4))
+            if abs(found[1]) > SURE * errors[1] and abs(found[1]) > 0.005:
+                yield Finding(
+                    self,
+                    f"plane {plane}: virtual depth changes by {100 * found[1]:+.2f} % over the scan",
+                    float(abs(found[1]) / errors[1]),
+                    share_of(evidence, abs(float(found[1])) / 4, ("depth",)),
+                    positions=evidence.index[own],
+                    picture=place_map(evidence, 100 * values, "%", "virtual depth beside that of the plan"),
+                    redo=True,
+                )
+
+
+FAULTS = (Exposure(), Lamp(), Flicker(), FocusDrift())

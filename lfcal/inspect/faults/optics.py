@@ -1,0 +1,200 @@
+"""Faults of the optics: planes at other depths than said, a ghost, a lens type of less light."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft as sf
+
+from lfcal.inspect.evidence import Evidence
+from lfcal.inspect.faults.scan import share_of
+from lfcal.inspect.finding import Fault, Finding, Picture
+
+__all__ = ["FAULTS", "DepthLabel", "Ghost", "TypeLight"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+SURE = 7.0
+"""Standard deviations that a fault stands out by."""
+
+DEEP = 0.004
+"""Change of the virtual depth that is worth a word."""
+
+GHOSTLY = 0.003
+"""Share of the light that makes a ghost."""
+
+NEAR_PX = 3
+"""Displacement within which a ghost is not told from the pattern's own tails (pixels)."""
+
+DIM = 0.03
+"""Light of a lens type beside the others that is worth a word."""
+
+
+class DepthLabel(Fault):
+    """Planes that were recorded at another depth than they are labelled with."""
+
+    name = "depth_label"
+    title = "planes at other depths than stated"
+    rank = 50
+    advice = "Correct the depths of these planes, or the distance of the stage's zero; nothing need be recorded anew."
+    settles: ClassVar[tuple[str, ...]] = ("depth",)
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the planes with the change of their virtual depths."""
+        values, sigmas = evidence.column("depth")
+        z, camera = evidence.index[:, 0], evidence.plan.camera
+        planes, words, worst, told = [], [], 0.0, 0.0
+        across = np.full(len(evidence.plan.depths_um), np.nan)
+        for plane in np.unique(z).tolist():
+            own = (z == plane) & np.isfinite(sigmas)
+            if own.sum() < 4:
+                continue
+            mean = float(np.median(values[own]))
+            error = max(1.4826 * float(np.median(np.abs(values[own] - mean))) / np.sqrt(own.sum()), 1e-4)
+            across[plane] = 100 * mean
+            if abs(mean) > max(DEEP, SURE * error):
+                planes.append(plane)
+                v = camera.virtual_depth(evidence.plan.depths_um[plane])
+                words.append(f"plane {plane}: v = {v * (1 + mean):.3f} instead of {v:.3f}")
+                worst, told = max(worst, abs(mean)), max(told, abs(mean) / error)
+        if planes:
+            more = f" and {len(words) - 3} more" if len(words) > 3 else ""
+            yield Finding(
+                self,
+                "; ".join(words[:3]) + more,
+                told,
+                share_of(evidence, worst, ("depth",)) * len(planes) / len(np.unique(z)),
+                positions=evidence.index[np.isin(z, planes)],
+                picture=Picture(across, "%", "virtual depth beside that stated", ("plane",)),
+            )
+
+
+class Ghost(Fault):
+    """A second, faint image of the pattern beside it: as it is, mirrored or turned."""
+
+    name = "ghost"
+    title = "ghost image"
+    rank = 54
+    advice = (
+        "Look for a reflection between filter, cover glass and sensor; a lens hood or a tilted filter takes it away."
+    )
+    settles: ClassVar[tuple[str, ...]] = ("leak", "background")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the displacement at which what is left looks most like the pattern."""
+        left, light = evidence.left, evidence.light
+        views = {
+            "as it is": light,
+            "turned by half": light[:, ::-1, ::-1],
+            "mirrored up and down": light[:, ::-1],
+            "mirrored left and right": light[:, :, ::-1],
+        }
+        best: tuple[float, float, str, tuple[int, int], F8] | None = None
+        for name, view in views.items():
+            share, sigmas, place, table = _displaced(left, view, near=name == "as it is")
+            if best is None or sigmas > best[1]:
+                best = share, sigmas, name, place, table
+        assert best is not None
+        share, sigmas, name, place, table = best
+        if share < GHOSTLY or sigmas < SURE:
+            return
+        yield Finding(
+            self,
+            f"{100 * share:.1f} % of the light, {name}, {place[0]:+d} px down and {place[1]:+d} px across",
+            sigmas,
+            share,
+            picture=Picture(100 * table, "%", "what is left, as a share of the displaced pattern", ("down", "across")),
+        )
+
+
+def _displaced(left: F4, view: F4, *, near: bool) -> tuple[float, float, tuple[int, int], F8]:
+    """Return share, standard deviations and place of the most likely copy, and the shares of all displacements."""
+    shape = tuple(sf.next_fast_len(2 * n) for n in left.shape[1:])
+    top = np.zeros(shape)
+    for one, other in zip(left, view, strict=True):
+        spectrum = sf.rfft2(one, shape) * np.conj(sf.rfft2(other, shape))
+        top += sf.irfft2(spectrum, shape)
+    power = float(np.square(view).sum(dtype=np.float64))
+    table = sf.fftshift(top) / max(power, 1e-300)
+    rows, columns = (n // 2 for n in shape)
+    reach = [n // 2 for n in left.shape[1:]]
+    table = table[rows - reach[0] : rows + reach[0] + 1, columns - reach[1] : columns + reach[1] + 1]
+    y, x = (np.arange(-r, r + 1) for r in reach)
+    free = np.hypot(y[:, None], x) > NEAR_PX if near else np.ones(table.shape, np.bool_)
+    scatter = max(1.4826 * float(np.median(np.abs(table[free] - np.median(table[free])))), 1e-12)
+    k = int(np.argmax(np.where(free, table, -np.inf)))
+    place = int(y[k // table.shape[1]]), int(x[k % table.shape[1]])
+    share = float(table.ravel()[k])
+    return share, (share - float(np.median(table[free]))) / scatter / 2, place, table
+
+
+class TypeLight(Fault):
+    """Lenslets of one type that pass less light than the others."""
+
+    name = "type_light"
+    title = "lens type of less light"
+    rank = 56
+    advice = "State the transmission of the lens types; check the white image, and the array for dirt or a coating."
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the light of each lens type."""
+        types = len(evidence.plan.camera.lattice.types)
+        if types < 2:
+            return
+        which = _types_of(evidence)
+        gains, errors = np.zeros(types), np.full(types, np.inf)
+        for kind in range(types):
+            values, sigmas = evidence.beyond(np.where(which == kind, evidence.light, np.float32(0)))
+            good = np.isfinite(sigmas)
+            if good.sum() > 3:
+                gains[kind] = float(np.median(values[good]))
+                scatter = 1.4826 * float(np.median(np.abs(values[good] - gains[kind])))
+                errors[kind] = scatter / np.sqrt(good.sum())
+        # each is told beside the light of all; the worst is told, and the others make up for it
+        k = int(np.argmax(np.abs(gains)))
+        if not np.isfinite(errors[k]) or abs(gains[k]) < max(DIM, SURE * errors[k]):
+            return
+        focal = evidence.plan.camera.lattice.types[k].focal_length_um
+        yield Finding(
+            self,
+            f"type {k} (focal length {focal:.0f} µm) passes {100 * (1 + gains[k]):.0f} % of the light of the others",
+            float(abs(gains[k]) / errors[k]),
+            float(abs(gains[k]) / types),
+            picture=Picture(100 * gains, "%", "light of each lens type beside the others", ("lens type",)),
+        )
+
+
+def _types_of(evidence: Evidence) -> NDArray[np.intp]:
+    """Return the type of the lenslet whose centre is nearest to each sample's ``(n, nt, ns)``."""
+    camera, plan = evidence.plan.camera, evidence.plan
+    lattice = camera.lattice
+    nt, ns = plan.cutout
+    out = np.empty(evidence.data.shape, np.intp)
+    for k, (y, x) in enumerate(evidence.index[:, 1:].tolist()):
+        rows = plan.anchor[0] + y + np.arange(nt) - (nt - 1) / 2
+        columns = plan.anchor[1] + x + np.arange(ns) - (ns - 1) / 2
+        points = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), -1))
+        out[k] = _nearest_type(lattice, points)
+    return out
+
+
+def _nearest_type(lattice: object, points: F8) -> NDArray[np.intp]:
+    index = lattice.lenslet_at(points)  # type: ignore[attr-defined]
+    base = np.floor(index)
+    best = np.full(points.shape[:-1], np.inf)
+    found = np.zeros(points.shape[:-1], np.intp)
+    for i in (0, 1):
+        for j in (0, 1):
+            q, r = base[..., 0] + i, base[..., 1] + j
+            apart = np.square(lattice.centres_um(q, r) - points).sum(-1)  # type: ignore[attr-defined]
+            nearer = apart < best
+            best = np.where(nearer, apart, best)
+            found = np.where(nearer, lattice.type_of(q, r), found)  # type: ignore[attr-defined]
+    return found
+
+
+FAULTS = (DepthLabel(), Ghost(), TypeLight())

@@ -1,0 +1,270 @@
+"""Where sources were beside where they should have been: step, turn, shear, play, drift, jitter; moved cutouts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.inspect.evidence import COLUMNS, Evidence
+from lfcal.inspect.faults.series import BETTER, Step, robust, sharpest_step
+from lfcal.inspect.finding import Fault, Finding, Picture
+
+__all__ = ["FAULTS", "Backlash", "FrameShift", "Jitter", "StageAxes", "Strangers"]
+
+F8 = NDArray[np.float64]
+
+SURE = 7.0
+"""Standard deviations that a trend stands out by."""
+
+FLOOR_PX = 0.004
+"""What displacements are known to at best: the model's own error (pixels)."""
+
+WORTH_PX = 0.05
+"""Displacement of sources at the edge of the period that is worth a word (pixels)."""
+
+FAR_PX = 0.4
+"""Displacement of a single source beyond which its frame is not the one that was planned (pixels)."""
+
+APART = 0.3
+"""Correlation less than that of other patterns that makes one a stranger."""
+
+
+class Moved(NamedTuple):
+    """Displacements of sources (n,), fitted over rows y, columns x, and direction of the scan."""
+
+    terms: dict[str, tuple[float, float]]
+    left: F8
+
+
+def _fitted(evidence: Evidence, name: str) -> Moved:
+    """Return coefficients with sigmas of the displacement ``name``, robustly, and what is left of each pattern."""
+    values, sigmas = evidence.column(name)
+    z, y, x = evidence.index.T.astype(np.float64)
+    ny, nx = evidence.plan.period
+    rows = [np.where(z == plane, 1.0, 0.0) for plane in np.unique(z)]
+    design = np.stack([*rows, (y - (ny - 1) / 2), (x - (nx - 1) / 2), np.where(evidence.index[:, 1] % 2, 0.5, -0.5)], 1)
+    found, errors, left = robust(design, values, np.hypot(sigmas, FLOOR_PX))
+    names = ("by_row", "by_column", "by_direction")
+    return Moved(dict(zip(names, zip(found[-3:], errors[-3:], strict=True), strict=True)), left)
+
+
+class StageAxes(Fault):
+    """Stage steps too long or short, axes turned or sheared, or a drift during the scan."""
+
+    name = "stage_axes"
+    title = "steps or axes of the stage"
+    rank = 30
+    advice = "Calibrate the stage's step and angle against the camera (lfcal acquire calibrate), and record again."
+    settles: ClassVar[tuple[str, ...]] = ("stage_gain", "drift")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield what displacements do over the period."""
+        down, across = (_fitted(evidence, name) for name in ("source_y", "source_x"))
+        ny, nx = evidence.plan.period
+        size = {"by_row": ny / 2, "by_column": nx / 2}
+        told = {
+            (axis, term): part.terms[term]
+            for axis, part in (("y", down), ("x", across))
+            for term in ("by_row", "by_column")
+        }
+        seen = {
+            key: value
+            for key, (value, sigma) in told.items()
+            if abs(value) > SURE * sigma and abs(value) * size[key[1]] > WORTH_PX
+        }
+        if not seen:
+            return
+        worst = max(abs(v) * size[key[1]] for key, v in seen.items())
+        sigmas = max(abs(told[key][0]) / told[key][1] for key in seen)
+        values, _ = evidence.column("source_x" if any(a == "x" for a, _ in seen) else "source_y")
+        yield Finding(
+            self,
+            f"{_words(seen)}: sources up to {worst:.2f} px beside their places",
+            float(sigmas),
+            share_of(evidence, worst / 2, ("source_y", "source_x")),
+            picture=place_map(evidence, values, "px", "displacement of the source"),
+            redo=True,
+        )
+
+
+def _words(seen: dict[tuple[str, str], float]) -> str:
+    """Return the name of a linear change of the scan."""
+    yy, yx, xy, xx = (
+        seen.get(k, 0.0) for k in (("y", "by_row"), ("y", "by_column"), ("x", "by_row"), ("x", "by_column"))
+    )
+    if yx and xy and yx * xy < 0 and BETTER < abs(yx / xy) < 1 / BETTER:
+        turn = f"stage turned by {np.degrees((yx - xy) / 2):.2f}°"
+        return turn if not (yy or xx) else f"{turn}, and steps"
+    if (xx or yy) and not (yx or xy):
+        if xx and yy and BETTER < yy / xx < 1 / BETTER:
+            return f"stage step {100 * (xx + yy) / 2:+.1f} %"
+        parts = [f"{100 * v:+.1f} % along {name}" for v, name in ((yy, "rows (down)"), (xx, "columns")) if v]
+        return "stage step " + ", ".join(parts) + ("" if xx else " (or a drift during the scan)")
+    if xy and not (yx or xx):
+        return "drift during the scan, or axes that are not square"
+    return "axes of the stage are not those of the sensor"
+
+
+class Backlash(Fault):
+    """Play of the stage: sources of rows that are scanned backwards are displaced."""
+
+    name = "backlash"
+    title = "play of the stage"
+    rank = 31
+    advice = "Scan every row from the same side (order raster), or approach each position from one side."
+    settles: ClassVar[tuple[str, ...]] = ("backlash",)
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the displacement of every other row."""
+        for name, along in (("source_x", "the rows"), ("source_y", "the columns")):
+            value, sigma = _fitted(evidence, name).terms["by_direction"]
+            if abs(value) > SURE * sigma and abs(value) > WORTH_PX:
+                values, _ = evidence.column(name)
+                yield Finding(
+                    self,
+                    f"every other row is displaced by {value:+.2f} ± {sigma:.3f} px along {along}",
+                    abs(value) / sigma,
+                    share_of(evidence, abs(value) / 2, (name,)),
+                    picture=place_map(evidence, values, "px", "displacement of the source"),
+                    redo=True,
+                )
+
+
+class Jitter(Fault):
+    """Sources beside their places without an order."""
+
+    name = "jitter"
+    title = "jitter of the stage"
+    rank = 33
+    advice = "Let the stage settle longer, and check its repeatability; record the positions again."
+    settles: ClassVar[tuple[str, ...]] = ("jitter", "misplaced")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the scatter beyond the errors of the displacements themselves."""
+        spread = []
+        for name in ("source_y", "source_x"):
+            left, (_, sigmas) = _fitted(evidence, name).left, evidence.column(name)
+            known = np.isfinite(sigmas)
+            # by the median: single patterns that are far off have a fault of their own
+            scatter = 1.4826 * float(np.median(np.abs(left[known])))
+            chance = float(np.sqrt(np.median(np.square(sigmas[known])) + FLOOR_PX**2))
+            spread.append(
+                (np.sqrt(max(0.0, scatter**2 - chance**2)), (scatter / chance - 1) * np.sqrt(2 * known.sum()) / 1.5)
+            )
+        rms, sigmas_out = float(np.hypot(*(s for s, _ in spread))), max(t for _, t in spread)
+        if sigmas_out > SURE and rms > WORTH_PX:
+            yield Finding(
+                self,
+                f"sources scatter by {rms:.2f} px (rms) about their places",
+                float(sigmas_out),
+                share_of(evidence, rms, ("source_y", "source_x")),
+                picture=place_map(evidence, _fitted(evidence, "source_x").left, "px", "displacement of the source"),
+                redo=True,
+            )
+
+
+class FrameShift(Fault):
+    """The cutouts, and not the sources, are displaced: the region of the sensor moved, or the anchor is wrong."""
+
+    name = "frame_shift"
+    title = "frames displaced against the plan"
+    rank = 28
+    advice = (
+        "Check the region of the sensor that was read out before and after; import the frames with its true corner."
+    )
+    settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the sharpest step of the cutouts' displacements in the order of the scan."""
+        for name, along in (("window_y", "down"), ("window_x", "across")):
+            values, sigmas = evidence.column(name)
+            step: Step | None = sharpest_step(evidence.index, values, np.hypot(sigmas, FLOOR_PX), evidence.plan.period)
+            if step is None or abs(step.size) < 2 * WORTH_PX or step.sigmas < SURE:
+                continue
+            after = evidence.index[step.after]
+            yield Finding(
+                self,
+                f"{abs(step.size):.2f} px {along} from {tuple(int(v) for v in after[0])} on",
+                step.sigmas,
+                share_of(evidence, abs(step.size) / 2, (name,)),
+                positions=after,
+                picture=place_map(evidence, values, "px", "displacement of the cutout"),
+            )
+
+
+class Strangers(Fault):
+    """Single patterns that are not those of their positions."""
+
+    name = "strangers"
+    title = "patterns of other positions"
+    rank = 26
+    advice = "Check the order of these frames, and record the positions again."
+    settles: ClassVar[tuple[str, ...]] = ("misplaced",)
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield patterns whose sources are far from their places, and those unlike their model."""
+        alike = _likeness(evidence)
+        far = np.stack([_fitted(evidence, name).left for name in ("source_y", "source_x")], 1)
+        unlike = alike < np.median(alike) - APART
+        bad = np.flatnonzero(unlike | (np.abs(far) > FAR_PX).any(1))
+        if not bad.size or bad.size > 0.3 * len(evidence):
+            return
+        scatter = max(1e-2, 1.4826 * float(np.median(np.abs(far))))
+        told = max(float(np.abs(far[bad]).max()) / scatter, float(np.median(alike) - alike[bad].min()) / 0.02)
+        some = "; ".join(_whose(evidence, int(k), far[k], unlike=bool(unlike[k])) for k in bad[:3])
+        many = "1 pattern" if bad.size == 1 else f"{bad.size} patterns"
+        yield Finding(
+            self,
+            f"{many} of {len(evidence)} compared: {some}{' and more' if bad.size > 3 else ''}",
+            told,
+            float(bad.size / len(evidence)),
+            positions=evidence.index[bad],
+            picture=place_map(evidence, alike, "", "correlation with the camera's pattern"),
+            redo=True,
+        )
+
+
+def _likeness(evidence: Evidence) -> F8:
+    """Return the correlation of each pattern with the model at its place ``(n,)``."""
+    fitted = np.where(evidence.valid, evidence.model, 0.0)
+    both = (fitted * evidence.data).sum((1, 2), dtype=np.float64)
+    sizes = [np.sqrt(np.square(one).sum((1, 2), dtype=np.float64)) for one in (fitted, evidence.data)]
+    found: F8 = both / np.maximum(sizes[0] * sizes[1], 1e-300)
+    return found
+
+
+def _whose(evidence: Evidence, k: int, far: F8, *, unlike: bool) -> str:
+    """Return in words what is known of a stranger."""
+    place = tuple(int(v) for v in evidence.index[k])
+    if unlike:
+        return f"{place} is unlike its place"
+    window = np.array([evidence.column(name)[0][k] for name in ("window_y", "window_x")])
+    step = np.rint(far)
+    # a frame of another position has its source and its cutout there
+    if step.any() and np.abs(far - step).max() < 0.2 and np.abs(window - step).max() < 0.2:
+        own = (np.array(place[1:]) + step.astype(int)) % np.array(evidence.plan.period)
+        return f"{place} holds that of ({place[0]}, {int(own[0])}, {int(own[1])})"
+    return f"the source of {place} is {np.hypot(*far):.2f} px off"
+
+
+def share_of(evidence: Evidence, amount: float, names: tuple[str, ...]) -> float:
+    """Return the share of the light (relative L1) that so much of columns of `COLUMNS` changes."""
+    light = max(float(np.abs(evidence.model).sum(dtype=np.float64)), 1e-300)
+    change = [float(np.abs(evidence.columns[:, COLUMNS.index(n) - 2]).sum(dtype=np.float64)) for n in names]
+    return amount * float(np.mean(change)) / light
+
+
+def place_map(evidence: Evidence, values: F8, unit: str, title: str) -> Picture:
+    """Return values of patterns as a map over the positions of the plane that they stand out most in."""
+    z = evidence.index[:, 0]
+    worst = max(np.unique(z).tolist(), key=lambda k: float(np.ptp(values[z == k])))
+    found = np.full(evidence.plan.period, np.nan)
+    own = z == worst
+    found[evidence.index[own, 1], evidence.index[own, 2]] = values[own]
+    return Picture(found, unit, f"{title}, plane {worst}", ("position y", "position x"))
+
+
+FAULTS = (StageAxes(), Backlash(), Jitter(), FrameShift(), Strangers())

@@ -1,0 +1,281 @@
+"""Pixels of the sensor that are dead or hot, a colour mosaic left in, values that are not linear, compression."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from lfcal.inspect.evidence import Evidence
+from lfcal.inspect.faults.sensor_lines import BRIGHT, SURE
+from lfcal.inspect.finding import Fault, Finding, Picture, Repair
+from lfcal.inspect.sensor_map import SensorMap, sensor_map
+
+__all__ = ["FAULTS", "BadPixels", "Compression", "Mosaic", "NotLinear"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+DEAD = 0.3
+"""Share of the light that a single pixel must lack."""
+
+UNEVEN = 0.04
+"""Share by which the four pixels of a colour mosaic differ at least."""
+
+CURVED = 0.02
+"""Difference of an exponent from 1 that is worth a word."""
+
+LITTLE = 1e-4
+"""Share of the light that pixels must add or take away."""
+
+BLOCK = 8
+"""Pixels along a block of the usual compressions."""
+
+DARK = 0.005
+"""Share of the brightest light below which neighbours are compared."""
+
+SPIKE = 4.0
+"""Times the mean difference of neighbours that counts at most."""
+
+STEPS = 1.1
+"""Times by which neighbours across blocks differ more than those within."""
+
+AXES = ("row of the sensor (px)", "column of the sensor (px)")
+
+
+class BadPixels(Fault):
+    """Single pixels that lack light or add counts."""
+
+    name = "bad_pixels"
+    rank = 20
+    title = "bad pixels of the sensor"
+    advice = "Add them to the sensor's defect map, and assemble H again; nothing need be recorded anew."
+    settles: ClassVar[tuple[str, ...]] = ("hot_pixels",)
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the pixels that stand out of their neighbours and of their row and column."""
+        total = sensor_map(evidence)
+        each = total.pixels()
+        peak = float(evidence.light.max())
+        hot, hot_told = _apart(each.offset, each.offset_sigma)
+        dim, dim_told = _apart(each.gain, each.gain_sigma)
+        bad = ((hot_told > SURE) & (hot > 10 * BRIGHT * peak)) | ((dim_told < -SURE) & (dim < -DEAD))
+        # a line has a fault of its own
+        for axis in (0, 1):
+            many = bad.sum(1 - axis) > 0.2 * bad.shape[1 - axis]
+            bad &= ~(many[:, None] if axis == 0 else many[None, :])
+        if not bad.any() or bad.mean() > 0.02:
+            return
+        pixels = np.argwhere(bad)
+        worst = float(np.maximum(np.abs(hot_told), np.abs(dim_told))[bad].max())
+        more = " and more" if len(pixels) > 3 else ""
+        some = ", ".join(f"({r}, {c})" for r, c in pixels[:3].tolist())
+        share = float(np.abs(hot[bad]).sum()) / max(float(np.maximum(evidence.light, 0).sum((1, 2)).mean()), 1e-300)
+        if share < LITTLE:
+            return
+        yield Finding(
+            self,
+            f"{'1 pixel' if len(pixels) == 1 else f'{len(pixels)} pixels'}: {some}{more}",
+            worst,
+            share,
+            pixels=pixels.astype(np.intp),
+            picture=Picture(hot, "counts", "counts beside those of the neighbours", AXES),
+            repair=_bridged(bad),
+            blinds=True,
+        )
+
+
+def _apart(values: F8, sigmas: F8) -> tuple[F8, F8]:
+    good = np.isfinite(sigmas)
+    filled = np.where(good, values, 0.0)
+    off = filled - median_filter(filled, size=5, mode="nearest")
+    common = 1.4826 * float(np.median(np.abs(off[good]))) if good.any() else 0.0
+    return off, np.where(good, off / np.hypot(np.where(good, sigmas, 1.0), common), 0.0)
+
+
+def _bridged(bad: NDArray[np.bool_]) -> Repair:
+    """Return what replaces pixels of the sensor by the mean of their sound neighbours."""
+
+    def repair(index: NDArray[np.intp], patterns: F4) -> F4:
+        out = patterns.copy()
+        nt, ns = patterns.shape[1:]
+        for row, column in np.argwhere(bad).tolist():
+            near = [(row + i, column + j) for i, j in ((-1, 0), (1, 0), (0, -1), (0, 1))]
+            near = [(r, c) for r, c in near if 0 <= r < bad.shape[0] and 0 <= c < bad.shape[1] and not bad[r, c]]
+            t, s = row - index[:, 1], column - index[:, 2]
+            for n in np.flatnonzero((t >= 0) & (t < nt) & (s >= 0) & (s < ns)).tolist():
+                y, x = index[n, 1:].tolist()
+                sound = [patterns[n, r - y, c - x] for r, c in near if 0 <= r - y < nt and 0 <= c - x < ns]
+                if sound:
+                    out[n, t[n], s[n]] = np.mean(sound)
+        return out
+
+    return repair
+
+
+class Mosaic(Fault):
+    """The filters of a colour sensor, left in."""
+
+    name = "mosaic"
+    rank = 14
+    title = "colour mosaic left in"
+    advice = "Take one channel, or develop the frames: import them anew with the sensor's pattern."
+    settles: ClassVar[tuple[str, ...]] = ("lamp", "flicker", "jitter", "stage_gain", "drift")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield how much the four pixels of two by two differ."""
+        four = sensor_map(evidence).classes(2, 2)
+        # by the median over lines: a single one that is dead makes no mosaic
+        gains = _by_lines(sensor_map(evidence))
+        sigmas = four.gain_sigma
+        told = float((np.abs(gains) / sigmas).max())
+        if told < SURE or float(np.ptp(gains)) < UNEVEN:
+            return
+        ratios = 1 + gains
+        words = ", ".join(f"{v:.2f}" for v in (ratios / ratios.max()).ravel())
+
+        def repair(index: NDArray[np.intp], patterns: F4) -> F4:
+            rows, columns = (index[:, 1 + k, None] + np.arange(patterns.shape[1 + k]) for k in (0, 1))
+            seen = ratios[rows[:, :, None] % 2, columns[:, None, :] % 2]
+            found: F4 = (patterns / np.maximum(seen, 0.05)).astype(np.float32)
+            return found
+
+        yield Finding(
+            self,
+            f"pixels of two by two see {words} of the light",
+            told,
+            float(np.abs(gains).mean()),
+            picture=Picture(ratios, "", "light of the pixels of two by two", ("row modulo 2", "column modulo 2")),
+            repair=repair,
+        )
+
+
+def _by_lines(total: SensorMap) -> F8:
+    """Return the gains of the pixels of two by two, less their mean, by medians over single pixels."""
+    each = total.pixels()
+    lit = each.gain_sigma < 4 * np.min(each.gain_sigma)
+    four = np.array(
+        [
+            [np.median(each.gain[i::2, j::2][lit[i::2, j::2]]) if lit[i::2, j::2].any() else 0.0 for j in (0, 1)]
+            for i in (0, 1)
+        ]
+    )
+    gains: F8 = four - four.mean()
+    return gains
+
+
+class NotLinear(Fault):
+    """Values that are not proportional to the light."""
+
+    name = "not_linear"
+    rank = 13
+    title = "values not proportional to the light"
+    advice = "Switch the camera's gamma and contrast off, or linearise the frames, and import them anew."
+    settles: ClassVar[tuple[str, ...]] = ("background", "clipped", "leak")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield the exponent of the light that values follow."""
+        light = np.maximum(evidence.light, 0)
+        peak = float(light.max())
+        found, sigma = _bend(evidence)
+        if abs(found) < CURVED or abs(found) < SURE * sigma:
+            return
+        exponent = 1 + found
+        for _ in range(2):  # the derivative is that at an exponent of 1
+            straight = np.sign(evidence.data) * peak * (np.abs(evidence.data) / peak) ** np.float32(1 / exponent)
+            exponent *= 1 + _bend(evidence.with_data(straight.astype(np.float32), evidence.valid))[0]
+
+        def repair(index: NDArray[np.intp], patterns: F4) -> F4:
+            del index
+            top = float(np.abs(patterns).max()) or 1.0
+            straight = np.sign(patterns) * top * (np.abs(patterns) / top) ** (1 / max(exponent, 0.1))
+            return straight.astype(np.float32)
+
+        yield Finding(
+            self,
+            f"values follow the light to the power of {exponent:.3f} ± {sigma:.3f}",
+            abs(found) / sigma,
+            float(abs(found) * np.abs(_curve(light)).sum() / max(float(light.sum()), 1e-300)),
+            picture=_tone(evidence, light, peak),
+            repair=repair,
+        )
+
+
+def _curve(light: F4) -> F4:
+    """Return the derivative of light to a power by the exponent, at 1."""
+    peak = float(light.max())
+    found: F4 = np.where(light > 1e-4 * peak, light * np.log(np.maximum(light, 1e-30) / peak), 0.0).astype(np.float32)
+    return found
+
+
+def _bend(evidence: Evidence) -> tuple[float, float]:
+    """Return by how much the exponent differs from 1, and its standard deviation."""
+    values, sigmas = evidence.beyond(_curve(np.maximum(evidence.light, 0)))
+    return _mean(values, sigmas) if np.isfinite(sigmas).any() else (0.0, np.inf)
+
+
+def _mean(values: F8, sigmas: F8) -> tuple[float, float]:
+    """Return the weighted mean and its standard deviation, by the scatter where that is larger."""
+    good = np.isfinite(sigmas)
+    weight = 1 / np.square(sigmas[good])
+    mean = float((weight * values[good]).sum() / weight.sum())
+    scatter = float(np.sqrt((weight**2 * np.square(values[good] - mean)).sum()) / weight.sum())
+    return mean, max(scatter, float(1 / np.sqrt(weight.sum())))
+
+
+def _tone(evidence: Evidence, light: F4, peak: float) -> Picture:
+    edges = np.linspace(0.0, 1.0, 25) * peak
+    which = np.digitize(light[evidence.valid], edges)
+    seen = evidence.data[evidence.valid]
+    means = np.array([seen[which == k].mean() if (which == k).any() else np.nan for k in range(1, len(edges))])
+    return Picture(means, "counts", "mean value over the light it should be", ("light (counts)",), edges[:-1])
+
+
+class Compression(Fault):
+    """Blocks of a lossy compression."""
+
+    name = "compression"
+    needs_camera = False
+    rank = 9
+    title = "lossy compression"
+    advice = "Record without compression: what it took away cannot be brought back."
+    settles: ClassVar[tuple[str, ...]] = ("jitter", "flicker", "snr", "background")
+    explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield by how much neighbours across blocks differ more than those within."""
+        left = evidence.left
+        # where there is light, lost detail is larger than what blocks are made of
+        dark = evidence.valid & (evidence.light < DARK * float(evidence.light.max()))
+        most_of = SPIKE * float(np.abs(np.diff(left, axis=2)).mean())  # a single pixel makes no blocks
+        for what, corners in (("sensor", evidence.corners()), ("cutout", np.zeros((len(left), 2), np.intp))):
+            ratios, sigmas = [], []
+            for axis in (0, 1):
+                squares, counts = np.zeros(BLOCK), np.zeros(BLOCK)
+                for k, one in enumerate(left):
+                    both = dark[k][1:] & dark[k][:-1] if axis == 0 else dark[k][:, 1:] & dark[k][:, :-1]
+                    lines = np.where(both, np.minimum(np.abs(np.diff(one, axis=axis)), most_of), 0.0).sum(1 - axis)
+                    at = (np.arange(lines.size) + corners[k, axis]) % BLOCK
+                    squares += np.bincount(at, lines, BLOCK)
+                    counts += np.bincount(at, both.sum(1 - axis), BLOCK)
+                each = squares / np.maximum(counts, 1)
+                most = int(np.argmax(each))
+                ratios.append(each[most] / max(float(np.delete(each, most).mean()), 1e-300))
+                # means of so many magnitudes scatter by 0.75 over the root of their number; lost detail by more
+                sigmas.append((ratios[-1] - 1) * np.sqrt(max(float(counts.min()), 1.0)) / 2.0)
+            if min(ratios) > STEPS and min(sigmas) > SURE:
+                yield Finding(
+                    self,
+                    f"neighbours across blocks of {BLOCK} x {BLOCK} pixels of the {what} differ "
+                    f"{min(ratios):.2f} times as much as within",
+                    float(min(sigmas)),
+                    float(np.sqrt(np.square(left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
+                    picture=None,
+                )
+                return
+
+
+FAULTS = (BadPixels(), Mosaic(), NotLinear(), Compression())

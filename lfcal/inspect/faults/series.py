@@ -1,0 +1,97 @@
+"""Values of patterns in the order of the scan: robust fits, and steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["BETTER", "Step", "robust", "scan_order", "sharpest_step"]
+
+F8 = NDArray[np.float64]
+
+BETTER = 0.6
+"""Ratio of two terms from which on they are alike."""
+
+FAR = 6.0
+"""Standard deviations beyond which a value counts no more."""
+
+FEW = 6
+"""Patterns on either side of a step, at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A jump in the order of the scan.
+
+    Attributes
+    ----------
+    size
+        Mean after less mean before.
+    sigmas
+        Its size in standard deviations of what values scatter.
+    after
+        Numbers of the patterns that come after it, in the order of the scan.
+    """
+
+    size: float
+    sigmas: float
+    after: NDArray[np.intp]
+
+
+def robust(design: F8, values: F8, sigmas: F8) -> tuple[F8, F8, F8]:
+    """Return the coefficients of ``design (n, k)`` that fit values best, their errors, and what is left ``(n,)``.
+
+    Values far off have no say; errors follow the scatter of what is left where that is more than the sigmas say.
+    """
+    good = np.isfinite(sigmas)
+    keep = good.copy()
+    weight = np.where(good, 1 / np.where(good, sigmas, 1.0), 0.0)
+    found = np.zeros(design.shape[1])
+    errors = np.full(design.shape[1], np.inf)
+    left = values.copy()
+    for _ in range(4):
+        a, b = design[keep] * weight[keep, None], values[keep] * weight[keep]
+        size = np.sqrt(np.square(a).sum(0))
+        used = size > 0
+        if keep.sum() <= used.sum():
+            break
+        inverse = np.linalg.pinv((a[:, used] / size[used]).T @ (a[:, used] / size[used]), rcond=1e-9, hermitian=True)
+        found[used] = inverse @ ((a[:, used] / size[used]).T @ b) / size[used]
+        left = values - design @ found
+        scatter = max(1.0, 1.4826 * float(np.median(np.abs(left[keep] * weight[keep]))))
+        errors[used] = scatter * np.sqrt(np.diag(inverse)) / size[used]
+        keep = good & (np.abs(left) * weight < 4 * scatter)
+    return found, errors, left
+
+
+def scan_order(index: NDArray[np.intp], period: tuple[int, int]) -> NDArray[np.intp]:
+    """Return the order in which positions ``(n, 3)`` are scanned, plane by plane and row by row."""
+    z, y, x = index.T
+    found: NDArray[np.intp] = np.lexsort((x, y, z))
+    del period
+    return found
+
+
+def sharpest_step(index: NDArray[np.intp], values: F8, sigmas: F8, period: tuple[int, int]) -> Step | None:
+    """Return the jump that explains what values do in the order of the scan; None where a line does as well."""
+    order = scan_order(index, period)
+    order = order[np.isfinite(sigmas[order])]
+    if len(order) < 2 * FEW:
+        return None
+    v = values[order] - np.median(values[order])
+    scatter = max(1.4826 * float(np.median(np.abs(np.diff(v)))) / np.sqrt(2), float(np.median(sigmas[order])))
+    whole, v = v, np.clip(v, -FAR * scatter, FAR * scatter)  # a single frame makes no step
+    n = np.arange(1, len(v))
+    sums = np.cumsum(v)[:-1]
+    before, after = sums / n, (v.sum() - sums) / (len(v) - n)
+    told = np.abs(after - before) / scatter * np.sqrt(n * (len(v) - n) / len(v))
+    told[: FEW - 1] = told[len(told) - FEW + 1 :] = 0.0
+    k = int(np.argmax(told))
+    stepped = v - np.where(np.arange(len(v)) > k, after[k], before[k])
+    straight = v - np.polyval(np.polyfit(np.arange(len(v)), v, 1), np.arange(len(v)))
+    if np.median(np.abs(stepped)) > BETTER * np.median(np.abs(straight)):
+        return None  # it goes up evenly
+    size = float(np.median(whole[k + 1 :]) - np.median(whole[: k + 1]))
+    return Step(size, float(told[k]), order[k + 1 :])

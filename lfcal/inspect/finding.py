@@ -1,0 +1,136 @@
+"""What a fault is, and what is found of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.inspect.evidence import Evidence
+from lfcal.registry import Registry
+
+__all__ = ["FAULTS", "Fault", "Finding", "Picture", "Repair"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+Repair = Callable[[NDArray[np.intp], F4], F4]
+"""Takes positions ``(n, 3)`` as (z, y, x) and their patterns ``(n, nt, ns)``, and returns these without the fault."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What shows a fault: a curve ``(n,)`` over ``across``, or a map ``(rows, columns)``.
+
+    Attributes
+    ----------
+    values, unit
+        What is drawn, and its unit.
+    title
+        What it is, in words.
+    axes
+        What the axes are: of a map the rows and the columns, of a curve its abscissa.
+    across
+        Abscissa of a curve; None: numbers from 0.
+    """
+
+    values: F8
+    unit: str
+    title: str
+    axes: tuple[str, ...]
+    across: F8 | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """A fault that was found.
+
+    Attributes
+    ----------
+    fault
+        Which one.
+    detail
+        What was found, with numbers and units.
+    sigmas
+        By how many standard deviations it stands out of what the rest of H does.
+    share
+        Share of the patterns' light that it changes (relative L1): what it may cost at all.
+    positions
+        Positions (z, y, x) concerned ``(n, 3)``; empty: all of them.
+    pixels
+        Pixels of the sensor (row, column) concerned ``(n, 2)``, counted from H's first cutout.
+    picture
+        What shows it.
+    repair
+        Takes it out of patterns; None: only a new recording does.
+    blinds
+        Whether ``pixels`` carry no measurement.
+    redo
+        Whether the positions should be recorded again.
+    """
+
+    fault: Fault
+    detail: str
+    sigmas: float
+    share: float
+    positions: NDArray[np.intp] = field(default_factory=lambda: np.empty((0, 3), np.intp))
+    pixels: NDArray[np.intp] = field(default_factory=lambda: np.empty((0, 2), np.intp))
+    picture: Picture | None = None
+    repair: Repair | None = None
+    blinds: bool = False
+    redo: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name of the fault."""
+        return self.fault.name
+
+    @property
+    def title(self) -> str:
+        """The fault in words."""
+        return self.fault.title
+
+    @property
+    def confidence(self) -> float:
+        """Share of such findings that are none of chance, 0 to 1, by Gauss's law and the many places looked at."""
+        return max(0.0, 1.0 - 1e4 * math.erfc(self.sigmas / math.sqrt(2)))
+
+
+class Fault:
+    """A way in which a recording goes wrong, and how it is found beside the camera's model.
+
+    Attributes
+    ----------
+    name, title, advice
+        Name in JSON; for people; what to do about it.
+    settles
+        Keys of model-free metrics that measure the same less surely: what this finds stands for them.
+    explains
+        Names of faults that are not looked for where this one is found: its traces look like theirs.
+    needs_camera
+        Whether it is told by the difference from a camera that explains the patterns.
+    rank
+        Order in which faults are looked for: what is found is taken out before the next.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    advice: ClassVar[str]
+    settles: ClassVar[tuple[str, ...]] = ()
+    explains: ClassVar[tuple[str, ...]] = ()
+    needs_camera: ClassVar[bool] = True
+    rank: ClassVar[int]
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield what is found of it."""
+        raise NotImplementedError
+
+
+FAULTS: Registry[Fault] = Registry(
+    "fault", "lfcal.inspect.faults", "FAULTS", "lfcal.faults", order=lambda one: (one.rank, one.name)
+)
+"""Every fault that inspection by model knows."""

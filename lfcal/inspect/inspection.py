@@ -1,0 +1,170 @@
+"""What is wrong with an H: by its camera's model where there is one, beside the metrics that need none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lfcal.fit.setup import Setup
+from lfcal.inspect.evidence import Evidence, Unlike, iter_evidence
+from lfcal.inspect.finding import Finding
+from lfcal.inspect.search import iter_search
+from lfcal.progress import Work
+from lfcal.psf import PSFMatrix
+from lfcal.psf.quality import QualityReport
+from lfcal.psf.quality.metric import Metric
+from lfcal.units import format_share
+
+__all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "iter_inspection"]
+
+FAIR, BAD = 0.01, 0.05
+"""Share of the light that a fault changes, from which on H is worth a look, and should not be used as it is."""
+
+EXPLAINED = 0.06
+"""Share of the light that a camera may be off by, with all faults taken out, for these to be believed."""
+
+MEASURED = frozenset({"stage_gain", "drift", "backlash", "jitter", "lamp", "flicker", "depth"})
+"""Keys of model-free metrics whose subject the comparison with a camera measures itself, and more surely."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """The metrics of an H, and what stands out beside its camera.
+
+    Attributes
+    ----------
+    quality
+        The metrics that need no model.
+    findings
+        Faults that were found, those that change most of the light first.
+    compared
+        Patterns that were compared with the camera; 0: none.
+    misfit
+        Share of the light by which the camera is off as a rule.
+    why_not
+        Why nothing was compared; empty where it was.
+    seconds
+        What the comparison took.
+    """
+
+    quality: QualityReport
+    findings: tuple[Finding, ...]
+    compared: int
+    misfit: float
+    why_not: str
+    seconds: float
+
+    def settled(self, metric: Metric) -> Finding | None:
+        """Return the fault that stands for a metric, or None."""
+        return next((one for one in self.findings if metric.key in one.fault.settles), None)
+
+    def withdrawn(self, metric: Metric) -> bool:
+        """Return whether the comparison measured what a metric suspects, and found nothing of it."""
+        return bool(self.compared) and metric.key in MEASURED and self.settled(metric) is None
+
+    @property
+    def alarms(self) -> tuple[Metric, ...]:
+        """The bad metrics that no fault stands for and that the comparison does not refute."""
+        left = (m for m in self.quality.alarms if self.settled(m) is None and not self.withdrawn(m))
+        return tuple(left)
+
+    @property
+    def bad(self) -> bool:
+        """Whether H should not be used as it is."""
+        return bool(self.alarms) or any(one.share >= BAD for one in self.findings)
+
+    @property
+    def verdict(self) -> str:
+        """One sentence for people."""
+        worst = [one for one in self.findings if one.share >= BAD]
+        if worst or self.alarms:
+            names = [one.title for one in worst] + [m.spec.title.lower() for m in self.alarms]
+            more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+            return f"This PSF should not be used as it is: {', '.join(names[:3])}{more}."
+        small = [one.title for one in self.findings if one.share >= FAIR]
+        small += [
+            m.spec.title.lower()
+            for m in self.quality.metrics
+            if m.merit == "fair" and self.settled(m) is None and not self.withdrawn(m)
+        ]
+        if small:
+            return f"This PSF can be used; worth a look: {', '.join(small[:4])}."
+        if not self.compared:
+            return self.quality.verdict
+        beside = f"{self.compared} patterns compared with the camera show no fault"
+        known = sum(m.merit != "unknown" for m in self.quality.metrics)
+        rest = len(self.quality.metrics) - known
+        return f"This PSF is good by {known} metrics, and {beside}" + (
+            f"; {rest} metrics are unknown." if rest else "."
+        )
+
+    def redo(self) -> list[tuple[tuple[int, int, int], str]]:
+        """Return positions (z, y, x) to record again with the reasons, in scan order."""
+        reasons = {place: [words] for place, words in self.quality.redo()}
+        for one in self.findings:
+            if one.redo and len(one.positions):
+                for place in map(tuple, one.positions.tolist()):
+                    reasons.setdefault(place, []).append(one.title)
+        return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what the comparison found as plain values."""
+        return {
+            "compared": self.compared,
+            "misfit": self.misfit,
+            "why_not": self.why_not,
+            "seconds": self.seconds,
+            "faults": [
+                {
+                    "name": one.name,
+                    "title": one.title,
+                    "detail": one.detail,
+                    "sigmas": one.sigmas,
+                    "confidence": one.confidence,
+                    "share": one.share,
+                    "advice": one.fault.advice,
+                    "positions": one.positions.tolist(),
+                    "pixels": one.pixels.tolist(),
+                    "redo": one.redo,
+                }
+                for one in self.findings
+            ],
+            "withdrawn": [m.key for m in self.quality.metrics if m.merit in ("bad", "fair") and self.withdrawn(m)],
+        }
+
+
+def iter_inspection(
+    matrix: PSFMatrix,
+    quality: QualityReport,
+    *,
+    setup: Setup | None = None,
+    seconds: float = 10.0,
+    patterns: int | None = None,
+) -> Work[Inspection]:
+    """Compare H with its camera, and name the faults that differences show.
+
+    Parameters
+    ----------
+    matrix
+        H.
+    quality
+        Its metrics.
+    setup
+        The camera as it was found by a fit; None takes what H says of it.
+    seconds
+        Time that the comparison may take.
+    patterns
+        Compare so many patterns instead.
+    """
+    evidence = yield from iter_evidence(matrix, setup=setup, seconds=seconds, patterns=patterns)
+    if isinstance(evidence, Unlike):
+        return Inspection(quality, (), 0, 0.0, evidence.reason, 0.0)
+    assert isinstance(evidence, Evidence)
+    found, cleaned = yield from iter_search(evidence)
+    if cleaned.misfit > EXPLAINED:
+        # what an unsuitable model leaves looks like any fault
+        sure = tuple(one for one in found if not one.fault.needs_camera)
+        why = f"its camera leaves {format_share(cleaned.misfit)} of the light unexplained"
+        why += "; find the true one with lfcal fit, and name it" if setup is None else ""
+        return Inspection(quality, sure, 0, cleaned.misfit, why, evidence.seconds)
+    ranked = tuple(sorted(found, key=lambda one: -one.share))
+    return Inspection(quality, ranked, len(evidence), cleaned.misfit, "", evidence.seconds)

@@ -1,0 +1,48 @@
+"""Faults one after the other: what is found is taken out of the patterns before the next is looked for."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.inspect.evidence import Evidence
+from lfcal.inspect.finding import FAULTS, Finding
+from lfcal.progress import Clock, Work
+
+__all__ = ["iter_search"]
+
+
+def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]]:
+    """Look for every fault; return what was found, and the evidence without it."""
+    found: list[Finding] = []
+    explained: set[str] = set()
+    clock = Clock("looking for faults", len(FAULTS))
+    for k, fault in enumerate(FAULTS):
+        yield clock.at(k)
+        if fault.name in explained:
+            continue
+        own = tuple(fault.found(evidence))
+        for one in own:
+            evidence = _without(evidence, one)
+        if own:
+            explained.update(fault.explains)
+        found += own
+    yield clock.at(len(FAULTS))
+    return tuple(found), evidence
+
+
+def _without(evidence: Evidence, finding: Finding) -> Evidence:
+    if finding.repair is None and not finding.blinds:
+        return evidence
+    data = evidence.data if finding.repair is None else finding.repair(evidence.index, evidence.data)
+    valid = evidence.valid & ~_blinded(evidence, finding.pixels) if finding.blinds else evidence.valid
+    return evidence.with_data(data, valid)
+
+
+def _blinded(evidence: Evidence, pixels: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return which samples ``(n, nt, ns)`` fall on pixels of the sensor."""
+    ny, nx = evidence.plan.period
+    nt, ns = evidence.plan.cutout
+    blind = np.zeros((ny + nt - 1, nx + ns - 1), np.bool_)
+    blind[tuple(pixels.T)] = True
+    return np.stack([blind[r : r + nt, c : c + ns] for r, c in evidence.corners().tolist()])

@@ -1,0 +1,62 @@
+"""What an inspection says of an H as a whole: faults beside metrics, and what it does not know."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lfcal.inspect import Inspection, iter_inspection
+from lfcal.progress import drain
+from lfcal.psf import PSFMatrix
+from lfcal.psf.quality import inspect
+from tests.inspect.common import PATTERNS, Values, added, clean, matrix, plan, sensor
+
+
+def inspected(H: PSFMatrix) -> Inspection:
+    return drain(iter_inspection(H, inspect(H, workers=1), patterns=PATTERNS))
+
+
+def hot() -> Values:
+    image = sensor(0.0)
+    image[:, 25] = 60.0
+    return added(clean(), image)
+
+
+def test_a_clean_recording_is_good() -> None:
+    found = inspected(matrix(clean()))
+    assert found.compared == PATTERNS and not found.findings and not found.bad
+    assert found.verdict == "This PSF can be used; worth a look: cut off.", "of a small cutout"
+
+
+def test_a_fault_stands_for_the_metrics_that_it_looks_like() -> None:
+    found = inspected(matrix(hot()))
+    assert found.bad and found.findings[0].name == "hot_line"
+    assert found.verdict.startswith("This PSF should not be used as it is: hot line of the sensor")
+    step = found.quality["stage_gain"]
+    assert found.settled(step) is found.findings[0] and step not in found.alarms
+
+
+def test_without_a_camera_it_says_that_metrics_are_weaker() -> None:
+    found = inspected(PSFMatrix(clean()))
+    assert not found.compared and found.why_not == "H has no camera"
+    assert found.verdict == found.quality.verdict
+
+
+def test_a_camera_that_does_not_explain_the_patterns_names_no_fault() -> None:
+    camera = plan().camera
+    lattice = replace(camera.lattice, gap_um=1.06 * camera.lattice.gap_um)
+    other = PSFMatrix(clean(), depths=plan().depths_um, camera=replace(camera, lattice=lattice), anchor=plan().anchor)
+    found = inspected(other)
+    assert not found.findings and not found.compared and "lfcal fit" in found.why_not
+
+
+def test_a_shift_of_the_anchor_is_no_traceback() -> None:
+    H = PSFMatrix(clean(), depths=plan().depths_um, camera=plan().camera, anchor=(0.0, 0.0))
+    assert "cutout of position" in inspected(H).why_not
+
+
+def test_plain_values_of_everything() -> None:
+    told = inspected(matrix(hot())).to_dict()
+    assert isinstance(told["faults"], list) and told["faults"][0]["name"] == "hot_line"
+    assert np.isfinite(told["faults"][0]["share"])
