@@ -1,0 +1,60 @@
+"""``lfcal inspect`` beside the camera's model: faults by name, the camera of a fit, and what is not compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from lfcal.psf import PSFMatrix, save
+from tests.cli.conftest import Run
+from tests.fit.common import few_patterns
+from tests.inspect.common import added, clean, matrix, sensor
+
+Lfcal = Callable[..., Run]
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_hot_column_is_named_and_not_a_step_of_the_stage(lfcal: Lfcal, place: Path) -> None:
+    image = sensor(0.0)
+    image[:, 25] = 60.0
+    save(matrix(added(clean(), image)), place / "H.h5")
+    run = lfcal("inspect", "H.h5", "--seconds", 2, "--strict")
+    assert run.code == 1 and "hot line of the sensor" in run.out and "column 25 of the scanned part" in run.out
+    assert "stage step: see hot line of the sensor, which makes it" in run.out
+    told = lfcal("inspect", "H.h5", "--seconds", 2, "--json").json
+    assert isinstance(told, dict) and told["model"]["faults"][0]["name"] == "hot_line"
+    assert told["verdict"].startswith("This PSF should not be used as it is: hot line")
+    without = lfcal("inspect", "H.h5", "--seconds", 0, "--json").json
+    assert isinstance(without, dict) and "model" not in without
+
+
+def test_the_camera_of_a_fit_is_compared_with(lfcal: Lfcal, place: Path) -> None:
+    data = few_patterns()
+    camera = data.camera
+    assert camera is not None
+    wrong = replace(camera, lattice=replace(camera.lattice, gap_um=1.03 * camera.lattice.gap_um))
+    H = PSFMatrix(data[:], depths=data.depths, camera=wrong, anchor=data.anchor, facts=data.facts)
+    save(H, place / "H.h5")
+    bare = lfcal("inspect", "H.h5", "--seconds", 2)
+    assert bare.code == 0 and "not compared with a camera" in bare.out and "lfcal fit" in bare.out
+    assert lfcal("fit", "H.h5", "--unknowns", "geometry", "--positions", 0, "--no-h", "--workers", 1).code == 0
+    run = lfcal("inspect", "H.h5", "--fit", "fit", "--seconds", 2)
+    assert run.code == 0 and "patterns compared with the camera" in run.out, run.out
+
+
+def test_a_fit_that_is_none_or_not_used_is_refused(lfcal: Lfcal, place: Path) -> None:
+    save(matrix(clean()), place / "H.h5")
+    for words, what in (
+        (("--fit", "nowhere"), "nowhere"),
+        (("--fit", "nowhere", "--seconds", 0), "time to compare with it"),
+    ):
+        run = lfcal("inspect", "H.h5", *words)
+        assert run.code == 2 and what in run.err and len(run.err.splitlines()) == 1
