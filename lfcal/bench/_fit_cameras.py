@@ -22,7 +22,9 @@ __all__ = ["Truth", "described_plan", "random_truth", "recorded"]
 FULL = 0.8
 """Share of the full well that the brightest pixel reaches."""
 
-DEPTHS = {"bench": (3.0, 4.0), "r29": (3.0, 4.0)}
+DEPTHS = (3.0, 4.0)
+"""Virtual depths of the planes."""
+
 CUTOUTS = {"bench": 55, "r29": 141}
 
 
@@ -45,14 +47,14 @@ class Truth:
     values: Mapping[str, float]
 
 
-def described_plan(name: str = "bench", *, cutout: int | None = None) -> ScanPlan:
-    """Return the scan of two depths of a preset on a sensor that is no larger than it must be."""
+def described_plan(name: str = "bench", *, cutout: int | None = None, depths: tuple[float, ...] = DEPTHS) -> ScanPlan:
+    """Return the scan of some virtual depths of a preset on a sensor that is no larger than it must be."""
     camera = preset(name)
     size = cutout or CUTOUTS[name]
     ny, nx = (round(n) for n in camera.period_px)
     rows, columns = (n + size + 40 for n in (ny, nx))
     small: Camera = replace(camera, sensor=replace(camera.sensor, shape=(rows, columns)))
-    return ScanPlan.for_camera(small, virtual_depths=DEPTHS[name], cutout=size)
+    return ScanPlan.for_camera(small, virtual_depths=depths, cutout=size)
 
 
 def random_truth(plan: ScanPlan, rng: np.random.Generator, *, size: float = 0.3) -> Truth:

@@ -26,7 +26,8 @@ def command(
     camera: str = typer.Argument("bench", help="bench or r29."),
     *,
     cameras: int = typer.Option(3, min=1, help="How many random cameras."),
-    patterns: int = typer.Option(40, min=6, help="Recorded patterns of each, over two depths."),
+    patterns: int = typer.Option(40, min=6, help="Recorded patterns of each, over all depths."),
+    depths: str = typer.Option("3,4", help="Virtual depths of the planes: A,B,C."),
     positions: int = typer.Option(0, min=0, help="Positions a plane at which the model is judged; 0: every one."),
     cutout: int = typer.Option(0, min=0, help="Pixels of the patterns; 0: what the camera needs."),
     stage: float = typer.Option(0.0, min=0.0, help="Rms of sources beside their places (px)."),
@@ -40,12 +41,12 @@ def command(
     """
     import numpy as np
 
-    from lfcal.bench._fit_cameras import DEPTHS, described_plan, random_truth, recorded
+    from lfcal.bench._fit_cameras import CUTOUTS, described_plan, random_truth, recorded
     from lfcal.checks import check_choice
     from lfcal.fit import fit_camera
 
-    check_choice("camera", camera, tuple(DEPTHS))
-    plan, found = described_plan(camera, cutout=cutout or None), []
+    check_choice("camera", camera, tuple(CUTOUTS))
+    plan, found = described_plan(camera, cutout=cutout or None, depths=_numbers(depths)), []
     for k in range(seed, seed + cameras):
         rng = np.random.default_rng(k)
         truth = random_truth(plan, rng)
@@ -60,6 +61,15 @@ def command(
         print_json(found)
         return
     print_table(["over all cameras", ""], summary(found), title=f"{camera}: {cameras} cameras, {patterns} patterns")
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    from lfcal.errors import InputError
+
+    try:
+        return tuple(float(word) for word in text.split(","))
+    except ValueError:
+        raise InputError.expected("--depths", "numbers", repr(text), "for example 3,4") from None
 
 
 def line(one: dict[str, Any]) -> str:

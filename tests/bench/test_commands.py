@@ -206,6 +206,7 @@ def test_effects(bench: Bench, scene: int, kind: str, names: set[str]) -> None:
 
 def test_fit_of_another_camera(bench: Bench) -> None:
     assert "camera: expected bench or r29, got 'lfm_20x05'" in bench("fit", "lfm_20x05", code=2)
+    assert "--depths: expected numbers, got '3,x'" in bench("fit", "--depths", "3,x", code=2)
 
 
 @pytest.mark.long
