@@ -71,11 +71,11 @@ def command(
 
     Example: `lfcal bench retrieve --chart frames.png`
     """
-    from lfcal.bench._fit_cameras import DEPTHS, described_plan
+    from lfcal.bench._fit_cameras import CUTOUTS, described_plan
     from lfcal.checks import check_choice
     from lfcal.cli.outputs import check_output
 
-    check_choice("camera", camera, tuple(DEPTHS))
+    check_choice("camera", camera, tuple(CUTOUTS))
     if chart is not None:
         check_output(chart, force=force)
     numbers = _numbers(counts)
