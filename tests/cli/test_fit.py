@@ -250,6 +250,7 @@ def simulated(plan: ScanPlan, index: np.ndarray) -> np.ndarray:
     [
         (("--unknowns", "gap"), "--unknowns: expected auto or groups of unknowns, got gap; groups are geometry"),
         (("--unknowns", ","), "--unknowns: expected auto or groups"),
+        (("--unknowns", "geometry,specimen"), "got specimen, which needs the effect index_mismatch"),
         (("--noise", "64"), "--noise: expected CONSTANT,SLOPE of the variance of a sample, got '64'"),
         (("--noise", "0,0"), "noise of the patterns: expected a variance above 0"),
         (("--noise=-1,1",), "noise: constant: expected a number ≥ 0, got -1"),

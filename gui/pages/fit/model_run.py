@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.models.project import ProjectState
-from gui.pages.fit.model import FitSettings, Stamp, offer_of, stamp_of
+from gui.pages.fit.model import FitSettings, Stamp, lacking_of, offer_of, stamp_of
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
 from lfcal.fit import Fit, FitProgress, Measured, iter_fit_camera, measured_of
@@ -131,7 +131,7 @@ def iter_fit(asked: Question, kept: Kept) -> Work[None]:
     """Fit the recorded positions of H; what comes out is in ``kept``, as jobs are remembered long after they ended."""
     start = time.perf_counter()
     measured, unit = _read(asked)
-    work = iter_fit_camera(measured, unknowns=asked.settings.unknowns)
+    work = iter_fit_camera(measured, unknowns=_unknowns(asked, measured))
     try:
         while True:
             try:
@@ -147,6 +147,19 @@ def iter_fit(asked: Question, kept: Kept) -> Work[None]:
     yield Progress(0, 1, "what is left of each pattern", time.perf_counter() - start)
     kept.found = _found(asked, fit, measured, unit)
     yield Progress(1, 1, "what is left of each pattern", time.perf_counter() - start)
+
+
+def _unknowns(asked: Question, measured: Measured) -> str | tuple[str, ...]:
+    """Return what is found; groups that the page greys out, which were chosen for another camera, are not."""
+    chosen = asked.settings.unknowns
+    if isinstance(chosen, str):
+        return chosen
+    without = lacking_of(measured.plan)
+    own = tuple(name for name in chosen if name not in without)
+    if not own:
+        got = f"{chosen[0]}, which needs {without[chosen[0]]}"
+        raise InputError.expected("unknowns", "one group or more that the camera has", got, "choose others")
+    return own
 
 
 def _read(asked: Question) -> tuple[Measured, str]:

@@ -138,10 +138,12 @@ class Page(BasePage):
             return
         self.show_body()
         choices, settings = self.panel.choices, self.settings
-        choices.show_source(Path(state.psf).name, None if matrix is None else offer_of(matrix), state)
+        offer = None if matrix is None else offer_of(matrix)
+        choices.show_source(Path(state.psf).name, offer, state)
         found = self.found
         same = found is not None and found.question.settings == settings
-        choices.show_settings(settings, found.fit if found is not None and same else None)
+        without = {} if offer is None else offer.lacking(settings, state.camera, state.plan)
+        choices.show_settings(settings, found.fit if found is not None and same else None, without)
         if not self._busy:
             self._show_found()
 
@@ -211,6 +213,7 @@ class Page(BasePage):
             self.refuse(str(error))
             return
         self.notice.clear()
+        self.hold_keyboard()
         self._kept = kept = Kept()
         self._said, self._used = ("", False), None
         self._job = self.context.jobs.start(

@@ -29,6 +29,8 @@ class Terms(Group):
         Orders (n, m) of the terms, each 1 at the pupil's rim.
     """
 
+    needs = "a main lens"  # an objective is simulated with terms of rotational symmetry alone
+
     def __init__(self, name: str, title: str, rank: int, terms: tuple[tuple[int, int], ...]) -> None:
         self.name, self.title, self.rank, self.terms = name, title, rank, terms
 
