@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from base64 import b64encode
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
@@ -179,9 +180,29 @@ def test_withheld_points_are_predicted(lfcal: Lfcal, place: Path, fitted: list[M
     assert found["source"] == "later.h5"
     assert len(found["points"]) == 6 and found["errors"]["camera"]["all"]["limit"] < 0.03
     assert abs(np.mean([one["chi2"] for one in found["points"]]) - 1) < 0.4 and not found["period_lost"]
-    assert (place / "fit" / "report" / "validation.png").read_bytes()[:4] == b"\x89PNG"
+    picture = (place / "fit" / "report" / "validation.png").read_bytes()
+    assert picture[:4] == b"\x89PNG"
+    page = (place / "fit" / "report" / "index.html").read_text()
+    assert b64encode(picture).decode() in page and page.count("<section") == 6 and page.rstrip().endswith("</html>")
+    assert "Points that were not fitted" in page and "6 withheld points: error below" in page
     again = lfcal("fit", "few.h5", "--validate-on", "later.h5", "--no-h")
     assert again.code == 2 and "exists; add --force" in again.err
+
+
+def test_a_plane_without_patterns_is_told(lfcal: Lfcal, place: Path) -> None:
+    few = few_patterns()
+    assert few.camera is not None and few.facts.noise is not None
+    shape = (2, *few.shape[1:])
+    values, recorded, noise = np.zeros(shape, np.float32), np.zeros(shape[:3], int), np.full((*shape[:3], 2), np.nan)
+    values[0], recorded[0], noise[0] = np.asarray(few)[0], few.recorded[0], few.facts.noise[0]
+    facts = Facts.of(shape[:3], shape[3:], recorded=recorded, noise=noise)
+    depths = (float(few.depths[0]), few.camera.depth_of(2.3))
+    save(PSFMatrix(values, depths=depths, camera=few.camera, anchor=few.anchor, facts=facts), place / "two.h5")
+    run = lfcal("fit", "two.h5", "--unknowns", "geometry", "-o", "two", "--workers", "1")
+    assert run.code == 0 and "note: plane 1: no pattern was recorded, H is the model's" in run.err, run.err
+    with open_psf(place / "two" / "H.h5") as H:
+        light = np.asarray(H).sum((1, 2, 3, 4))
+    assert 0.5 < light[1] / light[0] < 2
 
 
 def test_where_every_position_is_fitted_none_is_left_to_predict(lfcal: Lfcal, place: Path) -> None:
