@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shlex
 from base64 import b64encode
 from collections.abc import Callable
 from contextlib import redirect_stdout
@@ -329,7 +330,10 @@ def test_frames_of_several_colours_are_refused_with_the_way_out(lfcal: Lfcal, pl
             cv2.imwrite(str(place / name / f"z0_y{y}_x{x}.png"), frame)
         run = lfcal("fit", name)
         assert run.code == 2 and run.err.count("\n") == 1, run.err
-        assert "assemble one with lfcal assemble --channel G, and fit that H" in run.err
+        channel = "G1" if name == "mosaic" else "G"
+        assert f"type lfcal assemble {name} --channel {channel} -o H.h5, then lfcal fit H.h5" in run.err
+        typed = run.err.partition("type lfcal ")[2].partition(", then")[0]
+        assert lfcal(*shlex.split(typed), "--orientation", "as-is", "--force").code == 0
 
 
 @pytest.mark.long
