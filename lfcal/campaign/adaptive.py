@@ -5,6 +5,7 @@ Everything recorded is in the session, and nothing else is kept: after a crash t
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -81,6 +82,7 @@ def iter_adaptive(
     outcome = yield from campaign.begin(resume=resume)
     steps: list[AdaptiveStep] = []
     fit: Fit | None = None
+    began = time.perf_counter()
     while True:
         if outcome is None or outcome.how != "complete":
             return Adapted(campaign.ended, campaign.whole(outcome), tuple(steps), fit)
@@ -90,7 +92,7 @@ def iter_adaptive(
         fit, measured = found
         steps.append(campaign.step(fit))
         seen(steps[-1])
-        yield Progress(len(steps), 0, "error of H", note=str(steps[-1]))
+        yield Progress(len(steps), 0, "error of H", time.perf_counter() - began, str(steps[-1]))
         how = campaign.over(steps)
         if how:
             return Adapted(how, campaign.whole(outcome), tuple(steps), fit)

@@ -17,23 +17,14 @@ from lfcal.errors import InputError
 if TYPE_CHECKING:
     from lfcal.campaign import Goal
 
-__all__ = ["FIELDS", "AcquireSettings", "target_of"]
+__all__ = ["EXTENTS", "FIELDS", "UNTIL", "AcquireSettings", "target_of"]
 
 ORDERS = (("serpentine", "serpentine"), ("raster", "raster"), ("coarse", "coarse grid first"))
 
-EXTENTS = (("whole", "every position"), ("error", "until H is known"))
+EXTENTS = (("whole", "Record every position"), ("error", "Record until H is known"))
+"""How much is recorded."""
 
-DOUBTS = (("stop", "stop"), ("flag", "keep and name"))
-
-FIELDS = (
-    Field(
-        "extent",
-        "Record",
-        kind="choice",
-        choices=EXTENTS,
-        tip="Every position of the plan; or a few, then a fit of them, then the positions that help it most, and so "
-        "on until H is known as well as wanted",
-    ),
+UNTIL = (
     Field("error", "H known to", "%", "Wanted error of H (relative L2), as the fit states it", scale=0.01),
     Field(
         "most",
@@ -43,6 +34,12 @@ FIELDS = (
         kind="int",
         optional=True,
     ),
+)
+"""What ends a recording that is not of every position."""
+
+DOUBTS = (("stop", "stop"), ("flag", "keep and name"))
+
+FIELDS = (
     Field(
         "order",
         "Order",
@@ -200,7 +197,7 @@ class AcquireSettings(PageSettings):
         """Return the value of every field of the form."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         order = "coarse" if self.coarse else plan.order
-        return {spec.key: own.get(spec.key) for spec in FIELDS} | {
+        return {spec.key: own.get(spec.key) for spec in (*UNTIL, *FIELDS)} | {
             "order": order,
             "frames_averaged": plan.frames_averaged,
         }

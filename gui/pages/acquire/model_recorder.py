@@ -27,6 +27,7 @@ from lfcal.units import format_seconds
 
 if TYPE_CHECKING:
     from lfcal.campaign import AdaptiveStep, Goal
+    from lfcal.fit import Fit
 
 __all__ = ["QUANTITIES", "FolderState", "RecordPicture", "Recorder", "folder_state", "record_picture"]
 
@@ -63,6 +64,7 @@ class Recorder:
         self.redo = tuple(Position(*p) for p in redo)
         self.goal, self.ended = goal, ""
         self.steps: list[AdaptiveStep] = []
+        self.fit: Fit | None = None
         self.control, self.preview = Control(), Preview()
         self.quality = LiveQuality(plan, window_shape(plan, options))
         positions = coarse_order(plan) if options.order == "coarse" else plan.order_indices()
@@ -90,7 +92,7 @@ class Recorder:
         )
 
     def _until(self, station: Station, goal: Goal) -> Work[Outcome]:
-        """Record until H is known; the fits are let go of, for jobs are remembered long after they ended."""
+        """Record until H is known; the last fit is kept here: jobs are remembered long after they ended."""
         from lfcal.campaign import iter_adaptive
 
         found = yield from iter_adaptive(
@@ -105,7 +107,7 @@ class Recorder:
             observers=(self.quality,),
             seen=self.steps.append,
         )
-        self.ended = found.words
+        self.ended, self.fit = found.words, found.fit
         return found.outcome
 
     @property

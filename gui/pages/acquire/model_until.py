@@ -7,16 +7,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from gui.pages.acquire.model_recorder import FolderState
+from lfcal.acquire.options import Options
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError
+from lfcal.frames.described import stated_noise
 from lfcal.progress import Progress
 from lfcal.units import format_share
 
 if TYPE_CHECKING:
     from lfcal.campaign import AdaptiveStep, Goal
 
-__all__ = ["ErrorCurve", "error_curve", "until_words"]
+__all__ = ["ErrorCurve", "check_goal", "error_curve", "until_words"]
 
-PART = "record"
-"""Stage of progress that counts positions; all others are those of a fit or a choice."""
+PART, CHOICE = "record", ("what patterns tell", "choose positions")
+"""Stages of progress that count positions, and that choose them; all others are those of a fit."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +51,26 @@ class ErrorCurve:
 
     @property
     def words(self) -> str:
-        """What it says, in a line."""
+        """What the last fit says, in a line; empty before the first."""
         if not self.positions:
-            return "Some positions are recorded before the first fit."
-        now = f"{self.positions[-1]} positions: H known to {format_share(self.stated[-1] / 100)}"
-        apart = "below " * math.isnan(self.below[-1]) + format_share(self.aside[-1] / 100)
-        return f"{now}; {apart} off at positions kept aside; wanted {format_share(self.wanted / 100)}"
+            return ""
+        limit = math.isnan(self.below[-1])
+        apart = "below " * limit + format_share(self.aside[-1] / 100)
+        now = f"{self.positions[-1]} positions: {format_share(self.stated[-1] / 100)} stated"
+        return f"{now}, {apart} at positions kept aside"
+
+
+def check_goal(plan: ScanPlan, options: Options, folder: FolderState) -> None:
+    """Raise `InputError` where a fit of such frames could not tell H, or the folder holds a whole scan."""
+    if folder.there is not None and folder.chosen is None:
+        got, remedy = "a scan of every position", "record every position, or choose another folder"
+        raise InputError.expected("session folder", "one of chosen positions", got, remedy)
+    if not options.plain:
+        got, remedy = "several that make one frame", "enter 1 for Exposures"
+        raise InputError.expected("exposures", "single ones, whose noise is known", got, remedy)
+    if stated_noise(plan.camera) is None:
+        remedy = "measure read noise and full well on the page Camera, or state them"
+        raise InputError.expected("noise of the camera", "measured or stated", "assumed", remedy)
 
 
 def error_curve(steps: Sequence[AdaptiveStep], goal: Goal) -> ErrorCurve:
@@ -78,7 +97,9 @@ def until_words(record: Progress, steps: Sequence[AdaptiveStep], safe: int) -> t
     done = f"{steps[-1].positions} positions" if steps else f"{safe} positions"
     if record.stage == PART:
         now = f"recording {record.done} of {record.total} more" if steps else f"recording the first {record.total}"
+    elif record.stage in CHOICE:
+        now = "choosing the next positions" if steps else "choosing the first positions"
     else:
-        now = f"fitting: {record.stage}" if record.stage else "fitting"
+        now = f"fitting: {record.stage}"
     known = f"H known to {format_share(steps[-1].expected_error)} from {done}" if steps else f"{done}, no fit yet"
     return known, now + (f", {record.note}" if record.note and record.stage == PART else "")

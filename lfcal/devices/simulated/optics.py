@@ -132,9 +132,10 @@ def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRen
     """Return the plenoptic camera of ``plan`` at a level of the simulator, with ideal optics or those of a file.
 
     It is free of noise: `SimCamera` adds that of the sensor. ``level`` is ``"auto"``, ``"geometric"``, ``"wave"``,
-    ``"grid"`` (slower, and as fine as a fit is) or ``"microscope"``; ``effects`` is a JSON file as `lfcal.simulate.effects.described.read_entries` reads it, of
-    which what enters H is simulated, and with it what `plan_effects` finds necessary. Raises `InputError` where the
-    level does not suit the plan's camera, or the file holds no effects.
+    ``"grid"`` (slower, and as fine as a fit) or ``"microscope"``; ``effects`` is a JSON file as
+    `lfcal.simulate.effects.described.read_entries` reads it, of which what enters H is simulated, and with it what
+    `plan_effects` finds necessary. Raises `InputError` where the level does not suit the plan's camera, or the file
+    holds no effects.
     """
     # here, so that the quick pattern does not load the simulator
     from lfcal.simulate import SimulatedCamera, plan_effects

@@ -23,6 +23,7 @@ from gui.models.page import PageState
 from gui.models.project import ProjectState
 from gui.pages.fit import PAGE
 from gui.pages.fit.model import FitSettings, group_rows
+from gui.pages.fit.model_run import Kept
 from gui.pages.fit.page import Page
 from gui.theme import DARK, LIGHT, apply_theme
 from gui.window import MainWindow
@@ -219,6 +220,33 @@ def test_the_first_fit_is_stopped_between_two_records(page: Page, let_go: thread
     page.stop_button.click()
     assert page.context.jobs.jobs()[0].state is JobState.CANCELLED and not let_go.is_set()
     assert page.fit_button.isEnabled() and page.panel.verdict.text() == "Stopped."
+
+
+# -- a fit made elsewhere ----------------------------------------------------------------------------------
+def test_a_fit_made_while_recording_is_taken_over(page: Page, known: Kept, qtbot: QtBot) -> None:
+    assert known.found is not None
+    fit = known.found.fit
+    page.receive(fit)
+    assert page.stop_button.isEnabled() and not page.fit_button.isEnabled()
+    idle(page.context.jobs, qtbot)
+    found, panel = page.found, page.panel
+    assert found is not None and found.fit is fit and all(button_states(page))
+    assert found.places == known.found.places and found.aside == known.found.aside
+    for place in found.places:
+        np.testing.assert_array_equal(found.patterns[place], known.found.patterns[place])
+        np.testing.assert_allclose(found.model[place], known.found.model[place], rtol=1e-6)
+    assert page.settings.positions == 0 and page.settings.auto and "Choices changed" not in panel.detail.text()
+    assert "while the session was recorded" in panel.rounds.words.text()
+    page.context.project.undo()
+    assert page.settings == GEOMETRY
+
+
+def test_a_fit_of_another_scan_is_not_taken_over(page: Page, known: Kept, qtbot: QtBot) -> None:
+    assert known.found is not None
+    fit = known.found.fit
+    page.receive(replace(fit, planned=replace(fit.planned, cutout=(13, 13))))
+    idle(page.context.jobs, qtbot)
+    assert page.found is None and "H.h5, patterns: expected those of the fit" in page.panel.verdict.text()
 
 
 # -- another H ---------------------------------------------------------------------------------------------
