@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ErrorCurve", "check_goal", "error_curve", "until_words"]
 
-PART, CHOICE = "record", ("what patterns tell", "choose positions")
+PART, CHOICE = "record", ("error of H", "what patterns tell", "choose positions")
 """Stages of progress that count positions, and that choose them; all others are those of a fit."""
 
 
