@@ -342,7 +342,7 @@ def test_a_recorded_session_is_fitted(lfcal: Lfcal, place: Path) -> None:
     run = lfcal("fit", SAMPLE / "recorded", *words)
     assert run.code == 0 and isinstance(run.json, dict), run.err
     assert run.json["patterns"] + len(run.json["outliers"]) == 12 and run.json["left_out_error"]["limit"] < 0.03
-    # frames were simulated to 3 %: that is how well they tell the camera
+    assert abs(run.json["chi2"]["excess"]) < 5, "the noise of the frames is as it is stated"
     assert all(abs(one["value"] - one["start"]) < 0.02 * abs(one["start"]) + 0.02 for one in run.json["parameters"])
 
 
