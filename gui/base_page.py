@@ -151,6 +151,10 @@ class BasePage(QWidget):
         shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
         shortcut.activated.connect(action)
 
+    def hold_keyboard(self) -> None:
+        """Take the keyboard before what has it goes grey: shortcuts of a page work while it is in the page."""
+        self.setFocus(Qt.FocusReason.OtherFocusReason)
+
     def _follow_project(self, old: ProjectState, new: ProjectState) -> None:
         self.state_changed(old, new)
 

@@ -61,7 +61,8 @@ class QualityState:
     depth_sums
         ``(nz, nt, ns)`` growing sums of the cutouts above the background (counts).
     lamp
-        ``(n, 2)`` seconds of recording and energy of the reference frames (counts).
+        ``(n, 2)`` seconds of recording, over all recordings that were followed, and energy of the reference frames
+        (counts).
     follow_px
         Movement of the image within the cutout per step: ``((row per y, row per x), (column per y, column
         per x))``; ideally 0. -2 on the diagonal says that an axis runs the wrong way.
@@ -103,6 +104,7 @@ class LiveQuality:
         self._sums = np.zeros((shape[0], *window))
         self._levels = np.zeros(shape[0])
         self._lamp: list[tuple[float, float]] = []
+        self._before = self._now = 0.0
         self._dark: list[float] = []
         self._range = float(plan.camera.sensor.max_value)
         self._normal = np.zeros((3, 3))
@@ -117,6 +119,9 @@ class LiveQuality:
 
     def __call__(self, step: Step, note: Note, frame: NDArray[Any]) -> None:
         """Take an acknowledged frame into account."""
+        # each recording of a session counts from 0
+        self._before += self._now if note.elapsed_s < self._now else 0.0
+        self._now = note.elapsed_s
         if step.kind is Kind.DARK:
             return
         if step.kind is not Kind.POSITION:
@@ -124,7 +129,8 @@ class LiveQuality:
                 if step.kind is Kind.REFERENCE:
                     # the same place every time: its border changes with the sensor alone
                     self._dark.append(float(np.median(frame[self._border])))
-                    self._lamp.append((note.elapsed_s, note.energy - self._dark[-1] * frame.size))
+                    seconds, light = self._before + self._now, note.energy - self._dark[-1] * frame.size
+                    self._lamp.append((seconds, light))
             return
         place = position_at(step.flat, self._shape[1:])
         with self._lock:

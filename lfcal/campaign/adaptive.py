@@ -5,8 +5,8 @@ Everything recorded is in the session, and nothing else is kept: after a crash t
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,135 +15,30 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
 from lfcal.acquire.options import Options
+from lfcal.acquire.preview import Preview
 from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.runner import Observer, Outcome
 from lfcal.acquire.session import check_devices, check_new, iter_record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.camera import ScanPlan
 from lfcal.campaign.patterns import iter_session_patterns
-from lfcal.checks import check_number
+from lfcal.campaign.steps import FEWEST, Adapted, AdaptiveStep, Goal
 from lfcal.devices.protocols import Rig
 from lfcal.errors import InputError
 from lfcal.fit import Fit, Measured, iter_fit_camera
 from lfcal.fit.design import Design, iter_next_positions
 from lfcal.fit.earlier import Earlier
 from lfcal.fit.information import Expected
-from lfcal.fit.judge import ModelError
-from lfcal.fit.model import Fineness
-from lfcal.fit.problem import ERRORS
 from lfcal.frames.described import stated_noise
 from lfcal.frames.source import Position
 from lfcal.progress import Progress, Work
-from lfcal.units import format_share
 
-__all__ = ["Adapted", "AdaptiveStep", "Goal", "iter_adaptive"]
+__all__ = ["iter_adaptive"]
 
 R = TypeVar("R")
 
-FIRST = 12
-"""Positions before the first fit."""
-
-FEWEST = 5
-"""Fewest positions that are added at a time: each time there is a fit to wait for."""
-
 GAINED = 0.9
 """Left-out error over that of the step before from which on an incomplete model has gained nothing."""
-
-
-@dataclass(frozen=True, slots=True)
-class Goal:
-    """When to end, and what to fit.
-
-    Attributes
-    ----------
-    error
-        Wanted relative error (L2) of H; what the computation of patterns itself errs by at the least.
-    most
-        Record no more positions than this; None: all of the plan.
-    first
-        Positions before the first fit.
-    unknowns
-        Groups of unknowns, or ``"auto"``, as of `lfcal.fit.fit_camera`.
-    candidates
-        Positions that are looked at for each choice; 0: all.
-    """
-
-    error: float
-    most: int | None = None
-    first: int = FIRST
-    unknowns: str | Sequence[str] = "auto"
-    candidates: int = 300
-
-    def __post_init__(self) -> None:
-        """Check every value."""
-        least = ERRORS[Fineness.finest]
-        remedy = f"for example 0.005; the computation of patterns itself errs by {format_share(least)}"
-        check_number("wanted error of H", self.error, at_least=least, below=1, remedy=remedy)
-        check_number("positions before the first fit", self.first, at_least=FEWEST, integer=True)
-        if self.most is not None:
-            check_number("most positions", self.most, at_least=self.first, integer=True)
-
-
-@dataclass(frozen=True, slots=True)
-class AdaptiveStep:
-    """What is known after one fit.
-
-    Attributes
-    ----------
-    positions
-        Positions recorded so far.
-    expected_error
-        Relative error (L2) of H that the unknowns' own standard deviations make.
-    left_out
-        Error from patterns kept aside: a value, or a limit.
-    chi2, complete
-        Of the fit; whether the model suffices.
-    groups
-        Groups of unknowns that were fitted.
-    outliers
-        Patterns that were left out.
-    """
-
-    positions: int
-    expected_error: float
-    left_out: ModelError
-    chi2: float
-    complete: bool
-    groups: tuple[str, ...]
-    outliers: int
-
-    def __str__(self) -> str:
-        """Return the error against the positions, in a line."""
-        said = f"{self.positions} positions: error of H {format_share(self.expected_error)} expected"
-        return f"{said}, {self.left_out} at positions kept aside" + ("" if self.complete else "; model incomplete")
-
-    def reaches(self, error: float) -> bool:
-        """Return whether the error of H is at most ``error``: expected, and no pattern kept aside contradicts."""
-        known = self.left_out.known and self.left_out.value - 2 * self.left_out.sigma > error
-        return self.complete and self.expected_error <= error and not known
-
-
-@dataclass(frozen=True, eq=False)
-class Adapted:
-    """How an adaptive session ended.
-
-    Attributes
-    ----------
-    how
-        ``"reached"``; ``"used up"``: no positions are left; ``"incomplete"``: the model does not suffice, and more
-        patterns do not help; ``"stopped"`` or ``"aborted"``.
-    outcome
-        Of the recording as a whole.
-    steps
-        What was known after each fit.
-    fit
-        The last one; None where there was none.
-    """
-
-    how: str
-    outcome: Outcome
-    steps: tuple[AdaptiveStep, ...]
-    fit: Fit | None
 
 
 def iter_adaptive(
@@ -155,6 +50,7 @@ def iter_adaptive(
     *,
     resume: bool = False,
     control: Control | None = None,
+    preview: Preview | None = None,
     observers: tuple[Observer, ...] = (),
     seen: Callable[[AdaptiveStep], object] = lambda _: None,
     workers: int | None = None,
@@ -165,7 +61,7 @@ def iter_adaptive(
     ----------
     folder
         A new or empty folder; with ``resume`` that of a session of chosen positions, which goes on.
-    plan, rig, options, control, observers
+    plan, rig, options, control, preview, observers
         As of `lfcal.acquire.session.iter_record`.
     goal
         When to end, and what to fit.
@@ -182,10 +78,11 @@ def iter_adaptive(
     AcquisitionStopped
         When recording had to end early; it can be resumed.
     """
-    campaign = _Campaign(folder, plan, rig, goal, options, control or Control(), observers, workers)
+    campaign = _Campaign(folder, plan, rig, goal, options, control or Control(), preview, observers, workers)
     outcome = yield from campaign.begin(resume=resume)
     steps: list[AdaptiveStep] = []
     fit: Fit | None = None
+    began = time.perf_counter()
     while True:
         if outcome is None or outcome.how != "complete":
             return Adapted(campaign.ended, campaign.whole(outcome), tuple(steps), fit)
@@ -195,7 +92,7 @@ def iter_adaptive(
         fit, measured = found
         steps.append(campaign.step(fit))
         seen(steps[-1])
-        yield Progress(len(steps), 0, "error of H", note=str(steps[-1]))
+        yield Progress(len(steps), 0, "error of H", time.perf_counter() - began, str(steps[-1]))
         how = campaign.over(steps)
         if how:
             return Adapted(how, campaign.whole(outcome), tuple(steps), fit)
@@ -214,11 +111,13 @@ class _Campaign:
         goal: Goal,
         options: Options | None,
         control: Control,
+        preview: Preview | None,
         observers: tuple[Observer, ...],
         workers: int | None,
     ) -> None:
         self._folder, self._plan, self._rig, self._goal = folder, plan, rig, goal
-        self._options, self._control, self._observers, self._workers = options, control, observers, workers
+        self._options, self._control, self._preview = options, control, preview
+        self._observers, self._workers = observers, workers
         self._most = min(plan.n_positions, goal.most or plan.n_positions)
         self._seconds = 0.0
 
@@ -232,7 +131,7 @@ class _Campaign:
         if resume:
             session = SessionFile.read(self._folder)
             if not session.redo[0]:
-                got, remedy = "a scan of all of them", "resume it without --until-error"
+                got, remedy = "a scan of all of them", "go on with it as such, or record into another folder"
                 raise InputError.expected(f"{self._folder}", "a session of chosen positions", got, remedy)
             return (yield from self._record(resume=True))
         # what takes time comes after what may be refused
@@ -240,11 +139,14 @@ class _Campaign:
         check_devices(self._plan, self._rig)
         options = self._options or Options()
         if not options.plain:
-            got, remedy = "several exposures that make one", "leave --bracket out"
+            got, remedy = "several exposures that make one", "record without a bracket"
             raise InputError.expected("exposures", "single ones, whose noise is known", got, remedy)
         if stated_noise(self._plan.camera) is None:
             raise InputError.expected(
-                "noise of the camera", "stated or measured", "assumed", "measure it with lfcal camera sensor"
+                "noise of the camera",
+                "stated or measured",
+                "assumed",
+                "measure it from flats and darks (lfcal camera sensor)",
             )
         work = iter_next_positions(
             self._plan,
@@ -287,6 +189,7 @@ class _Campaign:
             only=only,
             kept_aside=kept_aside,
             control=self._control,
+            preview=self._preview,
             observers=self._observers,
         )
         self._seconds += outcome.seconds

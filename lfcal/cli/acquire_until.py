@@ -13,12 +13,6 @@ if TYPE_CHECKING:
 
 __all__ = ["adapted_facts", "parse_goal", "show_adapted", "tell_step"]
 
-WORDS = {
-    "reached": "the wanted error of H is reached, as far as the fit can tell",
-    "used up": "no positions are left within --most: the wanted error of H is not reached",
-    "incomplete": "the model does not suffice: more patterns do not lower the error of H",
-}
-
 
 def parse_goal(error: str, most: int, unknowns: str) -> Goal | None:
     """Return what ``--until-error 0.5%`` (or 0.005), ``--most`` and ``--unknowns`` ask for; None where they do not."""
@@ -67,10 +61,10 @@ def adapted_facts(found: Adapted) -> dict[str, Any]:
 
 def show_adapted(found: Adapted, out: object) -> None:
     """Print how an adaptive session ended, and what to do next."""
-    if found.how in WORDS:
+    if found.words:
         colour = typer.colors.GREEN if found.how == "reached" else typer.colors.RED
         typer.echo(f"  {found.steps[-1]}")
-        typer.secho(f"  {WORDS[found.how]}", fg=colour, bold=True)
+        typer.secho(f"  {found.words}", fg=colour, bold=True)
         typer.echo(f"  lfcal fit {out} -o fit/ makes camera and H of it")
     elif found.outcome.how != "complete":
         typer.echo("  with the same --until-error")

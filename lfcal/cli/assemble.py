@@ -235,6 +235,7 @@ def open_scan(
     InputError
         If there is no plan, or the one named is not of the scan that the frames belong to.
     """
+    from lfcal.cli.planned import no_plan
     from lfcal.errors import InputError
     from lfcal.frames import open_frames
 
@@ -254,10 +255,7 @@ def open_scan(
     own: ScanPlan | None = source.metadata.get("plan")
     if own is None and found is None:
         source.close()
-        folder = frames if frames.is_dir() else frames.parent
-        raise InputError.expected(
-            "scan plan", f"plan.json in {folder} or above", "none", "make one with lfcal plan, or name it"
-        )
+        raise no_plan(frames if frames.is_dir() else frames.parent)
     # A plan that is named replaces the recorded one: its cutout and anchor may have been corrected since.
     if own is None or plan is None:
         return source, own or found  # type: ignore[return-value]  # one of them is there

@@ -236,6 +236,8 @@ def _show(fit: Fit, out: Path, written: list[Path], summary: HybridSummary | Non
         report(f"note: {name}: {answer}")
     for one in fit.outliers:
         report(f"left out: (z, y, x) = ({one.z}, {one.y}, {one.x}): {one.reason}")
+    if fit.unseen:
+        report(f"note: {fit.unseen_words}")
     for combination in fit.unidentified:
         report(f"note: this scan does not tell apart: {combination}")
     if summary is not None:

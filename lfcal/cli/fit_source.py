@@ -206,27 +206,25 @@ def _picked(
     """
     from lfcal.cli.assemble import open_scan
     from lfcal.cli.console import run_work
+    from lfcal.cli.fit_first import of_one_channel, without_positions
     from lfcal.cli.listed import report_notes
     from lfcal.cli.orientation import upright
     from lfcal.frames import corrected_view
     from lfcal.frames.colour_scan import colours_of
     from lfcal.psf.picked import iter_pick
 
-    one = "assemble one with lfcal assemble --channel G, and fit that H"
     try:
         frames, plan = open_scan(source, how.plan, orientation=how.orientation)
     except FileFormatError as error:
         # the library's word for it is not an option here
+        one = of_one_channel(source, how.plan, "RGB")
         raise FileFormatError(str(error).replace(' (colour="G")', f": {one}")) from None
     except InputError as error:
-        said, _, remedy = str(error).partition("; ")
-        if not any(option in remedy for option in ("--order", "--manifest", "--pattern")):
-            raise
-        # lists, patterns and orders are options of another command
-        raise InputError(f"{said}; assemble them with lfcal assemble, which takes lists, and fit that H") from None
+        raise without_positions(error, source, how.plan, str(how.recipe.dark)) from None
     stack.enter_context(frames)
     colours = colours_of(frames, plan)
     if colours:
+        one = of_one_channel(source, how.plan, colours)
         raise InputError.expected(str(source), "frames of one colour", f"a mosaic of {', '.join(colours)}", one)
     report_notes(frames.metadata.get("notes", ()))
     view, lie = upright(corrected_view(frames, how.recipe, plan), plan, how.orientation, quiet=quiet)

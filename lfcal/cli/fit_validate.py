@@ -40,6 +40,8 @@ Noise: TypeAlias = tuple[float, float] | None
 VALIDATION = ("validation.json", "report/validation.png")
 """What is written beside a fit's own files."""
 
+CAPTION = "Error of each point that was not fitted: over the sensor, and from the middle of the field to its edge."
+
 LISTED = 8
 """Points with the largest errors that are listed; validation.json has all."""
 
@@ -59,12 +61,14 @@ def iter_write_validation(
 ) -> Work[Validation]:
     """Predict withheld points, and write numbers and picture into a fit's folder."""
     from lfcal.fit.files import json_text, write_text
+    from lfcal.fit.report import add_picture
     from lfcal.fit.validate import draw_validation, iter_validate
 
     found = yield from iter_validate(fit, withheld, another=other is not None)
     numbers, picture = (out / name for name in VALIDATION)
     picture.parent.mkdir(parents=True, exist_ok=True)
     draw_validation(found, picture)
+    add_picture(picture.parent, "Points that were not fitted", found.verdict, picture, CAPTION)
     write_text(numbers, json_text(validation_dict(found) | {"source": (other or source).name}))
     return found
 

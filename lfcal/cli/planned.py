@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ from lfcal.errors import InputError
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
 
-__all__ = ["planned_scan"]
+__all__ = ["no_plan", "planned_scan"]
 
 
 def planned_scan(camera: str, depths: str, virtual_depths: str, cutout: str, *, quiet: bool) -> ScanPlan:
@@ -35,3 +36,10 @@ def planned_scan(camera: str, depths: str, virtual_depths: str, cutout: str, *, 
     return ScanPlan.for_camera(
         load_camera(camera), depths_um=lengths, virtual_depths=virtual, cutout=parse_cutout(cutout)
     )
+
+
+def no_plan(folder: Path) -> InputError:
+    """Return the error for frames in a ``folder`` without a plan, with the command that makes one."""
+    words = shlex.join(["lfcal", "plan", "CAMERA.json", "--virtual-depths", "3,4", "-o", str(folder / "plan.json")])
+    remedy = f"type {words}, or name one with --plan"
+    return InputError.expected("scan plan", f"plan.json in {folder} or above", "none", remedy)

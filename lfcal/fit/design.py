@@ -13,6 +13,7 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.fit.earlier import Earlier
 from lfcal.fit.information import Expected, Information, iter_information
+from lfcal.fit.lacking import check_groups
 from lfcal.fit.parameters import GROUPS
 from lfcal.fit.setup import Setup, called_for
 from lfcal.fit.spread import spread_out
@@ -332,11 +333,13 @@ def next_positions(
 def _start(
     plan: ScanPlan, setup: Setup | None, groups: Sequence[str] | None, earlier: Earlier | None
 ) -> tuple[Setup, tuple[str, ...]]:
+    core = tuple(group.name for group in GROUPS if group.core)
+    own = setup
     if earlier is not None:
         earlier.check_plan(plan)
-        return setup or earlier.setup, tuple(groups or earlier.groups)
-    core = tuple(group.name for group in GROUPS if group.core)
-    own = setup or Setup(plan.camera, called_for(plan), (0.0,) * plan.shape[0])
+        own, core = setup or earlier.setup, earlier.groups
+    own = own or Setup(plan.camera, called_for(plan), (0.0,) * plan.shape[0])
+    check_groups(own, plan, groups or ())
     return own, tuple(groups or core)
 
 

@@ -98,6 +98,7 @@ def fit_dict(fit: Fit) -> dict[str, Any]:
             "depth_errors_um": fit.setup.depth_errors_um,
             "stage_scale": fit.setup.stage_scale,
             "gains": fit.levels.gains,
+            "planes_without_patterns": fit.unseen,
             "backgrounds": fit.levels.backgrounds,
         }
     )

@@ -13,6 +13,7 @@ from lfcal.camera import Camera
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.fit.convergence import rounds
+from lfcal.fit.lacking import check_groups
 from lfcal.fit.measured import Measured, measured_of
 from lfcal.fit.model import Fineness
 from lfcal.fit.normal import Columns, Local
@@ -68,6 +69,8 @@ def iter_fit_camera(
         (0.0,) * measured.plan.shape[0],
     )
     _check_stage(stage)
+    if not isinstance(unknowns, str):
+        check_groups(setup, measured.plan, core)
     problem = problem_of(measured, setup, (*core, *candidates), workers)
     core = tuple(group.name for group in problem.vector.groups if group.name in core)
     tell = rounds()
@@ -126,11 +129,7 @@ def fit_camera(
 
 def problem_of(measured: Measured, setup: Setup, groups: Sequence[str], workers: int | None = None) -> Problem:
     """Return the problem of fitting ``groups`` of unknowns about a setup."""
-    plan = measured.plan
-    middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
-    y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
-    frame = Frame(plan.shape[0], max(plan.cutout) / 2, (float(x), float(y)))
-    return Problem(measured, Vector(setup, frame, groups), workers)
+    return Problem(measured, Vector(setup, Frame.of(measured.plan), groups), workers)
 
 
 def _groups(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

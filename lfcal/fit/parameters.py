@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.camera import ScanPlan
 from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.fit.setup import Setup
@@ -38,6 +39,13 @@ class Frame:
     planes: int
     reach_px: float
     middle_um: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def of(cls, plan: ScanPlan) -> Frame:
+        """Return what of ``plan`` unknowns need."""
+        middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
+        y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
+        return cls(plan.shape[0], max(plan.cutout) / 2, (float(x), float(y)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +133,8 @@ class Group(ABC):
     """Whether it is tried only where others have been found: each pattern takes many runs of the engine."""
     core: bool = False
     """Whether ``unknowns="auto"`` starts with it; others are added where they lower the error of left-out patterns."""
+    needs: str = "a camera that has them"
+    """What a camera, or a scan, must have for there to be any of its unknowns, for people."""
 
     @abstractmethod
     def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:

@@ -16,7 +16,7 @@ from lfcal.fit.result import Fit
 from lfcal.progress import Clock, Work
 from lfcal.psf.report.style import stylesheet
 
-__all__ = ["iter_fit_report", "report_files"]
+__all__ = ["add_picture", "iter_fit_report", "report_files"]
 
 PAGE = "index.html"
 PICTURES = ("patterns.png", "leftover.png", "parameters.png")
@@ -62,6 +62,15 @@ def iter_fit_report(
             part.write_bytes(content)
     yield clock.at(1 + len(PICTURES))
     return folder / PAGE
+
+
+def add_picture(folder: Path, title: str, words: str, picture: Path, caption: str) -> None:
+    """Add a section with a picture, and ``words`` above it, to the end of the report in ``folder``."""
+    page = folder / PAGE
+    body, footer, rest = page.read_text(encoding="utf-8").rpartition("\n<footer>")
+    more = _section(title, f"<p>{_text(words[0].upper() + words[1:])}</p>{_figure(picture.read_bytes(), caption)}")
+    with replace_whole(page) as part:
+        part.write_text(f"{body}\n{more}{footer}{rest}", encoding="utf-8")
 
 
 def _page(fit: Fit, left: Leftover, drawn: dict[str, bytes], source: str, notes: Sequence[str]) -> str:
@@ -140,5 +149,6 @@ def _limits(fit: Fit) -> str:
     rows += [("not told apart", one) for one in fit.unidentified]
     rows += [("tried, did not help", one) for one in fit.unhelpful]
     rows += [(name, answer) for name, answer in fit.answers.items()]
+    rows += [("not measured", fit.unseen_words)] if fit.unseen else []
     rows += [(f"left out: ({one.z}, {one.y}, {one.x})", one.reason) for one in fit.outliers]
     return _table(("", ""), rows) if rows else "<p>Nothing.</p>"

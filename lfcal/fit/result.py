@@ -93,7 +93,7 @@ class Fit:
     residuals
         Measured minus predicted in sigmas ``(nt, ns)`` by position (z, y, x).
     levels
-        Gain and background of each plane.
+        Gain and background of each plane; of planes without a pattern the gain is that between their neighbours.
     """
 
     setup: Setup
@@ -193,10 +193,26 @@ class Fit:
         )
 
     @property
+    def unseen(self) -> tuple[int, ...]:
+        """Planes without a recorded pattern: nothing of them was measured, their gain least of all."""
+        return tuple(sorted(set(range(self.planned.shape[0])) - {z for z, _, _ in self.residuals}))
+
+    @property
+    def unseen_words(self) -> str:
+        """What H of these planes stands on, in a line; empty where there are none."""
+        if not self.unseen:
+            return ""
+        planes = ", ".join(map(str, self.unseen))
+        if len(self.unseen) == 1:
+            return f"plane {planes}: no pattern was recorded, H is the model's, with a gain from the planes next to it"
+        return f"planes {planes}: no pattern was recorded, H is the model's, with gains from the planes next to them"
+
+    @property
     def provenance(self) -> dict[str, Any]:
         """What H of the fitted camera says of where it comes from, as plain JSON types."""
         fit = {"chi2": self.chi2, "error": self.left_out_error.value, "groups": list(self.groups)}
         fit |= {"depth_errors_um": list(self.setup.depth_errors_um), "patterns": len(self.residuals)}
+        fit |= {"gains": self.levels.gains.tolist(), "planes_without_patterns": list(self.unseen)}
         effects = [{"name": one.name, **plain(one)} for one in self.effects]
         return {"fit": fit, "effects": effects, "plan": self.setup.plan(self.planned).to_dict()}
 

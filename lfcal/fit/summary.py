@@ -93,6 +93,6 @@ def summarised(
         outliers=outliers,
         answers={"order of lens types": f"{order} of the description"} if order else {},
         spread=Spread(point.local.stage_px, point.local.lamp),
-        levels=point.levels,
+        levels=point.levels.between(np.unique(problem.planes), problem.measured.plan.depths_um),
         residuals=dict(zip(places, images, strict=True)),
     )

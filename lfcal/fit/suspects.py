@@ -95,11 +95,8 @@ class Changes:
 def changes_of(camera: Behind, index: NDArray[np.intp], offsets_px: F8) -> Changes:
     """Return the derivatives of patterns by everything that a fit can find, by steps of each unknown."""
     plan = camera.plan
-    middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
-    y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
     groups = [group.name for group in GROUPS if group.name not in OF_THE_SCAN and not group.late]
-    frame = Frame(plan.shape[0], max(plan.cutout) / 2, (float(x), float(y)))
-    vector = Vector(camera.setup, frame, groups)
+    vector = Vector(camera.setup, Frame.of(plan), groups)
     titles = {group.name: group.title for group in GROUPS}
     start = predict(camera.setup, plan, index, offsets_px, Fineness.coarse).astype(np.float64)
     used, columns = [], []

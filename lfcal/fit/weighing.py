@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,6 +42,18 @@ class Levels:
         """Return gain (1 + lamp) of each pattern; ``planes`` are their planes."""
         found: F8 = self.gains[planes] * (1.0 + self.lamps)
         return found
+
+    def between(self, seen: NDArray[np.intp], depths_um: Sequence[float]) -> Levels:
+        """Return the levels with gains of all other planes than those ``seen`` between their neighbours' in depth.
+
+        Beyond the outermost plane that was seen its gain holds. A gain is counts over share of the light: without a
+        pattern nothing tells it, but one lamp lights all planes, and 1 would make H of such a plane of another unit.
+        """
+        depths = np.asarray(depths_um, np.float64)
+        known = seen[np.argsort(depths[seen])]
+        gains = np.interp(depths, depths[known], self.gains[known])
+        gains[seen] = self.gains[seen]
+        return replace(self, gains=gains)
 
 
 @dataclass(frozen=True, eq=False)

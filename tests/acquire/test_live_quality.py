@@ -16,6 +16,7 @@ from lfcal.acquire.live_quality import LiveQuality, QualityState
 from lfcal.acquire.session import record
 from lfcal.camera import ScanPlan, StageAxes
 from lfcal.devices.simulated.stage import StageModel
+from lfcal.frames.source import Position
 from lfcal.progress import drain
 from tests.acquire.rigs import CAREFUL, rig_for, small_plan
 
@@ -46,6 +47,20 @@ def test_a_good_session_raises_no_alarm_and_its_depth_sum_is_that_of_h(tmp_path:
     for z in range(2):
         want = matrix.depth_sum(z)
         assert np.abs(state.depth_sums[z] - want).max() < 0.02 * want.max()
+
+
+def test_the_lamp_is_followed_over_several_recordings(tmp_path: Path) -> None:
+    """Each of them counts its seconds from 0; what is followed goes on."""
+    plan = small_plan()
+    quality, options = LiveQuality(plan, window_shape(plan, CAREFUL)), replace(CAREFUL, reference_every=2)
+    spent: list[float] = []
+    for k in range(3):
+        again = [Position(0, y, x) for y in range(3) for x in range(3)] if k else None
+        outcome = record(tmp_path, plan, rig_for(plan), options if not k else None, redo=again, observers=(quality,))
+        spent.append(outcome.seconds)
+    lamp = quality.state().lamp
+    assert len(lamp) > 12 and (np.diff(lamp[:, 0]) > 0).all()
+    assert lamp[-1, 0] == pytest.approx(sum(spent), rel=0.2)
 
 
 @pytest.mark.parametrize(

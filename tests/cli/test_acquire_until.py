@@ -17,7 +17,7 @@ from tests.cli.conftest import Run
 from tests.fit.common import small_plan
 
 Lfcal = Callable[..., Run]
-SIMULATED = ("--option", "optics=wave", "--option", "effects=effects.json", "--no-check-stage")
+SIMULATED = ("--option", "optics=grid", "--option", "effects=effects.json", "--no-check-stage")
 
 
 @pytest.fixture

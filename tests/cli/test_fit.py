@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import shlex
+from base64 import b64encode
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
@@ -179,9 +181,29 @@ def test_withheld_points_are_predicted(lfcal: Lfcal, place: Path, fitted: list[M
     assert found["source"] == "later.h5"
     assert len(found["points"]) == 6 and found["errors"]["camera"]["all"]["limit"] < 0.03
     assert abs(np.mean([one["chi2"] for one in found["points"]]) - 1) < 0.4 and not found["period_lost"]
-    assert (place / "fit" / "report" / "validation.png").read_bytes()[:4] == b"\x89PNG"
+    picture = (place / "fit" / "report" / "validation.png").read_bytes()
+    assert picture[:4] == b"\x89PNG"
+    page = (place / "fit" / "report" / "index.html").read_text()
+    assert b64encode(picture).decode() in page and page.count("<section") == 6 and page.rstrip().endswith("</html>")
+    assert "Points that were not fitted" in page and "6 withheld points: error below" in page
     again = lfcal("fit", "few.h5", "--validate-on", "later.h5", "--no-h")
     assert again.code == 2 and "exists; add --force" in again.err
+
+
+def test_a_plane_without_patterns_is_told(lfcal: Lfcal, place: Path) -> None:
+    few = few_patterns()
+    assert few.camera is not None and few.facts.noise is not None
+    shape = (2, *few.shape[1:])
+    values, recorded, noise = np.zeros(shape, np.float32), np.zeros(shape[:3], int), np.full((*shape[:3], 2), np.nan)
+    values[0], recorded[0], noise[0] = np.asarray(few)[0], few.recorded[0], few.facts.noise[0]
+    facts = Facts.of(shape[:3], shape[3:], recorded=recorded, noise=noise)
+    depths = (float(few.depths[0]), few.camera.depth_of(2.3))
+    save(PSFMatrix(values, depths=depths, camera=few.camera, anchor=few.anchor, facts=facts), place / "two.h5")
+    run = lfcal("fit", "two.h5", "--unknowns", "geometry", "-o", "two", "--workers", "1")
+    assert run.code == 0 and "note: plane 1: no pattern was recorded, H is the model's" in run.err, run.err
+    with open_psf(place / "two" / "H.h5") as H:
+        light = np.asarray(H).sum((1, 2, 3, 4))
+    assert 0.5 < light[1] / light[0] < 2
 
 
 def test_where_every_position_is_fitted_none_is_left_to_predict(lfcal: Lfcal, place: Path) -> None:
@@ -250,6 +272,7 @@ def simulated(plan: ScanPlan, index: np.ndarray) -> np.ndarray:
     [
         (("--unknowns", "gap"), "--unknowns: expected auto or groups of unknowns, got gap; groups are geometry"),
         (("--unknowns", ","), "--unknowns: expected auto or groups"),
+        (("--unknowns", "geometry,specimen"), "got specimen, which needs the effect index_mismatch"),
         (("--noise", "64"), "--noise: expected CONSTANT,SLOPE of the variance of a sample, got '64'"),
         (("--noise", "0,0"), "noise of the patterns: expected a variance above 0"),
         (("--noise=-1,1",), "noise: constant: expected a number ≥ 0, got -1"),
@@ -307,7 +330,10 @@ def test_frames_of_several_colours_are_refused_with_the_way_out(lfcal: Lfcal, pl
             cv2.imwrite(str(place / name / f"z0_y{y}_x{x}.png"), frame)
         run = lfcal("fit", name)
         assert run.code == 2 and run.err.count("\n") == 1, run.err
-        assert "assemble one with lfcal assemble --channel G, and fit that H" in run.err
+        channel = "G1" if name == "mosaic" else "G"
+        assert f"type lfcal assemble {name} --channel {channel} -o H.h5, then lfcal fit H.h5" in run.err
+        typed = run.err.partition("type lfcal ")[2].partition(", then")[0]
+        assert lfcal(*shlex.split(typed), "--orientation", "as-is", "--force").code == 0
 
 
 @pytest.mark.long
@@ -316,7 +342,7 @@ def test_a_recorded_session_is_fitted(lfcal: Lfcal, place: Path) -> None:
     run = lfcal("fit", SAMPLE / "recorded", *words)
     assert run.code == 0 and isinstance(run.json, dict), run.err
     assert run.json["patterns"] + len(run.json["outliers"]) == 12 and run.json["left_out_error"]["limit"] < 0.03
-    # frames were simulated to 3 %: that is how well they tell the camera
+    assert abs(run.json["chi2"]["excess"]) < 5, "the noise of the frames is as it is stated"
     assert all(abs(one["value"] - one["start"]) < 0.02 * abs(one["start"]) + 0.02 for one in run.json["parameters"])
 
 

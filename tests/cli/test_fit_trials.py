@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -118,10 +119,9 @@ def test_folders_without_frames_plan_or_positions_end_in_one_line(lfcal: Lfcal, 
     (tmp_path / "damaged" / "z0_y1_x1.png").write_bytes(b"")
     for name, what in (
         ("empty", "frames in"),
-        ("frames", "scan plan: expected plan.json"),
-        # neither lists nor orders nor patterns are options here
-        ("nested", "assemble them with lfcal assemble, which takes lists, and fit that H"),
-        ("numbered", "assemble them with lfcal assemble, which takes lists, and fit that H"),
+        ("frames", f"type lfcal plan CAMERA.json --virtual-depths 3,4 -o {tmp_path / 'frames' / 'plan.json'}"),
+        ("nested", f"type lfcal fit {tmp_path / 'nested' / 'frames'}"),
+        ("numbered", f"type lfcal assemble {tmp_path / 'numbered'} --order serpentine -o H.h5, then lfcal fit H.h5"),
         ("damaged", "or leave it out (lfcal assemble --skip-damaged)"),
     ):
         run = lfcal(
@@ -129,7 +129,34 @@ def test_folders_without_frames_plan_or_positions_end_in_one_line(lfcal: Lfcal, 
         )
         said = [line for line in run.err.splitlines() if not line.startswith("lfcal: note:")]
         assert run.code == 2 and len(said) == 1 and what in said[0], run.err
-        assert not any(o in said[0] for o in ("--manifest", "--order", "--pattern")) and not (tmp_path / "fit").exists()
+        # neither lists nor orders nor patterns are options here
+        mine = said[0].partition("type lfcal assemble")[0]
+        assert not any(o in mine for o in ("--manifest", "--order", "--pattern")) and not (tmp_path / "fit").exists()
+
+
+def test_the_command_that_is_named_does_what_is_missing(
+    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each is typed as it is told; the folder's name has a space."""
+    monkeypatch.chdir(tmp_path)
+    plan = replace(small_plan(15, (2.2,)), period=(2, 4))
+    (tmp_path / "plan.json").write_text(plan.to_json())
+    assert lfcal("simulate", "plan.json", "--frames", "my scan", "--level", "grid").code == 0
+    few = ("--unknowns", "geometry", "--no-h", "--orientation", "as-is", "--workers", 1)
+    said = lfcal("fit", "my scan", *few).err
+    assert "type lfcal fit 'my scan/frames' --dark 'my scan/dark'" in said, said
+    run = lfcal(*shlex.split(said.partition("type lfcal ")[2]), *few, "-o", "first")
+    assert run.code == 0, run.err
+    # names of which some are like none of the others
+    (tmp_path / "my scan" / "frames" / "manifest.csv").unlink(missing_ok=True)
+    cv2.imwrite("my scan/frames/lamp.png", np.zeros((120, 120), np.uint16))
+    said = lfcal("fit", "my scan/frames", *few).err
+    assert "type lfcal assemble 'my scan/frames' --pattern 'z0_y{y}_x{x}.png' -o H.h5, then lfcal fit H.h5" in said
+    typed = said.partition("type lfcal ")[2].partition(", then lfcal ")
+    assert lfcal(*shlex.split(typed[0]), "--orientation", "as-is").code == 0
+    assert lfcal(*shlex.split(typed[2]), *few[:3], "-o", "second").code == 0
+    said = lfcal("fit", "my scan/frames/lamp.png", "--plan", "plan.json", *few).err
+    assert "type lfcal assemble 'my scan/frames/lamp.png' --plan plan.json --manifest LIST.csv -o H.h5, then" in said
 
 
 def test_frames_of_fewer_bits_than_described_have_no_known_noise(lfcal: Lfcal, tmp_path: Path) -> None:

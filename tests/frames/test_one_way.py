@@ -82,8 +82,8 @@ def test_session_folder_and_stack_give_bit_equal_h(places: tuple[ScanPlan, dict[
     for name, matrix in found.items():
         np.testing.assert_array_equal(np.asarray(matrix), first, err_msg=name)
         assert matrix.facts.noise is not None, "the plan states the sensor's noise"
-        # of the session's darks it is known that there was one, whose noise is subtracted along; of dark.npy it is not
-        share = 1 if name == "session" else 0.5
+        # of the session's dark it is known that it is the mean of two, whose noise comes along; of dark.npy it is not
+        share = 1 if name == "session" else 1 / 1.5
         expected = np.asarray(found["session"].facts.noise) * np.array([share, 1], np.float32)
         np.testing.assert_allclose(matrix.facts.noise, expected, rtol=1e-6)
 

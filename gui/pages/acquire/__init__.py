@@ -1,10 +1,11 @@
 """Acquire: set the devices up, record a session, see at once whether it is good.
 
 - ``page``: two tabs over one set of devices
-- ``setup_tab``, ``record_tab``: what each tab does; ``panel``, ``setup_panel``, ``record_panel``, ``device_panel``,
-  ``stage_panel``: its widgets
+- ``setup_tab``, ``record_tab``: what each tab does; ``after``: what is made of a session
+- ``panel``, ``setup_panel``, ``record_panel``, ``error_view``, ``device_panel``, ``stage_panel``: their widgets
 - ``model``: settings; ``model_live``: the live view; ``model_findings``: what a few moves tell;
-  ``model_station``: the devices; ``model_recorder``: a recording as it grows
+  ``model_station``: the devices; ``model_recorder``: a recording as it grows; ``model_until``: one that ends when H is
+  known
 """
 
 from __future__ import annotations

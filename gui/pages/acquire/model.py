@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -11,11 +11,31 @@ from gui.models.form import Field
 from gui.models.settings import PageSettings
 from lfcal.acquire.options import Options
 from lfcal.camera import ScanPlan
+from lfcal.checks import check_choice, check_number
 from lfcal.errors import InputError
 
-__all__ = ["FIELDS", "AcquireSettings", "target_of"]
+if TYPE_CHECKING:
+    from lfcal.campaign import Goal
+
+__all__ = ["EXTENTS", "FIELDS", "UNTIL", "AcquireSettings", "target_of"]
 
 ORDERS = (("serpentine", "serpentine"), ("raster", "raster"), ("coarse", "coarse grid first"))
+
+EXTENTS = (("whole", "Record every position"), ("error", "Record until H is known"))
+"""How much is recorded."""
+
+UNTIL = (
+    Field("error", "H known to", "%", "Wanted error of H (relative L2), as the fit states it", scale=0.01),
+    Field(
+        "most",
+        "At most",
+        "pos.",
+        "Positions recorded at most, also where the wanted error is not reached; empty: all of the plan",
+        kind="int",
+        optional=True,
+    ),
+)
+"""What ends a recording that is not of every position."""
 
 DOUBTS = (("stop", "stop"), ("flag", "keep and name"))
 
@@ -94,6 +114,9 @@ FIELDS = (
     ),
 )
 
+FEWEST = 12
+"""Positions before the first fit: no session that ends by it has fewer."""
+
 DEFAULTS = Options()
 """What a session does unless it is told otherwise."""
 
@@ -110,6 +133,8 @@ class AcquireSettings(PageSettings):
         Pairs of name and text for the backend.
     coarse
         Whether a coarse grid comes first.
+    extent, error, most
+        ``"whole"``: every position; ``"error"``: until H is known to this relative error, or so many are recorded.
     bracket, darks, dark_every, reference_every, controls, retries, on_suspect, margin_px, tolerance_um, overshoot_um
         As in `lfcal.acquire.options.Options`; an empty tolerance is the default.
     """
@@ -120,6 +145,9 @@ class AcquireSettings(PageSettings):
     stage: str = ""
     device_options: tuple[tuple[str, str], ...] = ()
     coarse: bool = False
+    extent: str = "whole"
+    error: float = 0.005
+    most: int | None = None
     bracket: tuple[float, ...] = DEFAULTS.bracket
     darks: int = DEFAULTS.darks
     dark_every: int = DEFAULTS.dark_every
@@ -134,6 +162,7 @@ class AcquireSettings(PageSettings):
     def usable(self) -> None:
         """Raise `InputError` where the options do not go together."""
         self.options()
+        self.goal()
         dict(self.device_options)
 
     def options(self) -> Options:
@@ -152,11 +181,23 @@ class AcquireSettings(PageSettings):
             on_suspect=self.on_suspect,
         )
 
+    def goal(self) -> Goal | None:
+        """Return when to end, None where every position is recorded; raises `InputError` for what is no error of H."""
+        check_choice("positions to record", self.extent, tuple(key for key, _ in EXTENTS))
+        check_number("wanted error of H (%)", 100 * self.error, at_least=0.06, below=100, remedy="for example 0.5")
+        if self.most is not None:
+            check_number("most positions", self.most, at_least=FEWEST, integer=True)
+        if self.extent == "whole":
+            return None
+        from lfcal.campaign import Goal
+
+        return Goal(self.error, most=self.most)
+
     def values(self, plan: ScanPlan) -> dict[str, Any]:
         """Return the value of every field of the form."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         order = "coarse" if self.coarse else plan.order
-        return {spec.key: own.get(spec.key) for spec in FIELDS} | {
+        return {spec.key: own.get(spec.key) for spec in (*UNTIL, *FIELDS)} | {
             "order": order,
             "frames_averaged": plan.frames_averaged,
         }
@@ -172,6 +213,7 @@ class AcquireSettings(PageSettings):
         else:
             settings = replace(self, **{key: value})
         settings.options().motion(plan)
+        settings.goal()
         return settings, plan
 
 

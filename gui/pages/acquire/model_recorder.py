@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,10 @@ from lfcal.camera import ScanPlan
 from lfcal.frames.source import Position
 from lfcal.progress import Work
 from lfcal.units import format_seconds
+
+if TYPE_CHECKING:
+    from lfcal.campaign import AdaptiveStep, Goal
+    from lfcal.fit import Fit
 
 __all__ = ["QUANTITIES", "FolderState", "RecordPicture", "Recorder", "folder_state", "record_picture"]
 
@@ -41,6 +46,8 @@ class Recorder:
         Whether the folder holds it already.
     redo
         Positions (z, y, x) to be recorded again; empty records all.
+    goal
+        The error of H that ends it, positions being chosen on the way; None: it ends with the last of the plan.
     """
 
     def __init__(
@@ -51,9 +58,13 @@ class Recorder:
         *,
         resume: bool = False,
         redo: Sequence[tuple[int, int, int]] = (),
+        goal: Goal | None = None,
     ) -> None:
         self.folder, self.plan, self.options, self.resume = folder, plan, options, resume
         self.redo = tuple(Position(*p) for p in redo)
+        self.goal, self.ended = goal, ""
+        self.steps: list[AdaptiveStep] = []
+        self.fit: Fit | None = None
         self.control, self.preview = Control(), Preview()
         self.quality = LiveQuality(plan, window_shape(plan, options))
         positions = coarse_order(plan) if options.order == "coarse" else plan.order_indices()
@@ -64,6 +75,8 @@ class Recorder:
         """Return the recording, alone on the devices of ``station``."""
         from lfcal.acquire.session import iter_record
 
+        if self.goal is not None:
+            return station.use(self._until(station, self.goal))
         return station.use(
             iter_record(
                 self.folder,
@@ -77,6 +90,25 @@ class Recorder:
                 observers=(self.quality,),
             )
         )
+
+    def _until(self, station: Station, goal: Goal) -> Work[Outcome]:
+        """Record until H is known; the last fit is kept here: jobs are remembered long after they ended."""
+        from lfcal.campaign import iter_adaptive
+
+        found = yield from iter_adaptive(
+            self.folder,
+            self.plan,
+            station.rig,
+            goal,
+            self.options,
+            resume=self.resume,
+            control=self.control,
+            preview=self.preview,
+            observers=(self.quality,),
+            seen=self.steps.append,
+        )
+        self.ended, self.fit = found.words, found.fit
+        return found.outcome
 
     @property
     def rate(self) -> float:
@@ -97,6 +129,10 @@ class FolderState:
         How the last run ended.
     problem
         Why the folder cannot be read, or empty.
+    plan, options
+        Of the session.
+    chosen
+        ``(nz, ny, nx)`` the positions that were chosen to be recorded; None: all of the plan.
     """
 
     there: NDArray[np.bool_] | None = None
@@ -104,11 +140,14 @@ class FolderState:
     problem: str = ""
     plan: ScanPlan | None = None
     options: Options | None = None
+    chosen: NDArray[np.bool_] | None = None
 
     @property
     def complete(self) -> bool:
-        """Whether every position is recorded."""
-        return self.there is not None and bool(self.there.all())
+        """Whether every position that is to be recorded is."""
+        if self.there is None:
+            return False
+        return bool(self.there.all() if self.chosen is None else self.there[self.chosen].all())
 
     def planes(self) -> tuple[int, ...]:
         """Return the planes of which every position is recorded."""
@@ -123,6 +162,9 @@ class FolderState:
         if self.there is None:
             return "a new session"
         done, total = int(self.there.sum()), self.there.size
+        if self.chosen is not None:
+            of = f"{done} of {int(self.chosen.sum())} chosen positions safe on disk, of {total} of the plan"
+            return of + (f"; the last run: {self.how}" if self.how else "")
         return f"{done} of {total} positions safe on disk" + (f"; the last run: {self.how}" if self.how else "")
 
 
@@ -145,7 +187,11 @@ def folder_state(folder: str) -> FolderState:
     except (LfcalError, OSError) as error:
         return FolderState(problem=str(error))
     how = session.runs[-1].how if session.runs else ""
-    return FolderState(there.reshape(shape), how, "", session.plan, session.options)
+    chosen = np.zeros(shape, np.bool_)
+    if session.redo[0]:
+        chosen[tuple(np.array([at for part in session.redo for at in part]).T)] = True
+    found = chosen if session.redo[0] else None
+    return FolderState(there.reshape(shape), how, "", session.plan, session.options, found)
 
 
 @dataclass(frozen=True, eq=False)

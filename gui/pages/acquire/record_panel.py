@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -13,15 +16,19 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QProgressBar,
     QPushButton,
+    QSizePolicy,
     QSlider,
+    QStackedWidget,
     QWidget,
 )
 
 from gui.jobs import Jobs
-from gui.pages.acquire.model import FIELDS
+from gui.pages.acquire.error_view import TITLE, ErrorView
+from gui.pages.acquire.model import EXTENTS, FIELDS, UNTIL
 from gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
+from gui.pages.acquire.model_until import ErrorCurve
 from gui.theme import current_theme
-from gui.widgets.cards import card, column_area, line
+from gui.widgets.cards import card, choice_box, column_area, line
 from gui.widgets.form import Form
 from gui.widgets.frame_view import FrameView
 from gui.widgets.image_view import ImageView
@@ -35,7 +42,7 @@ BUTTONS = (
     (
         "start",
         "Start",
-        "Record every position of the plan into the session folder; a frame counts once it is safe on the disk",
+        "Record every position into the session folder, or until H is known; a frame counts once it is safe on disk",
     ),
     ("pause", "Pause", "Finish the current position, then wait; Resume continues"),
     ("stop", "Stop", "Finish the current position, then stop; the session can be resumed later"),
@@ -46,10 +53,13 @@ BUTTONS = (
     ),
     ("redo", "Record again", "Record the positions listed by the Quality page again; the later frame is used"),
     ("assemble", "Assemble H …", "Crop and stack what is recorded into H; darks are subtracted where there are any"),
+    ("fit", "Fit", "Assemble what is recorded into H.h5 of the session's folder, and go on with it on the page Fit"),
     ("pack", "Pack", "Compress the finished recording; every frame is checked"),
 )
 """Key, title and meaning of each button."""
 
+
+SUM = "Depth-plane sum"
 
 FLOORS = {"energy": 1.0, "residual": 0.1, "saturated": 1.0}
 """The least the curves' axes span, so that noise about zero is not blown up."""
@@ -68,6 +78,8 @@ class RecordPanel(QWidget):
         Another plane or quantity is to be shown.
     plane_asked(z)
         Open the H of a complete plane.
+    extent_asked(key)
+        One of `EXTENTS` is wanted.
     """
 
     pressed = Signal(str)
@@ -75,10 +87,11 @@ class RecordPanel(QWidget):
     folder_asked = Signal()
     view_changed = Signal()
     plane_asked = Signal(int)
+    extent_asked = Signal(str)
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.form = Form(FIELDS)
+        self.form, self.until = Form(FIELDS), Form(UNTIL)
         self.map = PeriodMap()
         self.map.setToolTip("Positions of one period in this plane; dark: not recorded yet")
         self.map.cross.hide()
@@ -86,10 +99,13 @@ class RecordPanel(QWidget):
         style_axes(self.frame.plot, "column in the region read (px)", "row (px)")
         self.depth_sum = ImageView(value_label="10³ counts")
         self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it becomes the shape of the aperture")
+        self.error, self.third = ErrorView(), QStackedWidget()
+        for view in (self.depth_sum, self.error):
+            self.third.addWidget(view)
         self.curves = {
-            "energy": LinePlot("position in order of recording", "energy (counts)"),
-            "residual": LinePlot("position in order of recording", "residual (px)"),
-            "saturated": LinePlot("position in order of recording", "saturated (px)"),
+            "energy": LinePlot("position in scan order", "energy (counts)"),
+            "residual": LinePlot("position in scan order", "residual (px)"),
+            "saturated": LinePlot("position in scan order", "saturated (px)"),
         }
         tips = (
             "Light of each position above the background: constant except for the pattern of the optics",
@@ -101,7 +117,7 @@ class RecordPanel(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 6, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(300, self._session_card(), self._how_card()))
+        row.addWidget(column_area(306, self._session_card(), self._how_card()))
         row.addLayout(self._pictures(), 1)
 
     # -- building --------------------------------------------------------------------------------------
@@ -119,6 +135,15 @@ class RecordPanel(QWidget):
         self.folder_words.setProperty("role", "hint")
         self.folder_words.setWordWrap(True)
         column.addWidget(self.folder_words)
+        self.extent = choice_box(
+            EXTENTS,
+            "Every position of the plan; or a few, then a fit of them, then the positions that help it most, and so on "
+            "until H is known as well as wanted",
+        )
+        self.extent.setAccessibleName("positions to record")
+        self.extent.currentIndexChanged.connect(lambda _: self.extent_asked.emit(self.extent.currentData()))
+        column.addWidget(self.extent)
+        column.addWidget(self.until)
         grid = QGridLayout()
         grid.setSpacing(5)
         self.buttons: dict[str, QPushButton] = {}
@@ -148,9 +173,7 @@ class RecordPanel(QWidget):
         grid = QGridLayout()
         grid.setSpacing(8)
         grid.addWidget(self._progress_card(), 0, 0, 1, 3)
-        for k, (title, view) in enumerate(
-            (("Period map", self.map), ("Current frame", self.frame), ("Depth-plane sum", self.depth_sum))
-        ):
+        for k, (title, view) in enumerate((("Period map", self.map), ("Current frame", self.frame), (SUM, self.third))):
             label = QLabel(title)
             panel, column = card(label)
             view.setMinimumSize(120, 110)
@@ -158,6 +181,8 @@ class RecordPanel(QWidget):
             grid.addWidget(panel, 1, k)
             if view is self.frame:
                 self.frame_title = label
+            elif view is self.third:
+                self.third_title = label
         for k, plot in enumerate(self.curves.values()):
             panel, column = card()
             plot.setMinimumSize(120, 80)
@@ -177,6 +202,9 @@ class RecordPanel(QWidget):
         self.status.setProperty("role", "heading")
         self.detail = QLabel("")
         self.detail.setProperty("role", "hint")
+        # long words go on in the next line, and never make the window wider
+        self.detail.setWordWrap(True)
+        self.detail.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         column.addLayout(line(self.status, self.detail, stretch=1))
         column.addWidget(self.bar)
         self.alarms = QLabel("")
@@ -204,6 +232,15 @@ class RecordPanel(QWidget):
         return frame
 
     # -- showing ---------------------------------------------------------------------------------------
+    def set_values(self, values: Mapping[str, Any], extent: str) -> None:
+        """Show what the user chose; what ends a recording by the error of H only where it does."""
+        blocker = QSignalBlocker(self.extent)
+        self.extent.setCurrentIndex([key for key, _ in EXTENTS].index(extent))
+        blocker.unblock()
+        for form in (self.form, self.until):
+            form.set_values({key: values[key] for key in form.fields})
+        self.until.setVisible(extent == "error")
+
     def set_planes(self, count: int) -> None:
         """Offer so many depth planes."""
         self.plane.blockSignals(True)
@@ -243,6 +280,13 @@ class RecordPanel(QWidget):
         self.alarms.setVisible(bool(words))
         self.open_plane.setEnabled(picture.complete)
 
+    def show_error(self, curve: ErrorCurve | None) -> None:
+        """Show the error of H in the place of the depth-plane sum, or that again."""
+        self.third.setCurrentWidget(self.depth_sum if curve is None else self.error)
+        self.third_title.setText(SUM if curve is None else TITLE)
+        if curve is not None and curve != self.error.curve:
+            self.error.show_curve(curve)
+
     def show_frame(self, frame: LiveFrame, point: tuple[float, float] | None) -> None:
         """Show the frame just recorded, with its cutout."""
         data = frame.data
@@ -259,7 +303,7 @@ class RecordPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.map, self.frame, self.depth_sum):
+        for widget in (self.map, self.frame, self.depth_sum, self.error):
             widget.apply_theme()
         for plot in self.curves.values():
             plot.apply_theme()

@@ -12,11 +12,12 @@ from PySide6.QtWidgets import QFileDialog
 from gui.context import Context
 from gui.jobs import Job, JobState
 from gui.models.project import ProjectState
+from gui.pages.acquire.after import Afterwards
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state, record_picture
+from gui.pages.acquire.model_until import check_goal, error_curve, until_words
 from gui.pages.acquire.record_panel import RecordPanel
 from gui.pages.acquire.setup_tab import SetupTab
-from gui.saving import ask_target, may_replace
 from lfcal.errors import LfcalError, StorageError
 from lfcal.units import format_length, format_seconds
 
@@ -33,16 +34,19 @@ class RecordTab(QObject):
         self.context, self.setup, self.panel = context, setup, panel
         self.recorder: Recorder | None = None
         self.folder = FolderState()
+        self.after = Afterwards(context, panel)
         self._job, self._lamp = 0, ""
         self.poll_timer = QTimer(self)
         self.poll_timer.setInterval(POLL_MS)
         self.poll_timer.timeout.connect(self._poll)
-        panel.form.check = self._check_field
-        panel.form.edited.connect(self._field_edited)
+        for form in (panel.form, panel.until):
+            form.check = self._check_field
+            form.edited.connect(self._field_edited)
+        panel.extent_asked.connect(lambda key: self._field_edited("extent", key))
         panel.folder_edited.connect(self.set_folder)
         panel.folder_asked.connect(self._choose_folder)
         panel.view_changed.connect(self._refresh_picture)
-        panel.plane_asked.connect(self.open_plane)
+        panel.plane_asked.connect(self.after.open_plane)
         panel.pressed.connect(self._pressed)
         setup.changed.connect(self.show_controls)
         context.jobs.changed.connect(self._job_changed)
@@ -57,7 +61,8 @@ class RecordTab(QObject):
         """Show plan, settings and folder; ``folder``: it changed."""
         if state.plan is None:
             return
-        self.panel.form.set_values(AcquireSettings.of(state).values(state.plan))
+        settings = AcquireSettings.of(state)
+        self.panel.set_values(settings.values(state.plan), settings.extent)
         self.panel.set_planes(len(state.plan.depths_um))
         self.panel.folder.setText(state.recording)
         if folder:
@@ -122,25 +127,31 @@ class RecordTab(QObject):
         """Enable what can be pressed now, and say what comes next."""
         buttons, state, recording = self.panel.buttons, self.context.state, self.recording
         there, complete = self.folder.there is not None, self.folder.complete
+        # a session of chosen positions goes on to a smaller error
+        more = not complete or (self.folder.chosen is not None and AcquireSettings.of(state).extent == "error")
         free = self.setup.free and not recording
         held = self.recorder is not None and self.recorder.control.pausing
-        buttons["start"].setText("Resume session" if there and not complete else "Start")
-        buttons["start"].setEnabled(free and not self.setup.connecting and not complete)
+        buttons["start"].setText("Resume session" if there and more else "Start")
+        buttons["start"].setEnabled(free and not self.setup.connecting and more)
         buttons["pause"].setText("Resume" if recording and held else "Pause")
         for key in ("pause", "stop", "abort"):
             buttons[key].setEnabled(recording)
         count = len(state.redo)
         buttons["redo"].setText(f"Record again ({count})" if count else "Record again")
         buttons["redo"].setEnabled(free and bool(count) and complete)
-        buttons["assemble"].setEnabled(there and not recording)
+        for key in ("assemble", "fit"):
+            buttons[key].setEnabled(there and not recording)
         buttons["pack"].setEnabled(complete and not recording)
-        for widget in (self.panel.form, self.panel.folder):
+        for widget in (self.panel.form, self.panel.until, self.panel.extent, self.panel.folder):
             widget.setEnabled(not recording)
+        self._show_error()
         self.panel.why.setText(self._advice())
 
     def _advice(self) -> str:
         if self.recording:
             return "Recording continues while you use other pages."
+        if self.folder.complete and self.folder.chosen is not None:
+            return "Fit takes what was recorded to the page Fit; with a smaller error the session goes on."
         if self.folder.complete:
             return "Complete. Assemble H, or choose another folder for a new session."
         if self.setup.station is None:
@@ -159,8 +170,9 @@ class RecordTab(QObject):
             "stop": lambda: self._ask("stop"),
             "abort": lambda: self._ask("abort"),
             "redo": lambda: self.start(redo=True),
-            "assemble": self.assemble,
-            "pack": self.pack,
+            "assemble": self.after.assemble,
+            "fit": lambda: self.after.fit(self._fit_of_folder()),
+            "pack": self.after.pack,
         }
         actions[key]()
 
@@ -191,7 +203,11 @@ class RecordTab(QObject):
                 raise StorageError(now.problem)
             options = now.options or AcquireSettings.of(state).options()
             resume = now.there is not None and not redo
-            recorder = Recorder(folder, state.plan, options, resume=resume, redo=state.redo if redo else ())
+            goal = None if redo else AcquireSettings.of(state).goal()
+            if goal is not None:
+                check_goal(state.plan, options, now)
+            again = state.redo if redo else ()
+            recorder = Recorder(folder, state.plan, options, resume=resume, redo=again, goal=goal)
         except LfcalError as error:
             self._refuse(str(error))
             return
@@ -235,6 +251,7 @@ class RecordTab(QObject):
                 if self.panel.follow.isChecked():
                     self.panel.set_plane(frame.position.z)
             self.panel.show_frame(frame, point)
+        self._show_error()
         self._refresh_picture()
 
     def _refresh_picture(self) -> None:
@@ -267,12 +284,29 @@ class RecordTab(QObject):
         if job.number != self._job or job.progress is None or self.recorder is None or not job.active:
             return
         record, recorder = job.progress, self.recorder
+        if recorder.goal is not None:
+            words, detail = until_words(record, recorder.steps, recorder.quality.state().done)
+            detail = ", ".join(part for part in (detail, self._lamp) if part)
+            self.panel.show_status(words, detail, record.fraction if record.total else None)
+            return
         rate = recorder.rate
         left = (record.total - record.done) / rate if rate > 0 else None
         words = f"{record.done} of {record.total} positions"
         pace = f"{rate:.0f} per second, about {format_seconds(left)} to go" if left else ""
         detail = ", ".join(part for part in (record.note or pace, self._lamp) if part)
         self.panel.show_status(words, detail, record.fraction)
+
+    def _show_error(self) -> None:
+        """Show the error of H of a recording that ends by it; of another one the depth-plane sum."""
+        recorder, settings = self.recorder, AcquireSettings.of(self.context.state)
+        goal = settings.goal() if recorder is None else recorder.goal
+        self.panel.show_error(None if goal is None else error_curve(recorder.steps if recorder else (), goal))
+
+    def _fit_of_folder(self) -> Any:
+        """Return the last fit of the session in the folder, None where this window made none."""
+        recorder = self.recorder
+        own = recorder is not None and recorder.folder == Path(self.context.state.recording)
+        return recorder.fit if own and recorder is not None else None
 
     def _recorded(self, outcome: Any) -> None:
         words = f"{outcome.how}: {outcome.acknowledged} of {outcome.total} positions are safe"
@@ -295,54 +329,10 @@ class RecordTab(QObject):
         if job.state is JobState.DONE:
             fraction = job.result.acknowledged / max(1, job.result.total)
             words = f"{job.result.how.capitalize()}: {job.result.acknowledged} of {job.result.total} positions."
+            if self.recorder is not None and self.recorder.ended:
+                ended = self.recorder.ended
+                words = f"{ended[0].upper()}{ended[1:]}."
+        curve = self.panel.error.curve
+        known = curve.words if self.recorder is not None and self.recorder.steps and curve is not None else ""
         # beside the status, which stays: the advice is written again once the folder was looked into
-        self.panel.show_status(words, job.error, fraction)
-
-    # -- afterwards ------------------------------------------------------------------------------------
-    def open_plane(self, z: int) -> None:
-        """Assemble a complete plane beside the recording and show it, while others are being recorded."""
-        folder = Path(self.context.state.recording)
-        out = folder / f"plane-{z:02d}.h5"
-        if may_replace(self.panel, [out]):
-            self._assemble(out, planes=[z])
-
-    def assemble(self, path: str = "") -> None:
-        """Assemble H as a job."""
-        folder = Path(self.context.state.recording)
-        path = path or ask_target(self.panel, "Assemble H", str(folder / "H.h5"), "H file (*.h5)")
-        if path:
-            self._assemble(Path(path))
-
-    def _assemble(self, out: Path, planes: list[int] | None = None) -> None:
-        from lfcal.acquire.finish import iter_assemble_session
-
-        folder = Path(self.context.state.recording)
-        self.context.start_writing(
-            f"Assemble {out.name}",
-            "acquire",
-            str(out),
-            lambda: iter_assemble_session(folder, out, planes=planes),
-            self._assembled,
-        )
-
-    def _assembled(self, report: Any) -> None:
-        path = report.matrix.path
-        report.matrix.close()
-        for note in report.notes:
-            self.context.message.emit(f"{Path(path).name}: {note}")
-        self.context.project.update("assembly", psf=str(path))
-        self.context.go.emit("psf", None)
-
-    def pack(self) -> None:
-        """Compress the finished recording as a job."""
-        from lfcal.acquire.finish import iter_finish
-
-        folder = Path(self.context.state.recording)
-        self.context.jobs.start(
-            f"Pack {folder.name}",
-            "acquire",
-            lambda: iter_finish(folder),
-            lambda packed: self.context.message.emit(
-                "; ".join((f"packed: {packed.bytes_gained / 1e6:.1f} MB gained", *packed.left))
-            ),
-        )
+        self.panel.show_status(words, job.error or known, fraction)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QLabel, QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
 
 from gui.models.project import ProjectState
@@ -64,17 +67,17 @@ class ChoicesPanel(QWidget):
         self.way.currentIndexChanged.connect(lambda _: self.edited.emit("auto", self.way.currentData() == "auto"))
         self.groups = QListWidget()
         self.groups.setAccessibleName("groups of unknowns")
-        for name, title, core in group_rows():
+        for name, title, _ in group_rows():
             item = QListWidgetItem(title)
             item.setData(NAME, name)
-            item.setToolTip(f"{name}: {title}" + (", always fitted where groups are found" if core else ""))
             self.groups.addItem(item)
-        row, frame_px = self.groups.sizeHintForRow(0), 2 * self.groups.frameWidth() + 4
         # in a low window the list scrolls, and nothing else
-        self.groups.setMinimumHeight(FEW * row + frame_px)
-        self.groups.setMaximumHeight(self.groups.count() * row + frame_px)
+        self.groups.setMinimumHeight(FEW * self.groups.sizeHintForRow(0) + self._frame_px)
         self.groups.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.groups.setTextElideMode(Qt.TextElideMode.ElideRight)
+        self.groups.setWordWrap(True)
+        self.groups.setSpacing(1)
+        self.groups.setResizeMode(QListWidget.ResizeMode.Adjust)
+        self.groups.setTextElideMode(Qt.TextElideMode.ElideNone)
         self.groups.itemChanged.connect(self._toggled)
         self.legend = _wrapped()
         column.addWidget(self.way)
@@ -101,28 +104,54 @@ class ChoicesPanel(QWidget):
         _say(self.start, *offer.camera_words(settings, project.camera, project.plan))
         _say(self.noise, *offer.noise_words(settings))
 
-    def show_settings(self, settings: FitSettings, fit: Fit | None) -> None:
-        """Show what the user chose; of a ``fit`` that found its groups, which they are."""
+    def show_settings(self, settings: FitSettings, fit: Fit | None, lacking: Mapping[str, str]) -> None:
+        """Show what the user chose; of a ``fit`` that found its groups, which they are.
+
+        Groups of ``lacking`` are grey, with what the camera would need for them.
+        """
         self.form.set_values({field.key: getattr(settings, field.key) for field in FIELDS})
         blockers = [QSignalBlocker(self.way), QSignalBlocker(self.groups)]
         self.way.setCurrentIndex(0 if settings.auto else 1)
         groups = fit.groups if fit is not None and settings.auto else None
         for k, (name, title, core) in enumerate(group_rows()):
-            item = self.groups.item(k)
-            if settings.auto:
-                flags = Qt.ItemFlag.ItemIsEnabled
+            item, needs = self.groups.item(k), lacking.get(name, "")
+            flags, mark = Qt.ItemFlag.ItemIsEnabled, ""
+            if needs:
+                flags, mark = Qt.ItemFlag.NoItemFlags, "–  " if settings.auto else ""
+            elif settings.auto:
                 mark = ("✓  " if core else "?  ") if groups is None else ("✓  " if name in groups else "–  ")
+            else:
+                flags |= Qt.ItemFlag.ItemIsUserCheckable
+            if settings.auto:
                 item.setData(Qt.ItemDataRole.CheckStateRole, None)
             else:
-                flags, mark = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsUserCheckable, ""
-                on = name in settings.groups
+                on = name in settings.groups and not needs
                 item.setCheckState(Qt.CheckState.Checked if on else Qt.CheckState.Unchecked)
             item.setFlags(flags)
-            item.setText(f"{mark}{title}")
+            item.setText(f"{mark}{title}" + (f"\nneeds {needs}" if needs else ""))
+            always = ", always fitted where groups are found" if core else ""
+            item.setToolTip(f"{name}: {title}" + (f"; needs {needs}" if needs else always))
+        self._fit_height()
         self.legend.setText(_legend(settings, told=groups is not None))
         self.legend.setVisible(bool(self.legend.text()))
         for blocker in blockers:
             blocker.unblock()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Wrap the list's lines anew: with a scroll bar there is less room for them."""
+        super().resizeEvent(event)
+        self._fit_height()
+
+    def _fit_height(self) -> None:
+        """Let the list be as high as its lines, however they are wrapped."""
+        self.groups.doItemsLayout()
+        last = self.groups.visualItemRect(self.groups.item(self.groups.count() - 1))
+        first = self.groups.visualItemRect(self.groups.item(0))
+        self.groups.setMaximumHeight(max(self.groups.minimumHeight(), last.bottom() - first.top() + self._frame_px))
+
+    @property
+    def _frame_px(self) -> int:
+        return 2 * self.groups.frameWidth() + 4
 
     def set_running(self, running: bool) -> None:
         """Keep choices as they are while a fit is at work."""

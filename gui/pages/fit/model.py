@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,9 +16,22 @@ from gui.models.settings import PageSettings
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
 from lfcal.fit import GROUPS
+from lfcal.fit.lacking import lacking
+from lfcal.fit.setup import Setup, called_for
 from lfcal.psf import PSFMatrix
 
-__all__ = ["CORE", "FIELDS", "START", "FitSettings", "Offer", "Stamp", "group_rows", "offer_of", "stamp_of"]
+__all__ = [
+    "CORE",
+    "FIELDS",
+    "START",
+    "FitSettings",
+    "Offer",
+    "Stamp",
+    "group_rows",
+    "lacking_of",
+    "offer_of",
+    "stamp_of",
+]
 
 START = (("psf", "H's own camera"), ("window", "camera of this window"))
 """Which camera a fit starts from."""
@@ -144,6 +157,8 @@ class Offer:
         Mean (constant, slope) of the variance that H states, None where it states none.
     problem
         Why what H states of its noise cannot be used; empty where it can, or where it states none.
+    plan
+        The scan with H's own camera, None where it has none.
     """
 
     shape: tuple[int, ...]
@@ -151,6 +166,7 @@ class Offer:
     camera: str | None
     noise: tuple[float, float] | None
     problem: str = ""
+    plan: ScanPlan | None = None
 
     def source_words(self, name: str) -> str:
         """Return a line on the positions of H, which is called ``name``."""
@@ -195,14 +211,34 @@ class Offer:
             return f"Starts from {window.name}, the camera of this window.", "hint"
         return f"Starts from {self.camera}, as H was made with.", "hint"
 
+    def lacking(self, settings: FitSettings, window: Camera, plan: ScanPlan | None) -> dict[str, str]:
+        """Return the groups that the camera of the fit has no unknowns of, by name, and what it would need for them.
+
+        ``window`` and ``plan`` are those of the window; nothing where there is no camera to tell it from.
+        """
+        own = self.plan
+        if own is None:
+            own = plan if plan is not None and plan.shape == self.shape else None
+        elif settings.camera == "window":
+            own = replace(own, camera=window)
+        return {} if own is None else lacking_of(own)
+
+
+def lacking_of(plan: ScanPlan) -> dict[str, str]:
+    """Return the groups that a fit of a scan's patterns has no unknowns of, by name, and what it would need."""
+    return lacking(Setup(plan.camera, called_for(plan), (0.0,) * plan.shape[0]), plan)
+
 
 def offer_of(matrix: PSFMatrix) -> Offer:
     """Return what an H or HT offers; looks at its facts and not at its patterns."""
     matrix = matrix.T if matrix.is_transposed else matrix
     recorded = np.asarray(matrix.recorded) > 0
     noise, problem = _noise(matrix, recorded)
-    camera = None if matrix.camera is None else matrix.camera.name
-    return Offer(matrix.shape, int(recorded.sum()), camera, noise, problem)
+    if matrix.camera is None:
+        return Offer(matrix.shape, int(recorded.sum()), None, noise, problem)
+    depths = tuple(float(z) for z in matrix.depths)
+    plan = ScanPlan(matrix.camera, matrix.period, matrix.cutout, depths, matrix.anchor)
+    return Offer(matrix.shape, int(recorded.sum()), matrix.camera.name, noise, problem, plan)
 
 
 def _noise(matrix: PSFMatrix, recorded: NDArray[np.bool_]) -> tuple[tuple[float, float] | None, str]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.models.project import ProjectState
-from gui.pages.fit.model import FitSettings, Stamp, offer_of, stamp_of
+from gui.pages.fit.model import FitSettings, Stamp, lacking_of, offer_of, stamp_of
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
 from lfcal.fit import Fit, FitProgress, Measured, iter_fit_camera, measured_of
@@ -19,7 +19,7 @@ from lfcal.fit.model import Fineness, predict
 from lfcal.progress import Progress, Work
 from lfcal.psf import PSFMatrix
 
-__all__ = ["Found", "Kept", "Place", "Question", "asked_of", "iter_fit"]
+__all__ = ["Found", "Kept", "Place", "Question", "asked_of", "iter_fit", "iter_taken"]
 
 F4 = NDArray[np.float32]
 Place = tuple[int, int, int]
@@ -131,7 +131,7 @@ def iter_fit(asked: Question, kept: Kept) -> Work[None]:
     """Fit the recorded positions of H; what comes out is in ``kept``, as jobs are remembered long after they ended."""
     start = time.perf_counter()
     measured, unit = _read(asked)
-    work = iter_fit_camera(measured, unknowns=asked.settings.unknowns)
+    work = iter_fit_camera(measured, unknowns=_unknowns(asked, measured))
     try:
         while True:
             try:
@@ -149,8 +149,34 @@ def iter_fit(asked: Question, kept: Kept) -> Work[None]:
     yield Progress(1, 1, "what is left of each pattern", time.perf_counter() - start)
 
 
-def _read(asked: Question) -> tuple[Measured, str]:
-    """Return the patterns to fit; the file is closed again: others may want to replace it."""
+def iter_taken(asked: Question, fit: Fit, kept: Kept) -> Work[None]:
+    """Take over a ``fit`` of these patterns that was made elsewhere: they are read and compared with it."""
+    start = time.perf_counter()
+    yield Progress(0, 1, "patterns of the fit", 0.0)
+    places = sorted({*fit.residuals, *((one.z, one.y, one.x) for one in fit.outliers)})
+    measured, unit = _read(asked, places)
+    if measured.plan.shape != fit.planned.shape:
+        got, want = measured.plan.shape, fit.planned.shape
+        raise InputError.expected(f"{asked.name}, patterns", f"those of the fit, {want}", got, "press Fit")
+    kept.found = _found(asked, fit, measured, unit)
+    yield Progress(1, 1, "patterns of the fit", time.perf_counter() - start)
+
+
+def _unknowns(asked: Question, measured: Measured) -> str | tuple[str, ...]:
+    """Return what is found; groups that the page greys out, which were chosen for another camera, are not."""
+    chosen = asked.settings.unknowns
+    if isinstance(chosen, str):
+        return chosen
+    without = lacking_of(measured.plan)
+    own = tuple(name for name in chosen if name not in without)
+    if not own:
+        got = f"{chosen[0]}, which needs {without[chosen[0]]}"
+        raise InputError.expected("unknowns", "one group or more that the camera has", got, "choose others")
+    return own
+
+
+def _read(asked: Question, places: list[Place] | None = None) -> tuple[Measured, str]:
+    """Return the patterns to fit, or those of ``places``; the file is closed again: others may want to replace it."""
     from lfcal.psf import open_psf
 
     settings = asked.settings
@@ -160,9 +186,20 @@ def _read(asked: Question) -> tuple[Measured, str]:
         if settings.noise is None and offer.noise is None:
             raise InputError(f"{asked.name}: {offer.noise_words(settings)[0]}")
         camera = matrix.camera if settings.camera == "psf" else asked.window
-        measured = measured_of(matrix, camera, noise=settings.noise, most=settings.positions or None)
+        if places is None:
+            measured = measured_of(matrix, camera, noise=settings.noise, most=settings.positions or None)
+        else:
+            aside = _kept_aside(matrix, places)
+            measured = measured_of(matrix, camera, positions=places, left_out=aside, noise=settings.noise)
         unit = "share of the light" if "simulated" in matrix.provenance else "counts"
         return measured, unit
+
+
+def _kept_aside(matrix: PSFMatrix, places: list[Place]) -> list[Place]:
+    """Return which of the places the session kept from its fits, as H says."""
+    said = matrix.provenance.get("kept_aside")
+    every = {tuple(at) for at in said if isinstance(at, list)} if isinstance(said, list) else set()
+    return [place for place in places if place in every]
 
 
 def _owned(matrix: PSFMatrix, asked: Question) -> PSFMatrix:

@@ -114,6 +114,7 @@ def findings_of(fit: Fit) -> tuple[Finding, ...]:
     """Return what the scan does not tell, what is held, answers, outliers, and groups that did not help."""
     found = [Finding(f"not as described: {question}", answer) for question, answer in fit.answers.items()]
     found += [_outlier(one) for one in fit.outliers]
+    found += [Finding("not measured", fit.unseen_words)] if fit.unseen else []
     found += [Finding("this scan does not tell apart", one) for one in fit.unidentified]
     found += [Finding("held", one) for one in fit.held]
     found += [Finding("fitted", _title(name)) for name in fit.groups]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,13 @@ from gui.jobs import Job, JobState
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.fit.model import FitSettings, Stamp, offer_of, stamp_of
-from gui.pages.fit.model_run import Found, Kept, Place, asked_of, iter_fit
+from gui.pages.fit.model_run import Found, Kept, Place, asked_of, iter_fit, iter_taken
 from gui.pages.fit.model_use import Use, use_of
 from gui.pages.fit.panel import FitPanel
 from gui.pages.fit.results import Results
 from lfcal.errors import InputError
+from lfcal.fit import Fit
+from lfcal.progress import Work
 from lfcal.units import format_seconds
 
 __all__ = ["Page"]
@@ -138,10 +141,12 @@ class Page(BasePage):
             return
         self.show_body()
         choices, settings = self.panel.choices, self.settings
-        choices.show_source(Path(state.psf).name, None if matrix is None else offer_of(matrix), state)
+        offer = None if matrix is None else offer_of(matrix)
+        choices.show_source(Path(state.psf).name, offer, state)
         found = self.found
         same = found is not None and found.question.settings == settings
-        choices.show_settings(settings, found.fit if found is not None and same else None)
+        without = {} if offer is None else offer.lacking(settings, state.camera, state.plan)
+        choices.show_settings(settings, found.fit if found is not None and same else None, without)
         if not self._busy:
             self._show_found()
 
@@ -210,12 +215,25 @@ class Page(BasePage):
         except InputError as error:
             self.refuse(str(error))
             return
+        self._start(f"Fit {asked.name}", lambda kept: iter_fit(asked, kept))
+
+    def take(self, fit: Fit) -> None:
+        """Take over a fit that was made while the patterns of H were recorded."""
+        state = self.context.state
+        settings = replace(self.settings, camera="psf", positions=0, auto=True, constant=None, slope=None)
+        self.context.project.update("fit of the session", settings=settings.into(state))
+        self._follow()
+        if self._busy or self._stamp is None:
+            return
+        asked = asked_of(self.context.state, settings)
+        self._start(f"Fit of {asked.name}", lambda kept: iter_taken(asked, fit, kept))
+
+    def _start(self, title: str, work: Callable[[Kept], Work[None]]) -> None:
         self.notice.clear()
+        self.hold_keyboard()
         self._kept = kept = Kept()
         self._said, self._used = ("", False), None
-        self._job = self.context.jobs.start(
-            f"Fit {asked.name}", "fit", lambda: iter_fit(asked, kept), abandon=True, leave=True
-        )
+        self._job = self.context.jobs.start(title, "fit", lambda: work(kept), abandon=True, leave=True)
         self._show_buttons()
         self.panel.show_running("Fitting: reading H …", None, ())
 
@@ -260,8 +278,10 @@ class Page(BasePage):
         self._follow()
 
     def receive(self, payload: Any) -> None:
-        """Show a position (z, y, x) another page sent."""
-        if isinstance(payload, tuple) and len(payload) == 3:
+        """Show a position (z, y, x), or take over a fit, that another page sent."""
+        if isinstance(payload, Fit):
+            self.take(payload)
+        elif isinstance(payload, tuple) and len(payload) == 3:
             place: Place = payload
             self.panel.show_place(place)
 

@@ -135,7 +135,7 @@ class FitPanel(QWidget):
         if found is not self._found:
             self._found = found
             self.patterns.show_found(found)
-            self.rounds.show_rounds(rounds)
+            self.rounds.show_rounds(rounds, "Fitted while the session was recorded, which keeps no rounds.")
             self._show_rows(found)
         self._say(verdict_of(found.fit), "\n".join(filter(None, (detail_of(found), note))), merit_of(found.fit))
         self.stack.setCurrentWidget(self.tabs)

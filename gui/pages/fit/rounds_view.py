@@ -79,13 +79,13 @@ class RoundsView(QWidget):
         self.words.setProperty("role", "hint")
         column.addWidget(self.words)
 
-    def show_rounds(self, rounds: Sequence[FitProgress]) -> None:
-        """Show the start and the rounds that are done."""
+    def show_rounds(self, rounds: Sequence[FitProgress], none: str = "The start is being computed …") -> None:
+        """Show the start and the rounds that are done; ``none`` are the words where there are none."""
         self._rounds = tuple(rounds)
         self.error.show_values([100 * one.left_out for one in rounds], [one.hidden for one in rounds])
         self.chi2.show_values([one.chi2 for one in rounds], [False] * len(rounds))
         if not rounds:
-            self.words.setText("The start is being computed …")
+            self.words.setText(none)
             return
         parts = [f"{rounds[-1].stage}: {rounds[-1].note}."]
         if any(one.hidden for one in rounds):

@@ -60,7 +60,9 @@ def read_darks(folder: Path, session: SessionFile, schedule: Schedule, *, skip_d
             if frames:
                 first = file.records[next(iter(frames))]
                 place = (int(first["row"]), int(first["column"]))
-                darks[float(seconds)] = Dark(average_frames(frames.values()), origin=place, count=len(frames))
+                # each frame in the file is the mean of as many exposures as were asked for
+                count = len(frames) * session.options.darks
+                darks[float(seconds)] = Dark(average_frames(frames.values()), origin=place, count=count)
             else:
                 lost.append(float(seconds))
     finally:

@@ -19,7 +19,7 @@ from lfcal.frames.source import FrameSource
 
 __all__ = ["SimBackend", "simulated_rig"]
 
-OPTICS = ("pattern", "auto", "geometric", "wave", "microscope")
+OPTICS = ("pattern", "auto", "geometric", "wave", "grid", "microscope")
 CLOCKS = ("virtual", "real")
 
 
@@ -71,7 +71,7 @@ class SimBackend:
     title = "simulated camera and stage"
     has_stage = True
     options: Mapping[str, str] = {
-        "optics": "pattern (quick), or a level of the simulator: auto, geometric, wave, microscope",
+        "optics": "pattern (quick), or a level of the simulator: auto, geometric, wave, grid (for fits), microscope",
         "effects": "JSON file of effects on the optics, as lfcal simulate --effects reads it; needs a level",
         "time": "virtual (waits pass at once) or real",
         "velocity": "speed of the stage (µm/s)",

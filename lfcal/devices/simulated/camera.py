@@ -233,11 +233,11 @@ class SimCamera:
             patch = self._renderer.render((source[0], source[1], source[2]), self._exposure, self._roi)
             if dimmed:
                 patch = patch._replace(counts=patch.counts * np.float32(DIMMED))
-            self._add(frame, patch, (left, top))
+            self._add(frame, patch, (top, left))
         return frame
 
     def _add(self, frame: NDArray[Any], patch: Patch, draw: tuple[int, int]) -> None:
-        """Add the light of ``patch`` with its shot noise to ``frame`` in place, clipped at saturation."""
+        """Enter what the sensor shows of the light of ``patch`` into ``frame``, in place."""
         row, column = patch.row - self._roi.row, patch.column - self._roi.column
         top, left = max(row, 0), max(column, 0)
         bottom = min(row + patch.counts.shape[0], frame.shape[0])
@@ -245,13 +245,19 @@ class SimCamera:
         if bottom <= top or right <= left:
             return
         light = patch.counts[top - row : bottom - row, left - column : right - column]
-        normal = self._normal[draw[0] : draw[0] + frame.shape[0], draw[1] : draw[1] + frame.shape[1]]
         # one set of random numbers for the read noise and the photon noise alike: shifted, both repeat with the place
-        shot = np.sqrt(light * np.float32(1 / self._sensor.electrons_per_count)) * normal[top:bottom, left:right]
-        part = frame[top:bottom, left:right]
-        total = np.rint(part + light + shot)
-        np.clip(total, 0, self._sensor.max_value, out=total)
-        part[...] = total
+        across = draw[1], draw[0] if draw[0] != draw[1] else (draw[0] + SPREAD // 2) % SPREAD
+        dark, normal = (
+            self._normal[at[0] + top : at[0] + bottom, at[1] + left : at[1] + right] for at in (draw, across)
+        )
+        sensor = self._sensor
+        gain = np.float32(1 / sensor.electrons_per_count)
+        # rounded once, as a converter does: twice would lose light of less than half a count
+        total = np.sqrt(light * gain) * normal + light
+        total += dark * (np.float32(sensor.read_noise_e) * gain) + np.float32(sensor.black_level)
+        np.rint(total, out=total)
+        np.clip(total, 0, sensor.max_value, out=total)
+        frame[top:bottom, left:right] = total
 
     def _check_there(self) -> None:
         if self._lost:

@@ -52,6 +52,7 @@ class PlaneDepths(Group):
     name = "depths"
     title = "depth of each plane"
     rank = 42
+    needs = "two planes or more"
 
     def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
         """Return what is added to each depth; beforehand known as well as a stage's depth is."""

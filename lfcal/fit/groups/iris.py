@@ -59,6 +59,7 @@ class BladeCurvature(Group):
     name = "blades"
     title = "curvature of the iris's blades"
     rank = 32
+    needs = "an iris with blades"
 
     def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
         """Return the curvature of an iris that has blades."""
@@ -80,6 +81,7 @@ class SecondStop(Group):
     name = "cats_eye"
     title = "place and radius of the rim that cuts the pupil"
     rank = 34
+    needs = "the effect vignetting, off axis"
 
     def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
         """Return distance and radius of the rim; none on the axis, where its place does not show."""

@@ -18,6 +18,7 @@ class Specimen(Group):
     name = "specimen"
     title = "depth in a specimen of another index"
     rank = 56
+    needs = "the effect index_mismatch"
 
     def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
         """Return the depth where the fit starts with such a specimen; without one there is nothing to be deep in."""

@@ -31,6 +31,8 @@ class Terms(Group):
         Whether they are tried only once others were.
     """
 
+    needs = "a main lens"  # an objective is simulated with terms of rotational symmetry alone
+
     def __init__(
         self, name: str, title: str, rank: int, terms: tuple[tuple[int, int], ...], *, late: bool = False
     ) -> None:

@@ -115,10 +115,14 @@ def test_it_fills_while_it_is_measured_and_keeps_what_it_has(
     made = Place("bases", "Bases", "error", "cost", "seconds", lambda s, t: endless())  # type: ignore[arg-type]
     monkeypatch.setattr("gui.pages.accuracy.model.PLACES", SimpleNamespace(get=lambda name: made))
     look_at(page, "bases")
-    page.measure()
+    page.activateWindow()
+    qtbot.waitUntil(page.isActiveWindow, timeout=GUARD_MS)
+    qtbot.mouseClick(page.measure_button, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: len(points(page)) > 3, timeout=GUARD_MS)
     assert "measuring …" in page.panel.how.text()
-    page.stop_button.click()
+    focus = QApplication.focusWidget()  # the button that was pressed is grey by now
+    assert focus is not None
+    qtbot.keyClick(focus, Qt.Key.Key_Escape)
     idle(page.context.jobs, qtbot)
     count = len(points(page))
     assert page.curve is not None and count == len(page.curve.rungs) > 3

@@ -10,7 +10,7 @@ import pytest
 
 from gui.models.project import ProjectState
 from gui.pages.acquire import model_findings, model_live
-from gui.pages.acquire.model import FIELDS, AcquireSettings, target_of
+from gui.pages.acquire.model import FIELDS, UNTIL, AcquireSettings, target_of
 from gui.pages.acquire.model_recorder import Recorder, folder_state, record_picture
 from gui.pages.acquire.model_station import Station, cut, open_station
 from lfcal.acquire.control import Control
@@ -53,7 +53,7 @@ def test_settings_go_through_json_and_survive_damage() -> None:
 
 def test_every_field_changes_one_thing() -> None:
     values = AcquireSettings().values(PLAN)
-    assert set(values) == {spec.key for spec in FIELDS}
+    assert set(values) == {spec.key for spec in (*FIELDS, *UNTIL)}
     changes = {
         "order": "coarse",
         "frames_averaged": 4,
@@ -67,6 +67,8 @@ def test_every_field_changes_one_thing() -> None:
         "margin_px": 2,
         "tolerance_um": (1.0, 1.0, 2.0),
         "overshoot_um": (0.0, 0.0, 0.0),
+        "error": 0.01,
+        "most": 40,
     }
     for key, value in changes.items():
         settings, plan = AcquireSettings().changed(PLAN, key, value)
@@ -74,7 +76,15 @@ def test_every_field_changes_one_thing() -> None:
     assert AcquireSettings(coarse=True).options().order == "coarse"
     settings, plan = AcquireSettings(coarse=True).changed(PLAN, "order", "raster")
     assert (settings.coarse, plan.order) == (False, "raster")
-    for key, bad in (("bracket", (0.5,)), ("darks", -1), ("overshoot_um", (1.0,)), ("frames_averaged", 0)):
+    for key, bad in (
+        ("bracket", (0.5,)),
+        ("darks", -1),
+        ("error", 0.0005),
+        ("most", 11),
+        ("extent", "half"),
+        ("overshoot_um", (1.0,)),
+        ("frames_averaged", 0),
+    ):
         with pytest.raises(InputError):
             AcquireSettings().changed(PLAN, key, bad)
 

@@ -202,9 +202,9 @@ def test_a_session_from_start_to_h(page: Page, context: Context, qtbot: QtBot, t
 
     went: list[str] = []
     context.go.connect(lambda key, _: went.append(key))
-    page.record.open_plane(1)
+    page.record.after.open_plane(1)
     qtbot.waitUntil(lambda: context.state.psf.endswith("plane-01.h5"), timeout=GUARD_MS)
-    page.record.assemble(str(folder / "H.h5"))
+    page.record.after.assemble(str(folder / "H.h5"))
     qtbot.waitUntil(lambda: context.state.psf.endswith("H.h5"), timeout=GUARD_MS)
     assert went == ["psf", "psf"]
     with open_psf(folder / "H.h5") as H:
@@ -219,7 +219,7 @@ def test_a_session_from_start_to_h(page: Page, context: Context, qtbot: QtBot, t
     qtbot.waitUntil(lambda: page.record.folder.complete and not page.record.recording, timeout=GUARD_MS)
     with RecordingSource(folder) as source:
         assert len(source) == 24 and len(source.session.recordings) == 2
-    page.record.pack()
+    page.record.after.pack()
     qtbot.waitUntil(lambda: not context.jobs.running_pages(), timeout=GUARD_MS)
     assert folder_state(str(folder)).complete
 
@@ -271,7 +271,7 @@ def test_dialogs_choose_folder_and_file(
     page.record.start()
     assert len(asked) == 1 and not page.record.recording, "no folder chosen: nothing begins"
     page.panel.record.folder_asked.emit()
-    page.record.assemble()
+    page.record.after.assemble()
     assert len(asked) == 3 and context.state.recording == ""
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path / "chosen"))
     page.panel.record.folder_asked.emit()

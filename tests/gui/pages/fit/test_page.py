@@ -22,7 +22,8 @@ from gui.jobs import JobState
 from gui.models.page import PageState
 from gui.models.project import ProjectState
 from gui.pages.fit import PAGE
-from gui.pages.fit.model import FitSettings
+from gui.pages.fit.model import FitSettings, group_rows
+from gui.pages.fit.model_run import Kept
 from gui.pages.fit.page import Page
 from gui.theme import DARK, LIGHT, apply_theme
 from gui.window import MainWindow
@@ -192,11 +193,60 @@ def test_a_fit_that_is_stopped_leaves_the_one_before(fitted: Page, let_go: threa
     assert fitted.panel.stack.currentWidget() is fitted.panel.tabs
 
 
+def test_escape_stops_a_fit_and_keeps_what_was_there(
+    fitted: Page, let_go: threading.Event, qtbot: QtBot, context: Context
+) -> None:
+    before, rounds = fitted.found, fitted._rounds
+    fitted.activateWindow()
+    qtbot.waitUntil(fitted.isActiveWindow, timeout=GUARD_MS)
+    qtbot.keyClick(fitted, Qt.Key.Key_Escape)
+    assert fitted.found is before, "without a fit there is nothing to stop"
+    qtbot.mouseClick(fitted.fit_button, Qt.MouseButton.LeftButton)
+    assert fitted.stop_button.isEnabled()
+    focus = QApplication.focusWidget()  # the button that was pressed is grey by now
+    assert focus is not None and fitted.isAncestorOf(focus)
+    qtbot.keyClick(focus, Qt.Key.Key_Escape)
+    assert context.jobs.jobs()[0].state is JobState.CANCELLED and not let_go.is_set()
+    panel = fitted.panel
+    assert fitted.found is before and fitted._rounds is rounds and panel.stack.currentWidget() is panel.tabs
+    assert all(button_states(fitted)) and not fitted.stop_button.isEnabled()
+    let_go.set()
+    idle(context.jobs, qtbot)
+    assert fitted.found is before, "what comes of it afterwards is of no interest"
+
+
 def test_the_first_fit_is_stopped_between_two_records(page: Page, let_go: threading.Event) -> None:
     page.fit()
     page.stop_button.click()
     assert page.context.jobs.jobs()[0].state is JobState.CANCELLED and not let_go.is_set()
     assert page.fit_button.isEnabled() and page.panel.verdict.text() == "Stopped."
+
+
+# -- a fit made elsewhere ----------------------------------------------------------------------------------
+def test_a_fit_made_while_recording_is_taken_over(page: Page, known: Kept, qtbot: QtBot) -> None:
+    assert known.found is not None
+    fit = known.found.fit
+    page.receive(fit)
+    assert page.stop_button.isEnabled() and not page.fit_button.isEnabled()
+    idle(page.context.jobs, qtbot)
+    found, panel = page.found, page.panel
+    assert found is not None and found.fit is fit and all(button_states(page))
+    assert found.places == known.found.places and found.aside == known.found.aside
+    for place in found.places:
+        np.testing.assert_array_equal(found.patterns[place], known.found.patterns[place])
+        np.testing.assert_allclose(found.model[place], known.found.model[place], rtol=1e-6)
+    assert page.settings.positions == 0 and page.settings.auto and "Choices changed" not in panel.detail.text()
+    assert "while the session was recorded" in panel.rounds.words.text()
+    page.context.project.undo()
+    assert page.settings == GEOMETRY
+
+
+def test_a_fit_of_another_scan_is_not_taken_over(page: Page, known: Kept, qtbot: QtBot) -> None:
+    assert known.found is not None
+    fit = known.found.fit
+    page.receive(replace(fit, planned=replace(fit.planned, cutout=(13, 13))))
+    idle(page.context.jobs, qtbot)
+    assert page.found is None and "H.h5, patterns: expected those of the fit" in page.panel.verdict.text()
 
 
 # -- another H ---------------------------------------------------------------------------------------------
@@ -262,6 +312,54 @@ def test_choices_are_undone_and_kept(page: Page, qtbot: QtBot) -> None:
     assert page.settings.constant == 3 and choices.noise.property("role") == "error"
     kept = FitSettings.of(ProjectState.from_json(project.state.to_json()))
     assert kept == page.settings
+
+
+def test_groups_that_the_camera_lacks_are_grey_with_their_reason(page: Page, qtbot: QtBot) -> None:
+    choices, project = page.panel.choices, page.context.project
+    rows = {
+        choices.groups.item(k).data(Qt.ItemDataRole.UserRole): choices.groups.item(k) for k in range(len(group_rows()))
+    }
+    grey = {name for name, item in rows.items() if not item.flags() & Qt.ItemFlag.ItemIsEnabled}
+    assert grey == {"cats_eye", "depths", "specimen"}
+    assert rows["depths"].text() == "depth of each plane\nneeds two planes or more"
+    assert rows["depths"].toolTip().endswith("needs two planes or more")
+    # one that was chosen for another camera neither shows as chosen, nor is it fitted
+    both = replace(GEOMETRY, groups=("geometry", "depths"))
+    project.update("choices", settings=both.into(project.state))
+    assert rows["depths"].checkState() == Qt.CheckState.Unchecked
+    page.fit()
+    idle(page.context.jobs, qtbot)
+    assert page.found is not None and page.found.fit.groups == ("geometry",)
+    alone = replace(GEOMETRY, groups=("depths",))
+    project.update("choices", settings=alone.into(project.state))
+    page.fit()
+    idle(page.context.jobs, qtbot)
+    assert "got depths, which needs two planes or more" in page.panel.verdict.text() + page.notice.label.text()
+    # a lens without blades, in this window
+    camera = project.state.camera
+    plain = replace(camera, optics=replace(camera.optics, blades=0))
+    project.update("start", settings=replace(GEOMETRY, camera="window").into(project.state), camera=plain)
+    assert rows["blades"].text().endswith("needs an iris with blades")
+    project.undo()
+    assert rows["blades"].flags() & Qt.ItemFlag.ItemIsUserCheckable
+
+
+@pytest.mark.parametrize("auto", [True, False])
+def test_no_name_of_a_group_is_cut(page: Page, auto: bool) -> None:
+    """As wide as in a window of 1280 px: what does not go into a line goes on in the next."""
+    project, groups = page.context.project, page.panel.choices.groups
+    project.update("way", settings=replace(GEOMETRY, auto=auto).into(project.state))
+    room = groups.viewport().width()
+    metrics = groups.fontMetrics()
+    tall = 0
+    for k in range(groups.count()):
+        item = groups.item(k)
+        rect = groups.visualItemRect(item)
+        beside = 20 if not auto else 0  # the box to tick
+        words = metrics.boundingRect(0, 0, rect.width() - beside, 999, Qt.TextFlag.TextWordWrap, item.text())
+        assert rect.right() <= room and rect.height() >= words.height(), item.text()
+        tall += rect.height() > 1.5 * metrics.height()
+    assert tall >= 3, "some names are longer than a line"
 
 
 def test_choices_since_a_fit_are_told(fitted: Page) -> None:

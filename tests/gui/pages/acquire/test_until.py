@@ -1,0 +1,208 @@
+"""Recording until H is known, in the window: chosen, followed, stopped, gone on with, and taken to the page Fit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from pytestqt.qtbot import QtBot
+
+from gui.context import Context
+from gui.models.project import ProjectState
+from gui.pages.acquire.model import AcquireSettings
+from gui.pages.acquire.model_recorder import FolderState, folder_state
+from gui.pages.acquire.model_until import check_goal, error_curve, until_words
+from gui.pages.acquire.page import Page
+from lfcal.acquire import Options, verify
+from lfcal.acquire.session import record
+from lfcal.acquire.session_file import SessionFile
+from lfcal.campaign import AdaptiveStep, Goal
+from lfcal.errors import InputError
+from lfcal.fit import Fit
+from lfcal.fit.judge import ModelError
+from lfcal.fit.setup import described_effects
+from lfcal.progress import Progress
+from lfcal.psf import open_psf
+from lfcal.simulate.effects.described import Entry, entries_json
+from tests.acquire.rigs import CAREFUL, rig_for
+from tests.fit.common import small_plan
+from tests.gui.conftest import OpenPage
+from tests.gui.waiting import GUARD_MS
+
+PLAN = replace(small_plan(15, (2.2,)), period=(8, 12), settle_s=0.0)
+QUICK = {"first": 6, "unknowns": ("geometry",), "candidates": 40}
+
+
+def step(positions: int, stated: float, squared: float = 0.0, sigma: float = 1e-6) -> AdaptiveStep:
+    return AdaptiveStep(positions, stated, ModelError(squared, sigma, stated, 3), 1.0, True, ("geometry",), 0)
+
+
+# -- the model ---------------------------------------------------------------------------------------------
+def test_settings_say_when_to_end() -> None:
+    assert AcquireSettings().goal() is None, "every position, unless it is asked for otherwise"
+    assert AcquireSettings(extent="error", error=0.002, most=40).goal() == Goal(0.002, most=40)
+    for wrong in ({"error": 0.0}, {"error": 1.5}, {"error": math.nan}, {"most": 3}, {"extent": "some"}):
+        with pytest.raises(InputError):
+            AcquireSettings(extent=wrong.pop("extent", "error"), **wrong).goal()  # type: ignore[arg-type, call-overload]
+        settings = AcquireSettings.from_dict({"extent": "error", **wrong})
+        settings.usable()
+
+
+def test_the_curve_has_values_and_limits_in_per_cent() -> None:
+    steps = [step(6, 0.01), step(12, 0.004, squared=4e-4, sigma=4e-5)]
+    curve = error_curve(steps, Goal(0.003, most=40))
+    assert curve.positions == (6, 12) and curve.stated == pytest.approx((1.0, 0.4)) and curve.wanted == 0.3
+    # a limit has no interval; a value has two standard deviations: 2 % ± 2 x 0.1 %
+    assert math.isnan(curve.below[0]) and curve.aside[0] == pytest.approx(100 * steps[0].left_out.limit)
+    assert (curve.aside[1], curve.below[1], curve.above[1]) == pytest.approx((2.0, 0.2, 0.2))
+    assert curve.words == "12 positions: 0.4 % stated, 2 % at positions kept aside"
+    assert error_curve([], Goal(0.003)).words == ""
+
+
+def test_words_say_what_it_is_at() -> None:
+    assert until_words(Progress(3, 6, "record"), [], 3) == ("3 positions, no fit yet", "recording the first 6")
+    known, now = until_words(Progress(1, 4, "record"), [step(12, 0.004)], 13)
+    assert known == "H known to 0.4 % from 12 positions" and now == "recording 1 of 4 more"
+    assert until_words(Progress(1, 4, "coarse, round 1"), [], 6)[1] == "fitting: coarse, round 1"
+    assert until_words(Progress(1, 4, "what patterns tell"), [], 0)[1] == "choosing the first positions"
+
+
+def test_what_no_fit_can_tell_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    check_goal(PLAN, Options(), FolderState())
+    with pytest.raises(InputError, match="enter 1 for Exposures"):
+        check_goal(PLAN, Options(bracket=(1.0, 0.5)), FolderState())
+    record(tmp_path, replace(PLAN, period=(1, 2)), rig_for(replace(PLAN, period=(1, 2))), CAREFUL)
+    with pytest.raises(InputError, match="a scan of every position"):
+        check_goal(PLAN, Options(), folder_state(str(tmp_path)))
+    camera = replace(PLAN.camera, marks=PLAN.camera.marks.marked(["sensor.read_noise_e"], "assumed"))
+    with pytest.raises(InputError, match="on the page Camera"):
+        check_goal(replace(PLAN, camera=camera), Options(), FolderState())
+
+
+# -- the page ----------------------------------------------------------------------------------------------
+@pytest.fixture
+def state(tmp_path: Path) -> ProjectState:
+    effects = tmp_path / "effects.json"
+    effects.write_text(entries_json(Entry(one, one.name, {}, "on") for one in described_effects(PLAN.camera)))
+    settings = AcquireSettings(
+        device_options=(("optics", "grid"), ("effects", str(effects))), extent="error", error=0.0027, darks=2
+    )
+    project = ProjectState(camera=PLAN.camera, plan=PLAN, recording=str(tmp_path / "s"))
+    return replace(project, settings=settings.into(project))
+
+
+@pytest.fixture
+def page(open_page: OpenPage, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> Page:
+    whole = AcquireSettings.goal
+
+    def quick(settings: AcquireSettings) -> Goal | None:
+        goal = whole(settings)
+        return None if goal is None else replace(goal, **QUICK)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(AcquireSettings, "goal", quick)
+    made: Page = open_page("acquire", height=640)
+    made.entered()
+    qtbot.waitUntil(lambda: made.panel.setup.devices.backend.count() > 0, timeout=GUARD_MS)
+    made.panel.setCurrentWidget(made.panel.record)
+    return made
+
+
+def press(page: Page, key: str, qtbot: QtBot) -> None:
+    qtbot.mouseClick(page.panel.record.buttons[key], Qt.MouseButton.LeftButton)
+
+
+def ended(page: Page, qtbot: QtBot) -> None:
+    qtbot.waitUntil(lambda: not page.record.recording, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: page.record.folder.chosen is not None, timeout=GUARD_MS)
+
+
+def test_from_start_to_the_page_fit(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    panel, folder = page.panel.record, tmp_path / "s"
+    assert panel.third.currentWidget() is panel.error and "stated" in panel.third_title.text()
+    press(page, "start", qtbot)  # connects first
+    qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
+    recorder = page.record.recorder
+    assert recorder is not None and not panel.until.isEnabled() and not panel.extent.isEnabled()
+    press(page, "pause", qtbot)
+    assert recorder.control.pausing and panel.buttons["pause"].text() == "Resume"
+    press(page, "pause", qtbot)
+    # stopped in the midst: every frame stays, and it goes on
+    qtbot.waitUntil(lambda: len(recorder.steps) == 1, timeout=GUARD_MS)
+    press(page, "stop", qtbot)
+    ended(page, qtbot)
+    before = folder_state(str(folder))
+    assert before.there is not None and before.there.sum() >= 6 and not verify(folder).damaged
+    assert panel.buttons["start"].text() == "Resume session" and "chosen positions" in panel.folder_words.text()
+    press(page, "start", qtbot)
+    qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
+    ended(page, qtbot)
+    assert panel.status.text().startswith("The wanted error of H is reached")
+    steps = page.record.recorder.steps  # type: ignore[union-attr]
+    curve, session = panel.error.curve, SessionFile.read(folder)
+    assert curve is not None and curve.positions == tuple(one.positions for one in steps)
+    assert curve.stated[-1] <= 0.27 == curve.wanted and panel.error.wanted.value() == pytest.approx(np.log10(0.27))
+    x, y = panel.error.stated.getData()
+    np.testing.assert_allclose(10**y, curve.stated)
+    assert x.tolist() == list(curve.positions) and len(panel.error.aside.points()) == len(steps)
+    assert panel.error.plot.getAxis("left").labelText == "error of H (%)"
+    now = folder_state(str(folder))
+    assert now.there is not None and now.complete and now.there[before.there].all() and verify(folder).ok
+    assert now.there.sum() == curve.positions[-1] == sum(map(len, session.redo))
+    # everything recorded becomes an H, and the page Fit is told of the fit
+    assert context.jobs.jobs()[0].result.how == "complete", "jobs are remembered: they must not hold a fit"
+    sent: list[tuple[str, Any]] = []
+    context.go.connect(lambda key, payload: sent.append((key, payload)))
+    press(page, "fit", qtbot)
+    qtbot.waitUntil(lambda: bool(sent), timeout=GUARD_MS)
+    assert sent[0][0] == "fit" and isinstance(sent[0][1], Fit) and context.state.psf == str(folder / "H.h5")
+    with open_psf(folder / "H.h5") as H:
+        assert set(map(tuple, np.argwhere(H.recorded > 0).tolist())) == set(sent[0][1].residuals)
+
+
+def test_closing_in_the_midst_of_a_fit_loses_nothing(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    page.record.start()
+    qtbot.waitUntil(lambda: page.record.recorder is not None, timeout=GUARD_MS)
+    recorder = page.record.recorder
+    assert recorder is not None
+    qtbot.waitUntil(lambda: recorder.quality.state().done >= 6, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: "fitting" in page.panel.record.detail.text(), timeout=GUARD_MS)
+    context.jobs.close()
+    there = folder_state(str(tmp_path / "s")).there
+    assert there is not None and there.sum() >= 6 and not verify(tmp_path / "s").damaged
+
+
+def test_a_whole_scan_is_not_gone_on_with_by_chance(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    few = replace(PLAN, period=(2, 2))
+    record(tmp_path / "whole", few, rig_for(few), CAREFUL)
+    context.project.update("folder", recording=str(tmp_path / "whole"), plan=few)
+    page.record.start()
+    qtbot.waitUntil(lambda: "every position" in page.panel.record.detail.text(), timeout=GUARD_MS)
+    assert not page.record.recording and page.panel.record.status.text() == "Cannot begin."
+
+
+def test_the_choice_shows_what_it_needs_and_is_undone(page: Page, context: Context) -> None:
+    panel = page.panel.record
+    assert panel.until.isVisible()
+    panel.extent.setCurrentIndex(0)
+    assert AcquireSettings.of(context.state).extent == "whole" and not panel.until.isVisible()
+    assert panel.third.currentWidget() is panel.depth_sum and panel.third_title.text() == "Depth-plane sum"
+    context.project.undo()
+    assert panel.until.isVisible() and panel.extent.currentData() == "error"
+    editor: Any = panel.until.editor("error")
+    assert editor.text() == "0.27"
+    editor.setText("0.01")
+    editor.textEdited.emit("0.01")
+    assert "wanted error of H (%)" in panel.until.error and AcquireSettings.of(context.state).error == 0.0027
+    editor.setText("0.5")
+    editor.textEdited.emit("0.5")
+    assert AcquireSettings.of(context.state).error == pytest.approx(0.005)
+    assert panel.error.wanted.value() == pytest.approx(np.log10(0.5))
+    panel.show_status("Stopped by a fault.", "long words on what happened " * 20, 0.5)
+    assert page.minimumSizeHint().width() <= 1280 - 178, "long words never make the window wider"
