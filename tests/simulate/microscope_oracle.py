@@ -50,7 +50,7 @@ class DipoleFineness:
 
     nodes: float = 1.0
     pixel: int = 8
-    beyond_um: float = 500.0
+    beyond_um: float = 400.0
 
     def count(self, radians: float) -> int:
         """Return the Gauss-Legendre nodes for a phase that runs over that many radians; a multiple of four."""
@@ -67,12 +67,12 @@ class DipoleFields:
     fine
         How finely.
     reach_px
-        Half the side of the largest cutout about the source (pixels); None takes that of the scene.
+        How far from the source the farthest pixel of a cutout ends, at most; None: that of the scene's cutout.
     """
 
     def __init__(self, scene: Scene, fine: DipoleFineness | None = None, reach_px: float | None = None) -> None:
         self.scene, self.fine = scene, fine or DipoleFineness()
-        half = max(scene.cutout) / 2 + 1 if reach_px is None else reach_px
+        half = max(scene.cutout) / 2 + 0.5 if reach_px is None else reach_px
         self.reach = half * scene.pixel_um + self.fine.beyond_um
         self._rim = math.pi / (scene.wavelength_um * scene.f_number)  # rad/µm on the array
         # a polynomial of that degree holds a wave of so many radians from the middle to the end
@@ -99,8 +99,7 @@ class DipoleFields:
             rows = down * light[:, :, None, part]
             quarter += (rows.reshape(-1, rows.shape[-1]) @ across.T).reshape(quarter.shape)
         fields = np.empty((3, 2, 2 * half, 2 * half), complex)
-        for (dipole, component), own in np.ndenumerate(np.empty((3, 2))):
-            del own
+        for dipole, component in np.ndindex(3, 2):
             values = quarter[dipole, component]
             # odd in x where one of the two is along x and the other is not; in y likewise
             for axis, along_axis in ((1, 0), (0, 1)):
@@ -127,9 +126,8 @@ class DipoleFields:
 
         Lenslets, gap, pixels and cutout are those of ``scene``, all else that of the fields.
         """
-        sides = [self._axis(scene, axis, source_yx[axis], pixel_yx[axis]) for axis in (0, 1)]
-        down, across = sides
-        t, w = rule(self.fine.pixel)
+        down, across = (self._axis(scene, axis, source_yx[axis], pixel_yx[axis]) for axis in (0, 1))
+        _, w = rule(self.fine.pixel)
         side = scene.pixel_fill * scene.pixel_um / 2
         light = np.zeros((down.shape[0], across.shape[0]))
         for field in self._fields.reshape(6, *self._fields.shape[2:]):
@@ -146,7 +144,7 @@ class DipoleFields:
         pitch = (lattice.row_pitch_um or lattice.pitch_um) if axis == 0 else lattice.pitch_um
         t, _ = rule(self.fine.pixel)
         count = scene.cutout[axis]
-        # all from the source
+        # places are counted from the source
         s = (((np.arange(count) - count // 2 + pixel)[:, None] + scene.pixel_fill * t / 2) * px).ravel() - source
         first = (lattice.offset_um[1 - axis] - source) % pitch
         most = math.ceil(self.reach / pitch) + 1

@@ -197,15 +197,14 @@ def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
 
 
 def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
-    from lfcal.simulate.engines.microscope import KEPT_BYTES, MARGIN_PER_NODE, is_separable
+    from lfcal.simulate.engines.microscope import KEPT_BYTES, MARGIN_PER_NODE, is_separable, reach_um
 
     if not is_separable(scene):
         margin = max(sampling.margin_px, MARGIN_PER_NODE * sampling.nodes_per_px)
         return _window_bytes(scene, replace(sampling, margin_px=margin))
     cone = 1 / (2 * scene.f_number)
-    bend = scene.lattice.pitch_um / (2 * scene.gap_um)
-    half = max(scene.cutout) / 2 * scene.pixel_um + scene.farthest_um + 1.1 * (cone + bend) * scene.gap_um
-    samples = (half + scene.lattice.pitch_um) * 2.4 * cone / scene.wavelength_um + 3
+    half = reach_um(scene, sampling)[0] + scene.lattice.pitch_um / 2
+    samples = half * 2.4 * cone / scene.wavelength_um + 3
     nodes = max(scene.cutout) * sampling.nodes_per_px + 2
     fields = _fields(scene)
     phases = sum(scene.period) if scene.offsets_um is None else 2 * math.prod(scene.period)
