@@ -7,16 +7,18 @@ on rows and columns separately, so Fresnel's integral
     V(s) = 1/(i lambda B) integral E(X) exp(i pi (s - X)^2/(lambda B) - i pi (X - c)^2/(lambda f)) dX
 
 is one matrix an axis, with its own nodes on each lenslet: no lenslet's edge lies between samples, nothing is periodic.
+Under a turned array the pixels are turned instead.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from lfcal.simulate.scene import Scene
 from tests.simulate.dipole_oracle import dipole_pupil
@@ -28,6 +30,8 @@ C16 = NDArray[np.complex128]
 
 SPARE = 24
 """Nodes beside those that the phase's turns ask for."""
+STEPS = 8
+"""Places a pixel from which the light on a turned array's pixels is interpolated, by splines of fifth order."""
 CHUNK = 2048
 """Pupil nodes that are summed at a time."""
 
@@ -63,7 +67,7 @@ class DipoleFields:
     Parameters
     ----------
     scene
-        Objective, specimen, wavefront and depth; a vectorial one, of square lenslets along the pixels.
+        Objective, specimen, wavefront and depth; a vectorial one.
     fine
         How finely.
     reach_px
@@ -126,39 +130,63 @@ class DipoleFields:
 
         Lenslets, gap, pixels and cutout are those of ``scene``, all else that of the fields.
         """
-        down, across = (self._axis(scene, axis, source_yx[axis], pixel_yx[axis]) for axis in (0, 1))
-        _, w = rule(self.fine.pixel)
-        side = scene.pixel_fill * scene.pixel_um / 2
-        light = np.zeros((down.shape[0], across.shape[0]))
-        for field in self._fields.reshape(6, *self._fields.shape[2:]):
-            light += np.abs(down @ field @ across.T) ** 2
+        n, side = self.fine.pixel, scene.pixel_fill * scene.pixel_um / 2
+        t, w = rule(n)
+        # places are counted from the source
+        down, across = (
+            (((np.arange(count) - count // 2 + pixel)[:, None] * scene.pixel_um + side * t).ravel() - source)
+            for count, pixel, source in zip(scene.cutout, pixel_yx, source_yx, strict=True)
+        )
+        light = self._turned_light if scene.lattice.rotation_rad else self._light
         nt, ns = scene.cutout
-        n = self.fine.pixel
-        sums: F8 = np.einsum("tisj,i,j->ts", light.reshape(nt, n, ns, n), w, w) * side**2
+        values = light(scene, source_yx, down, across).reshape(nt, n, ns, n)
+        sums: F8 = np.einsum("tisj,i,j->ts", values, w, w) * side**2
         return sums
 
-    def _axis(self, scene: Scene, axis: int, source: float, pixel: int) -> C16:
-        """Return the matrix ``(cutout nodes, Chebyshev points)`` of one axis."""
-        lattice, lam, px = scene.lattice, scene.wavelength_um, scene.pixel_um
-        gap, focal = lattice.gap_um, lattice.types[0].focal_length_um
-        pitch = (lattice.row_pitch_um or lattice.pitch_um) if axis == 0 else lattice.pitch_um
-        t, _ = rule(self.fine.pixel)
-        count = scene.cutout[axis]
-        # places are counted from the source
-        s = (((np.arange(count) - count // 2 + pixel)[:, None] + scene.pixel_fill * t / 2) * px).ravel() - source
-        first = (lattice.offset_um[1 - axis] - source) % pitch
+    def _light(self, scene: Scene, source_yx: tuple[float, float], down: F8, across: F8) -> F8:
+        """Return the light (1/µm²) at places on the sensor, of lenslets along the pixels."""
+        lattice = scene.lattice
+        x, y = lattice.offset_um
+        rows = self._axis(scene, lattice.row_pitch_um or lattice.pitch_um, y - source_yx[0], down)
+        columns = self._axis(scene, lattice.pitch_um, x - source_yx[1], across)
+        light = np.zeros((down.size, across.size))
+        for field in self._fields.reshape(6, *self._fields.shape[2:]):
+            light += np.abs(rows @ field @ columns.T) ** 2
+        return light
+
+    def _turned_light(self, scene: Scene, source_yx: tuple[float, float], down: F8, across: F8) -> F8:
+        """Return the same of a turned array: the light of dipoles together is round, so pixels are turned instead."""
+        lattice, (y0, x0) = scene.lattice, source_yx
+        c, s = math.cos(lattice.rotation_rad), math.sin(lattice.rotation_rad)
+        x, y = across[None, :], down[:, None]
+        turned_y, turned_x = -s * x + c * y, c * x + s * y
+        step = scene.pixel_um / STEPS
+        grids = [
+            step * np.arange(math.floor(v.min() / step) - 8, math.ceil(v.max() / step) + 9)
+            for v in (turned_y, turned_x)
+        ]
+        # where a lenslet lies from the source, along the turned axes
+        ox, oy = lattice.offset_um[0] - x0, lattice.offset_um[1] - y0
+        upright = replace(lattice, rotation_rad=0.0, offset_um=(c * ox + s * oy, -s * ox + c * oy))
+        light = self._light(replace(scene, lattice=upright), (0.0, 0.0), grids[0], grids[1])
+        at = [(v - grid[0]) / step for v, grid in zip((turned_y, turned_x), grids, strict=True)]
+        found: F8 = map_coordinates(light, at, order=5)
+        return found
+
+    def _axis(self, scene: Scene, pitch: float, lenslet: float, places: F8) -> C16:
+        """Return the matrix ``(places, Chebyshev points)`` of one axis, along which one lenslet is at ``lenslet``."""
+        lam, gap, focal = scene.wavelength_um, scene.lattice.gap_um, scene.lattice.types[0].focal_length_um
         most = math.ceil(self.reach / pitch) + 1
-        centres = first + pitch * np.arange(-most, most + 1)
+        centres = lenslet % pitch + pitch * np.arange(-most, most + 1)
         centres = centres[np.abs(centres) + pitch / 2 <= self.reach]
-        far = self.reach + float(np.abs(s).max())
-        steepest = self._rim + 2 * math.pi * far / (lam * gap)
-        steepest += math.pi * pitch / lam * abs(1 / gap - 1 / focal)
+        far = self.reach + float(np.abs(places).max())
+        steepest = self._rim + 2 * math.pi * far / (lam * gap) + math.pi * pitch / lam * abs(1 / gap - 1 / focal)
         u, w = rule(self.fine.count(steepest * pitch))
         x = centres[:, None] + u * pitch / 2
-        phase = np.pi / lam * ((s[:, None, None] - x) ** 2 / gap - (x - centres[:, None]) ** 2 / focal)
+        phase = np.pi / lam * ((places[:, None, None] - x) ** 2 / gap - (x - centres[:, None]) ** 2 / focal)
         fade = np.clip((self.reach - np.abs(x)) / (0.5 * self.fine.beyond_um), 0, 1)
         weight = w * pitch / 2 * np.sin(np.pi / 2 * fade) ** 2 / math.sqrt(lam * gap)
-        carried = np.exp(1j * phase).reshape(s.size, -1) * weight.ravel()
+        carried = np.exp(1j * phase).reshape(places.size, -1) * weight.ravel()
         return carried @ interpolation(self._points, x.ravel() / self.reach)
 
 

@@ -74,6 +74,16 @@ def test_the_reference_is_the_sum(name: str) -> None:
     assert relative_error(found, wanted(name)) < 1e-4
 
 
+@pytest.mark.parametrize("turn_rad", [0.01, pytest.param(0.3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", QUICK[1:])
+def test_turned_arrays(name: str, turn_rad: float) -> None:
+    scene = CASES[name]()
+    scene = replace(scene, lattice=replace(scene.lattice, rotation_rad=turn_rad, offset_um=(3.0, -7.0)))
+    truth = DipoleFields(scene).response(scene, scene.source_um(*AT), AT)
+    found = engine_for(scene, "grid", Sampling(8, margin_px=120)).rows([AT[0]], [AT[1]], workers=1)[0, 0]
+    assert relative_error(found, truth) < 1e-3 < 0.02 < relative_error(wanted(name), truth)
+
+
 @pytest.mark.parametrize("name", EVERY)
 def test_nodes_buy_accuracy_on_the_debye_path(name: str) -> None:
     """Light of lenslets beyond the geometric spill was left out: 0.3 % at any number of nodes."""

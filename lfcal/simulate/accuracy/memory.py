@@ -25,8 +25,8 @@ TRIED, GRID_JUDGE = 2, 3
 FIELD_MADE, FIELD_KEPT = 72, 16
 """Bytes to a sample of the main lens's field while it is made, and once windows or a grid have it."""
 
-CELL_MADE, CELL_KEPT = 48, 4
-"""The same to a sample of the fine table of a lenslet's cell."""
+CELL_MADE, CELL_KEPT, CELL_HELD = 48, 4, 8
+"""The same to a sample of the fine table of a lenslet's cell, and of one that other scenes share."""
 
 TRANSFER_MADE = 110
 """Bytes to a sample of the propagation over the gap at exact angles, while it is made."""
@@ -129,12 +129,13 @@ def _field_samples(scene: Scene, dx: float, half: float, mode: str) -> float:
 
 def _cell_bytes(scene: Scene, dx: float, reach: float) -> tuple[float, float]:
     """Return the bytes of the table of a lenslet's cell while it is made and afterwards; none of a disc."""
-    from lfcal.simulate.engines.masks import MOST_TABLE, fineness  # compiled code: loaded when it is needed
+    from lfcal.simulate.engines.masks import MOST_HELD, MOST_TABLE, fineness  # compiled code: loaded when it is needed
 
     if scene.aperture == "circle":
         return 0.0, 0.0
-    samples = min(2 * reach / dx * fineness(reach / dx) + 3, MOST_TABLE) ** 2
-    return CELL_MADE * samples, CELL_KEPT * samples
+    side = min(2 * reach / dx * fineness(reach / dx) + 3, MOST_TABLE)
+    kept = CELL_KEPT + (CELL_HELD if side <= MOST_HELD else 0)
+    return CELL_MADE * side**2, kept * side**2
 
 
 def _mode(scene: Scene) -> str:
