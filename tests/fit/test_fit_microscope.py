@@ -1,8 +1,8 @@
 """Microscopes retrieved from patterns of dipoles, by a simulator that shares no code with the engines.
 
 Patterns are those of `tests.simulate.microscope_oracle`, converged to 2e-5, with photon and read noise of an 80 % full
-pixel. Objective, array and stage are otherwise than described, and the fit chooses by itself what to look for. Positions
-at which fits are judged are in none of them.
+pixel. Objective, array and stage are otherwise than described, and the fit chooses by itself what to look for.
+Positions at which fits are judged are in none of them.
 """
 
 from __future__ import annotations
@@ -153,3 +153,26 @@ def unlike(case: Case, setup: Setup) -> float:
         own = index[:, 0] == z
         found[own] *= (found[own] * wanted[own]).sum() / np.square(found[own]).sum()
     return float(np.abs(found - wanted).sum() / wanted.sum())
+
+
+def told(case: Case, fit: Fit) -> float:
+    """Return how far a fit's patterns are off, printed beside the floor."""
+    floor, found = unlike(case, case.truth), unlike(case, fit.ideal_places)
+    print(f"floor {100 * floor:.3f} %, fitted {100 * found:.3f} %, {fit.verdict}")
+    return found
+
+
+@CASES
+def test_forty_patterns_end_near_the_engine_s_floor(case: Case) -> None:
+    described = Setup(case.plan.camera, case.start, (0.0, 0.0))
+    floor = unlike(case, case.truth)
+    assert floor < 1e-3 and unlike(case, described) > 0.1
+    fit = fit_of(case)
+    assert told(case, fit) < min(floor + 0.0015, 0.006)
+    assert fit.complete and fit.spread.stage_px == 0
+
+
+@CASES
+def test_six_patterns_are_enough_for_a_percent(case: Case) -> None:
+    fit = fit_of(case, 6)
+    assert told(case, fit) < 0.008 and fit.complete
