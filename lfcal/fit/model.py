@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.fit.setup import Setup
 from lfcal.progress import Clock, Work
+from lfcal.simulate.accuracy.sampling import grid_margin
 from lfcal.simulate.engines.base import Displaceable, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse, at_wavelength, filtered
@@ -36,6 +37,10 @@ class Fineness:
     finest = Sampling(8.0)
 
 
+LEFT_OUT = {Fineness.coarse: 0.015, Fineness.fine: 0.006, Fineness.finest: 0.003}
+"""Share of the light that may lie outside a grid's margin: a microscope's slow cones spread far from its focus."""
+
+
 class PlaneModel:
     """Patterns of one depth plane of a setup; tables are made once.
 
@@ -44,7 +49,7 @@ class PlaneModel:
     setup, planned, z
         What is computed, the scan as planned, and the number of the plane.
     sampling
-        How finely.
+        How finely, one of `Fineness`; another is taken as it is.
     """
 
     def __init__(self, setup: Setup, planned: ScanPlan, z: int, sampling: Sampling) -> None:
@@ -56,7 +61,9 @@ class PlaneModel:
         self._halo = max(response.halo, 1)
         rows, columns = plan.cutout
         scene = replace(response.scene, cutout=(rows + 2 * self._halo, columns + 2 * self._halo))
-        self._pixel, self._sampling = scene.pixel_um, sampling
+        margin = grid_margin(scene, LEFT_OUT.get(sampling, 1.0))
+        self._pixel = scene.pixel_um
+        self._sampling = replace(sampling, margin_px=max(sampling.margin_px, margin))
         self._planned = np.zeros((*scene.period, 2)) if scene.offsets_um is None else np.array(scene.offsets_um)
         self._middle = (np.array(scene.period) - 1) / 2
         self._scale = setup.stage_scale

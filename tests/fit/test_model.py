@@ -56,7 +56,7 @@ def test_displaced_sources_are_computed_where_they_are() -> None:
     for k in range(3):
         scene = scene_for(PLAN, int(index[k, 0]), setup.effects)
         offsets = np.broadcast_to(moved[k] * pixel, (*scene.period, 2))
-        wanted = engine_for(replace(scene, offsets_um=offsets), LEVEL, Fineness.fine).rows([4], [7])[0, 0]
+        wanted = engine_for(replace(scene, offsets_um=offsets), LEVEL, Sampling(6.0, margin_px=12)).rows([4], [7])[0, 0]
         assert difference(found[k], wanted) < 3e-3
     assert difference(found[0], found[2]) > 0.1
 

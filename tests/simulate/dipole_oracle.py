@@ -81,31 +81,3 @@ def dipole_light(pupil: Pupil, x: NDArray[np.float64], y: NDArray[np.float64]) -
     fields = np.einsum("pq,kcq->kcp", waves, pupil.light)
     light: NDArray[np.float64] = (np.abs(fields) ** 2).sum((0, 1))
     return light
-
-
-def dipole_response(scene: Scene, y: int, x: int, per: int = 4) -> NDArray[np.float64]:
-    """Return the cutout of position (y, x) of square lenslets: fields on a grid, lens phases, one FFT, pixel sums."""
-    pupil = dipole_pupil(scene, 40, 96)
-    px, lattice, lam = scene.pixel_um, scene.lattice, scene.wavelength_um
-    step, n = px / per, 2 * (max(scene.cutout) * per)
-    at = (np.arange(n) - n // 2) * step
-    source = y * px, x * px
-    local = [
-        (at + s - o + lattice.pitch_um / 2) % lattice.pitch_um - lattice.pitch_um / 2
-        for s, o in zip(source, lattice.offset_um[::-1], strict=True)
-    ]
-    lens = [np.exp(-1j * np.pi * v**2 / (lam * lattice.types[0].focal_length_um)) for v in local]
-    f = np.fft.fftfreq(n, step)
-    carry = np.exp(-1j * np.pi * lam * lattice.gap_um * f**2)
-    down, across = np.exp(-1j * np.outer(at, pupil.ky)), np.exp(-1j * np.outer(at, pupil.kx))
-    light = np.zeros((n, n))
-    for amplitude in pupil.light.reshape(6, -1):
-        field = (down * amplitude) @ across.T * lens[0][:, None] * lens[1]
-        light += np.abs(np.fft.ifft2(np.fft.fft2(field) * carry[:, None] * carry)) ** 2
-    nt, ns = scene.cutout
-    # pixels are centred on the source: their area by the pixel's transfer function
-    spectrum = np.fft.fft2(light) * np.sinc(f * px)[:, None] * np.sinc(f * px)
-    sums = np.fft.ifft2(spectrum).real * px**2
-    rows, columns = (n // 2 + per * (np.arange(m) - m // 2) for m in (nt, ns))
-    cutout: NDArray[np.float64] = sums[np.ix_(rows, columns)]
-    return cutout

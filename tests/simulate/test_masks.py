@@ -9,6 +9,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from lfcal.errors import InputError
+from lfcal.simulate.engines import masks
 from lfcal.simulate.engines.masks import (
     FLAT,
     MOST_TABLE,
@@ -143,3 +144,20 @@ def test_tables_of_cells_have_a_size_that_memory_holds():
     assert 2 * 363 * math.sqrt(2) * fineness(363 * math.sqrt(2)) < MOST_TABLE
     with pytest.raises(InputError, match=r"table of the lenslet's cell.*at most 6000 samples a side"):
         polygon_table(cell_outline(30.0, 30.0, False, 0.2), 0.01, 21.0)
+
+
+def test_a_table_is_made_once_for_all_planes_of_a_lattice(monkeypatch):
+    made = []
+    own = masks.polygon_mask
+    monkeypatch.setattr(masks, "polygon_mask", lambda *given, **named: made.append(given) or own(*given, **named))
+    outline = cell_outline(31.0, 31.0, False, 0.017)
+    first, step = polygon_table(outline, 1.5, 24.0)
+    assert polygon_table(outline.copy(), 1.5, 24.0)[0] is first and len(made) == 1
+    with pytest.raises(ValueError, match="read-only"):
+        first[0, 0] = 1.0
+    other, finer = polygon_table(outline, 1.2, 24.0)
+    assert finer < step and other.shape != first.shape and len(made) == 2
+    # one that takes much memory is not held
+    monkeypatch.setattr(masks, "MOST_HELD", 10)
+    again = polygon_table(outline, 1.5, 24.0)[0]
+    assert again is not first and np.array_equal(again, first) and len(made) == 3

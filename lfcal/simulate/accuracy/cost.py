@@ -61,7 +61,7 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
         seen = _lenslets_seen(outlook, widest)
         return _slower() * (0.005 + positions * (2.5e-6 * seen + 1e-9 * outlook.pixels + 1e-5))
     # The reference has no sampling of its own here: it is taken as a multiple of the wave engine.
-    step = step_for(outlook, {"reference": "wave", "grid": "wave"}.get(level, level), tolerance)
+    step = step_for(outlook, "wave" if level == "reference" else level, tolerance)
     if level == "debye":
         return _slower() * (0.05 + positions / 6 * outlook.pixels * step.sampling.nodes_per_px**2 * 2.8e-8)
     if step.level == "grid":

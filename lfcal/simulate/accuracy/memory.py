@@ -32,8 +32,8 @@ FAINT = 0.01
 FIELD_MADE, FIELD_KEPT = 72, 16
 """Bytes to a sample of the main lens's field while it is made, and once windows or a grid have it."""
 
-CELL_MADE, CELL_KEPT = 48, 4
-"""The same to a sample of the fine table of a lenslet's cell."""
+CELL_MADE, CELL_KEPT, CELL_HELD = 48, 4, 8
+"""The same to a sample of the fine table of a lenslet's cell, and of one that other scenes share."""
 
 TRANSFER_MADE = 110
 """Bytes to a sample of the propagation over the gap at exact angles, while it is made."""
@@ -153,12 +153,13 @@ def _field_samples(scene: Scene, dx: float, half: float, mode: str) -> float:
 
 def _cell_bytes(scene: Scene, dx: float, reach: float) -> tuple[float, float]:
     """Return the bytes of the table of a lenslet's cell while it is made and afterwards; none of a disc."""
-    from lfcal.simulate.engines.masks import MOST_TABLE, fineness  # compiled code: loaded when it is needed
+    from lfcal.simulate.engines.masks import MOST_HELD, MOST_TABLE, fineness  # compiled code: loaded when it is needed
 
     if scene.aperture == "circle":
         return 0.0, 0.0
-    samples = min(2 * reach / dx * fineness(reach / dx) + 3, MOST_TABLE) ** 2
-    return CELL_MADE * samples, CELL_KEPT * samples
+    side = min(2 * reach / dx * fineness(reach / dx) + 3, MOST_TABLE)
+    kept = CELL_KEPT + (CELL_HELD if side <= MOST_HELD else 0)
+    return CELL_MADE * side**2, kept * side**2
 
 
 def _mode(scene: Scene) -> str:
@@ -221,15 +222,14 @@ def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
 
 
 def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
-    from lfcal.simulate.engines.microscope import KEPT_BYTES, MARGIN_PER_NODE, is_separable
+    from lfcal.simulate.engines.microscope import KEPT_BYTES, MARGIN_PER_NODE, is_separable, reach_um
 
     if not is_separable(scene):
         margin = max(sampling.margin_px, MARGIN_PER_NODE * sampling.nodes_per_px)
         return _window_bytes(scene, replace(sampling, margin_px=margin))
     cone = 1 / (2 * scene.f_number)
-    bend = scene.lattice.pitch_um / (2 * scene.gap_um)
-    half = max(scene.cutout) / 2 * scene.pixel_um + scene.farthest_um + 1.1 * (cone + bend) * scene.gap_um
-    samples = (half + scene.lattice.pitch_um) * 2.4 * cone / scene.wavelength_um + 3
+    half = reach_um(scene, sampling)[0] + scene.lattice.pitch_um / 2
+    samples = half * 2.4 * cone / scene.wavelength_um + 3
     nodes = max(scene.cutout) * sampling.nodes_per_px + 2
     fields = _fields(scene)
     phases = sum(scene.period) if scene.offsets_um is None else 2 * math.prod(scene.period)

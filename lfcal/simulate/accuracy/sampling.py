@@ -10,7 +10,18 @@ from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.extent import MOST_ORDERS, MOST_SAMPLES, MOST_TABLE, SWITCH, Extent
 from lfcal.simulate.scene import Scene
 
-__all__ = ["WIDEST", "Fringes", "Step", "finer", "grid_extent", "sampling_for", "step_for", "steps_for", "tilt_orders"]
+__all__ = [
+    "WIDEST",
+    "Fringes",
+    "Step",
+    "finer",
+    "grid_extent",
+    "grid_margin",
+    "sampling_for",
+    "step_for",
+    "steps_for",
+    "tilt_orders",
+]
 
 WINDOWS: tuple[tuple[float, float, float], ...] = ((3, 1.0, 0.10), (4, 1.5, 0.03), (5, 2.0, 0.012), (8, 2.0, 0.008))
 """Steps that add intensities of neighbouring lenslets: margin (px), nodes per cycle of the light's band, and the
@@ -131,6 +142,7 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
 
     Of level ``"wave"``: windows whose intensities are added, then the whole array on one grid; windows whose fields
     are added where no grid holds the scene. Of level ``"debye"``: nodes of the separable path; other arrays on a grid.
+    Of level ``"grid"`` the grids; the smallest where none is small enough, which its engine refuses.
     """
     fringes = Fringes.of(described)
     if level == "debye":
@@ -143,9 +155,11 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
     if level == "reference":
         counts = [(max(3, math.ceil(share * fringes.angle)), error) for share, error in REFERENCE]
         return tuple(Step(level, Sampling(samples_per_px=n), error) for n, error in counts)
-    if level != "wave":
+    if level == "geometric":
         return (Step(level, Sampling(), 0.0),)
     grid = _grid_steps(described, fringes)
+    if level == "grid":
+        return grid or _every_grid_step(described, fringes)[:1]
     if grid and _near(described):  # spots overlap, and exact angles are not followed
         return grid
     steps = []
@@ -167,17 +181,34 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[Step, ...]:
 
 def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[Step, ...]:
     """Return the steps of level ``"grid"`` that are not too large, cheapest first."""
-    extent = grid_extent(described)
-    px = described.reduced_pixel_um if isinstance(described, Scene) else described.pixel_um
-    airy = described.wavelength_um * described.f_number / px
+    extent, px = grid_extent(described), _pixel_um(described)
     steps = []
-    for share, fewest, left_out, error in GRID:
-        per, margin = max(fewest, math.ceil(share * fringes.angle)), math.ceil(OUTSIDE * airy / left_out)
-        side = extent.side(per, margin)
+    for step in _every_grid_step(described, fringes):
+        per = int(step.sampling.samples_per_px or 4)
+        side = extent.side(per, step.sampling.margin_px)
         fits = side <= MOST_SAMPLES and side + per * max(described.period) <= MOST_TABLE
         if fits and tilt_orders(described, side / per / 2 * px) <= MOST_ORDERS:
-            steps.append(Step("grid", Sampling(samples_per_px=per, margin_px=min(WIDEST, margin)), error))
+            steps.append(step)
     return tuple(steps)
+
+
+def _every_grid_step(described: Scene | Outlook, fringes: Fringes) -> tuple[Step, ...]:
+    """Return the steps of level ``"grid"``, whatever their size."""
+    steps = []
+    for share, fewest, left_out, error in GRID:
+        per, margin = max(fewest, math.ceil(share * fringes.angle)), grid_margin(described, left_out)
+        steps.append(Step("grid", Sampling(samples_per_px=per, margin_px=margin), error))
+    return tuple(steps)
+
+
+def grid_margin(described: Scene | Outlook, left_out: float) -> int:
+    """Return the margin of a grid (px) beyond which there is the share ``left_out`` of the light."""
+    airy = described.wavelength_um * described.f_number / _pixel_um(described)
+    return min(WIDEST, math.ceil(OUTSIDE * airy / left_out))
+
+
+def _pixel_um(described: Scene | Outlook) -> float:
+    return described.reduced_pixel_um if isinstance(described, Scene) else described.pixel_um
 
 
 def tilt_orders(described: Scene | Outlook, reach_um: float) -> int:
