@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from lfcal.camera import ScanPlan
 from lfcal.checks import check_number
@@ -18,6 +17,7 @@ from lfcal.fit.expected import Behind, behind, plan_of
 from lfcal.fit.setup import Setup
 from lfcal.fit.spread import spread_out
 from lfcal.inspect.modelled import Starts, correlation, depths_seen, modelled, parts, windows_seen
+from lfcal.inspect.scatter import misfit, noise_of, start_of, variance_of
 from lfcal.progress import Clock, Work
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.engines.base import EnergyError
@@ -52,12 +52,6 @@ ALIKE = 0.5
 
 ROUNDS = 3
 """Fits of each pattern: outliers are clipped, and the noise is told anew, after each."""
-
-FEW = 12
-"""Samples of a bin that tell its noise."""
-
-BINS = 24
-"""Bins of brightness that the noise is told in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,44 +257,19 @@ def _fitted(
 ) -> Evidence:
     n = len(index)
     values, sigmas = np.zeros((n, len(COLUMNS))), np.full((n, len(COLUMNS)), np.inf)
-    variance = _start_of(data, valid)
+    variance = start_of(data, valid)
     light = np.zeros_like(data)
     keep = valid.copy()
     for _ in range(ROUNDS):
         for k in range(n):
             values[k], sigmas[k], light[k] = _fit_one(data[k], keep[k], model[k], columns[k], variance[k])
         bright = np.maximum(model * values[:, 0, None, None], 0).astype(np.float32)
-        variance, constant = _variance(data - light, bright, valid)
+        variance, constant = variance_of(data - light, bright, valid)
         keep = valid & (np.square(data - light) < CLIP**2 * variance)
-    misfit = _misfit(data - light, bright, valid, _noise(matrix, index, bright, constant))
+    off = misfit(data - light, bright, valid, noise_of(matrix, index, bright, constant))
     return Evidence(
-        matrix, known.plan, known, index, data, valid, model, columns, values, sigmas, variance, misfit, starts, 0.0
+        matrix, known.plan, known, index, data, valid, model, columns, values, sigmas, variance, off, starts, 0.0
     )
-
-
-def _noise(matrix: PSFMatrix, index: NDArray[np.intp], light: F4, constant: float) -> F4:
-    """Return the variance of samples by noise ``(n, nt, ns)``: as H states it, else what is there without light."""
-    known = matrix.facts.noise
-    own = None if known is None else np.asarray(known, np.float32)[tuple(index.T)]
-    if own is None or not np.isfinite(own).all():
-        return np.full(light.shape, constant, np.float32)
-    found: F4 = own[:, 0, None, None] + own[:, 1, None, None] * light
-    return found
-
-
-def _misfit(left: F4, light: F4, valid: Flags, noise: F4) -> float:
-    """Return the share of the light (relative L2) that is left beside noise, of the pattern in the middle."""
-    beside = np.where(valid, np.square(left) - noise, 0.0).sum((1, 2), dtype=np.float64)
-    power = np.where(valid, np.square(light), 0.0).sum((1, 2), dtype=np.float64)
-    return math.sqrt(max(0.0, float(np.median(beside / np.maximum(power, 1e-300)))))
-
-
-def _start_of(data: F4, valid: Flags) -> F4:
-    """Return a constant variance, by neighbours' differences where there is little light."""
-    steps = (data[:, :, 1:] - data[:, :, :-1])[valid[:, :, 1:] & valid[:, :, :-1]]
-    spread = 1.4826 * float(np.median(np.abs(steps))) / math.sqrt(2) if steps.size else 1.0
-    least = 1e-6 * max(float(np.abs(data).max()), 1e-30)
-    return np.full(data.shape, max(spread, least) ** 2, np.float32)
 
 
 def _fit_one(data: F4, keep: Flags, model: F4, columns: F4, variance: F4) -> tuple[F8, F8, F4]:
@@ -325,30 +294,3 @@ def _fit_one(data: F4, keep: Flags, model: F4, columns: F4, variance: F4) -> tup
     values[2:] /= gain
     sigmas[2:] /= abs(gain)
     return values, sigmas, fitted
-
-
-def _variance(residual: F4, light: F4, valid: Flags) -> tuple[F4, float]:
-    """Return constant + slope v + (share v)² of each sample, and the constant: by medians over bins of brightness v."""
-    v, r = light[valid].astype(np.float64), residual[valid].astype(np.float64)
-    top = float(v.max()) if v.size else 0.0
-    if top <= 0:
-        scatter = max(float(np.var(r)) if r.size else 1.0, 1e-30)
-        return np.full(light.shape, scatter, np.float32), scatter
-    edges = np.concatenate([[-1.0], top * np.geomspace(1e-5, 1, BINS)])
-    which = np.digitize(v, edges[1:-1])
-    rows, wanted = [], []
-    for b in range(BINS):
-        own = which == b
-        if own.sum() >= FEW:
-            rows.append([1.0, float(np.mean(v[own])), float(np.mean(v[own] ** 2))])
-            wanted.append(float(np.median(r[own] ** 2)) / 0.4549)
-    if not rows:
-        return np.full(light.shape, max(float(np.var(r)), 1e-30), np.float32), max(float(np.var(r)), 1e-30)
-    a, y = np.array(rows), np.maximum(np.array(wanted), 1e-30 * top**2)
-    # bins count alike whatever their size: relative errors
-    scale = a.max(0)
-    found, _ = nnls(a / scale / y[:, None], np.ones(len(y)))
-    constant, slope, square = found / scale
-    least = max(constant, 1e-12 * top**2)
-    out = least + slope * light + square * np.square(light)
-    return out.astype(np.float32), float(least)
