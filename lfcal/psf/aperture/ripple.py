@@ -159,7 +159,7 @@ class _WaveFit:
             step = _solve(slopes, self.left)[6 + 2 * len(waves) :]
             # a peak is known to a fraction of the spectrum's resolution
             step = np.clip(step, -0.5 / self.radius, 0.5 / self.radius)
-            waves = (waves + step.reshape(2, -1).T).astype(np.float64)
+            waves = waves + step.reshape(2, -1).T
         return Ripple(waves, c, s)
 
 
@@ -167,5 +167,5 @@ def _solve(terms: Values, values: Values) -> Values:
     """Return the least-squares solution by normal equations: few unknowns, thousands of pixels."""
     normal = terms.T @ terms
     normal[np.diag_indices_from(normal)] *= 1 + 1e-9
-    solution: Values = np.linalg.solve(normal, terms.T @ values)
+    solution: Values = np.asarray(np.linalg.solve(normal, terms.T @ values), np.float64)
     return solution
