@@ -23,8 +23,8 @@ TRIALS = 200
 CERTAIN = 2 * math.log(TRIALS / FALSE_ALARM)
 """So much must a shape's chi-square lie below that of every other: twice the logarithm of the likelihood ratio."""
 
-WHICH = 2 * math.log(10 / 1e-3)
-"""By this must a stuck blade's chi-square lie below those of its rivals: once a blade is stuck, some ten of them."""
+WHICH = 2 * math.log(5 / 1e-3)
+"""By this must a stuck blade's chi-square lie below those of its rivals: neighbours, opposite blades, another count."""
 
 DOUBT = CERTAIN / 3
 """A simpler shape holds where a richer one is better by less than this."""
@@ -147,9 +147,15 @@ def _about(fit: OutlineFit) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 
 def _matched(edge: Edge, fits: _Fits) -> list[_Fits]:
     """Return the fits to the edge measured with less noise, about the best iris, and about the circle and its best."""
-    first = _fitted(matched_edge(edge, _about(fits.regular[0])))
-    second = _fitted(matched_edge(edge, _about(fits.round)))
-    return [_fitted(matched_edge(edge, _about(found.regular[0]))) for found in (first, second)]
+    ends = []
+    for start in (fits.regular[0], fits.round):
+        about = start
+        # thrice: what the noise hid from the first answer moves the window of the next
+        for _ in range(3):
+            found = _fitted(matched_edge(edge, _about(about)))
+            about = found.regular[0]
+        ends.append(found)
+    return ends
 
 
 def _with_faults(fits: _Fits, *, always: bool = False) -> _Fits:
@@ -211,4 +217,7 @@ def _refused(fits: _Fits, chosen: tuple[str, OutlineFit, float], snr: float) -> 
         refusal = "irregular"
     elif margin < CERTAIN:
         refusal = "unclear"
+    if refusal == "unclear" and snr < NOISY:
+        # no shape is stated; what is kept is the best regular iris
+        fit = fits.regular[0]
     return Verdict("" if refusal else kind, fit, margin, fits.unit, refusal, fits.edge, tuple(fits.regular), fits.round)
