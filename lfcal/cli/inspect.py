@@ -196,6 +196,8 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None, f
         ["depth z", "aperture"],
         [[format_length(float(quality.depths[z])), a.describe()] for z, a in enumerate(quality.apertures)],
     )
+    if quality.iris is not None:
+        typer.echo(f"iris from all planes: {quality.iris.describe()}")
     _show_f_number(H, quality)
     for metric in quality.metrics:
         if metric.merit in ("bad", "fair") and (found is None or not found.withdrawn(metric)):

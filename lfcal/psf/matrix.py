@@ -309,9 +309,10 @@ class PSFMatrix:
         """Return the iris fitted to the depth-plane sum of plane ``z`` (see `lfcal.psf.aperture`)."""
         z = _in_range(z, 0, self._shape[0])
         if z not in self._apertures:
-            from lfcal.psf.aperture import fit_aperture
+            from lfcal.psf.aperture import fit_aperture, footprint_px
 
-            self._apertures[z] = fit_aperture(self.depth_sum(z))
+            width = footprint_px(self.camera, self.pixel_scale)
+            self._apertures[z] = fit_aperture(self.depth_sum(z), footprint_px=width)
         return self._apertures[z]
 
     def __len__(self) -> int:

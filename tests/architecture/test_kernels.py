@@ -85,7 +85,7 @@ def test_kernels_of(path: Path) -> None:
 def test_all_kernels_were_found() -> None:
     trees = [ast.parse(path.read_text(encoding="utf-8")) for path in files()]
     assert sum(len(list(kernels(tree))) for tree in trees) > 50
-    assert {"respond", "select", "draw_spots", "accumulate", "transpose_batches"} <= {
+    assert {"respond", "select", "draw_spots", "arcs_radius", "transpose_batches"} <= {
         k.name for tree in trees for k in kernels(tree)
     }
     assert len(EXCEPTIONS) <= 2

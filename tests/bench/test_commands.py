@@ -76,10 +76,13 @@ def test_aperture(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(aperture, "BLADES", (6,))
     monkeypatch.setattr(aperture, "CURVATURES", (0.0,))
     monkeypatch.setattr(aperture, "SNRS", (20.0,))
-    found = bench.json("aperture", "--trials", 3, "--side", 95, "--workers", 1)
-    assert len(found) == 3 and {o["trial"]["side"] for o in found} == {95}
-    assert all(o["right"] for o in found)
-    assert "3 irises" in bench("aperture", "--trials", 3, "--workers", 1)
+    others = ("--rounds", 2, "--stuck", 1)
+    found = bench.json("aperture", "--trials", 3, "--side", 95, "--workers", 1, *others)
+    assert len(found) == 6 and {o["trial"]["side"] for o in found} == {95}
+    assert all(o["right"] for o in found if o["trial"]["case"] == "iris")
+    table = bench("aperture", "--trials", 3, "--workers", 1, *others)
+    assert "3 irises of" in table and "2 round stops under ripple" in table
+    assert "1 irises with a stuck blade, pixel SNR 2" in table
 
 
 def test_assemble(bench: Bench) -> None:

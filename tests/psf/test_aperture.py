@@ -7,41 +7,15 @@ from scipy import ndimage
 from lfcal.bench.aperture import Trial, run
 from lfcal.errors import InputError
 from lfcal.psf.aperture import fit_aperture
-from lfcal.psf.aperture import refine as model
 from lfcal.psf.aperture.profile import edge_profile
-from lfcal.psf.aperture.synthetic import Disturbance, depth_sum_of
+from lfcal.psf.aperture.synthetic import Disturbance, Fault, depth_sum_of
+from lfcal.psf.aperture.verdict import CERTAIN
 
 CLEAN = Disturbance(noise=1e-3, ripple=0, tilt=0, vignetting=0, hot=0, ellipticity=0, pedestal=0)
 
 
 def synthetic(blades=7, curvature=0.2, seed=0, side=121, disturbance=None):
     return depth_sum_of(side, blades, curvature, disturbance or Disturbance(), np.random.default_rng(seed))
-
-
-def test_all_derivatives_of_the_pixel_model_match_differences():
-    rng = np.random.default_rng(3)
-    x, y = rng.uniform(-60, 60, (2, 400))
-    p = np.array([1.2, -0.7, 40.0, 0.3, 0.35, 3.0, 1.5, 0.1, -0.2, -0.15, 0.03, -0.02])
-    zero = np.zeros(x.size)
-    scale = 1e4  # so weak residuals that the robust weight is one and the gradient is that of the model
-    pixels = model.Model(x, y, zero, scale, 7, 50.0)
-
-    def gradient(q):
-        normal, out = np.empty((12, 12)), np.empty(12)
-        model.accumulate(pixels, q, normal, out)
-        return out * scale**2
-
-    def half_square(q):
-        return model.accumulate(pixels, q, np.empty((12, 12)), np.empty(12)) * scale**2 / 2
-
-    found = gradient(p)
-    for k in range(12):
-        h = 1e-5 * max(1.0, abs(p[k]))
-        up, down = p.copy(), p.copy()
-        up[k] += h
-        down[k] -= h
-        slope = (half_square(up) - half_square(down)) / (2 * h)
-        assert -found[k] == pytest.approx(slope, rel=2e-4, abs=1e-4), k
 
 
 def test_the_edge_profile_of_a_disc_is_its_radius():
@@ -58,7 +32,8 @@ def test_a_clean_iris_is_recovered_to_small_fractions_of_a_pixel(blades):
     assert math.dist(found.centre, truth.centre) < 0.02
     assert found.apothem_px == pytest.approx(truth.apothem_px, rel=2e-3)
     assert found.area_px2 == pytest.approx(truth.area_px2, rel=3e-3)
-    assert found.curvature == pytest.approx(0.3, abs=0.08)
+    assert found.curvature == pytest.approx(0.3, abs=0.02)
+    assert found.kind == "rounded polygon" and abs(found.curvature - 0.3) < 3 * found.curvature_sigma
     assert found.blur_px == pytest.approx(2.0, rel=0.15)
 
 
@@ -90,8 +65,8 @@ def test_blades_are_counted_in_noise(blades, curvature, snr):
 
 
 def test_nothing_confident_is_wrong_far_below_the_noise():
-    for number in range(3):
-        for blades in (5, 8, 11):
+    for number in range(2):
+        for blades in (5, 11):
             outcome = run(Trial(blades, 0.6, 0.5, number, 121))
             assert outcome.right or not outcome.confident
 
@@ -106,12 +81,71 @@ def test_vignetting_and_ellipticity_are_measured():
 
 
 @pytest.mark.parametrize("snr", [5, 20, 100])
-def test_a_circle_is_called_a_circle(snr):
+def test_a_circle_is_told_as_round(snr):
     image, truth = synthetic(16, 1.0, 6, side=151, disturbance=Disturbance(1 / snr))
     found = fit_aperture(image)
-    assert (found.blades, found.refusal, found.confident) == (0, "circle", False)
+    if snr == 5:
+        # many nearly round blades cannot be excluded in this noise
+        assert not found.confident or found.kind == "round"
+        return
+    assert (found.blades, found.kind, found.confident) == (0, "round", True)
     assert found.diameter_px == pytest.approx(truth.diameter_px, rel=0.02)
     assert math.dist(found.centre, truth.centre) < 1
+
+
+@pytest.mark.parametrize("pattern", ["square", "hexagonal", "random"])
+@pytest.mark.parametrize("pitch", [26.0, 40.0])
+@pytest.mark.parametrize("ripple", [0.02, 0.08])
+def test_ripple_on_a_round_stop_makes_no_blades(pattern, pitch, ripple):
+    disturbance = Disturbance(0.005, ripple=ripple, ripple_pitch_px=pitch, pattern=pattern)
+    image, _ = synthetic(9, 1.0, 11, side=187, disturbance=disturbance)
+    found = fit_aperture(image)
+    assert found.kind in ("", "round") and not found.counts[0].gain < -CERTAIN
+    if pattern != "random":
+        assert found.confident
+        assert found.ripple == pytest.approx(0.5 * ripple, rel=0.3)
+
+
+@pytest.mark.parametrize("pattern", ["square", "hexagonal", "random"])
+def test_ripple_hides_no_blades(pattern):
+    image, _ = synthetic(9, 0.3, 12, side=187, disturbance=Disturbance(0.005, ripple=0.08, pattern=pattern))
+    found = fit_aperture(image)
+    assert found.confident and found.blades == 9
+    assert abs(found.curvature - 0.3) < 3 * found.curvature_sigma
+
+
+@pytest.mark.parametrize("radius", [37.0, 26.5, 18.5])
+def test_the_blur_of_the_edge_is_not_taken_for_curved_blades(radius):
+    """The tips of a clean small iris are no spikes, and harmonics are damped by a blur that is known."""
+    rng = np.random.default_rng(1)
+    image, _ = depth_sum_of(121, 9, 0.0, CLEAN, rng, fill=radius / 121)
+    found = fit_aperture(image)
+    assert found.confident and found.kind == "polygon"
+    assert found.curvature < 2 * found.curvature_sigma < 0.2
+
+
+@pytest.mark.parametrize(("stuck", "out"), [(2, -0.2), (6, 0.08), (0, -0.08)])
+def test_a_stuck_blade_is_named_with_how_far(stuck, out):
+    disturbance, fault = Disturbance(0.5), Fault(stuck, out)
+    image, truth = depth_sum_of(187, 7, 0.3, disturbance, np.random.default_rng(5), fill=0.36, fault=fault)
+    found = fit_aperture(image)
+    assert found.confident and (found.kind, found.blades) == ("stuck blade", 7)
+    assert found.stuck.blade == stuck
+    away = found.stuck.direction_rad - truth.stuck.direction_rad
+    assert abs((away + math.pi) % (2 * math.pi) - math.pi) < 0.1
+    assert abs(found.stuck.out_px - truth.stuck.out_px) < 3 * found.stuck.sigma_px < 3
+    way = "out" if out > 0 else "in"
+    assert f"blade {stuck + 1} at " in found.describe() and f"too far {way}" in found.describe()
+
+
+def test_something_dark_inside_is_an_obstruction():
+    fault = Fault(obstructed=0.2)
+    image, truth = depth_sum_of(151, 8, 0.0, Disturbance(0.05), np.random.default_rng(2), fault=fault)
+    found = fit_aperture(image)
+    assert found.confident and (found.kind, found.blades) == ("obstructed", 8)
+    place = truth.centre[0], truth.centre[1] + 0.5 * truth.apothem_px
+    assert math.dist(found.obstruction.centre, place) < 2
+    assert found.obstruction.share == pytest.approx(math.pi * (0.2 * truth.apothem_px) ** 2 / truth.area_px2, rel=0.3)
 
 
 def test_an_iris_cut_off_by_the_cutout_is_refused():
@@ -120,12 +154,24 @@ def test_an_iris_cut_off_by_the_cutout_is_refused():
     assert fit_aperture(image[30:-30, 30:-30]).refusal == "cut off"
 
 
-def test_a_cat_eye_is_refused():
+def test_a_cat_eye_is_told_and_its_outline_drawn():
     rows, columns = np.indices((151, 151)) - 75.0
-    lens = (np.hypot(rows, columns - 16) < 58) & (np.hypot(rows, columns + 16) < 58)
+    lens = (np.hypot(rows, columns - 9) < 58) & (np.hypot(rows, columns + 9) < 58)
     image = ndimage.gaussian_filter(lens.astype(float), 2) + np.random.default_rng(1).normal(0, 0.03, lens.shape)
     found = fit_aperture(image)
-    assert found.refusal == "cat-eye" and not found.confident
+    assert (found.kind, found.confident, found.blades) == ("cat's eye", True, 0)
+    row, column = found.outline(720).T
+    assert np.ptp(row) == pytest.approx(2 * math.sqrt(58**2 - 9**2), abs=1.5)
+    assert np.ptp(column) == pytest.approx(2 * 49, abs=1)
+
+
+def test_an_outline_of_no_known_iris_is_refused():
+    rows, columns = np.indices((151, 151)) - 75.0
+    angle = np.arctan2(rows, columns)
+    star = np.hypot(rows, columns) < 50 * (1 + 0.15 * np.cos(3 * angle) + 0.1 * np.cos(8 * angle))
+    found = fit_aperture(ndimage.gaussian_filter(star.astype(float), 2))
+    assert found.refusal == "irregular" and not found.confident and not found.kind
+    assert "blades" not in found.describe()
 
 
 @pytest.mark.parametrize("kind", ["noise", "zero", "constant"])

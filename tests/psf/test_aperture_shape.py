@@ -80,3 +80,14 @@ def test_f_number_withstands_one_wrong_diameter_and_the_edge_blur():
 def test_f_number_needs_two_depths(shifts):
     with pytest.raises(InputError, match="two or more depths"):
         working_f_number([10.0] * len(shifts), shifts, 5.5)
+
+
+def test_an_f_number_has_the_error_of_its_diameters():
+    a = np.array([1000.0, 3000.0])
+    diameters = a / 5.0 / 5.5
+    assert math.isnan(working_f_number(diameters, a, 5.5).standard_error)
+    # N = (a2 - a1)/(D2 - D1): of independent errors s, dN = sqrt(2) s N²/(a2 - a1)
+    found = working_f_number(diameters, a, 5.5, [0.5, 0.5])
+    assert found.standard_error == pytest.approx(math.sqrt(2) * 0.5 * 5.5 * 25 / 2000, rel=1e-6)
+    with_scatter = working_f_number([40.0, 80.0, 100.0], [1000.0, 2000.0, 3000.0], 5.5, [1e-6] * 3)
+    assert with_scatter.standard_error > 0.1

@@ -23,6 +23,7 @@ __all__ = [
     "Pixel",
     "PlaneData",
     "aperture_words",
+    "expected_in",
     "linked_pixel",
     "place_words",
     "read_plane",
@@ -225,20 +226,35 @@ def place_words(matrix: PSFMatrix, intent: PSFIntent) -> tuple[str, str]:
     )
 
 
+def expected_in(matrix: PSFMatrix, z: int) -> Aperture | None:
+    """Return the aperture that the camera lets expect in plane ``z``, None where no camera is known."""
+    from lfcal.psf.aperture import expected_aperture
+
+    if matrix.camera is None:
+        return None
+    return expected_aperture(matrix.camera, float(matrix.depths[z]), matrix.cutout, matrix.pixel_scale)
+
+
 def aperture_words(aperture: Aperture) -> str:
     """Return the numbers of a fitted aperture as rich text, with what it refuses to say."""
-    from lfcal.psf.aperture.shape import REFUSALS
+    from lfcal.psf.aperture.shape import KINDS, REFUSALS
 
     refused = f"<p><b>{aperture.refusal}</b>: {REFUSALS[aperture.refusal]}</p>" if aperture.refusal else ""
+    if aperture.confident and aperture.fault:
+        refused = f"<p><b>{aperture.fault}</b></p>"
     row, column = aperture.centre
+    # a count that is refused is none to be named
+    told = aperture.confident and aperture.blades > 0
+    error = f" ± {aperture.curvature_sigma:.2f}" if np.isfinite(aperture.curvature_sigma) else ""
     lines = (
-        ("Blades", f"{aperture.blades}"),
-        ("Rotation", f"{np.degrees(aperture.rotation_rad):.1f}°"),
+        ("Shape", KINDS[aperture.kind]),
+        ("Blades", f"{aperture.blades}" if told else "—"),
+        ("Rotation", f"{np.degrees(aperture.rotation_rad):.1f}°" if told else "—"),
         ("Centre t", f"{row:.2f} px"),
         ("Centre s", f"{column:.2f} px"),
         ("Apothem", f"{aperture.apothem_px:.2f} px"),
         ("Area", f"{aperture.area_px2:.0f} px²"),
-        ("Curvature", f"{aperture.curvature:.2f}"),
+        ("Curvature", f"{aperture.curvature:.2f}{error}" if told else "—"),
         ("Edge blur", f"{aperture.blur_px:.2f} px"),
         ("Ellipticity", f"{100 * aperture.ellipticity:.1f} %"),
         ("Confidence", f"{100 * aperture.confidence:.0f} %"),

@@ -15,7 +15,16 @@ from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.psf.export_dialog import ExportDialog
 from gui.pages.psf.export_model import ExportIntent, ExportSettings
-from gui.pages.psf.model import LoadedPlane, PlaneData, PSFIntent, place_words, read_plane, resolve, unit_of
+from gui.pages.psf.model import (
+    LoadedPlane,
+    PlaneData,
+    PSFIntent,
+    expected_in,
+    place_words,
+    read_plane,
+    resolve,
+    unit_of,
+)
 from gui.pages.psf.panel import PSFPanel
 from gui.saving import ask_target
 from lfcal.psf import PSFMatrix
@@ -288,4 +297,4 @@ class Page(BasePage):
 
     def _show_aperture(self, aperture: Aperture) -> None:
         if self.matrix is not None:
-            self.panel.show_aperture(aperture, self.matrix.cutout)
+            self.panel.show_aperture(aperture, expected_in(self.matrix, self.intent.z), self.matrix.cutout)

@@ -91,6 +91,8 @@ class PSFPanel(QWidget):
         self.profile = LinePlot("pixel from the cutout's centre (px)", "intensity (counts)", legend=True)
         self.outline = pg.PlotCurveItem(pen=pg.mkPen("#ff5a5f", width=2))
         self.sum_view.add_overlay(self.outline)
+        self.expected = pg.PlotCurveItem(pen=pg.mkPen("#56b4e9", width=1, style=Qt.PenStyle.DashLine))
+        self.sum_view.add_overlay(self.expected)
         self.aperture_text = QLabel()
         self.aperture_text.setTextFormat(Qt.TextFormat.RichText)
         self.aperture_text.setWordWrap(True)
@@ -197,6 +199,7 @@ class PSFPanel(QWidget):
         nt, ns = loaded.depth_sum.shape
         self.sum_view.set_image(loaded.depth_sum, name="depth_sum", origin=(-(nt // 2), -(ns // 2)))
         self.outline.setData([], [])
+        self.expected.setData([], [])
         self.aperture_text.setText("fitting the aperture …")
 
     def show_picture(self, picture: PSFPicture, intent: PSFIntent, levels: Levels) -> None:
@@ -223,10 +226,11 @@ class PSFPanel(QWidget):
         self.profile.set_curve("along the row", np.arange(image.shape[1]) - cs, image[t])
         self.profile.set_curve("along the column", np.arange(image.shape[0]) - ct, image[:, s])
 
-    def show_aperture(self, aperture: Aperture, cutout: tuple[int, int]) -> None:
-        """Show the fitted aperture over the depth sum, and its numbers."""
-        outline = aperture.outline()
-        self.outline.setData(outline[:, 1] - cutout[1] // 2, outline[:, 0] - cutout[0] // 2)
+    def show_aperture(self, aperture: Aperture, expected: Aperture | None, cutout: tuple[int, int]) -> None:
+        """Show the fitted aperture over the depth sum, dashed the one that the camera lets expect, and its numbers."""
+        for curve, shown in ((self.outline, aperture), (self.expected, expected)):
+            outline = shown.outline() if shown is not None else np.empty((0, 2))
+            curve.setData(outline[:, 1] - cutout[1] // 2, outline[:, 0] - cutout[0] // 2)
         self.aperture_text.setText(aperture_words(aperture))
 
     def set_display(self, display: Display, *, sum_only: bool) -> None:

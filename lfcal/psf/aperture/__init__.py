@@ -1,17 +1,34 @@
 """The shape of the main lens's iris, read off a depth-plane sum.
 
 - ``shape``: the iris polygon with curved blades; the `Aperture` that a fit returns
+- ``arcs``: outlines made of arcs: irises, a stuck blade, a second rim
 - ``locate``: background, noise and rough outline of the lit patch; vignetting taken out
 - ``profile``: edge radius over angle, summed along rays so that it survives noise
-- ``select``: how many blades, by comparing harmonic combs
-- ``refine``: least squares on pixels
+- ``ripple``: the plane waves of the lenslet lattice, fitted inside the lit patch and taken out
+- ``obstruction``: something dark inside
+- ``edge``: the edge's harmonics with their errors, those of leftover structure included, and their blur
+- ``compare``: least squares of every shape on the harmonics
+- ``verdict``: which shape it is, by likelihood ratios
 - ``fit``: `fit_aperture`, and when it refuses
+- ``iris``: one iris from all planes
+- ``expected``: the aperture that a camera's description lets expect
 - ``f_number``: working f-number from diameters over depth
 - ``synthetic``: depth-plane sums of a known iris
 """
 
+from lfcal.psf.aperture.expected import expected_aperture, footprint_px
 from lfcal.psf.aperture.f_number import FNumber, working_f_number
 from lfcal.psf.aperture.fit import fit_aperture
+from lfcal.psf.aperture.iris import Iris, joint_iris
 from lfcal.psf.aperture.shape import Aperture
 
-__all__ = ["Aperture", "FNumber", "fit_aperture", "working_f_number"]
+__all__ = [
+    "Aperture",
+    "FNumber",
+    "Iris",
+    "expected_aperture",
+    "fit_aperture",
+    "footprint_px",
+    "joint_iris",
+    "working_f_number",
+]

@@ -22,7 +22,8 @@ class FNumber:
     value
         Image distance over pupil diameter.
     standard_error
-        Of ``value``; NaN from two depths.
+        Of ``value``: of the scatter about the line or of the diameters' own errors, whichever is larger. NaN from two
+        depths of unknown errors.
     offset_um
         Image shift at which the fitted shadow vanishes: 0 for true depths (µm).
     residual_px
@@ -35,7 +36,9 @@ class FNumber:
     residual_px: float
 
 
-def working_f_number(diameters_px: ArrayLike, image_shifts_um: ArrayLike, pixel_um: float) -> FNumber:
+def working_f_number(
+    diameters_px: ArrayLike, image_shifts_um: ArrayLike, pixel_um: float, errors_px: ArrayLike | None = None
+) -> FNumber:
     """Return the working f-number N from shadow diameters over depth: ``D = |a| / N``.
 
     The line is fitted to sign(a) D over a, so that planes on both sides of the native plane share one slope
@@ -50,6 +53,8 @@ def working_f_number(diameters_px: ArrayLike, image_shifts_um: ArrayLike, pixel_
         Distance ``a`` of the plane's image behind the lenslets (µm): `lfcal.camera.Camera.image_shift_um`.
     pixel_um
         Pixel pitch (µm).
+    errors_px
+        Standard error of each diameter (pixels), where it is known.
 
     Raises
     ------
@@ -86,4 +91,11 @@ def working_f_number(diameters_px: ArrayLike, image_shifts_um: ArrayLike, pixel_
         spread = float(((a - a.mean()) ** 2).sum())
         # error propagation: N = 1/slope, dN = d(slope)/slope²
         error = math.sqrt(float((residual**2).sum()) / (a.size - 2) / spread) / slope**2
+    if errors_px is not None:
+        own = np.asarray(errors_px, float).ravel() * pixel_um
+        # the slope is a weighted sum of the diameters
+        away = a - float((weight**2 * a).sum() / (weight**2).sum())
+        share = weight**2 * away / float((weight**2 * away**2).sum())
+        stated = math.sqrt(float((share**2 * own**2).sum())) / slope**2
+        error = stated if math.isnan(error) else max(error, stated)
     return FNumber(1.0 / abs(slope), error, -constant / slope, rms / pixel_um)

@@ -3,137 +3,76 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
-from lfcal.psf.aperture import refine as model
-from lfcal.psf.aperture.locate import LitPatch, despike, find_patch, flatten
-from lfcal.psf.aperture.profile import ANGLES, RAYS, edge_profile, shrink
-from lfcal.psf.aperture.refine import EdgePixels, IrisFit, matched_profile, refine
-from lfcal.psf.aperture.select import Candidate, candidates, strongest_harmonic
-from lfcal.psf.aperture.shape import Aperture, blade_radius, polygon_area
+from lfcal.psf.aperture.compare import CURVATURE, ROTATION, STUCK, OutlineFit
+from lfcal.psf.aperture.edge import BLUR_ERROR, Edge, measured_edge
+from lfcal.psf.aperture.locate import LitPatch, despike, find_patch
+from lfcal.psf.aperture.profile import ANGLES
+from lfcal.psf.aperture.shape import Aperture, CountFit, StuckBlade
+from lfcal.psf.aperture.verdict import Verdict, judged
 
-__all__ = ["fit_aperture"]
+__all__ = ["fit_aperture", "plane_verdict"]
 
 SMALLEST = 9
 """Smallest cutout side that can show an aperture (pixels)."""
 
-CIRCLE_MARGIN = 10.0
-"""An iris must beat the circle's information criterion by this: the test that ripple and dirt cannot fool."""
-
-CLEAR_MARGIN = 20.0
-"""Beyond this in both, one fit to the pixels is enough."""
-
-COUNT_CHI2 = 14.0
-"""The pixels' chi-square must separate the two best counts by this, in units of the reduced one."""
-
-CIRCLE_CHI2 = 40.0
-"""And the best count from the circle by this, where noise and not ripple limits the fit."""
-
-ROUND = 0.92
-"""Curvature from which on an iris is a circle with the ripple of a lattice on it."""
-
-MOST_ELLIPTIC = 0.08
-"""Ellipticity of an iris seen squarely; two shifted rims make more, and mimic few curved blades."""
-
-FAINTEST = (11, 0.6)
-"""Blades and curvature of the roundest iris that must be visible before a round outline is called a circle."""
-
 MOST_TOUCHING = 0.1
 """Share of the cutout's border that is lit beyond which no outline is tried."""
 
-NOISE_LIMITED = 1.3
-"""Reduced chi-square up to which noise limits the fit."""
+CURVATURE_FLOOR = 0.01
+"""Error of the curvature that pixels leave at best."""
 
-MISFIT = (0.009, 0.010)
-"""Largest misfit of the outline: so much of the radius, plus so much over the pixel SNR."""
+WIDEST_BLUR = 0.3
+"""Blur over the radius from which on the outline is that of the blur."""
 
 
-def fit_aperture(depth_sum: ArrayLike) -> Aperture:
-    """Return the iris that a depth-plane sum shows, or an `Aperture` whose ``refusal`` says why there is none.
+def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture:
+    """Return the aperture that a depth-plane sum shows; its ``refusal`` says why its shape is not known.
 
-    Background and noise come from the cutout's border. Vignetting is taken out, the edge radius is measured
-    over angle, blade counts are compared on it, and the best is fitted to the pixels, with blur, tilt,
-    vignetting and ellipticity.
+    Background and noise come from the cutout's border. Vignetting and the lattice's ripple are taken out, the edge is
+    measured over angle, and circle, regular irises, irises with a stuck blade, and either cut by a second rim are
+    fitted to it. The noise that they are judged by is what the edge and the lit patch themselves show.
 
     Parameters
     ----------
     depth_sum
         Sum of all patterns of a depth plane ``(nt, ns)``; not-a-number counts as background.
+    footprint_px
+        Width of the place that one lenslet spreads its light over (pixels), where it is known: an outline of less than
+        twice that shows the lenslets and not the iris.
 
     Raises
     ------
     InputError
         If it is not a 2-D image of at least 9 x 9 pixels.
     """
+    return plane_verdict(depth_sum, footprint_px=footprint_px)[0]
+
+
+def plane_verdict(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> tuple[Aperture, Verdict | None]:
+    """Return the aperture and what it was judged by, None where no outline is to be seen; see `fit_aperture`."""
     image = _clean(depth_sum)
     patch = find_patch(image)
     if patch is None:
-        return _none()
+        return Aperture(0, (math.nan, math.nan), 0.0, math.nan, math.nan, refusal="too dim"), None
     touching = _touching(patch)
     if touching > MOST_TOUCHING:
-        return _circle(patch, "cut off")
-    answer = _fit_inside(image, patch)
-    return replace(answer, confident=False, refusal="cut off") if touching else answer
-
-
-def _fit_inside(image: NDArray[np.float64], patch: LitPatch) -> Aperture:
-    """Return the aperture of a patch that lies within the cutout."""
-    patch, edge = _profile(image, patch)
-    if not patch.level > 0:
-        return _circle(patch, "cat-eye")
-    ranking = candidates(edge)
-    irises = [c for c in ranking if c.blades]
-    margin = next(c for c in ranking if not c.blades).bic - irises[0].bic, irises[1].bic - irises[0].bic
-    agreed = irises[0].blades == strongest_harmonic(edge)
-    pixels = EdgePixels.around(image, patch, shrink(edge))
-    # profile and strongest harmonic agree with a wide margin: comparing all counts on the pixels would not change it
-    if agreed and min(margin) > CLEAR_MARGIN:
-        best = refine(pixels, patch, irises[0])
-        return _judge(best, patch, edge, _Evidence(margin[0], margin[1], math.inf, math.inf))
-    round_fit = refine(pixels, patch, Candidate(0.0, 0))
-    second = candidates(matched_profile(pixels, patch, round_fit))
-    fits = _best_of_each(refine(pixels, patch, c) for c in _likely(irises, [c for c in second if c.blades]))
-    # ripple of the lattice lifts chi-square above the noise's: gaps count in units of it
-    unit = max(1.0, fits[0].reduced)
-    gaps = (round_fit.chi2 - fits[0].chi2) / unit, (fits[1].chi2 - fits[0].chi2) / unit
-    return _judge(fits[0], patch, edge, _Evidence(margin[0], margin[1] if agreed else 0.0, *gaps))
-
-
-@dataclass(frozen=True, slots=True)
-class _Evidence:
-    """By how much the answer beats the circle and the next count: by the profile, and by the pixels."""
-
-    circle_bic: float
-    count_bic: float
-    circle_chi2: float
-    count_chi2: float
-
-
-def _likely(first: list[Candidate], second: list[Candidate]) -> list[Candidate]:
-    """Return the leading irises of both rankings, and half and twice the first one's count."""
-    # half and twice a count share its harmonics, and are its usual mistakes
-    related = [c for c in first[3:] if c.blades in (first[0].blades / 2, 2 * first[0].blades)]
-    likely = first[:3] + related
-    for c in second[:3]:
-        step = 2 * math.pi / c.blades
-        turns = [(c.rotation_rad - k.rotation_rad + step / 2) % step - step / 2 for k in likely if k.blades == c.blades]
-        # the same count at another rotation is another minimum of the fit
-        if all(abs(turn) > step / 8 for turn in turns):
-            likely.append(c)
-    return likely
-
-
-def _best_of_each(fits: Iterable[IrisFit]) -> list[IrisFit]:
-    """Return the best fit of each blade count, best first."""
-    best: dict[int, IrisFit] = {}
-    for fit in sorted(fits, key=lambda fit: fit.chi2):
-        best.setdefault(fit.blades, fit)
-    return list(best.values())
+        return _circle(patch, "cut off"), None
+    edge = measured_edge(image, patch)
+    if edge is None:
+        return _circle(patch, "irregular"), None
+    verdict = judged(edge, _snr(edge.level, patch.noise))
+    answer = _aperture(verdict, _snr(edge.level, patch.noise))
+    if touching:
+        return replace(answer, kind="", confident=False, refusal="cut off"), None
+    if edge.radius < footprint_px:
+        return replace(answer, kind="", confident=False, refusal="lenslets"), None
+    return answer, verdict
 
 
 def _clean(depth_sum: ArrayLike) -> NDArray[np.float64]:
@@ -160,10 +99,6 @@ def _touching(patch: LitPatch) -> float:
     return float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
 
 
-def _none() -> Aperture:
-    return Aperture(0, (math.nan, math.nan), 0.0, math.nan, math.nan, refusal="too dim")
-
-
 def _circle(patch: LitPatch, refusal: str) -> Aperture:
     area = math.pi * patch.radius**2
     return Aperture(
@@ -175,84 +110,81 @@ def _snr(level: float, noise: float) -> float:
     return level / noise if noise > 0 else math.inf
 
 
-def _profile(image: NDArray[np.float64], patch: LitPatch) -> tuple[LitPatch, NDArray[np.float64]]:
-    """Return the patch recentred by the profile's first harmonic, and the edge radius over angle."""
-    row, column, radius = patch.row, patch.column, patch.radius
-    for _ in range(3):
-        flat, level = flatten(image, patch.background, row, column, radius)
-        edge = edge_profile(flat, row, column, radius)
-        # a centre off by (dx, dy) adds dx cos + dy sin to the edge radius: twice the first coefficient, the imaginary
-        # part negated
-        first = np.fft.rfft(edge)[1] / RAYS
-        column += 2 * float(first.real)
-        row -= 2 * float(first.imag)
-        radius = float(np.sqrt(np.mean(edge**2)))
-    for half in (0.16, 0.10, 0.08):  # narrower windows about the smooth edge let in less noise
-        middle = shrink(edge) / radius
-        edge = edge_profile(flat, row, column, radius, middle - half, middle + half)
-    return replace(patch, row=row, column=column, radius=radius, level=level), edge
-
-
-def _judge(fit: IrisFit, patch: LitPatch, edge: NDArray[np.float64], evidence: _Evidence) -> Aperture:
-    """Return the aperture of the best fit with its confidence, or with the reason to refuse."""
-    answer = _aperture(fit, patch)
-    misfit = float(np.std(shrink(edge) - _edge_about(answer, patch))) / patch.radius
-    bladed = evidence.circle_bic > CIRCLE_MARGIN
-    # where ripple limits the fit, chi-square is no measure of chance and only the information criterion counts
-    bladed |= evidence.circle_chi2 > CIRCLE_CHI2 and fit.reduced < NOISE_LIMITED
-    counted = evidence.count_chi2 > COUNT_CHI2
-    refusal = ""
-    if answer.ellipticity > MOST_ELLIPTIC or misfit > MISFIT[0] + MISFIT[1] / max(answer.snr, 0.5):
-        refusal = "cat-eye"
-    elif answer.curvature > ROUND:
-        refusal = "circle"
-    elif not bladed and (fit.reduced >= NOISE_LIMITED or _faintest(answer) > 2.5 * CIRCLE_CHI2):
-        refusal = "circle"
-    elif not (bladed and counted):
-        refusal = "unclear"
-    margin = min(max(evidence.circle_bic, evidence.circle_chi2 / 4), max(evidence.count_bic, evidence.count_chi2 / 2))
-    confidence = 1 - math.exp(-max(0.0, margin) / 10)
-    if refusal == "circle":
-        round_one = _circle(patch, refusal)
-        return replace(round_one, blur_px=answer.blur_px, vignetting=answer.vignetting, snr=answer.snr)
-    return replace(answer, confidence=confidence, confident=not refusal, refusal=refusal)
-
-
-def _faintest(answer: Aperture) -> float:
-    """Return the chi-square by which the `FAINTEST` iris of this size, blur and noise would beat a circle.
-
-    A shift s of an edge of height A and Gaussian blur b adds ``s² A² / (2 sqrt(pi) b)`` per pixel of its length.
-    """
-    ripple = answer.apothem_px * float(np.std(blade_radius(ANGLES, FAINTEST[0], 0.0, 1.0, FAINTEST[1])))
-    length = 2 * math.pi * answer.apothem_px
-    return length * (ripple * answer.snr) ** 2 / (2 * math.sqrt(math.pi) * max(answer.blur_px, 0.3))
-
-
-def _aperture(fit: IrisFit, patch: LitPatch) -> Aperture:
-    p = fit.parameters
-    stretch, shear = float(p[model.STRETCH]), float(p[model.SHEAR])
-    e = math.hypot(stretch, shear)
-    apothem, curvature = float(p[model.APOTHEM]), float(p[model.CURVATURE])
-    step = 2 * math.pi / fit.blades
+def _aperture(verdict: Verdict, snr: float) -> Aperture:
+    """Return the aperture of a verdict, with what lies inside it."""
+    fit, edge = verdict.fit, verdict.edge
+    kind, refusal = verdict.kind, verdict.refusal
+    if edge.blur_px > WIDEST_BLUR * edge.radius:
+        kind, refusal = "", "unclear"
+    blocked = None if refusal else edge.obstruction
+    if blocked is not None:
+        kind = "obstructed" if kind in ("round", "polygon", "rounded polygon") else kind
+    arcs = fit.arcs
+    e = math.hypot(arcs.stretch, arcs.shear)
+    radius = arcs.radius(ANGLES)
+    step = 2 * math.pi / max(1, fit.blades)
+    # the first vertex lies within one blade of angle 0, and blades are counted from it
+    skipped = math.floor(arcs.rotation_rad / step) if fit.blades else 0
     return Aperture(
         blades=fit.blades,
-        centre=(float(p[model.Y]), float(p[model.X])),
-        rotation_rad=float(p[model.ROTATION]) % step,
-        apothem_px=apothem,
-        area_px2=polygon_area(fit.blades, apothem, curvature) / (1 - e * e),
-        curvature=curvature,
-        blur_px=float(p[model.BLUR]),
+        centre=(edge.row + fit.row, edge.column + fit.column),
+        rotation_rad=arcs.rotation_rad - skipped * step if fit.blades else 0.0,
+        apothem_px=arcs.apothem,
+        area_px2=math.pi * float(np.mean(radius**2)),
+        curvature=arcs.curvature if fit.blades else 1.0,
+        blur_px=edge.blur_px,
         ellipticity=2 * e / (1 + e),
-        ellipse_axis_rad=0.5 * math.atan2(-shear, -stretch),
-        vignetting=-float(p[model.DOME]) * (apothem / patch.radius) ** 2,
-        snr=_snr(float(p[model.LEVEL]), patch.noise),
+        ellipse_axis_rad=0.5 * math.atan2(-arcs.shear, -arcs.stretch),
+        vignetting=edge.vignetting,
+        snr=snr,
+        confidence=verdict.confidence,
+        confident=not refusal,
+        refusal=refusal,
+        kind=kind,
+        curvature_sigma=curvature_error(fit, edge, verdict.unit),
+        stuck=_stuck(fit, verdict.unit, skipped) if arcs.stuck >= 0 else None,
+        rim=arcs.rim,
+        obstruction=blocked,
+        ripple=edge.ripple.amplitude,
+        ripple_pitch_px=edge.ripple.pitch_px,
+        counts=tuple(_count(found, verdict) for found in verdict.regular),
     )
 
 
-def _edge_about(aperture: Aperture, patch: LitPatch) -> NDArray[np.float64]:
-    """Return the outline as radius over `ANGLES` about the patch's centre."""
-    away = aperture.outline(RAYS) - (patch.row, patch.column)
-    theta = np.arctan2(away[:, 0], away[:, 1]) % (2 * math.pi)
-    order = np.argsort(theta)
-    edge: NDArray[np.float64] = np.interp(ANGLES, theta[order], np.hypot(*away.T)[order], period=2 * math.pi)
-    return edge
+def _count(found: OutlineFit, verdict: Verdict) -> CountFit:
+    step = 2 * math.pi / found.blades
+    variance = max(float(found.covariance[ROTATION, ROTATION]), 0.0) * verdict.unit
+    return CountFit(
+        found.blades,
+        (found.chi2 - verdict.circle.chi2) / verdict.unit,
+        found.arcs.rotation_rad % step,
+        # a rotation is known to a blade at worst
+        min(math.sqrt(variance), step) if variance > 0 else step,
+        found.arcs.curvature,
+        curvature_error(found, verdict.edge, verdict.unit),
+    )
+
+
+def curvature_error(fit: OutlineFit, edge: Edge, unit: float) -> float:
+    """Return the standard error of the blades' curvature: of the edge's noise and of its blur."""
+    if not fit.blades:
+        return math.nan
+    noise = float(fit.covariance[CURVATURE, CURVATURE]) * unit
+    # the blades' harmonic is (1 - curvature) times its damping, whose logarithm goes with the blur squared
+    damping = max(abs(float(edge.damping[fit.blades])), 1e-3)
+    blur = (1 - fit.arcs.curvature) * 2 * BLUR_ERROR * abs(math.log(damping))
+    return math.sqrt(noise + blur**2 + CURVATURE_FLOOR**2)
+
+
+def _stuck(fit: OutlineFit, unit: float, skipped: int) -> StuckBlade:
+    arcs = fit.arcs
+    direction = arcs.rotation_rad + (arcs.stuck + 0.5) * 2 * math.pi / arcs.blades
+    variance = float(fit.covariance[STUCK, STUCK])
+    # a blade that its neighbours cover may be anywhere beyond them
+    error = arcs.apothem * math.sqrt(variance * unit) if variance > 0 else math.inf
+    blade = (arcs.stuck + skipped) % arcs.blades
+    # where the blade's middle would leave the others' outline: from there on its neighbours cover it
+    others = replace(arcs, stuck_share=1.0, stretch=0.0, shear=0.0).radius(np.array([direction]))[0] / arcs.apothem - 1
+    if arcs.stuck_share > others - 2 * error / arcs.apothem:
+        error = math.inf
+    return StuckBlade(blade, direction % (2 * math.pi), arcs.apothem * arcs.stuck_share, error)

@@ -9,18 +9,29 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.errors import InputError
+from lfcal.psf.aperture.arcs import Arcs
 
-__all__ = ["REFUSALS", "Aperture", "blade_radius", "polygon_area"]
+__all__ = ["KINDS", "REFUSALS", "Aperture", "CountFit", "Obstruction", "StuckBlade", "blade_radius", "polygon_area"]
 
 REFUSALS = {
     "too dim": "no lit patch stands out of the noise",
     "cut off": "the lit patch reaches the edge of the cutout",
-    "circle": "the outline cannot be distinguished from a circle",
-    "cat-eye": "the outline fits no regular iris: vignetted, obstructed or doubled",
+    "irregular": "the outline fits no iris that is known here",
     "lenslets": "the shadow is no larger than what the lenslets themselves show",
-    "unclear": "two blade counts, or a count and a circle, fit about equally well",
+    "unclear": "two shapes or two blade counts fit about equally well",
 }
 """Why a fit is refused, and what that means."""
+
+KINDS = {
+    "": "unknown",
+    "round": "round",
+    "polygon": "polygon",
+    "rounded polygon": "polygon of curved blades",
+    "stuck blade": "a blade out of place",
+    "cat's eye": "cut by a second rim",
+    "obstructed": "obstructed",
+}
+"""What an aperture may be, and how that is said."""
 
 
 def blade_radius(
@@ -68,6 +79,67 @@ def polygon_area(blades: int, apothem: float, curvature: float = 0.0) -> float:
 
 
 @dataclass(frozen=True, slots=True)
+class StuckBlade:
+    """A blade that is out of place.
+
+    Attributes
+    ----------
+    blade
+        Its number, from 0, counted from the first vertex.
+    direction_rad
+        Direction of its middle from the centre (rad).
+    out_px, sigma_px
+        How much further out than the others it lies, negative where it reaches further in, and its standard error
+        (pixels); infinite where its neighbours cover it, and it may lie anywhere beyond.
+    """
+
+    blade: int
+    direction_rad: float
+    out_px: float
+    sigma_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Obstruction:
+    """Something dark inside the aperture.
+
+    Attributes
+    ----------
+    centre
+        Its centre (row, column) (pixels).
+    share
+        Its area over the aperture's.
+    """
+
+    centre: tuple[float, float]
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class CountFit:
+    """What a plane says of one blade count.
+
+    Attributes
+    ----------
+    blades
+        The count.
+    gain
+        Chi-square less that of the circle, in units of what the best shape leaves per degree of freedom.
+    rotation_rad, rotation_sigma
+        Direction of the first vertex and its standard error (rad).
+    curvature, curvature_sigma
+        Curvature of the blades and its standard error.
+    """
+
+    blades: int
+    gain: float
+    rotation_rad: float
+    rotation_sigma: float
+    curvature: float
+    curvature_sigma: float
+
+
+@dataclass(frozen=True, slots=True)
 class Aperture:
     """The iris as a depth-plane sum shows it.
 
@@ -86,8 +158,7 @@ class Aperture:
     area_px2
         Area inside the outline (pixels squared).
     curvature
-        Apothem over blade radius: 0 straight blades, 1 a circle. The lenslets' own width rounds the corners
-        of a depth-plane sum, so that a small aperture looks rounder than it is.
+        Apothem over blade radius: 0 straight blades, 1 a circle.
     blur_px
         Width of the edge: standard deviation of the Gaussian that would make it (pixels).
     ellipticity, ellipse_axis_rad
@@ -99,9 +170,24 @@ class Aperture:
     confidence
         From 0 to 1, how far the blade count stands out.
     confident
-        Whether blade count and outline may be relied on.
+        Whether kind, blade count and outline may be relied on.
     refusal
         Key of `REFUSALS`, or empty: why the fit was refused.
+    kind
+        Key of `KINDS`; empty where it is not known.
+    curvature_sigma
+        Standard error of ``curvature``, that of the blur included, which rounds corners too.
+    stuck
+        The blade that is out of place, where there is one.
+    rim
+        A second rim that cuts the aperture: direction of its nearest point (rad), that point's distance from the centre
+        and the rim's curvature, in units of the apothem.
+    obstruction
+        What lies inside the aperture, where there is something.
+    ripple, ripple_pitch_px
+        Amplitude of the strongest wave that was taken out, relative to the light, and its pitch (pixels).
+    counts
+        What the plane says of each regular iris, best first; empty where none was tried.
     """
 
     blades: int
@@ -118,6 +204,14 @@ class Aperture:
     confidence: float = 0.0
     confident: bool = False
     refusal: str = ""
+    kind: str = ""
+    curvature_sigma: float = math.nan
+    stuck: StuckBlade | None = None
+    rim: tuple[float, float, float] | None = None
+    obstruction: Obstruction | None = None
+    ripple: float = 0.0
+    ripple_pitch_px: float = math.nan
+    counts: tuple[CountFit, ...] = ()
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -125,6 +219,10 @@ class Aperture:
             raise InputError.expected("refusal", " or ".join(REFUSALS), repr(self.refusal), "choose one")
         if self.refusal and self.confident:
             raise InputError.expected("aperture", "no refusal where confident", self.refusal, "drop either")
+        if self.kind not in KINDS:
+            raise InputError.expected(
+                "kind of aperture", " or ".join(filter(None, KINDS)), repr(self.kind), "choose one"
+            )
         if self.blades < 0 or self.blades in (1, 2):
             raise InputError.expected("blades", "0 (a circle) or 3 and more", self.blades, "correct it")
 
@@ -138,35 +236,78 @@ class Aperture:
         """What the refusal means, as a sentence part; empty where there is none."""
         return REFUSALS.get(self.refusal, "")
 
+    @property
+    def arcs(self) -> Arcs:
+        """What the outline is made of."""
+        # the stretch that makes the outline: (1/(1-e), 1/(1+e)) along the longer and the shorter axis
+        e = self.ellipticity / (2.0 - self.ellipticity)
+        turn = 2 * self.ellipse_axis_rad
+        stuck, share = -1, 0.0
+        if self.stuck is not None:
+            stuck, share = self.stuck.blade, self.stuck.out_px / self.apothem_px
+        return Arcs(
+            self.apothem_px,
+            self.curvature,
+            self.blades,
+            self.rotation_rad,
+            stuck,
+            share,
+            self.rim,
+            -e * math.cos(turn),
+            -e * math.sin(turn),
+        )
+
     def outline(self, n: int = 360) -> NDArray[np.float64]:
         """Return ``n`` points (row, column) along the outline, not closed (pixels); shape ``(n, 2)``."""
-        theta = self.rotation_rad + 2 * math.pi * np.arange(n) / n
-        return self._place(theta)
+        return self._place(self.rotation_rad + 2 * math.pi * np.arange(n) / n)
 
     def vertices(self) -> NDArray[np.float64]:
-        """Return the corners (row, column), shape ``(blades, 2)`` (pixels); empty for a circle."""
+        """Return the corners of the regular iris (row, column), shape ``(blades, 2)`` (pixels); empty for a circle."""
         theta = self.rotation_rad + 2 * math.pi * np.arange(self.blades) / max(1, self.blades)
         return self._place(theta)
 
     def _place(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self.blades:
-            radius = blade_radius(theta, self.blades, self.rotation_rad, self.apothem_px, self.curvature)
-        else:
-            radius = np.full(theta.shape, self.apothem_px)
-        # the stretch that makes the outline: (1/(1-e), 1/(1+e)) along the longer and the shorter axis
-        e = self.ellipticity / (2.0 - self.ellipticity)
-        c, s = math.cos(self.ellipse_axis_rad), math.sin(self.ellipse_axis_rad)
-        x, y = radius * np.cos(theta), radius * np.sin(theta)
-        along, across = (x * c + y * s) / (1 - e), (-x * s + y * c) / (1 + e)
-        return np.stack([self.centre[0] + along * s + across * c, self.centre[1] + along * c - across * s], axis=-1)
+        """Return the points of the outline that lay in directions ``theta`` before it was stretched."""
+        arcs = self.arcs
+        x, y = np.cos(theta), np.sin(theta)
+        determinant = 1 - arcs.stretch**2 - arcs.shear**2
+        u = ((1 - arcs.stretch) * x - arcs.shear * y) / determinant
+        v = ((1 + arcs.stretch) * y - arcs.shear * x) / determinant
+        radius = arcs.radius(np.arctan2(v, u)) / np.hypot(u, v)
+        return np.stack([self.centre[0] + radius * v, self.centre[1] + radius * u], axis=-1)
 
     def describe(self) -> str:
         """Return one line for people."""
         if self.refusal == "too dim":
             return f"no aperture: {self.reason}"
         where = f"centre ({self.centre[0]:.1f}, {self.centre[1]:.1f}) px, diameter {self.diameter_px:.1f} px"
-        # a count that is refused is none to be named
-        if self.refusal or not self.blades:
-            return f"{where}; {self.reason}" if self.reason else where
-        turn = f"rotated {math.degrees(self.rotation_rad):.1f}°, curvature {self.curvature:.2f}"
-        return f"{self.blades} blades, {where}, {turn}"
+        if self.refusal or not self.confident:
+            return f"unknown shape, {where}" + (f"; {self.reason}" if self.reason else "")
+        return ", ".join(filter(None, (self._what(), where, self._turn(), self.fault)))
+
+    def _what(self) -> str:
+        """Return the shape in words."""
+        base = f"{self.blades} blades" if self.blades else "round"
+        if self.kind == "cat's eye":
+            return f"cat's eye ({base}, {KINDS[self.kind]})"
+        return base
+
+    def _turn(self) -> str:
+        if not self.blades:
+            return ""
+        error = f" ± {self.curvature_sigma:.2f}" if math.isfinite(self.curvature_sigma) else ""
+        return f"rotated {math.degrees(self.rotation_rad):.1f}°, curvature {self.curvature:.2f}{error}"
+
+    @property
+    def fault(self) -> str:
+        """Return what is wrong with the aperture, in words; empty where nothing is."""
+        if self.stuck is not None:
+            way, far = "out" if self.stuck.out_px > 0 else "in", abs(self.stuck.out_px)
+            at = math.degrees(self.stuck.direction_rad)
+            known = math.isfinite(self.stuck.sigma_px)
+            size = f"{far:.2f} ± {self.stuck.sigma_px:.2f} px" if known else f"at least {far:.1f} px"
+            return f"blade {self.stuck.blade + 1} at {at:.0f}° stuck {size} too far {way}"
+        if self.obstruction is not None:
+            row, column = self.obstruction.centre
+            return f"{100 * self.obstruction.share:.1f} % obstructed about ({row:.1f}, {column:.1f}) px"
+        return ""

@@ -8,11 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.psf.aperture.shape import Aperture, blade_radius, polygon_area
+from lfcal.psf.aperture.shape import Aperture, StuckBlade, polygon_area
 
-__all__ = ["Disturbance", "depth_sum_of"]
+__all__ = ["Disturbance", "Fault", "depth_sum_of"]
 
 OVERSAMPLING = 3
+
+MANY = 24
+"""Waves of a random ripple."""
+
+RAYS: NDArray[np.float64] = np.linspace(0.0, 2 * math.pi, 14_400, endpoint=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +32,10 @@ class Disturbance:
         Gaussian blur, standard deviation (pixels).
     ripple, ripple_pitch_px
         Amplitude and pitch of what the lenslet lattice leaves (pixels).
+    pattern
+        That of the ripple: ``"square"``, two crossed waves along rows and columns; ``"hexagonal"``, three waves at
+        60 degrees and any rotation; ``"random"``, many waves of about the pitch in all directions, which no few waves
+        describe. Phases are random.
     vignetting, tilt
         Fall of light from the centre to the rim; slope of light across a radius.
     hot
@@ -41,6 +50,7 @@ class Disturbance:
     blur_px: float = 2.0
     ripple: float = 0.04
     ripple_pitch_px: float = 31.0
+    pattern: str = "square"
     vignetting: float = 0.12
     tilt: float = 0.08
     hot: float = 0.002
@@ -48,8 +58,39 @@ class Disturbance:
     pedestal: float = 0.05
 
 
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What is wrong with a synthetic iris.
+
+    Attributes
+    ----------
+    stuck, out
+        Blade that is out of place, counted from the first vertex, and how much further out it lies, of the apothem.
+    rim
+        Direction (rad) of the nearest point of a second rim, its distance from the centre and its curvature, both in
+        units of the apothem.
+    obstructed
+        Radius of a dark disc half way to the edge, of the apothem.
+    """
+
+    stuck: int = -1
+    out: float = 0.0
+    rim: tuple[float, float, float] | None = None
+    obstructed: float = 0.0
+
+
+SOUND = Fault()
+
+
 def depth_sum_of(
-    side: int, blades: int, curvature: float, disturbance: Disturbance, rng: np.random.Generator, *, fill: float = 0.42
+    side: int,
+    blades: int,
+    curvature: float,
+    disturbance: Disturbance,
+    rng: np.random.Generator,
+    *,
+    fill: float = 0.42,
+    fault: Fault = SOUND,
 ) -> tuple[NDArray[np.float64], Aperture]:
     """Return a disturbed depth-plane sum ``(side, side)`` and the iris in it; centre and rotation are random.
 
@@ -58,13 +99,15 @@ def depth_sum_of(
     side
         Side of the cutout (pixels).
     blades, curvature
-        Of the iris.
+        Of the iris; a curvature of 1 is a circle.
     disturbance
         What disturbs it.
     rng
         Source of all random numbers.
     fill
-        Radius of the circle of the iris's area over ``side``.
+        Radius of the circle of the regular iris's area over ``side``.
+    fault
+        What is wrong with it.
     """
     from scipy import ndimage
 
@@ -78,19 +121,86 @@ def depth_sum_of(
     fine = (np.arange(side * OVERSAMPLING) + 0.5) / OVERSAMPLING - 0.5
     x = (fine - column)[None, :] * (1 + disturbance.ellipticity)
     y = (fine - row)[:, None] * (1 - disturbance.ellipticity)
-    lit = np.hypot(x, y) < blade_radius(np.arctan2(y, x), blades, rotation, apothem, curvature)
+    edge = _outline(blades, rotation, apothem, curvature, fault)
+    lit = np.hypot(x, y) < np.interp(np.arctan2(y, x), RAYS, edge, period=2 * math.pi)
+    if fault.obstructed:
+        lit &= np.hypot(x - 0.5 * apothem, y) > fault.obstructed * apothem
     image = lit.reshape(side, OVERSAMPLING, side, OVERSAMPLING).mean((1, 3))
     image = ndimage.gaussian_filter(image, disturbance.blur_px)
-    rows, columns = np.indices(image.shape)
+    rows, columns = (np.asarray(a, np.float64) for a in np.indices(image.shape))
     u, v = (columns - column) / radius, (rows - row) / radius
     image *= (1 - disturbance.vignetting * (u * u + v * v)) * (1 + disturbance.tilt * u)
-    wave = 2 * math.pi / disturbance.ripple_pitch_px
-    phase = rng.uniform(0, 2 * math.pi, 2)
-    image *= 1 + disturbance.ripple * np.cos(wave * columns + phase[0]) * np.cos(wave * rows + phase[1])
+    image *= 1 + disturbance.ripple * _ripple(disturbance, rows, columns, rng)
     image += disturbance.pedestal + rng.normal(0, disturbance.noise, image.shape)
     hot = np.flatnonzero(rng.random(image.shape) < disturbance.hot)
     image.flat[hot] += rng.uniform(0.5, 3, hot.size)
+    stuck = None
+    if fault.stuck >= 0:
+        direction = (rotation + (fault.stuck + 0.5) * step) % (2 * math.pi)
+        stuck = StuckBlade(fault.stuck, direction, fault.out * apothem, 0.0)
     truth = Aperture(
-        blades, (float(row), float(column)), rotation, apothem, math.pi * radius**2, curvature, disturbance.blur_px
+        blades if curvature < 1 else 0,
+        (float(row), float(column)),
+        rotation,
+        apothem,
+        math.pi * float(np.mean(edge**2)),
+        curvature,
+        disturbance.blur_px,
+        kind=_kind(curvature, fault),
+        stuck=stuck,
+        rim=fault.rim,
     )
     return image, truth
+
+
+def _outline(blades: int, rotation: float, apothem: float, curvature: float, fault: Fault) -> NDArray[np.float64]:
+    """Return the radius over `RAYS`: the nearest of all blades and of the rim, each by its own circle."""
+    arcs = [(rotation + (k + 0.5) * 2 * math.pi / blades, apothem, curvature / apothem) for k in range(blades)]
+    if fault.stuck >= 0:
+        direction, distance, bend = arcs[fault.stuck]
+        arcs[fault.stuck] = direction, distance * (1 + fault.out), bend
+    if fault.rim is not None:
+        arcs.append((fault.rim[0], apothem * fault.rim[1], fault.rim[2] / apothem))
+    edge = np.full(RAYS.size, np.inf)
+    for direction, distance, bend in arcs:
+        c, s = np.cos(RAYS - direction), np.sin(RAYS - direction)
+        if bend > 0:
+            # a circle of radius 1/bend whose centre lies behind by its radius less the distance
+            behind = distance - 1 / bend
+            inside = 1 / bend**2 - (behind * s) ** 2
+            reach = np.where(inside > 0, behind * c + np.sqrt(np.maximum(inside, 0)), np.inf)
+        else:
+            reach = np.where(c > 1e-9, distance / np.maximum(c, 1e-9), np.inf)
+        edge = np.minimum(edge, reach)
+    return edge
+
+
+def _ripple(
+    disturbance: Disturbance, rows: NDArray[np.float64], columns: NDArray[np.float64], rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return the ripple of amplitude about 1."""
+    wave = 2 * math.pi / disturbance.ripple_pitch_px
+    if disturbance.pattern == "square":
+        phase = rng.uniform(0, 2 * math.pi, 2)
+        crossed: NDArray[np.float64] = np.cos(wave * columns + phase[0]) * np.cos(wave * rows + phase[1])
+        return crossed
+    if disturbance.pattern == "hexagonal":
+        angles = rng.uniform(0, 2 * math.pi) + np.arange(3) * math.pi / 3
+        waves, size = np.full(3, wave), 0.5
+    else:
+        angles = rng.uniform(0, 2 * math.pi, MANY)
+        waves, size = wave * rng.uniform(0.8, 1.2, MANY), math.sqrt(0.5 / MANY)
+    total = np.zeros(rows.shape)
+    for q, angle, phase in zip(waves, angles, rng.uniform(0, 2 * math.pi, angles.size), strict=True):
+        total += size * np.cos(q * (columns * math.cos(angle) + rows * math.sin(angle)) + phase)
+    return total
+
+
+def _kind(curvature: float, fault: Fault) -> str:
+    if fault.rim is not None:
+        return "cat's eye"
+    if fault.stuck >= 0:
+        return "stuck blade"
+    if fault.obstructed:
+        return "obstructed"
+    return "round" if curvature == 1 else "polygon" if curvature == 0 else "rounded polygon"

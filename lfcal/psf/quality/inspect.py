@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.camera import Camera, Microscope
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work, drain
-from lfcal.psf.aperture import Aperture, FNumber, working_f_number
+from lfcal.psf.aperture import Aperture, FNumber, Iris, joint_iris, working_f_number
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality.across import MatrixMeasures
 from lfcal.psf.quality.catalogue import METRICS
@@ -29,6 +29,9 @@ __all__ = ["Controls", "inspect", "iter_inspect"]
 
 STEEP = 0.7
 """Sine of the half angle from which on the rim of a defocused shadow has a third of its middle's light (cos³)."""
+
+SIZE_ERROR = (0.02, 0.5)
+"""Error of a shadow's size by its second moment: so much of it, and so many pixels, whatever the noise."""
 
 Controls = Mapping[int, tuple[ArrayLike, ArrayLike]]
 """Control frames ``(n, nt, ns)`` and their positions ``(n, 2)`` by depth plane, as `periodicity` takes them."""
@@ -132,12 +135,14 @@ def _rank(metric: Metric) -> tuple[int, float]:
 
 def _report(measures: MatrixMeasures, metrics: tuple[Metric, ...], seconds: float) -> QualityReport:
     H, planes = measures.matrix, measures.planes
+    apertures = tuple(_told(p, size) for p, size in zip(planes, measures.shadows_px, strict=True))
     return QualityReport(
         shape=H.shape,
         depths=H.depths,
         metrics=metrics,
-        apertures=tuple(_told(p, size) for p, size in zip(planes, measures.shadows_px, strict=True)),
+        apertures=apertures,
         virtual_depths=_virtual_depths(measures),
+        iris=_iris(H, apertures),
         f_number=_f_number(measures),
         noise=np.array([p.dark.noise for p in planes]),
         peak=np.array([p.table.peak for p in planes]),
@@ -153,7 +158,21 @@ def _told(plane: PlaneMeasures, shadow_px: float) -> Aperture:
     known = plane.about.matrix.camera is not None and math.isfinite(plane.spread) and plane.lit
     if not known or math.isfinite(shadow_px) or aperture.refusal or edges.cut_off:
         return aperture
-    return replace(aperture, confident=False, refusal="lenslets")
+    return replace(aperture, kind="", confident=False, refusal="lenslets")
+
+
+def _iris(H: PSFMatrix, apertures: tuple[Aperture, ...]) -> Iris | None:
+    return joint_iris(apertures, [_inverted(H, z) for z in range(len(H))])
+
+
+def _inverted(H: PSFMatrix, z: int) -> bool | None:
+    """Return whether the image lies before the sensor, and shows the iris upside down; None where it is not known."""
+    if H.camera is None:
+        return None
+    try:
+        return H.camera.image_shift_um(float(H.depths[z])) < H.camera.lattice.gap_um
+    except InputError:  # a depth this camera cannot see: plane numbers, or another camera's depths
+        return None
 
 
 def _virtual_depths(measures: MatrixMeasures) -> NDArray[np.float64]:
@@ -181,8 +200,10 @@ def _f_number(measures: MatrixMeasures) -> FNumber | None:
     if H.camera is None or _steep(H.camera):
         return None
     chosen = np.flatnonzero(np.isfinite(sizes))
+    pixel = H.camera.sensor.pixel_um / math.sqrt(math.prod(H.pixel_scale))
     try:
         shifts = [H.camera.image_shift_um(float(H.depths[z])) - H.camera.lattice.gap_um for z in chosen]
-        return working_f_number(sizes[chosen], shifts, H.camera.sensor.pixel_um / math.sqrt(math.prod(H.pixel_scale)))
+        errors = np.hypot(SIZE_ERROR[0] * sizes[chosen], SIZE_ERROR[1])
+        return working_f_number(sizes[chosen], shifts, pixel, errors)
     except InputError:
         return None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.psf.aperture import Aperture, FNumber
+from lfcal.psf.aperture import Aperture, FNumber, Iris
 from lfcal.psf.quality.metric import RANK, Merit, Metric
 from lfcal.psf.quality.periodicity import Periodicity
 
@@ -31,6 +31,8 @@ class QualityReport:
         The iris seen from each plane.
     virtual_depths
         Virtual depth of each plane from its spots' spacing; NaN where it cannot be measured.
+    iris
+        The iris that all planes show together, None where none shows any.
     f_number
         Working f-number by the slope of aperture diameters over depth, where camera and planes allow it.
     noise, peak, energy
@@ -46,6 +48,7 @@ class QualityReport:
     metrics: tuple[Metric, ...]
     apertures: tuple[Aperture, ...]
     virtual_depths: NDArray[np.float64]
+    iris: Iris | None
     f_number: FNumber | None
     noise: NDArray[np.float64]
     peak: NDArray[np.float64]
@@ -113,6 +116,7 @@ class QualityReport:
             "cost": self.cost,
             "metrics": [m.to_dict() for m in self.metrics],
             "planes": [self._plane(z) for z in range(self.shape[0])],
+            "iris": self.iris,
             "working_f_number": self.f_number,
             "redo": [list(place) for place, _ in self.redo()],
             "seconds": self.seconds,

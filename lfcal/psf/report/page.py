@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from lfcal import __version__
+from lfcal.psf.aperture import Aperture
+from lfcal.psf.aperture.shape import KINDS
 from lfcal.psf.compare import Comparison
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import Metric, QualityReport
@@ -192,19 +194,21 @@ def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
             [
                 _text(format_length(float(quality.depths[z]))),
                 _number(float(quality.virtual_depths[z])),
-                str(a.blades) if a.blades else "—",
+                _text(KINDS[a.kind]),
+                str(a.blades) if a.blades and a.confident else "—",
                 "—" if dim else f"{a.diameter_px:.2f}",
                 "—" if dim else f"{a.centre[0]:.2f}, {a.centre[1]:.2f}",
-                f"{math.degrees(a.rotation_rad):.1f}" if a.blades else "—",
-                f"{a.curvature:.2f}" if a.blades else "—",
+                f"{math.degrees(a.rotation_rad):.1f}" if a.blades and a.confident else "—",
+                _curvature(a),
                 "—" if dim else f"{100 * a.ellipticity:.1f}",
                 f"{a.confidence:.2f}",
-                '<b class="advice good">certain</b>' if a.confident else _text(a.reason or "not certain"),
+                '<b class="advice good">certain</b>' + _fault(a) if a.confident else _text(a.reason or "not certain"),
             ]
         )
     headers = (
         "depth z",
         "virtual depth",
+        "shape",
         "blades",
         "diameter (px)",
         "centre row, column (px)",
@@ -214,7 +218,19 @@ def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
         "confidence",
         "answer",
     )
-    return _table(headers, rows, range(9)) + _f_number(H, quality)
+    together = "" if quality.iris is None else f"<p>All planes together: <b>{_text(quality.iris.describe())}</b>.</p>"
+    return _table(headers, rows, (0, 1, *range(3, 10))) + together + _f_number(H, quality)
+
+
+def _curvature(a: Aperture) -> str:
+    if not (a.blades and a.confident):
+        return "—"
+    return f"{a.curvature:.2f}" + (f" ± {a.curvature_sigma:.2f}" if math.isfinite(a.curvature_sigma) else "")
+
+
+def _fault(a: Aperture) -> str:
+    """Return what is wrong with an aperture that is told, for people."""
+    return f": {_text(a.fault)}" if a.fault else ""
 
 
 def _f_number(H: PSFMatrix, quality: QualityReport) -> str:

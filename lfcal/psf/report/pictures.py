@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.figures import LINES, draw_image, figure
+from lfcal.psf.aperture import Aperture, expected_aperture
+from lfcal.psf.aperture.shape import KINDS
 from lfcal.psf.compare import Comparison
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import Metric, QualityReport
@@ -121,17 +123,36 @@ def _depth_sums(H: PSFMatrix, quality: QualityReport) -> Picture:
     with _sheet(columns, rows * _row_height(H.cutout)) as sheet:
         for z, axes in zip(planes, sheet.grid(len(planes), columns), strict=True):
             aperture = quality.apertures[z]
-            words = f"{aperture.blades} blades" if aperture.blades else aperture.refusal or "circle"
+            words = _shape(aperture)
             shown, unit = _unspoilt(H.depth_sum(z))
             draw_image(axes, shown, title=f"{_depth(quality.depths[z])}: {words}", unit=f"sum of H{unit}")
+            expected = _expected(H, z)
+            if expected is not None:
+                line = expected.outline()
+                axes.plot(np.r_[line[:, 1], line[0, 1]], np.r_[line[:, 0], line[0, 0]], "--", color=LINES[2], lw=1.0)
             if aperture.refusal != "too dim":
                 line = aperture.outline()
                 style = "-" if aperture.confident else ":"
                 axes.plot(np.r_[line[:, 1], line[0, 1]], np.r_[line[:, 0], line[0, 0]], style, color="white", lw=1.3)
-                corners = aperture.vertices()
+                corners = aperture.vertices() if aperture.confident else np.empty((0, 2))
                 axes.plot(corners[:, 1], corners[:, 0], "o", color=LINES[1], ms=3.5)
     text = "Depth-plane sums: the aperture seen from each depth, with the fitted iris (dotted where it is not certain)"
+    if H.camera is not None:
+        text += " and, dashed, the one that the camera's description lets expect"
     return Picture("aperture", "depth_sums.png", f"{text}{_of(len(planes), len(H))}.", sheet.png)
+
+
+def _expected(H: PSFMatrix, z: int) -> Aperture | None:
+    if H.camera is None:
+        return None
+    return expected_aperture(H.camera, float(H.depths[z]), H.cutout, H.pixel_scale)
+
+
+def _shape(aperture: Aperture) -> str:
+    """Return an aperture's shape in a few words."""
+    if not aperture.confident:
+        return aperture.refusal or "unknown"
+    return f"{aperture.blades} blades" if aperture.kind in ("polygon", "rounded polygon") else KINDS[aperture.kind]
 
 
 def _of(shown: int, there: int) -> str:

@@ -1,0 +1,112 @@
+"""Outlines made of arcs: an iris, an iris with a stuck blade, and what a second rim leaves of either."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.compiled import njit
+
+__all__ = ["Arcs", "arcs_radius"]
+
+Values = NDArray[np.float64]
+
+
+@njit()
+def arcs_radius(arcs: Values, stretch: float, shear: float, row: float, column: float, angles: Values) -> Values:
+    """Return the radius at which rays from an origin leave the area inside every one of some arcs.
+
+    An arc of curvature k whose middle lies at distance h from the centre in direction t bounds a disc, of radius 1/k,
+    or with k = 0 a half plane. From an origin at (x, y), in the arc's frame, a ray (c, s) leaves it where
+    ``k r² + 2 r (c (1 + k X) + k s y) + k (X² + y²) + 2 X = 0`` with X = x - h, which holds for straight blades too.
+
+    Parameters
+    ----------
+    arcs
+        ``(n, 3)``: direction t (rad), distance h (pixels), curvature k (1/pixels) of each.
+    stretch, shear
+        The symmetric stretch ``[[1 + stretch, shear], [shear, 1 - stretch]]`` that brings the outline into the arcs'
+        frame.
+    row, column
+        The origin of the rays, from the centre of the outline (pixels).
+    angles
+        Directions of the rays, from +column towards +row (rad).
+    """
+    out = np.empty(angles.size)
+    towards = np.cos(arcs[:, 0]), np.sin(arcs[:, 0])
+    x0 = column * (1 + stretch) + row * shear
+    y0 = column * shear + row * (1 - stretch)
+    for i in range(angles.size):
+        ca, sa = math.cos(angles[i]), math.sin(angles[i])
+        ex, ey = ca * (1 + stretch) + sa * shear, ca * shear + sa * (1 - stretch)
+        length = math.hypot(ex, ey)
+        ex, ey = ex / length, ey / length
+        nearest = 1e9
+        for j in range(arcs.shape[0]):
+            u, v, k = towards[0][j], towards[1][j], arcs[j, 2]
+            c, s = ex * u + ey * v, ey * u - ex * v
+            x, y = x0 * u + y0 * v - arcs[j, 1], y0 * u - x0 * v
+            b = c * (1 + k * x) + k * s * y
+            constant = k * (x * x + y * y) + 2 * x
+            root = b * b - k * constant
+            if root <= 0:
+                continue
+            below = b + math.sqrt(root)
+            if below > 1e-9:
+                nearest = min(nearest, -constant / below)
+        out[i] = nearest / length
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class Arcs:
+    """What an outline is made of.
+
+    Attributes
+    ----------
+    apothem, curvature
+        Distance of each blade's middle from the centre (pixels), and apothem over blade radius.
+    blades, rotation_rad
+        Number of blades, 0 for a circle, and direction of the first vertex (rad).
+    stuck, stuck_share
+        Blade that is out of place, counted from the first vertex, -1 for none; by how much of the apothem it lies
+        further out.
+    rim
+        A second rim: direction of its nearest point (rad), that point's distance and the rim's curvature, both in
+        units of the apothem; None without.
+    stretch, shear
+        See `arcs_radius`.
+    """
+
+    apothem: float
+    curvature: float = 1.0
+    blades: int = 0
+    rotation_rad: float = 0.0
+    stuck: int = -1
+    stuck_share: float = 0.0
+    rim: tuple[float, float, float] | None = None
+    stretch: float = 0.0
+    shear: float = 0.0
+
+    def table(self) -> Values:
+        """Return the arcs as `arcs_radius` takes them."""
+        a, n = self.apothem, self.blades
+        if n:
+            arcs = np.empty((n, 3))
+            arcs[:, 0] = self.rotation_rad + (np.arange(n) + 0.5) * (2 * math.pi / n)
+            arcs[:, 1] = a
+            arcs[:, 2] = self.curvature / a
+            if self.stuck >= 0:
+                arcs[self.stuck, 1] *= 1 + self.stuck_share
+        else:
+            arcs = np.array([[0.0, a, 1 / a]])
+        if self.rim is not None:
+            arcs = np.vstack([arcs, [self.rim[0], a * self.rim[1], self.rim[2] / a]])
+        return arcs
+
+    def radius(self, angles: Values, row: float = 0.0, column: float = 0.0) -> Values:
+        """Return the outline's radius about a point, given from the outline's centre (pixels)."""
+        return arcs_radius(self.table(), self.stretch, self.shear, row, column, angles)

@@ -1,0 +1,71 @@
+"""The aperture that a camera's description lets expect."""
+
+from __future__ import annotations
+
+import math
+
+from lfcal.camera import Camera, MainLens
+from lfcal.errors import InputError
+from lfcal.psf.aperture.shape import Aperture, polygon_area
+
+__all__ = ["expected_aperture", "footprint_px"]
+
+
+def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0, 1.0)) -> float:
+    """Return the width of the place that one lenslet spreads a defocused point's light over (pixels).
+
+    0 where no camera is known. A ray through a lenslet's point e meets the sensor ``e B/f`` from where it would without
+    lenslets, for the strongest of the lens types.
+    """
+    if camera is None:
+        return 0.0
+    lattice = camera.lattice
+    bend = max(lattice.gap_um / kind.focal_length_um for kind in lattice.types)
+    return bend * lattice.clear_diameter_um / camera.sensor.pixel_um * math.sqrt(math.prod(pixel_scale))
+
+
+def expected_aperture(
+    camera: Camera, depth_um: float, cutout: tuple[int, int], pixel_scale: tuple[float, float] = (1.0, 1.0)
+) -> Aperture | None:
+    """Return the iris's shadow on the sensor by geometry, None where the camera cannot see that depth or is in focus.
+
+    A ray through pupil point p meets the sensor ``p (a - B)/(b + a)`` from the chief ray, b and a the distances of the
+    pupil from the lenslets and of the image behind them, apart from what its lenslet bends it by.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    depth_um
+        Depth of the plane (µm).
+    cutout
+        Pixels ``(nt, ns)``; the aperture lies about the middle one.
+    pixel_scale
+        Pixels of the cutout per pixel of the sensor, rows and columns.
+    """
+    optics, pixel = camera.optics, camera.sensor.pixel_um / math.sqrt(math.prod(pixel_scale))
+    try:
+        shift = camera.image_shift_um(depth_um)
+    except InputError:
+        return None
+    if not math.isfinite(shift):
+        return None
+    away = shift - camera.lattice.gap_um
+    if isinstance(optics, MainLens):
+        pupil = optics.focal_length_um / optics.f_number / 2
+        radius = pupil * abs(away) / (optics.image_distance_um + shift) / pixel
+        blades, turn, curvature = optics.blades, optics.blade_rotation_rad, optics.blade_curvature
+    else:
+        radius = abs(away) / (2 * optics.working_f_number) / pixel
+        blades, turn, curvature = 0, 0.0, 1.0
+    if not radius > 0:
+        return None
+    centre = ((cutout[0] - 1) // 2, (cutout[1] - 1) // 2)
+    area = math.pi * radius**2
+    if not blades or curvature == 1:
+        return Aperture(0, centre, 0.0, radius, area, 1.0, confident=True, kind="round")
+    # behind the image the shadow is upside down
+    turn = (turn + (math.pi if away < 0 else 0.0)) % (2 * math.pi / blades)
+    apothem = radius * math.sqrt(math.pi / polygon_area(blades, 1.0, curvature))
+    kind = "rounded polygon" if curvature else "polygon"
+    return Aperture(blades, centre, turn, apothem, area, curvature, confident=True, kind=kind)

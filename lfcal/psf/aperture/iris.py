@@ -1,0 +1,150 @@
+"""One iris from the depth-plane sums of all planes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lfcal.psf.aperture.shape import Aperture, CountFit
+from lfcal.psf.aperture.verdict import CERTAIN
+
+__all__ = ["Iris", "joint_iris"]
+
+USABLE = ("", "unclear")
+"""Refusals of planes whose evidence counts: a plane that is unclear alone may decide together with others."""
+
+REGULAR = ("", "round", "polygon", "rounded polygon")
+
+ROTATION_FLOOR = math.radians(0.2)
+"""Error of a rotation that pixels leave at best."""
+
+COMMON = 0.02
+"""Error of the curvature that all planes share: the lenslets' blur is the same in all of them."""
+
+AGREE = 3.0
+"""Planes contradict each other where one is so many of its errors from their mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class Iris:
+    """The iris that all planes show together.
+
+    Attributes
+    ----------
+    blades
+        Number of blades; 0 for a round one.
+    rotation_rad
+        Direction of the first vertex in planes that are not upside down, in [0, 2 pi / blades) (rad). Where no
+        plane's side is known, an odd count's may be that of planes upside down.
+    curvature, curvature_sigma
+        Of the blades, with its standard error.
+    planes
+        How many planes it is known from.
+    margin
+        By how much its chi-square lies below that of any other count, and of a circle.
+    worst
+        Largest difference of a plane's curvature from the mean, in units of its error.
+    """
+
+    blades: int
+    rotation_rad: float
+    curvature: float
+    curvature_sigma: float
+    planes: int
+    margin: float
+    worst: float
+
+    @property
+    def confident(self) -> bool:
+        """Whether count and curvature may be relied on."""
+        return self.margin >= CERTAIN and self.worst <= AGREE
+
+    def describe(self) -> str:
+        """Return one line for people."""
+        planes = "1 plane" if self.planes == 1 else f"{self.planes} planes"
+        if not self.confident:
+            why = "planes contradict each other" if self.margin >= CERTAIN else "blade counts fit about equally well"
+            return f"unknown from {planes}: {why}"
+        if not self.blades:
+            return f"round, from {planes}"
+        shape = f"curvature {self.curvature:.2f} ± {self.curvature_sigma:.2f}"
+        return f"{self.blades} blades, rotated {math.degrees(self.rotation_rad):.1f}°, {shape}, from {planes}"
+
+
+def joint_iris(apertures: Sequence[Aperture], inverted: Sequence[bool | None]) -> Iris | None:
+    """Return the iris that planes show together, or None where none shows any.
+
+    One count, rotation and curvature for all planes: the chi-square of a count is the sum of those of the planes, plus
+    that of their curvatures and rotations about the weighted means. Planes with a faulty outline are left out.
+
+    Parameters
+    ----------
+    apertures
+        What each plane shows.
+    inverted
+        Whether each plane shows the iris upside down, as the two sides of the native plane do; None where not known.
+    """
+    # the same evidence on either side
+    chosen = [
+        (a, turned)
+        for a, turned in zip(apertures, inverted, strict=True)
+        if a.counts and a.refusal in USABLE and a.kind in REGULAR
+    ]
+    if not chosen:
+        return None
+    found = sorted((_of_count(n, chosen) for n in {c.blades for a, _ in chosen for c in a.counts}), key=_left)
+    best = found[0]
+    others = min(0.0, found[1][0]) if len(found) > 1 else 0.0
+    margin = others - best[0]
+    rounds = [a for a, _ in chosen if a.kind == "round" and a.confident]
+    if rounds and margin < CERTAIN and all(a.kind in ("", "round") for a, _ in chosen):
+        return Iris(0, 0.0, 1.0, math.nan, len(rounds), CERTAIN, 0.0)
+    _, blades, turn, curvature, sigma, worst = best
+    return Iris(blades, turn, curvature, math.hypot(sigma, COMMON), len(chosen), margin, worst)
+
+
+def _left(entry: tuple[float, int, float, float, float, float]) -> float:
+    return entry[0]
+
+
+def _of_count(
+    blades: int, planes: Sequence[tuple[Aperture, bool | None]]
+) -> tuple[float, int, float, float, float, float]:
+    """Return chi-square beyond the circle's, count, rotation, curvature, its error, and the worst plane's deviation."""
+    pairs = [(_fit_of(a, blades), turned) for a, turned in planes]
+    known = [(fit, turned) for fit, turned in pairs if fit is not None]
+    k = np.array([fit.curvature for fit, _ in known])
+    error = np.array([fit.curvature_sigma for fit, _ in known])
+    curvature, sigma = _mean(k, error)
+    deviation = (k - curvature) / error
+    # the mean direction of a rotation that repeats after one blade
+    step = 2 * math.pi / blades
+    turns = np.array([_upright(fit, turned, step) for fit, turned in known])
+    spread = np.hypot([fit.rotation_sigma for fit, _ in known], ROTATION_FLOOR)
+    weight = 1 / spread**2
+    # of planes whose side is not known, each may be upside down: twice the angle of an odd count does not tell
+    fold = 2 if any(turned is None for _, turned in known) and blades % 2 else 1
+    phase = np.exp(1j * blades * fold * turns)
+    mean = float(np.angle((weight * phase).sum())) / (blades * fold)
+    away = np.angle(phase * np.exp(-1j * blades * fold * mean)) / (blades * fold)
+    total = sum(fit.gain for fit, _ in known) + float((deviation**2).sum() + (weight * away**2).sum())
+    return total, blades, mean % step, curvature, sigma, float(np.abs(deviation).max(initial=0.0))
+
+
+def _mean(values: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
+    """Return the weighted mean and its error, which is larger where the values scatter by more than their errors."""
+    weight = 1 / errors**2
+    mean = float((weight * values).sum() / weight.sum())
+    scatter = float((weight * (values - mean) ** 2).sum()) / max(1, values.size - 1)
+    return mean, math.sqrt(max(1.0, scatter) / float(weight.sum()))
+
+
+def _fit_of(aperture: Aperture, blades: int) -> CountFit | None:
+    return next((fit for fit in aperture.counts if fit.blades == blades), None)
+
+
+def _upright(fit: CountFit, inverted: bool | None, step: float) -> float:
+    return (fit.rotation_rad + (math.pi if inverted else 0.0)) % step
