@@ -47,6 +47,14 @@ def test_a_hot_line_is_no_step_of_the_stage(axis: int) -> None:
     assert set(found) == {"hot_line"} and f"{('row', 'column')[axis]} 25 " in found["hot_line"].detail
 
 
+def test_a_finding_brings_the_picture_that_shows_it() -> None:
+    image = sensor(0.0)
+    image[:, 25] = 60.0
+    picture = faults_of(added(clean(), image))["hot_line"].picture
+    assert picture is not None and int(np.nanargmax(picture.values)) == 25 and picture.unit == "counts"
+    assert picture.values[25] == pytest.approx(60, abs=3)
+
+
 def test_offsets_of_rows_are_measured() -> None:
     image = sensor(0.0) + np.random.default_rng(1).normal(0, 6, (len(sensor(0)), 1)).astype(np.float32)
     found = faults_of(added(clean(), image))

@@ -97,7 +97,7 @@ class Lamp(Fault):
         time = _within(evidence)
         found, errors, _ = robust(np.stack([*rows, time], 1), gains, sigmas)
         trend, error = float(found[-1]), float(errors[-1])
-        step = sharpest_step(evidence.index, gains, sigmas, evidence.plan.period)
+        step = sharpest_step(evidence.index, gains, sigmas)
         if step is not None and step.sigmas > SURE and abs(step.size) > WORTH:
             first = tuple(int(v) for v in evidence.index[step.after[0]])
             detail, told, size = f"{100 * step.size:+.1f} % from {first} on", step.sigmas, abs(step.size)
@@ -119,7 +119,7 @@ class Lamp(Fault):
                 light = 1 + trend * come
             return (patterns / light[:, None, None]).astype(np.float32)
 
-        order = scan_order(evidence.index, evidence.plan.period)
+        order = scan_order(evidence.index)
         yield Finding(
             self,
             detail,
@@ -145,7 +145,7 @@ class Flicker(Fault):
         good = np.isfinite(sigmas)
         if good.sum() < 8:
             return
-        order = scan_order(evidence.index, evidence.plan.period)
+        order = scan_order(evidence.index)
         order = order[good[order]]
         # of neighbours in time: what changes slowly is the lamp's course
         scatter = 1.4826 * float(np.median(np.abs(np.diff(gains[order])))) / np.sqrt(2)

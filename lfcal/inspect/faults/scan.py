@@ -181,7 +181,7 @@ class FrameShift(Fault):
         """Yield the sharpest step of the cutouts' displacements in the order of the scan."""
         for name, along in (("window_y", "down"), ("window_x", "across")):
             values, sigmas = evidence.column(name)
-            step: Step | None = sharpest_step(evidence.index, values, np.hypot(sigmas, FLOOR_PX), evidence.plan.period)
+            step: Step | None = sharpest_step(evidence.index, values, np.hypot(sigmas, FLOOR_PX))
             if step is None or abs(step.size) < 2 * WORTH_PX or step.sigmas < SURE:
                 continue
             after = evidence.index[step.after]

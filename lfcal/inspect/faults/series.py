@@ -66,17 +66,16 @@ def robust(design: F8, values: F8, sigmas: F8) -> tuple[F8, F8, F8]:
     return found, errors, left
 
 
-def scan_order(index: NDArray[np.intp], period: tuple[int, int]) -> NDArray[np.intp]:
+def scan_order(index: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the order in which positions ``(n, 3)`` are scanned, plane by plane and row by row."""
     z, y, x = index.T
     found: NDArray[np.intp] = np.lexsort((x, y, z))
-    del period
     return found
 
 
-def sharpest_step(index: NDArray[np.intp], values: F8, sigmas: F8, period: tuple[int, int]) -> Step | None:
+def sharpest_step(index: NDArray[np.intp], values: F8, sigmas: F8) -> Step | None:
     """Return the jump that explains what values do in the order of the scan; None where a line does as well."""
-    order = scan_order(index, period)
+    order = scan_order(index)
     order = order[np.isfinite(sigmas[order])]
     if len(order) < 2 * FEW:
         return None
