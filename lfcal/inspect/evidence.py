@@ -20,6 +20,7 @@ from lfcal.inspect.modelled import Starts, correlation, depths_seen, modelled, p
 from lfcal.inspect.scatter import misfit, noise_of, start_of, variance_of
 from lfcal.progress import Clock, Work
 from lfcal.psf import PSFMatrix
+from lfcal.psf.half_cell import copied_positions
 from lfcal.simulate.engines.base import EnergyError
 
 __all__ = ["COLUMNS", "Evidence", "Unlike", "iter_evidence"]
@@ -190,12 +191,14 @@ def iter_evidence(
     start = time.perf_counter()
     clock = Clock("comparing with the camera", 100)
     yield clock.at(0)
-    recorded = np.argwhere(matrix.recorded > 0)
+    recorded = np.argwhere((matrix.recorded > 0) & ~copied_positions(matrix))
     if len(recorded) < FIRST:
         return Unlike(f"only {len(recorded)} positions were recorded")
     first = recorded[spread_out(recorded, FIRST, matrix.period)]
     if matrix.camera is None:
         return Unlike("H has no camera")
+    if matrix.pixel_scale != (1.0, 1.0):
+        return Unlike("H is on resampled pixels; assemble it without resampling to compare it")
     took = time.perf_counter()
     try:
         plan = plan_of(matrix)  # says what is wrong with the description

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lfcal.inspect import Inspection, iter_inspection
+from lfcal.inspect import Evidence, Inspection, iter_evidence, iter_inspection
 from lfcal.progress import drain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import inspect
@@ -54,6 +54,21 @@ def test_a_camera_that_does_not_explain_the_patterns_names_no_fault() -> None:
 def test_a_shift_of_the_anchor_is_no_traceback() -> None:
     H = PSFMatrix(clean(), depths=plan().depths_um, camera=plan().camera, anchor=(0.0, 0.0))
     assert "cutout of position" in inspected(H).why_not
+
+
+def test_resampled_patterns_are_not_compared() -> None:
+    H = matrix(clean())
+    scaled = {"cutout": {"scale": [0.99, 0.99]}}
+    other = PSFMatrix(H[:], depths=H.depths, camera=H.camera, anchor=H.anchor, provenance=scaled)
+    assert "resampled pixels" in inspected(other).why_not
+
+
+def test_patterns_that_stand_for_others_are_not_compared() -> None:
+    H = matrix(clean())
+    stand_ins = {"half_cell": {"positions": [[0, H.shape[1] * H.shape[2]]]}}  # all of plane 0
+    other = PSFMatrix(H[:], depths=H.depths, camera=H.camera, anchor=H.anchor, provenance=stand_ins)
+    found = drain(iter_evidence(other, patterns=PATTERNS))
+    assert isinstance(found, Evidence) and set(found.index[:, 0].tolist()) == {1}
 
 
 def test_plain_values_of_everything() -> None:
