@@ -79,7 +79,7 @@ def command(
             found = run_work(iter_inspection(H, quality, setup=setup, seconds=seconds), quiet=json)
         if not json:
             _show(H, quality, comparison, found)
-        page = _write(H, quality, other, report, workers, quiet=json)
+        page = _write(H, quality, other, report, workers, found, quiet=json)
     if json:
         extra: dict[str, Any] = {} if comparison is None else {"comparison": comparison.to_dict()}
         if found is not None:
@@ -159,15 +159,18 @@ def _write(
     reference: PSFMatrix | None,
     folder: Path | None,
     workers: int | None,
+    found: Inspection | None,
     *,
     quiet: bool,
 ) -> Path | None:
     from lfcal.cli.console import run_work
+    from lfcal.inspect.telling import told
     from lfcal.psf.report import iter_report
 
     if folder is None:
         return None
-    work = iter_report(H, folder, reference=reference, quality=quality, workers=workers)
+    beside = None if found is None else told(found)
+    work = iter_report(H, folder, reference=reference, quality=quality, workers=workers, beside=beside)
     return run_work(work, quiet=quiet)
 
 
@@ -222,13 +225,10 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None, f
 def _show_faults(found: Inspection) -> None:
     """Print what the comparison with the camera found."""
     from lfcal.cli.console import print_table
-    from lfcal.units import format_seconds, format_share
+    from lfcal.inspect.telling import compared_words
+    from lfcal.units import format_share
 
-    if not found.compared:
-        typer.echo(f"not compared with a camera: {found.why_not}; the metrics below are weaker than a comparison")
-        return
-    beside = f"{found.compared} patterns compared with the camera in {format_seconds(found.seconds)}"
-    typer.echo(f"{beside}: {'no fault found' if not found.findings else 'these faults stand out'}")
+    typer.echo(compared_words(found))
     if found.findings:
         print_table(
             ["fault", "what", "of the light"],

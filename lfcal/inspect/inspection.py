@@ -99,7 +99,8 @@ class Inspection:
 
     def redo(self) -> list[tuple[tuple[int, int, int], str]]:
         """Return positions (z, y, x) to record again with the reasons, in scan order."""
-        reasons = {place: [words] for place, words in self.quality.redo()}
+        others = [m.key for m in self.quality.metrics if self.withdrawn(m) or self.settled(m) is not None]
+        reasons = {place: [words] for place, words in self.quality.redo(others)}
         for one in self.findings:
             if one.redo and len(one.positions):
                 for place in map(tuple, one.positions.tolist()):

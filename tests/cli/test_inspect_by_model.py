@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -32,6 +33,12 @@ def test_a_hot_column_is_named_and_not_a_step_of_the_stage(lfcal: Lfcal, place: 
     told = lfcal("inspect", "H.h5", "--seconds", 2, "--json").json
     assert isinstance(told, dict) and told["model"]["faults"][0]["name"] == "hot_line"
     assert told["verdict"].startswith("This PSF should not be used as it is: hot line")
+    assert lfcal("inspect", "H.h5", "--seconds", 2, "--report", "report").code == 0
+    page = (place / "report" / "index.html").read_text()
+    assert "should not be used as it is: hot line" in page and "Beside the camera" in page and "hot line" in page
+    assert "Correct the stage" not in page.split("<h2>Metrics")[0], "no advice on what the fault explains"
+    kept = json.loads((place / "report" / "quality.json").read_text())
+    assert kept["verdict"] == told["verdict"] and kept["model"]["faults"][0]["name"] == "hot_line"
     without = lfcal("inspect", "H.h5", "--seconds", 0, "--json").json
     assert isinstance(without, dict) and "model" not in without
 

@@ -35,6 +35,7 @@ def test_a_fault_stands_for_the_metrics_that_it_looks_like() -> None:
     assert found.verdict.startswith("This PSF should not be used as it is: hot line of the sensor")
     step = found.quality["stage_gain"]
     assert found.settled(step) is found.findings[0] and step not in found.alarms
+    assert found.quality.redo() and not found.redo(), "no frame is recorded again for a line of the sensor"
 
 
 def test_without_a_camera_it_says_that_metrics_are_weaker() -> None:

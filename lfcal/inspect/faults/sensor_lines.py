@@ -144,7 +144,15 @@ class HotLine(Fault):
     title = "hot line of the sensor"
     rank = 11
     advice = "Subtract a dark frame of the same exposure, or add the line to the defect map, and assemble H again."
-    settles: ClassVar[tuple[str, ...]] = ("stage_gain", "jitter", "flicker", "background", "hot_pixels", "leak")
+    settles: ClassVar[tuple[str, ...]] = (
+        "stage_gain",
+        "jitter",
+        "flicker",
+        "background",
+        "hot_pixels",
+        "leak",
+        "misplaced",
+    )
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield what is found along rows and along columns."""
@@ -178,7 +186,7 @@ class LineOffsets(Fault):
     title = "rows or columns of the sensor with offsets of their own"
     rank = 12
     advice = "Subtract a dark frame of the same exposure and temperature, and assemble H again."
-    settles: ClassVar[tuple[str, ...]] = ("leak", "background", "flicker", "jitter")
+    settles: ClassVar[tuple[str, ...]] = ("leak", "background", "flicker", "jitter", "misplaced")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield what is found along rows and along columns."""

@@ -123,7 +123,7 @@ class Mosaic(Fault):
     rank = 14
     title = "colour mosaic left in"
     advice = "Take one channel, or develop the frames: import them anew with the sensor's pattern."
-    settles: ClassVar[tuple[str, ...]] = ("lamp", "flicker", "jitter", "stage_gain", "drift")
+    settles: ClassVar[tuple[str, ...]] = ("lamp", "flicker", "jitter", "stage_gain", "drift", "misplaced")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield how much the four pixels of two by two differ."""

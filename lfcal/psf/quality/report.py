@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,12 +96,12 @@ class QualityReport:
         rest = len(self.metrics) - known
         return f"This PSF is good by {known} metrics; {rest} are unknown." if rest else "This PSF is good."
 
-    def redo(self) -> list[tuple[tuple[int, int, int], str]]:
-        """Return positions (z, y, x) to record again with the reasons, in scan order."""
+    def redo(self, without: Collection[str] = ()) -> list[tuple[tuple[int, int, int], str]]:
+        """Return positions (z, y, x) to record again with the reasons, in scan order, but for metrics ``without``."""
         reasons: dict[tuple[int, int, int], list[str]] = {}
         for metric in self.metrics:
             # a suspicion costs a frame to check, a missed fault a reconstruction
-            if metric.spec.redo and metric.merit in ("bad", "fair"):
+            if metric.spec.redo and metric.merit in ("bad", "fair") and metric.key not in without:
                 for z, y, x in metric.positions.tolist():
                     reasons.setdefault((z, y, x), []).append(metric.spec.title.lower())
         return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]

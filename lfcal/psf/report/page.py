@@ -19,11 +19,12 @@ from lfcal.psf.aperture.shape import KINDS
 from lfcal.psf.compare import Comparison
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import Metric, QualityReport
+from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.pictures import Picture
 from lfcal.psf.report.style import stylesheet
 from lfcal.units import format_bytes, format_length, format_seconds
 
-__all__ = ["limits", "page", "value_text"]
+__all__ = ["limits", "page", "redo_of", "value_text"]
 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 """What a browser may do for this page: show what is in it, nothing else."""
@@ -41,13 +42,15 @@ def page(
     pictures: Sequence[Picture],
     comparison: Comparison | None = None,
     reference: str = "",
+    beside: Beside | None = None,
 ) -> str:
     """Return the report of ``H`` as one HTML document without scripts or links to anything outside."""
     name = Path(H.path).name or "PSF matrix"
     sections = [
-        _verdict(quality),
-        _facts(H, quality),
-        _actions(quality),
+        _verdict(quality) if beside is None else _last_word(beside),
+        _facts(H, quality, redo_of(quality, beside)),
+        "" if beside is None else _section("Beside the camera's model", _faults(beside)),
+        _actions(quality, beside),
         _section("Metrics", _metrics(quality)),
         _section("Aperture", _apertures(H, quality) + _figures(pictures, "aperture")),
         _section("H and its transpose", _figures(pictures, "slices")),
@@ -119,7 +122,28 @@ def _verdict(quality: QualityReport) -> str:
     return f'<section class="verdict {quality.merit}">{_text(quality.verdict)}<p>{more}</p></section>'
 
 
-def _facts(H: PSFMatrix, quality: QualityReport) -> str:
+def redo_of(quality: QualityReport, beside: Beside | None) -> Sequence[tuple[tuple[int, int, int], str]]:
+    """Return the positions to record again with the reasons, by all that is known."""
+    return quality.redo() if beside is None else beside.redo
+
+
+def _last_word(beside: Beside) -> str:
+    words = beside.words[0].upper() + beside.words[1:]
+    return f'<section class="verdict {beside.merit}">{_text(beside.verdict)}<p>{_text(words)}.</p></section>'
+
+
+def _faults(beside: Beside) -> str:
+    """Return the faults that a comparison with the camera found, each with its picture."""
+    rows = [
+        [f'<b class="nb">{_text(f.title)}</b>', _text(f.detail), _text(f.share), _text(f.advice)] for f in beside.faults
+    ]
+    if not rows:
+        return f"<p>{_text(beside.words[0].upper() + beside.words[1:])}.</p>"
+    shown = [Picture("faults", f.title, f.caption, f.picture) for f in beside.faults if f.picture]
+    return _table(["fault", "what", "of the light", "what to do"], rows, numeric=[2]) + _figures(shown, "faults")
+
+
+def _facts(H: PSFMatrix, quality: QualityReport, redo: Sequence[object]) -> str:
     nz, ny, nx, nt, ns = quality.shape
     counts = {m: sum(k.merit == m for k in quality.metrics) for m in ("good", "fair", "bad", "unknown")}
     depths = " to ".join(format_length(float(v)) for v in (quality.depths[0], quality.depths[-1])[: min(2, nz)])
@@ -129,7 +153,7 @@ def _facts(H: PSFMatrix, quality: QualityReport) -> str:
         ("cutout t × s", f"{nt} × {ns} px"),
         (f"of values, {H.dtype}", format_bytes(H.nbytes)),
         ("metrics good / fair / bad / unknown", "{good} / {fair} / {bad} / {unknown}".format(**counts)),
-        ("positions to record again", str(len(quality.redo()))),
+        ("positions to record again", str(len(redo))),
     ]
     return (
         '<div class="facts">'
@@ -138,18 +162,19 @@ def _facts(H: PSFMatrix, quality: QualityReport) -> str:
     )
 
 
-def _actions(quality: QualityReport) -> str:
-    """Return what to do about what is not good, costliest first."""
+def _actions(quality: QualityReport, beside: Beside | None) -> str:
+    """Return what to do about what is not good, costliest first; less what a fault stands for, or refutes."""
+    others = set() if beside is None else {*beside.settled, *beside.withdrawn}
     items = [
         f'<li class="{m.merit}"><b class="advice">{_text(m.spec.title)}</b>, {_text(value_text(m))}: '
         f"{_text(m.spec.advice)}</li>"
         for m in quality.metrics
-        if m.merit in ("bad", "fair")
+        if m.merit in ("bad", "fair") and m.key not in others
     ]
-    redo = quality.redo()
-    if not items:
+    redo = redo_of(quality, beside)
+    if not items and not redo:
         return ""
-    body = f"<ol>{''.join(items)}</ol>"
+    body = f"<ol>{''.join(items)}</ol>" if items else ""
     if redo:
         places = ", ".join(f"({z}, {y}, {x})" for (z, y, x), _ in redo[:LISTED])
         more = f" and {len(redo) - LISTED} more" if len(redo) > LISTED else ""

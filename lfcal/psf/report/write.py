@@ -17,7 +17,8 @@ from lfcal.psf.compare import Comparison, iter_compare
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import QualityReport, iter_inspect
 from lfcal.psf.quality.inspect import Controls
-from lfcal.psf.report.page import page
+from lfcal.psf.report.beside import Beside
+from lfcal.psf.report.page import page, redo_of
 from lfcal.psf.report.pictures import PICTURES, pictures
 
 __all__ = ["iter_report", "redo_list", "report", "report_files"]
@@ -47,6 +48,7 @@ def iter_report(
     quality: QualityReport | None = None,
     controls: Controls | None = None,
     workers: int | None = None,
+    beside: Beside | None = None,
 ) -> Work[Path]:
     """Inspect H and write ``index.html``, its pictures, ``quality.json`` and ``redo.json`` into ``folder``.
 
@@ -66,6 +68,8 @@ def iter_report(
         Control frames by depth plane for the inspection, see `lfcal.psf.quality.iter_inspect`.
     workers
         Threads; every processor by default.
+    beside
+        What a comparison with the camera found: it has the last word.
 
     Raises
     ------
@@ -93,11 +97,14 @@ def iter_report(
         yield clock.at(k)
         drawn.append(draw())
     yield clock.at(len(draws))
-    text = page(H, quality, drawn, comparison, other.path if other is not None else "")
+    text = page(H, quality, drawn, comparison, other.path if other is not None else "", beside)
     # the page comes last: where it exists, every file that it links to exists
     files = {p.name: p.png for p in drawn}
     result = quality.to_dict() | ({} if comparison is None else {"comparison": comparison.to_dict()})
-    files |= {"quality.json": _json(result), "redo.json": _json(redo_list(quality)), PAGE: text.encode()}
+    if beside is not None:
+        result |= {"model": dict(beside.record), "verdict": beside.verdict}
+    redo = redo_list(quality, beside)
+    files |= {"quality.json": _json(result), "redo.json": _json(redo), PAGE: text.encode()}
     for name, content in files.items():
         with replace_whole(target / name) as part:
             part.write_bytes(content)
@@ -111,9 +118,9 @@ def report_files(folder: Path) -> list[Path]:
     return [folder / name for name in (PAGE, "quality.json", "redo.json", *PICTURES, *maps)]
 
 
-def redo_list(quality: QualityReport) -> dict[str, Any]:
+def redo_list(quality: QualityReport, beside: Beside | None = None) -> dict[str, Any]:
     """Return the positions to record again as ``lfcal acquire --redo`` takes them."""
-    redo = quality.redo()
+    redo = redo_of(quality, beside)
     return {
         "format": "lfcal-redo",
         "version": 1,

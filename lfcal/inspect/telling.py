@@ -1,0 +1,83 @@
+"""An inspection for people: its faults with pictures, as a report takes them."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lfcal.figures import LINES, draw_image, figure
+from lfcal.inspect.finding import Picture
+from lfcal.inspect.inspection import Inspection
+from lfcal.psf.quality.metric import Merit
+from lfcal.psf.report.beside import Beside, ToldFault
+from lfcal.units import format_seconds, format_share
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["compared_words", "drawn", "told"]
+
+
+def told(inspection: Inspection) -> Beside:
+    """Return what an inspection adds to the report of its metrics, pictures drawn."""
+    quality = inspection.quality
+    faults = tuple(
+        ToldFault(
+            one.title,
+            one.detail,
+            format_share(min(one.share, 1.0)),
+            one.fault.advice,
+            b"" if one.picture is None else drawn(one.picture),
+            "" if one.picture is None else f"{one.title}: {one.picture.title}.",
+        )
+        for one in inspection.findings
+    )
+    settled = {m.key: one.title for m in quality.metrics if (one := inspection.settled(m)) is not None}
+    return Beside(
+        inspection.verdict,
+        _merit(inspection),
+        compared_words(inspection),
+        faults,
+        settled,
+        frozenset(m.key for m in quality.metrics if inspection.withdrawn(m)),
+        tuple(inspection.redo()),
+        inspection.to_dict(),
+    )
+
+
+def compared_words(inspection: Inspection) -> str:
+    """Return how much was compared with the camera, or why nothing was."""
+    if not inspection.compared:
+        return f"not compared with a camera: {inspection.why_not}; the metrics below are weaker than a comparison"
+    beside = f"{inspection.compared} patterns compared with the camera in {format_seconds(inspection.seconds)}"
+    return f"{beside}: {'no fault found' if not inspection.findings else 'these faults stand out'}"
+
+
+def _merit(inspection: Inspection) -> Merit:
+    if inspection.bad:
+        return "bad"
+    if inspection.verdict.startswith("This PSF can be used"):
+        return "fair"
+    return "good" if inspection.compared else inspection.quality.merit
+
+
+def drawn(picture: Picture) -> bytes:
+    """Return a picture as PNG: a map, or a curve."""
+    out = io.BytesIO()
+    values = np.asarray(picture.values, float)
+    with figure(5.2, 3.4) as fig:
+        axes: Axes = fig.add_subplot()
+        label = f"{picture.title} ({picture.unit})" if picture.unit else picture.title
+        if values.ndim == 2:
+            rows, columns = picture.axes
+            draw_image(axes, values, title=picture.title, unit=picture.unit, xlabel=columns, ylabel=rows)
+            axes.set_aspect("auto")
+        else:
+            across = np.arange(len(values)) if picture.across is None else picture.across
+            axes.plot(across, values, color=LINES[0], lw=1, marker="o" if len(values) < 40 else None, ms=3)
+            axes.set_xlabel(picture.axes[0])
+            axes.set_ylabel(label)
+        fig.savefig(out, format="png")
+    return out.getvalue()
