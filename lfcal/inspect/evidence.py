@@ -218,6 +218,8 @@ def iter_evidence(
     data = np.stack([np.asarray(matrix[z, y, x], np.float32) for z, y, x in index.tolist()])
     valid = np.stack([matrix.valid(z, y, x) for z, y, x in index.tolist()]) & np.isfinite(data)
     data[~valid] = 0.0
+    if not data.max(initial=0.0) > 0:
+        return Unlike("H shows no light")
     model, columns = (np.empty((len(index), *shape), np.float32) for shape in (matrix.cutout, (5, *matrix.cutout)))
     starts = Starts.none(len(index), len(matrix))
     starts = replace(starts, depth=depths_seen(known, index, data))
@@ -237,6 +239,8 @@ def iter_evidence(
             break
         starts = moved
     yield clock.at(100)
+    if not np.median(found.values[:, 0]) > 0:
+        return Unlike("H shows no light where its camera has some")
     alike = float(np.median(_alike(found)))
     if alike < ALIKE:
         return Unlike(f"patterns have little in common with those of the camera (correlation {alike:.2f})")

@@ -66,7 +66,7 @@ def variance_of(residual: F4, light: F4, valid: Flags) -> tuple[F4, float]:
         return np.full(light.shape, max(float(np.var(r)), 1e-30), np.float32), max(float(np.var(r)), 1e-30)
     a, y = np.array(rows), np.maximum(np.array(wanted), 1e-30 * top**2)
     # bins count alike whatever their size: relative errors
-    scale = a.max(0)
+    scale = np.where(a.max(0) > 0, a.max(0), 1.0)
     found, _ = nnls(a / scale / y[:, None], np.ones(len(y)))
     constant, slope, square = found / scale
     least = max(constant, 1e-12 * top**2)

@@ -21,8 +21,7 @@ from lfcal.progress import drain
 from lfcal.psf import PSFMatrix, open_psf, save, verify
 from lfcal.psf.facts import Facts, Origin
 from tests.fit.common import few_patterns, measured, setup_of, small_plan, some_index
-from tests.fit.test_incomplete import ABERRATED, COUNT, PEAK, READ, ghosted, outcome, tilted
-from tests.fit.test_incomplete import PLAN as INCOMPLETE
+from tests.fit.test_incomplete import ABERRATED, COUNT, PEAK, READ, SIZE, ghosted, outcome, tilted
 
 PLAN = replace(small_plan(15, (2.2,)), period=(8, 12))
 NOISE = (64.0, 1.0)
@@ -202,6 +201,9 @@ def test_another_scan_is_refused(change: Callable[[PSFMatrix], PSFMatrix], what:
 # -- incomplete models that were fitted ------------------------------------------------------------------
 
 
+INCOMPLETE = small_plan(SIZE)
+
+
 @cache
 def truths(kind: str) -> tuple[np.ndarray, np.ndarray]:
     """Return neighbouring positions of a plane and their light, in the units of `outcome`'s patterns."""
@@ -212,7 +214,7 @@ def truths(kind: str) -> tuple[np.ndarray, np.ndarray]:
 
     def of(which: np.ndarray) -> np.ndarray:
         if kind == "tilt":
-            return tilted(true, which)
+            return tilted(INCOMPLETE, true, which)
         return predict(true, INCOMPLETE, which, np.zeros((len(which), 2)), Fineness.finest).astype(float)
 
     scale = PEAK / of(fitted).max()

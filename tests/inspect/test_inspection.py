@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from lfcal.inspect import Evidence, Inspection, iter_evidence, iter_inspection
 from lfcal.progress import drain
@@ -70,6 +71,16 @@ def test_patterns_that_stand_for_others_are_not_compared() -> None:
     other = PSFMatrix(H[:], depths=H.depths, camera=H.camera, anchor=H.anchor, provenance=stand_ins)
     found = drain(iter_evidence(other, patterns=PATTERNS))
     assert isinstance(found, Evidence) and set(found.index[:, 0].tolist()) == {1}
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, 1e-12, 1e12])
+def test_any_light_or_none_ends_in_words(scale: float) -> None:
+    """Warnings are errors in tests: nothing is divided by no light."""
+    found = inspected(matrix((scale * clean()).astype(np.float32)))
+    if scale > 0:
+        assert found.compared and not found.findings
+    else:
+        assert "no light" in found.why_not or "little in common" in found.why_not
 
 
 def test_plain_values_of_everything() -> None:
