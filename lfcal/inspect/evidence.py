@@ -237,7 +237,7 @@ def iter_evidence(
         again = moved.apart_from(starts, index[:, 0])
         if not again.any() or (patterns is None and time.perf_counter() - start > seconds):
             break
-        starts = moved
+        starts = starts.only(moved, again)
     yield clock.at(100)
     if not np.median(found.values[:, 0]) > 0:
         return Unlike("H shows no light where its camera has some")

@@ -87,6 +87,18 @@ class Starts:
             depth[z] += float(np.clip(np.median(values[planes == z, 6]), -0.05, 0.05))
         return Starts(source, window, depth)
 
+    def only(self, moved: Starts, again: Flags) -> Starts:
+        """Return these, with those of ``moved`` for the patterns ``again`` and the planes that lie far off.
+
+        Of all others the model stays, and with it where it was computed.
+        """
+        far = np.abs(moved.depth - self.depth) > FAR_DEPTH
+        return Starts(
+            np.where(again[:, None], moved.source, self.source),
+            np.where(again[:, None], moved.window, self.window),
+            np.where(far, moved.depth, self.depth),
+        )
+
     def apart_from(self, other: Starts, planes: NDArray[np.intp]) -> Flags:
         """Return which patterns ``(n,)`` are so far from others that the model is computed anew."""
         moved = np.maximum(np.abs(self.source - other.source), np.abs(self.window - other.window)).max(1)

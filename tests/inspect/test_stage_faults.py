@@ -1,0 +1,91 @@
+"""Faults of stage, focus and lens types, by patterns whose sources, depths or lenslets are otherwise."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.fit.model import Fineness, PlaneModel
+from lfcal.fit.setup import Setup, described_effects
+from tests.inspect.common import PEAK, Values, clean, faults_of, noisy, plan
+
+
+@cache
+def _scale() -> float:
+    return PEAK / float(_patterns(0.0, 0.0).max())
+
+
+def _patterns(dy: float, dx: float, depth_um: float = 0.0) -> Values:
+    """Return the patterns of plane 0 with all sources displaced, or the plane farther away; shares of the light."""
+    camera = plan().camera
+    setup = Setup(camera, described_effects(camera), (depth_um, 0.0))
+    places = np.argwhere(np.ones(plan().period, np.bool_))
+    found = PlaneModel(setup, plan(), 0, Fineness.coarse).patterns(places, np.tile((dy, dx), (len(places), 1)))
+    return found.reshape(*plan().period, *plan().cutout)
+
+
+def displaced(dy: NDArray[np.float64], dx: NDArray[np.float64]) -> Values:
+    """Return a noisy recording, sources of both planes' positions displaced by fields ``(ny, nx)``; plane 0 alone."""
+    camera = plan().camera
+    setup = Setup(camera, described_effects(camera), (0.0, 0.0))
+    places = np.argwhere(np.ones(plan().period, np.bool_))
+    moved = np.stack([dy.ravel(), dx.ravel()], 1)
+    planes = [PlaneModel(setup, plan(), z, Fineness.coarse).patterns(places, moved) for z in (0, 1)]
+    values = np.stack(planes).reshape(plan().shape)
+    return noisy(values * np.float32(_scale()))
+
+
+def grid() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ny, nx = plan().period
+    y, x = np.meshgrid(np.arange(ny) - (ny - 1) / 2, np.arange(nx) - (nx - 1) / 2, indexing="ij")
+    return y, x
+
+
+def test_a_stage_step_is_measured() -> None:
+    y, x = grid()
+    found = faults_of(displaced(0.03 * y, 0.03 * x))
+    assert set(found) == {"stage_axes"} and "stage step +3.0 %" in found["stage_axes"].detail
+
+
+def test_a_turned_stage_is_no_lamp() -> None:
+    y, x = grid()
+    turn = np.radians(1.5)
+    found = faults_of(displaced(turn * x, -turn * y))
+    assert set(found) == {"stage_axes"} and "stage turned by" in found["stage_axes"].detail
+    assert "1.50" in found["stage_axes"].detail or "1.49" in found["stage_axes"].detail
+
+
+def test_play_of_the_stage_is_measured() -> None:
+    rows = np.arange(plan().period[0]) % 2
+    aside = np.where(rows[:, None] == 1, 0.15, -0.15) + np.zeros(plan().period)
+    found = faults_of(displaced(0 * aside, aside))
+    assert set(found) == {"backlash"} and "+0.30" in found["backlash"].detail
+
+
+def test_jitter_is_measured() -> None:
+    rng = np.random.default_rng(5)
+    found = faults_of(displaced(*rng.normal(0, 0.1, (2, *plan().period))))
+    assert "jitter" in found and 0.1 < float(found["jitter"].detail.split(" by ")[1].split()[0]) < 0.2
+    assert not {"stage_axes", "backlash", "depth_label", "lamp"} & set(found)
+
+
+def test_swapped_neighbours_are_named_with_their_places() -> None:
+    values = clean()
+    values[:, :, [3, 4]] = values[:, :, [4, 3]]
+    found = faults_of(values)
+    assert set(found) == {"strangers"} and found["strangers"].redo
+    assert set(found["strangers"].positions[:, 2].tolist()) <= {3, 4}
+
+
+def test_a_focus_that_drifts_is_named_with_its_plane() -> None:
+    camera, z = plan().camera, plan().depths_um[0]
+    ny, _ = plan().period
+    moved = camera.depth_of(3.0 * 1.03) - z
+    come = (np.arange(ny)[:, None, None, None] + 0.5) / ny
+    first, last = _patterns(0.0, 0.0), _patterns(0.0, 0.0, moved)
+    values = clean()
+    values[0] = noisy(((1 - come) * first + come * last)[None].astype(np.float32) * np.float32(_scale()))[0]
+    found = faults_of(values)
+    assert "focus_drift" in found and found["focus_drift"].detail.startswith("plane 0")
