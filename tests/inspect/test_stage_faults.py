@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.setup import Setup, described_effects
-from tests.inspect.common import PEAK, Values, clean, faults_of, noisy, plan
+from tests.inspect.common import PEAK, Values, clean, faults_of, light, noisy, plan, scaled
 
 
 @cache
@@ -89,3 +89,18 @@ def test_a_focus_that_drifts_is_named_with_its_plane() -> None:
     values[0] = noisy(((1 - come) * first + come * last)[None].astype(np.float32) * np.float32(_scale()))[0]
     found = faults_of(values)
     assert "focus_drift" in found and found["focus_drift"].detail.startswith("plane 0")
+
+
+def test_a_lens_type_of_less_light_is_named() -> None:
+    """Each pixel belongs to the lenslet whose centre is nearest, of all of them."""
+    camera, values = plan().camera, light()
+    _, ny, nx, nt, ns = values.shape
+    rows, columns = (plan().anchor[k] - (n - 1) / 2 + np.arange(m) for k, n, m in ((0, nt, ny + nt), (1, ns, nx + ns)))
+    points = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), -1))
+    middle, span = points.mean((0, 1)), np.ptp(points, (0, 1))
+    centres, kinds = camera.lattice.lenslets_within(span[0], span[1], (float(middle[0]), float(middle[1])))
+    nearest = np.argmin(np.square(points[:, :, None] - centres).sum(-1), axis=-1)
+    found = faults_of(noisy(scaled(values, np.where(kinds[nearest] == 1, 0.8, 1.0).astype(np.float32))))
+    assert "type_light" in found and found["type_light"].detail.startswith("type 1 ")
+    told = float(found["type_light"].detail.split(" passes ")[1].split(" %")[0])
+    assert 76 <= told <= 83, "tails of the other types fall on its pixels"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft as sf
 
+from lfcal.camera import LensletLattice
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.scan import share_of
 from lfcal.inspect.finding import Fault, Finding, Picture
@@ -182,18 +183,18 @@ def _types_of(evidence: Evidence) -> NDArray[np.intp]:
     return out
 
 
-def _nearest_type(lattice: object, points: F8) -> NDArray[np.intp]:
-    index = lattice.lenslet_at(points)  # type: ignore[attr-defined]
+def _nearest_type(lattice: LensletLattice, points: F8) -> NDArray[np.intp]:
+    index = lattice.lenslet_at(points)
     base = np.floor(index)
     best = np.full(points.shape[:-1], np.inf)
     found = np.zeros(points.shape[:-1], np.intp)
     for i in (0, 1):
         for j in (0, 1):
             q, r = base[..., 0] + i, base[..., 1] + j
-            apart = np.square(lattice.centres_um(q, r) - points).sum(-1)  # type: ignore[attr-defined]
+            apart = np.square(lattice.centres_um(q, r) - points).sum(-1)
             nearer = apart < best
             best = np.where(nearer, apart, best)
-            found = np.where(nearer, lattice.type_of(q, r), found)  # type: ignore[attr-defined]
+            found = np.where(nearer, lattice.type_of(q, r), found)
     return found
 
 
