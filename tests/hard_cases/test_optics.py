@@ -284,7 +284,8 @@ def test_absurd_defocus():
 )
 def test_strong_aberration():
     scene = camera_scene(4.0, wavefront=seidel(spherical=8.0), cutout=(121, 121))
-    engine = WavePlane(scene, QUICK)
+    # sums of fields have no tails that make up for windows which are too narrow
+    engine = WavePlane(scene, replace(QUICK, coherent=True))
     engine.point(*AT)
     certificate = engine.certificate
     return abs(certificate.energy_out / certificate.energy_in - 1)

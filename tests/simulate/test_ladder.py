@@ -12,7 +12,7 @@ import pytest
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
 from lfcal.simulate.accuracy.forecast import predict_seconds
-from lfcal.simulate.accuracy.ladder import Ladder, Rung, _marked, _places, draw_ladder, iter_ladder, ladder
+from lfcal.simulate.accuracy.ladder import Ladder, Rung, _marked, _places, draw_ladder, iter_ladder, ladder, rung_label
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.simulate import simulate_psf
 from tests.simulate.common import BASE, small_camera, small_plan
@@ -33,7 +33,7 @@ def measured() -> Ladder:
 def test_finer_samplings_come_closer_to_the_reference(measured: Ladder) -> None:
     errors = {r.label: r.error for r in measured.rungs}
     assert errors["geometric"] > 0.2
-    ordered = [errors[label] for label in errors if label.startswith("wave")]
+    ordered = [errors[rung_label("wave", sampling)] for sampling in COARSE_TO_FINE]
     assert sorted(ordered, reverse=True) == ordered and ordered[-1] < 0.015
     assert measured.refused == () and measured.positions == 2
     assert measured.virtual_depth == pytest.approx(4.0)

@@ -24,14 +24,14 @@ __all__ = ["engine_seconds", "engine_times", "machine_rate", "table_seconds"]
 FITTED_RATE = 2e10
 """Complex multiply-adds per second of the machine the constants come from."""
 
-PER_LENSLET = 2.2e-5
-PER_NODE = 1.2e-8
+PER_LENSLET = 1.1e-5
+PER_NODE = 6e-9
 PER_COHERENT_NODE = 7.5e-9
-SET_UP, PROBED = 0.6, 12
+SET_UP, PROBED = 0.4, 12
 """Seconds of the tables, twice as a probe judges them, and positions that it computes, in all."""
 
-REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 150.0, 25.0
-PER_SAMPLE, PER_TABLE_SAMPLE, GRID_SET_UP = 1.1e-9, 2e-6, 0.15
+REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 320.0, 25.0
+PER_SAMPLE, PER_TABLE_SAMPLE, GRID_SET_UP = 1.1e-9, 7e-7, 0.15
 
 
 @lru_cache(maxsize=1)

@@ -23,9 +23,10 @@ __all__ = [
     "tilt_orders",
 ]
 
-WINDOWS: tuple[tuple[float, float, float], ...] = ((3, 1.0, 0.10), (4, 1.5, 0.03), (5, 2.0, 0.012), (8, 2.0, 0.008))
+WINDOWS: tuple[tuple[float, float, float], ...] = ((1, 1.0, 0.05), (1, 1.5, 0.007), (2, 2.0, 0.004), (4, 2.0, 0.0015))
 """Steps that add intensities of neighbouring lenslets: margin (px), nodes per cycle of the light's band, and the
-relative L1 error that they leave (measured) beside that of the sum; see `Fringes.incoherent`."""
+relative L1 error that they leave (measured) beside that of the sum; see `Fringes.incoherent`. Light beyond the windows
+is added by `lfcal.simulate.engines.tails`."""
 
 COHERENT: tuple[tuple[float, int, float, float], ...] = (
     (8, 0, 3e-3, 0.017),

@@ -62,11 +62,15 @@ class Window(NamedTuple):
     width: int  # its side (pixels)
     rows: int  # those of the cutout (pixels)
     columns: int
+    beyond: int  # how far beyond the window light is followed (pixels)
 
 
 @njit()
-def select(light: Light, window: Window, centre: F8, source: F8, pixel: I8, spots: Any) -> int:
+def select(light: Light, window: Window, centre: F8, source: F8, pixel: I8, spots: Any) -> tuple[int, int]:
     """List in ``spots`` the positions whose light reaches a lenslet and, behind it, the cutout; return how many.
+
+    Those whose light reaches it beyond the window alone are listed from the end on, with what evenly lit the lenslet
+    passes as ``energy_in``; how many is what is returned second.
 
     Parameters
     ----------
@@ -81,7 +85,7 @@ def select(light: Light, window: Window, centre: F8, source: F8, pixel: I8, spot
     """
     n = light.energy.shape[0]
     dx, half, px, width = light.dx_um, light.half, window.px_um, window.width
-    found = 0
+    found = far = 0
     for p in range(source.shape[0]):
         lx, ly = centre[0] - source[p, 0], centre[1] - source[p, 1]
         kx, ky = round(lx / dx), round(ly / dx)
@@ -95,16 +99,22 @@ def select(light: Light, window: Window, centre: F8, source: F8, pixel: I8, spot
         wy = math.floor((centre[1] - window.pull * ly) / px + 0.5)
         left = int(wx) - pixel[p, 1] - width // 2 + window.columns // 2
         top = int(wy) - pixel[p, 0] - width // 2 + window.rows // 2
-        if left + width <= 0 or top + width <= 0 or left >= window.columns or top >= window.rows:
+        aside = max(-left - width, -top - width, left - window.columns, top - window.rows)
+        if aside >= window.beyond:
             continue
-        spot = spots[found]
+        if aside >= 0:
+            far += 1
+            spot = spots[spots.shape[0] - far]
+            spot.energy_in = light.energy[row, col]
+        else:
+            found += 1
+            spot = spots[found - 1]
         spot.position, spot.row, spot.col, spot.top, spot.left = p, row, col, top, left
         spot.x0, spot.y0 = kx * dx - lx, ky * dx - ly
         spot.ox, spot.oy = wx * px - (centre[0] - window.ratio * lx), wy * px - (centre[1] - window.ratio * ly)
         spot.mx, spot.my = wx * px - source[p, 0], wy * px - source[p, 1]
         spot.lx, spot.ly = lx, ly
-        found += 1
-    return found
+    return found, far
 
 
 @njit(fastmath=True)

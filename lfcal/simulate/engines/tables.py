@@ -31,8 +31,14 @@ __all__ = [
     "serve",
     "steepest_sine",
     "table_reach",
+    "tail_px",
     "window_of",
+    "zoom_of",
 ]
+
+TAIL, NEAREST, FARTHEST = 8, 20, 64
+"""How far tails beyond windows are followed: over the window's margin, at least and at most (pixels). About a tenth of
+them lies farther."""
 
 BEST = 1 / 16
 """Share of the light from which on a lenslet counts as the best-lit one: the floor is no coarser near focus."""
@@ -123,6 +129,11 @@ def aperture_width(scene: Scene) -> float:
     return float(np.ptp(aperture_outline(scene), axis=0).max())
 
 
+def tail_px(sampling: Sampling) -> int:
+    """Return how far beyond its window a lenslet's light is followed (pixels); fields of all lenslets end with it."""
+    return 0 if sampling.coherent else min(FARTHEST, max(NEAREST, TAIL * sampling.margin_px))
+
+
 def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
     """Return the tables of a plane in ``mode`` ``"E"``, ``"U"`` or ``"D"`` (see `lfcal.simulate.engines.field`)."""
     spread = scene.wavelength_um * scene.reduced_gap_um
@@ -205,7 +216,7 @@ def _lens_table(
     bend = math.pi * sigma / spread
     dtype = np.float64 if sampling.double else np.float32
     aperture = aperture_tables(scene, dx, (half + 1) * dx * math.sqrt(2), bend, dx * dx * px / spread, dtype, kind=kind)
-    zoom = _zoom(rule, width, px, 2 * np.pi / spread * dx * np.arange(half + 1), dtype)
+    zoom = zoom_of(rule, width, px, 2 * np.pi / spread * dx * np.arange(half + 1), dtype)
     return LensTable(width, pull, half, aperture, zoom, field, energy, held)
 
 
@@ -222,7 +233,7 @@ def window_of(scene: Scene, sampling: Sampling, mode: str, kind: int) -> tuple[i
     return half_px, px / (sampling.samples_per_px or _fewest_samples(scene, mode, half_px))
 
 
-def _zoom(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: type) -> Zoom:
+def zoom_of(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: type) -> Zoom:
     """Return the transform from samples of phase ``rates`` (rad per µm on the sensor) to a window's nodes."""
     nodes = rule.positions(width) * px
     angle = np.outer(nodes[nodes.size // 2 :], rates)
@@ -305,6 +316,8 @@ def table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px:
     tail = min(tail, abs(scene.reduced_image_um) * lam / (2 * dx) + 80 * lam * nw)
     lit = 1.15 * shadow + radius + tail + ray_aberration(scene)
     spot_rate = abs(1 - scene.reduced_gap_um / scene.reduced_image_um) if mode == "E" else 1.0
-    shown = (math.hypot(*scene.cutout) / 2 + 1.5 * half_px + 2) * scene.reduced_pixel_um + ray_aberration(scene)
+    shown = (
+        math.hypot(*scene.cutout) / 2 + 1.5 * half_px + tail_px(sampling) + 2
+    ) * scene.reduced_pixel_um + ray_aberration(scene)
     shown += scene.farthest_um / scene.scale
     return min(lit, shown / max(spot_rate, 1e-6) + radius)

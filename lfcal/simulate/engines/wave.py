@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +25,8 @@ from lfcal.simulate.engines._lenslets import SPOT, Light, Window, select, square
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
 from lfcal.simulate.engines.extent import SWITCH
 from lfcal.simulate.engines.field import choose_mode
-from lfcal.simulate.engines.tables import Array, LensTable, PlaneTables, bent, build_tables, serve
+from lfcal.simulate.engines.tables import Array, LensTable, PlaneTables, bent, build_tables, serve, tail_px
+from lfcal.simulate.engines.tails import Tail, tail_of
 from lfcal.simulate.pupil import pixel_response
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.symmetry import mirrored_rows
@@ -39,6 +41,9 @@ FAINT = 0.01
 """Share of the best-lit lenslet's energy below which a response may err by that of one so faint."""
 COHERENT_BATCH = 8
 """Positions whose node grids are held at once."""
+
+PILOT_COLUMNS = 48
+"""Positions of a row that are timed: what is done once for each lenslet of a row counts as in whole rows."""
 
 
 class WavePlane:
@@ -62,9 +67,13 @@ class WavePlane:
         self._wider: PlaneTables | None = None
         wanted = self.sampling.coherent
         self.coherent = self._overlap() if wanted is None else wanted
+        self._tails = () if self.coherent else self._tails_of(self.tables)
         self._dtype = np.dtype(np.float64 if self.sampling.double else np.float32)
         self._ledger = Ledger()
-        self._pilot = Pilot()
+        self._pilot = Pilot(PILOT_COLUMNS)
+
+    def _tails_of(self, tables: PlaneTables) -> tuple[Tail, ...]:
+        return tuple(tail_of(self.scene, self.sampling, lens, kind) for kind, lens in enumerate(tables.kinds))
 
     def _overlap(self) -> bool:
         """Return whether neighbouring lenslets' spots share so much of their windows that fields must be added."""
@@ -86,7 +95,7 @@ class WavePlane:
                 self._wider = build_tables(farther, self.sampling, self.mode)
             other.tables = self._wider
         other._ledger = Ledger()
-        other._pilot = Pilot()
+        other._pilot = Pilot(PILOT_COLUMNS)
         return other
 
     @property
@@ -160,7 +169,13 @@ class WavePlane:
             if moved or widened or passed != 1:
                 bend = math.pi * widened / self.tables.spread_um2
                 lens = replace(lens, pull=lens.pull + moved, aperture=bent(lens.aperture, bend, math.sqrt(passed)))
-            self._add_lens(centre, lens, source, pixel, target, self.tables.ratio + moved)
+            spots, far = self._add_lens(centre, lens, source, pixel, target, self.tables.ratio + moved)
+            tail = self._tails[kind] if self._tails else None
+            if tail and len(far):
+                tail.add_far(far, passed, lens.width, target.image)
+            if len(spots):
+                beyond = tail.add(spots, lens.width, target.image) if tail else 0.0
+                self._certify(spots, lens, tail.edge if tail else 1.0, beyond)
         if self.coherent:
             rule = self.tables.rule
             square_fields(*target[1:], rule.weights.astype(self._dtype), rule.per_px, target.image)
@@ -179,21 +194,23 @@ class WavePlane:
         pixel: NDArray[np.int64],
         target: Target,
         ratio: float,
-    ) -> None:
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
         """Add the light behind the lenslet at ``centre`` (x, y) for sources (n, 2) as (x, y).
 
-        ``ratio`` is B'/a', of this lenslet where the array is tilted.
+        ``ratio`` is B'/a', of this lenslet where the array is tilted. Returns `SPOT` arrays: the spots, and those whose
+        windows miss the cutout.
         """
         scene, tables, dx = self.scene, self.tables, lens.field.dx_um
         spots = np.empty(len(source), SPOT)
-        window = Window(scene.reduced_pixel_um, ratio, lens.pull, lens.width, *scene.cutout)
-        found = select(Light(lens.energy, tables.floor, dx, lens.half), window, centre, source, pixel, spots)
-        if not found:
-            return
-        # positions that share the lenslet's place between two samples share its mask
-        spots = spots[np.argsort(np.round(spots["x0"][:found] / dx, 6), kind="stable")]
-        respond(lens.field, lens.aperture, lens.zoom, self._optics(lens), spots, target)
-        self._certify(spots["energy_in"], spots["energy_out"], lens)
+        beyond = tail_px(self.sampling) if self._tails else 0
+        window = Window(scene.reduced_pixel_um, ratio, lens.pull, lens.width, *scene.cutout, beyond)
+        found, far = select(Light(lens.energy, tables.floor, dx, lens.half), window, centre, source, pixel, spots)
+        missed, spots = spots[len(source) - far :], spots[:found]
+        if found:
+            # positions that share the lenslet's place between two samples share its mask
+            spots = spots[np.argsort(np.round(spots["x0"] / dx, 6), kind="stable")]
+            respond(lens.field, lens.aperture, lens.zoom, self._optics(lens), spots, target)
+        return spots, missed
 
     def _optics(self, lens: LensTable) -> Optics:
         """Return what a kernel needs of the plane; no exact rays near the native plane, where rays cross."""
@@ -246,8 +263,12 @@ class WavePlane:
                 slopes.append((at - image_at - a * np.clip(u, -rim, rim)) / gap + chief[axis])
             image[k] *= pixel_response(power, slopes[0][:, None], slopes[1][None, :])
 
-    def _certify(self, energy_in: NDArray[np.float64], energy_out: NDArray[np.float64], lens: LensTable) -> None:
-        """Raise `EnergyError` where a window received more than its lenslet passed."""
+    def _certify(self, spots: NDArray[Any], lens: LensTable, edge: float, beyond: float) -> None:
+        """Raise `EnergyError` where a window received more than its lenslet passed.
+
+        ``edge`` times what samples hold is what the lenslet passes, ``beyond`` what lies beyond the windows.
+        """
+        energy_in, energy_out = spots["energy_in"], spots["energy_out"]
         # behind a faint lenslet errors of the sum's accuracy look large, and mean nothing beside a bright one's light
         slack = TOLERANCE * np.maximum(energy_in, FAINT * float(lens.energy.max()))
         ratio = energy_out / np.maximum(energy_in, 1e-300)
@@ -258,4 +279,4 @@ class WavePlane:
             raise EnergyError.expected("energy behind a lenslet", wanted, got, remedy)
         bright = energy_in >= FAINT * float(lens.energy.max())
         worst = float(ratio[bright].max(initial=0.0))
-        self._ledger.add(len(energy_in), float(energy_in.sum()), float(energy_out.sum()), worst)
+        self._ledger.add(len(energy_in), edge * float(energy_in.sum()), float(energy_out.sum()) + beyond, worst)
