@@ -30,8 +30,8 @@ def command(
 ) -> None:
     """Hold two H beside each other: error, scale and sub-pixel shift of every plane and lens type.
 
-    Planes belong together by their depths, positions by the sensor's pixels; cutouts are cut to the smaller one. It says
-    what only one of them has.
+    Planes belong together by their depths, positions by the sensor's pixels; cutouts are cut to the smaller one. What
+    only one of them has is said.
 
     Example: `lfcal compare may/H.h5 june/H.h5 --report compared/`
     """

@@ -2,7 +2,8 @@
 
 - ``page``, ``panel``; ``inspect_panel``: verdict, faults, metrics; ``evidence_view``: positions and pictures
 - ``showing``: which fault or metric is looked at
-- ``model``: settings, rows and words; ``model_run``: the inspection as work
+- ``compare_panel``, ``comparing``: a second H beside the first
+- ``model``: settings, rows and words; ``model_run``, ``model_compare``: inspection and comparison as work
 """
 
 from __future__ import annotations
@@ -34,5 +35,5 @@ PAGE = PageSpec(
     state=state,
     needs="lfcal.inspect",
     icon=icon,
-    keys=(("F5", "inspect H"), ("Esc", "stop the inspection")),
+    keys=(("F5", "inspect H, or compare two"), ("Esc", "stop")),
 )

@@ -74,6 +74,8 @@ class QualitySettings(PageSettings):
         One of `CAMERAS`, or ``"saved"``: that of ``fit``.
     fit
         Folder of a fit that was saved.
+    by_number
+        Whether planes of two H belong together by their numbers, not by their depths.
     """
 
     page: ClassVar[str] = "quality"
@@ -81,6 +83,7 @@ class QualitySettings(PageSettings):
     seconds: float = 10.0
     camera: str = "fitted"
     fit: str = ""
+    by_number: bool = False
 
     def __post_init__(self) -> None:
         """Check every value."""

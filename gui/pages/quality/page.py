@@ -13,6 +13,7 @@ from gui.jobs import Job, JobState
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.models.stamp import Stamp, stamp_of
+from gui.pages.quality.comparing import Comparing
 from gui.pages.quality.model import (
     QualitySettings,
     capital,
@@ -47,11 +48,14 @@ class Page(BasePage):
         self.panel = QualityPanel()
         inspect = self.panel.inspect
         self.showing = Showing(inspect, context)
+        self.comparing = Comparing(
+            self.panel.compare, context, lambda busy: self.stop_button.setEnabled(busy or bool(self._job))
+        )
         inspect.form.check = self._check
         inspect.edited.connect(self._edited)
         inspect.folder_asked.connect(self.choose_fit)
         self.set_panel(self.panel)
-        self.shortcut("F5", lambda: self.measure(force=True))
+        self.shortcut("F5", self.begin)
         self.shortcut("Escape", self.stop)
         context.theme_changed.connect(self._apply_theme)
         context.fitted_changed.connect(self._show_state)
@@ -80,6 +84,8 @@ class Page(BasePage):
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Let go of what belongs to another H."""
+        if (old.psf, old.reference) != (new.psf, new.reference):
+            self.comparing.follow()
         if old.psf != new.psf:
             self._follow()
         elif QualitySettings.of(old) != QualitySettings.of(new):
@@ -88,6 +94,7 @@ class Page(BasePage):
     def entered(self) -> None:
         """Look whether the file of H is still the one that was judged, and judge it when it never was."""
         self._follow()
+        self.comparing.follow()
         self.measure()
 
     def _check(self, key: str, value: Any) -> str:
@@ -158,8 +165,16 @@ class Page(BasePage):
         )
         self._show_buttons()
 
+    def begin(self) -> None:
+        """Inspect H again, or compare it with another, whichever is looked at."""
+        if self.panel.currentWidget() is self.panel.compare:
+            self.comparing.compare()
+        else:
+            self.measure(force=True)
+
     def stop(self) -> None:
-        """Stop the inspection; metrics that were measured stay."""
+        """Stop the inspection; metrics that were measured stay. Stop a comparison, too."""
+        self.comparing.stop()
         if self._job:
             self.context.jobs.cancel(self._job)
 
@@ -191,7 +206,7 @@ class Page(BasePage):
         self.redo_button.setEnabled(bool(redo))
         self.redo_button.setText(f"Send {len(redo)} to Acquire" if redo else "Send to Acquire")
         self.report_button.setEnabled(self._stamp is not None and not self._job)
-        self.stop_button.setEnabled(bool(self._job))
+        self.stop_button.setEnabled(bool(self._job) or self.comparing.busy)
         self.measure_button.setEnabled(self._stamp is not None and not self._job)
 
     def _show(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtWidgets import QTabWidget
 
+from gui.pages.quality.compare_panel import ComparePanel
 from gui.pages.quality.inspect_panel import InspectPanel
 
 __all__ = ["QualityPanel"]
@@ -15,9 +16,11 @@ class QualityPanel(QTabWidget):
     def __init__(self) -> None:
         super().__init__()
         self.setDocumentMode(True)
-        self.inspect = InspectPanel()
+        self.inspect, self.compare = InspectPanel(), ComparePanel()
         self.addTab(self.inspect, "Inspection")
+        self.addTab(self.compare, "Beside another H")
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         self.inspect.apply_theme()
+        self.compare.apply_theme()
