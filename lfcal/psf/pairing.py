@@ -81,8 +81,8 @@ class Pair:
         """Return the pixels about the source that both have, of patterns ``(..., t, s)``."""
         values = np.asarray(patterns)
         at = tuple(centre(have) - centre(want) for have, want in zip(values.shape[-2:], self.cutout, strict=True))
-        inner = tuple(slice(first, first + n) for first, n in zip(at, self.cutout, strict=True))
-        return np.asarray(values[(..., *inner)], np.float64)
+        rows, columns = (slice(first, first + n) for first, n in zip(at, self.cutout, strict=True))
+        return np.asarray(values[..., rows, columns], np.float64)
 
 
 def pair(a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool = False) -> Pair:
