@@ -141,4 +141,4 @@ def iter_write_report(psf: str, folder: str, inspection: Inspection | None) -> W
 
 def report_files(folder: str) -> list[Path]:
     """Return the files of a report that somebody may have put into ``folder`` before."""
-    return [Path(folder) / name for name in ("index.html", "quality.json", "redo.json")]
+    return [Path(folder) / name for name in ("index.html", "report.pdf", "quality.json", "redo.json")]
