@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,7 @@ def iter_report(
     result = quality.to_dict() | ({} if comparison is None else {"comparison": comparison.to_dict()})
     if beside is not None:
         result |= {"model": dict(beside.record), "verdict": beside.verdict}
+    result |= {"inspected": datetime.now(UTC).isoformat(timespec="seconds")}
     redo = redo_list(quality, beside)
     files |= {PAPER: paper, "quality.json": _json(result), "redo.json": _json(redo), PAGE: text.encode()}
     for name, content in files.items():
