@@ -207,10 +207,8 @@ def iter_pages(content: Sequence[Block]) -> Iterator[Figure]:
             while rest and (first or y + _together(rest) <= HEIGHT - BOTTOM):
                 y = _put(fig, rest.pop(0), y)
                 first = False
-            fig.text(
-                1 - SIDE / WIDTH, 0.4 / HEIGHT, f"lfcal {__version__}, page {number}", size=7, ha="right",
-                color=COLOURS["muted"],
-            )  # fmt: skip
+            foot = f"lfcal {__version__}, page {number}"
+            fig.text(1 - SIDE / WIDTH, 0.4 / HEIGHT, foot, size=7, ha="right", color=COLOURS["muted"])
             yield fig
 
 
