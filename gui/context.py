@@ -9,6 +9,7 @@ from PySide6.QtCore import QObject, Signal
 
 from gui.jobs import Job, Jobs
 from gui.matrices import Matrices
+from gui.models.fitted import FittedCamera
 from gui.models.project import Project, ProjectState
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
@@ -31,6 +32,8 @@ class Context(QObject):
         A page found something that needs the user.
     theme_changed()
         Colours changed; plots redraw.
+    fitted_changed()
+        Another camera was found by a fit, or the one that was is of no use any more.
     """
 
     state_changed = Signal(object, object)
@@ -38,6 +41,7 @@ class Context(QObject):
     message = Signal(str)
     attention = Signal(str, bool)
     theme_changed = Signal()
+    fitted_changed = Signal()
 
     def __init__(self, project: Project, jobs: Jobs, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -45,12 +49,24 @@ class Context(QObject):
         self.matrices = Matrices(jobs, self)
         self.matrices.failed.connect(self.message.emit)
         self._closers: list[Callable[[], None]] = []
+        self._fitted: FittedCamera | None = None
         project.listen(self.state_changed.emit)
 
     @property
     def state(self) -> ProjectState:
         """The project's state."""
         return self.project.state
+
+    @property
+    def fitted(self) -> FittedCamera | None:
+        """The camera that a fit of this window found last."""
+        return self._fitted
+
+    def set_fitted(self, fitted: FittedCamera | None) -> None:
+        """Tell all pages what a fit found; None: nothing is found any more."""
+        if fitted is not self._fitted:
+            self._fitted = fitted
+            self.fitted_changed.emit()
 
     def matrix(self, path: str) -> PSFMatrix | None:
         """Return the PSF matrix of a file if it is open; ``matrices.want`` opens it in the background."""

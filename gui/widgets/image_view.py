@@ -174,6 +174,11 @@ class ImageView(QWidget):
         """Name the quantity of the colour bar, with its unit."""
         self.bar.setLabel("left", text)
 
+    def set_axes(self, xlabel: str, ylabel: str) -> None:
+        """Name both axes, with their units."""
+        style_axes(self.plot, xlabel, ylabel)
+        self.apply_theme()
+
     def set_cursor(self, row: float | None, column: float | None = None) -> None:
         """Put the cross at (row, column); None hides it."""
         if row is None or column is None:

@@ -246,6 +246,18 @@ class LensletLattice:
         # moving one lenslet along b changes the type by -1, so all six neighbours differ
         return np.mod(self.type_step * (np.asarray(q, np.intp) - np.asarray(r, np.intp)), len(self.types))
 
+    def type_at(self, xy_um: ArrayLike) -> NDArray[np.intp]:
+        """Return the type of the lenslet nearest to points ``(..., 2)`` as (x, y) (µm)."""
+        points = np.asarray(xy_um, float)
+        near = np.rint(self.lenslet_at(points)).astype(np.intp)
+        steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
+        # of a hexagonal array the nearest lenslet is among the neighbours of the rounded index
+        around = near[..., None, :] + steps
+        centres = self.centres_um(around[..., 0], around[..., 1])
+        nearest = np.square(centres - points[..., None, :]).sum(-1).argmin(-1)
+        best = np.take_along_axis(around, nearest[..., None, None], axis=-2)[..., 0, :]
+        return self.type_of(best[..., 0], best[..., 1])
+
     def lenslets_within(
         self, half_width_um: float, half_height_um: float, about_um: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:

@@ -24,6 +24,7 @@ ORDER = (
     "verify",
     "assemble",
     "inspect",
+    "compare",
     "fit",
     "trend",
     "transpose",

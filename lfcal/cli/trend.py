@@ -22,22 +22,35 @@ def register(app: typer.Typer) -> None:
 
 def command(
     fits: list[Path] = typer.Argument(
-        metavar="FIT...", help="Folders that lfcal fit wrote, in any order, or a folder that holds them."
+        metavar="FIT...",
+        help="Folders that lfcal fit wrote, in any order, or a folder that holds them; with --quality, inspections.",
     ),
     *,
     out: Path | None = typer.Option(None, "--out", "-o", help="Picture of every parameter over time (.png, .svg)."),
     sigmas: float = typer.Option(
         5.0, "--sigmas", help="A parameter has moved that changed by more standard deviations of both values than this."
     ),
+    quality: bool = typer.Option(
+        False,
+        "--quality",
+        help="Hold inspections side by side: reports of lfcal inspect, their quality.json, or H files to be measured.",
+    ),
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Hold fits of one camera side by side: what has moved, how fast, and what has jumped.
 
-    Exit code 0: nothing has moved; 1: something has; 2: these fits cannot be compared.
+    With --quality, inspections: which metrics got worse, and which faults are new.
 
-    Example: `lfcal trend fits/ -o trend.png`
+    Exit code 0: nothing has moved, or got worse; 1: something has; 2: these cannot be compared.
+
+    Example: `lfcal trend fits/ -o trend.png`, `lfcal trend --quality reports/`
     """
+    if quality:
+        from lfcal.cli.trend_quality import tell_quality
+
+        tell_quality(fits, out, force=force, json=json)
+        return
     from lfcal.cli.console import print_json
     from lfcal.cli.outputs import check_output
     from lfcal.fit.dated import fits_in, read_fit

@@ -94,14 +94,7 @@ def lens_types(camera: Camera, plan: ScanPlan, y: int, x: int) -> NDArray[np.int
     rows = round(plan.anchor[0] + y) + np.arange(nt) - (nt - 1) // 2
     columns = round(plan.anchor[1] + x) + np.arange(ns) - (ns - 1) // 2
     points = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
-    near = np.rint(camera.lattice.lenslet_at(points)).astype(np.intp)
-    steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
-    # of a hexagonal array the nearest lenslet is among the neighbours of the rounded index
-    around = near[..., None, :] + steps
-    centres = camera.lattice.centres_um(around[..., 0], around[..., 1])
-    nearest = np.square(centres - points[..., None, :]).sum(-1).argmin(-1)
-    best = np.take_along_axis(around, nearest[..., None, None], axis=-2)[..., 0, :]
-    return camera.lattice.type_of(best[..., 0], best[..., 1])
+    return camera.lattice.type_at(points)
 
 
 def draw_patterns(left: Leftover, path: str | os.PathLike[str]) -> None:

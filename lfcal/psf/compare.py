@@ -13,7 +13,7 @@ from lfcal.progress import Clock, Work, drain
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.threads import for_each_chunk
 
-__all__ = ["Comparison", "compare", "iter_compare"]
+__all__ = ["Comparison", "centroids", "compare", "iter_compare"]
 
 FLOOR = 0.05
 """Part of a pattern's peak that is taken off before its centroid: noise far out would move it."""
@@ -159,18 +159,18 @@ def _compare_plane(
             sums += [np.vdot(p, q), np.vdot(p, p), np.vdot(q, q), ep.sum(), eq.sum()]
             # at equal energy: a brighter lamp is no other pattern
             error[y, used] = np.linalg.norm(p * (eq / ep)[:, None] - q, axis=1) / np.linalg.norm(q, axis=1)
-            shift[y, used] = _centroids(p, a.shape[2:]) - _centroids(q, a.shape[2:])
+            shift[y, used] = centroids(p, a.shape[2:]) - centroids(q, a.shape[2:])
         return sums
 
     total: NDArray[np.float64] = np.sum(for_each_chunk(rows, wanted.shape[0], workers), axis=0)
     return total
 
 
-def _centroids(patterns: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
+def centroids(patterns: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return centroids (row, column) of patterns ``(n, nt ns)`` above `FLOOR` of their peaks, ``(n, 2)``."""
     above = np.maximum(patterns - FLOOR * patterns.max(1, keepdims=True), 0).reshape(-1, *shape)
     total = above.sum((1, 2))
     rows = above.sum(2) @ np.arange(shape[0])
     columns = above.sum(1) @ np.arange(shape[1])
-    centroids: NDArray[np.float64] = np.stack([rows / total, columns / total], -1)
-    return centroids
+    places: NDArray[np.float64] = np.stack([rows / total, columns / total], -1)
+    return places

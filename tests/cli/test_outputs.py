@@ -34,6 +34,7 @@ COMMANDS = (
     ("assemble",),
     ("acquire",),
     ("inspect",),
+    ("compare",),
     ("fit",),
     ("trend",),
     ("transpose",),

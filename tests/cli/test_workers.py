@@ -32,6 +32,7 @@ COMPUTING = (
     ("acquire",),
     ("assemble",),
     ("inspect",),
+    ("compare",),
     ("fit",),
     ("transpose",),
     ("export",),

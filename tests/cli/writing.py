@@ -50,6 +50,7 @@ WRITERS = {
         "acquire scan.json --out s --assemble out.h5 --no-check-stage --darks 0 --reference-every 0", "out.h5", 4000
     ),
     "inspect": Writer("inspect H.h5 --report out", "out/index.html", 3000),
+    "compare": Writer("compare H.h5 H.h5 --report out", "out/index.html", 3000),
     "fit": Writer("fit fit.h5 --unknowns geometry -o out", "out/H.h5", 8000),
     "trend": Writer("trend fits -o out.png", "out.png", 3000),
     "transpose": Writer("transpose H.h5 -o out.h5", "out.h5", 60_000),
@@ -73,7 +74,7 @@ WRITERS = {
     "demo": Writer("demo out", "out/H.h5", 8000),
     "bench accuracy": Writer("bench accuracy bench --positions 1 -o out.png", "out.png", 3000),
 }
-LONG = {"accuracy", "demo", "fit", "inspect", "trend", "white", "views", "bench accuracy"}
+LONG = {"accuracy", "compare", "demo", "fit", "inspect", "trend", "white", "views", "bench accuracy"}
 LONG |= {f"multiplex {name}" for name in ("compare", "show", "search", "filters", "figures")}
 """Those that take a second or more."""
 

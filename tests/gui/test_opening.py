@@ -144,7 +144,7 @@ def test_damage_of_any_kind_is_one_line_and_the_good_h_stays(
     window.go("quality")
     idle(window.jobs, qtbot)
     quality: Any = window.page("quality")
-    assert quality.report is None and "\n" not in quality.empty.label.text().replace("measuring", "")
+    assert quality.inspection is None and "\n" not in quality.empty.label.text()
 
 
 def test_damaged_frames_leave_the_good_ones(window: MainWindow, tmp_path: Path, qtbot: QtBot) -> None:

@@ -2,7 +2,7 @@
 
 - ``page``, ``panel``; ``results``: what is made of a fit; ``choices_panel``: what is fitted
 - ``patterns_view``, ``place_map``: measured, model and residual of a position, and where it is
-- ``rows_table``: sortable rows, as of parameters; ``rounds_view``: how the fit converges
+- ``rounds_view``: how the fit converges
 - ``model``: settings, and what an H offers; ``model_run``: the fit as work; ``model_words``: rows and lines
 - ``model_use``: what a fitted camera changes in the project
 """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -13,6 +12,8 @@ from numpy.typing import NDArray
 from gui.models.form import Field
 from gui.models.project import ProjectState
 from gui.models.settings import PageSettings
+from gui.models.stamp import Stamp
+from gui.models.stamp import stamp_of as file_stamp
 from lfcal.camera import Camera, ScanPlan
 from lfcal.errors import InputError
 from lfcal.fit import GROUPS
@@ -64,9 +65,6 @@ FIELDS = (
         optional=True,
     ),
 )
-
-Stamp = tuple[str, int, int]
-"""A file as it was when it was read: path, time, size."""
 
 
 @dataclass(frozen=True)
@@ -257,8 +255,4 @@ def _noise(matrix: PSFMatrix, recorded: NDArray[np.bool_]) -> tuple[tuple[float,
 
 def stamp_of(project: ProjectState) -> Stamp | None:
     """Return the project's H as its file is now, None where there is none."""
-    try:
-        found = Path(project.psf).stat() if project.psf else None
-    except OSError:
-        found = None
-    return None if found is None else (project.psf, found.st_mtime_ns, found.st_size)
+    return file_stamp(project.psf)

@@ -11,6 +11,7 @@ from typing import Any
 from gui.base_page import BasePage
 from gui.context import Context
 from gui.jobs import Job, JobState
+from gui.models.fitted import FittedCamera
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
 from gui.pages.fit.model import FitSettings, Stamp, offer_of, stamp_of
@@ -159,6 +160,7 @@ class Page(BasePage):
         self._kept = self._rounds = Kept()
         self.results.close()
         self.notice.clear()
+        self.context.set_fitted(None)
         self.context.attention.emit("fit", False)
         self.panel.show_ready()
 
@@ -255,6 +257,7 @@ class Page(BasePage):
         if job.state is JobState.DONE and kept.found is not None and kept.found.question.stamp == self._stamp:
             self.found, self._rounds = kept.found, kept
             self.results.close()
+            self.context.set_fitted(FittedCamera(kept.found.question.stamp, kept.found.fit.ideal_places))
             self.context.attention.emit("fit", not kept.found.fit.complete)
             self.context.message.emit(f"{kept.found.question.name}: {kept.found.fit.verdict}")
         elif self.found is None:

@@ -29,9 +29,9 @@ from gui.pages.fit.model_words import (
 )
 from gui.pages.fit.patterns_view import PatternsView
 from gui.pages.fit.rounds_view import RoundsView
-from gui.pages.fit.rows_table import RowsTable
 from gui.theme import current_theme
 from gui.widgets.cards import card
+from gui.widgets.rows_table import RowsTable
 from lfcal.fit import FitProgress
 from lfcal.progress import Progress
 

@@ -1,4 +1,10 @@
-"""Quality: is the PSF good, what is wrong if not, and what to record again."""
+"""Quality: is the PSF good, what is wrong if not, and what to record again.
+
+- ``page``, ``panel``; ``inspect_panel``: verdict, faults, metrics; ``evidence_view``: positions and pictures
+- ``showing``: which fault or metric is looked at
+- ``compare_panel``, ``comparing``: a second H beside the first
+- ``model``: settings, rows and words; ``model_run``, ``model_compare``: inspection and comparison as work
+"""
 
 from __future__ import annotations
 
@@ -27,6 +33,7 @@ PAGE = PageSpec(
     order=60,
     package=__name__,
     state=state,
-    needs="lfcal.psf.quality",
+    needs="lfcal.inspect",
     icon=icon,
+    keys=(("F5", "inspect H, or compare two"), ("Esc", "stop")),
 )

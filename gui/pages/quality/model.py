@@ -1,85 +1,223 @@
-"""What the Quality page shows of a report: rows, words and maps. No Qt."""
+"""What the user chose on the Quality page, and what it shows: rows, words and maps. No Qt."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.progress import Work
+from gui.models.form import Field
+from gui.models.settings import PageSettings
+from lfcal.errors import InputError
 
 if TYPE_CHECKING:
-    from lfcal.psf.quality import Metric, QualityReport
+    from lfcal.inspect import Finding, Inspection
+    from lfcal.psf.quality import Metric
 
 __all__ = [
-    "Measured",
+    "CAMERAS",
+    "FIELDS",
+    "FaultRow",
     "MetricRow",
-    "iter_measure",
-    "iter_write_report",
+    "QualitySettings",
+    "concerned",
+    "fault_rows",
+    "fault_words",
     "map_of",
+    "marked",
+    "merit_of",
+    "metric_rows",
+    "metric_words",
     "planes_of",
-    "report_files",
-    "rows_of",
+    "summary_of",
     "title_of",
-    "words_of",
+    "weight_of",
     "worst_positions",
 ]
+
+CAMERAS = (("fitted", "fitted, else described"), ("own", "as H describes it"))
+"""Which camera patterns are compared with; the folder of a fit that was saved stands beside these."""
+
+FIELDS = (
+    Field(
+        "seconds",
+        "Compare for",
+        "s",
+        tip="Time for comparing patterns with the camera: more patterns tell smaller faults.\n0 leaves it out.",
+    ),
+    Field(
+        "camera",
+        "Camera",
+        kind="choice",
+        choices=CAMERAS,
+        tip="The camera that patterns are compared with: as page Fit found it for this H, or as H describes it.",
+    ),
+)
+
+MARKED = 2000
+"""Positions of a plane up to which each is marked."""
+
+
+@dataclass(frozen=True)
+class QualitySettings(PageSettings):
+    """What the user chose.
+
+    Attributes
+    ----------
+    seconds
+        Time for comparing patterns with the camera; 0 leaves that out.
+    camera
+        One of `CAMERAS`, or ``"saved"``: that of ``fit``.
+    fit
+        Folder of a fit that was saved.
+    by_number
+        Whether planes of two H belong together by their numbers, not by their depths.
+    """
+
+    page: ClassVar[str] = "quality"
+
+    seconds: float = 10.0
+    camera: str = "fitted"
+    fit: str = ""
+    by_number: bool = False
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        if not (math.isfinite(self.seconds) and 0 <= self.seconds <= 3600):
+            raise InputError.expected("seconds", "0 to 3600", self.seconds, "correct it")
+        if self.camera not in (*dict(CAMERAS), "saved"):
+            raise InputError.expected("camera", " or ".join(dict(CAMERAS)), self.camera, "choose one of these")
+
+
+@dataclass(frozen=True)
+class FaultRow:
+    """One fault as a row: its name, what was found, its weight, how sure it is, and the merit it stands for."""
+
+    title: str
+    detail: str
+    weight: str
+    sure: str
+    merit: str
 
 
 @dataclass(frozen=True)
 class MetricRow:
-    """One metric as a row of the table."""
+    """One metric as a row; ``merit`` colours it, ``told`` is said of it."""
 
     key: str
     title: str
     value: str
-    limits: str
+    good: str
+    bad: str
     merit: str
+    told: str
     cost: str
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """A report, and the depths of the planes it is about (µm)."""
+# -- faults ------------------------------------------------------------------------------------------------
+def weight_of(finding: Finding) -> str:
+    """Return how much a fault matters: the share of the light that it changes."""
+    from lfcal.units import format_share
 
-    report: QualityReport
-    depths: NDArray[np.float64]
-
-
-def iter_measure(psf: str) -> Work[Measured]:
-    """Return the work that opens the H in a file and inspects it."""
-    from lfcal.psf import open_psf
-    from lfcal.psf.quality import iter_inspect
-
-    with open_psf(psf) as matrix:
-        report = yield from iter_inspect(matrix)
-        return Measured(report, np.array(matrix.depths))
+    return format_share(min(finding.share, 1.0))
 
 
-def iter_write_report(psf: str, folder: str, measured: QualityReport | None) -> Work[Path]:
-    """Return the work that opens the H in a file and writes its report; ``measured`` is not measured again."""
-    from lfcal.psf import open_psf
-    from lfcal.psf.report import iter_report
+def merit_of(finding: Finding) -> str:
+    """Return the merit that a fault stands for; unknown: too small to matter."""
+    from lfcal.inspect.inspection import BAD, FAIR
 
-    with open_psf(psf) as matrix:
-        page = yield from iter_report(matrix, Path(folder), quality=measured)
-        return page
+    return "bad" if finding.share >= BAD else "fair" if finding.share >= FAIR else "unknown"
 
 
-def report_files(folder: str) -> list[Path]:
-    """Return the files of a report that somebody may have put into ``folder`` before."""
-    return [Path(folder) / name for name in ("index.html", "quality.json", "redo.json")]
+def sure_of(finding: Finding) -> str:
+    """Return how sure a fault is, in per cent that never claim certainty."""
+    percent = 100 * finding.confidence
+    return "> 99.9 %" if percent > 99.9 else f"{percent:.1f} %"
 
 
-def rows_of(report: QualityReport) -> tuple[MetricRow, ...]:
-    """Return the metrics in the report's order: what costs most comes first."""
+def fault_rows(inspection: Inspection) -> tuple[FaultRow, ...]:
+    """Return the faults in the inspection's order: what matters most comes first."""
     return tuple(
-        MetricRow(m.key, m.spec.title, m.text, m.limits, m.merit, f"{m.cost:.3f}" if m.cost > 0 else "–")
-        for m in report.metrics
+        FaultRow(one.title, one.detail, weight_of(one), sure_of(one), merit_of(one)) for one in inspection.findings
     )
+
+
+def fault_words(finding: Finding) -> str:
+    """Return what a fault is and what to do, as rich text."""
+    parts = [f"<b>{capital(finding.title)}</b>: {finding.detail}"]
+    stands = f"stands out by {min(finding.sigmas, 999):.0f} sigma"
+    parts.append(f"It changes {weight_of(finding)} of the light; {stands}. {place_words(finding)}")
+    parts.append(f"<b>What to do:</b> {finding.fault.advice}")
+    return "<br>".join(parts)
+
+
+def place_words(finding: Finding) -> str:
+    """Return how many positions and pixels a fault concerns."""
+    many = len(finding.positions)
+    where = f"{many} position{'s' * (many != 1)} concerned" if many else "All positions are concerned"
+    pixels = len(finding.pixels)
+    more = f", {pixels} pixel{'s' * (pixels != 1)} of the sensor" if pixels else ""
+    again = "; record again" if finding.redo and many else ""
+    return f"{where}{more}{again}."
+
+
+def concerned(finding: Finding, shape: tuple[int, ...], z: int) -> NDArray[np.float32] | None:
+    """Return 1 where a fault concerns positions ``(ny, nx)`` of plane ``z``, else 0; None: it concerns them all."""
+    if not len(finding.positions):
+        return None
+    plane = np.zeros(shape[1:3], np.float32)
+    here = finding.positions[finding.positions[:, 0] == z]
+    plane[here[:, 1], here[:, 2]] = 1.0
+    return plane
+
+
+def marked(positions: NDArray[np.intp], z: int) -> NDArray[np.intp]:
+    """Return the positions (y, x) of plane ``z`` that are marked ``(n, 2)``; none where they would hide the map."""
+    here = positions[positions[:, 0] == z, 1:]
+    return here if len(here) <= MARKED else here[:0]
+
+
+# -- metrics -----------------------------------------------------------------------------------------------
+def metric_rows(inspection: Inspection) -> tuple[MetricRow, ...]:
+    """Return the metrics in the report's order; what a fault stands for, or what is refuted, says so."""
+    from lfcal.psf.report.page import limits
+
+    rows = []
+    for m in inspection.quality.metrics:
+        cost = f"{m.cost:.3f}" if m.cost > 0 else "–"
+        merit, told = told_of(inspection, m)
+        rows.append(MetricRow(m.key, m.spec.title, m.text, *limits(m), merit, told, cost))
+    return tuple(rows)
+
+
+def told_of(inspection: Inspection, metric: Metric) -> tuple[str, str]:
+    """Return the merit by which a metric is coloured, and the word for it."""
+    if metric.merit in ("bad", "fair"):
+        if inspection.settled(metric) is not None:
+            return "unknown", "see fault"
+        if inspection.withdrawn(metric):
+            return "unknown", "not confirmed"
+    return metric.merit, metric.merit
+
+
+def metric_words(inspection: Inspection, metric: Metric) -> str:
+    """Return what a metric means and what to do, as rich text."""
+    parts = [f"<b>{metric.spec.title}: {metric.text}</b> ({metric.merit}; {metric.limits})", metric.spec.meaning]
+    if metric.detail:
+        parts.append(metric.detail)
+    if metric.merit in ("fair", "bad"):
+        cause = inspection.settled(metric)
+        if cause is not None:
+            parts.append(f"<b>See the fault “{cause.title}”</b>, which makes it.")
+        elif inspection.withdrawn(metric):
+            parts.append("<b>Not confirmed</b>: the comparison with the camera measured it, and found nothing of it.")
+        else:
+            parts.append(f"<b>What to do:</b> {metric.spec.advice}")
+    return "<br>".join(parts)
 
 
 def title_of(metric: Metric) -> str:
@@ -87,19 +225,9 @@ def title_of(metric: Metric) -> str:
     return f"{metric.spec.title} ({metric.spec.unit})" if metric.spec.unit else metric.spec.title
 
 
-def planes_of(report: QualityReport) -> int:
-    """Return how many planes the maps have; 1 where there is no map."""
-    return max((len(m.map) for m in report.metrics if m.map is not None), default=1)
-
-
-def words_of(metric: Metric) -> str:
-    """Return what the metric means and what to do, as rich text."""
-    parts = [f"<b>{metric.spec.title}: {metric.text}</b> ({metric.merit}; {metric.limits})", metric.spec.meaning]
-    if metric.detail:
-        parts.append(metric.detail)
-    if metric.merit in ("fair", "bad"):
-        parts.append(f"<b>What to do:</b> {metric.spec.advice}")
-    return "<br>".join(parts)
+def planes_of(inspection: Inspection) -> int:
+    """Return how many planes the maps have."""
+    return inspection.quality.shape[0]
 
 
 def map_of(metric: Metric, z: int) -> NDArray[np.float32] | None:
@@ -110,6 +238,28 @@ def map_of(metric: Metric, z: int) -> NDArray[np.float32] | None:
     return plane if np.isfinite(plane).any() else None
 
 
-def worst_positions(report: QualityReport) -> tuple[tuple[int, int, int], ...]:
+# -- the whole ---------------------------------------------------------------------------------------------
+def summary_of(inspection: Inspection, source: str) -> str:
+    """Return how much was compared, with which camera, or why nothing was."""
+    from lfcal.inspect.telling import compared_words
+
+    words = capital(compared_words(inspection))
+    return f"{words}. {source}." if inspection.compared and source else f"{words}."
+
+
+def worst_positions(inspection: Inspection) -> tuple[tuple[int, int, int], ...]:
     """Return the positions that should be recorded again, each once, in the order of the scan."""
-    return tuple(sorted({position for position, _ in report.redo()}))
+    return tuple(place for place, _ in inspection.redo())
+
+
+def camera_choices(settings: QualitySettings) -> tuple[Field, ...]:
+    """Return the fields of the form; a fit's folder stands among the cameras once it was named."""
+    if not settings.fit:
+        return FIELDS
+    saved = ("saved", f"of the fit {Path(settings.fit).name}")
+    return tuple(replace(one, choices=(*CAMERAS, saved)) if one.key == "camera" else one for one in FIELDS)
+
+
+def capital(words: str) -> str:
+    """Return words that begin with a capital."""
+    return words[:1].upper() + words[1:]

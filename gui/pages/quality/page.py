@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtWidgets import QFileDialog
 
 from gui.base_page import BasePage
@@ -14,73 +12,118 @@ from gui.context import Context
 from gui.jobs import Job, JobState
 from gui.models.page import PageSpec
 from gui.models.project import ProjectState
+from gui.models.stamp import Stamp, stamp_of
+from gui.pages.quality.comparing import Comparing
 from gui.pages.quality.model import (
-    Measured,
-    iter_measure,
-    iter_write_report,
-    map_of,
-    planes_of,
-    report_files,
-    rows_of,
-    title_of,
-    words_of,
+    QualitySettings,
+    capital,
+    fault_rows,
+    metric_rows,
+    summary_of,
     worst_positions,
 )
+from gui.pages.quality.model_run import Kept, Question, asked_of, iter_judge, iter_write_report, judged, report_files
 from gui.pages.quality.panel import QualityPanel
+from gui.pages.quality.showing import Showing
 from gui.saving import may_replace
+from lfcal.errors import InputError
 
 if TYPE_CHECKING:
-    from lfcal.psf.quality import Metric, QualityReport
+    from lfcal.inspect import Inspection
 
 __all__ = ["Page"]
 
 
 class Page(BasePage):
-    """Measures H once when the page is looked at, and whenever it is asked to."""
+    """Judges H once when the page is looked at, and whenever it is asked to; keeps what it found until H changes."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
-        self.report: QualityReport | None = None
-        self._measured = ""
-        self._running = ""
-        self._row = self._z = self._job = 0
-        self._depths: NDArray[np.float64] = np.zeros(0)
-        self.tool_button("Measure again", "Measure H again", lambda: self.measure(force=True))
+        self.inspection: Inspection | None = None
+        self._stamp: Stamp | None = None
+        self._question: Question | None = None
+        self._kept = Kept()
+        self._job = 0
+        self._make_buttons()
+        self.panel = QualityPanel()
+        inspect = self.panel.inspect
+        self.showing = Showing(inspect, context)
+        self.comparing = Comparing(
+            self.panel.compare, context, lambda busy: self.stop_button.setEnabled(busy or bool(self._job))
+        )
+        inspect.form.check = self._check
+        inspect.edited.connect(self._edited)
+        inspect.folder_asked.connect(self.choose_fit)
+        self.set_panel(self.panel)
+        self.shortcut("F5", self.begin)
+        self.shortcut("Escape", self.stop)
+        context.theme_changed.connect(self._apply_theme)
+        context.fitted_changed.connect(self._show_state)
+        context.jobs.changed.connect(self._job_changed)
+        context.jobs.finished.connect(self._job_finished)
+        self._follow()
+
+    def _make_buttons(self) -> None:
         self.redo_button = self.tool_button(
             "Send to Acquire", "Give the list of positions to record again to Acquire", self.send
         )
         self.report_button = self.tool_button(
-            "Write report …",
-            "An HTML page with all figures",
-            self.write_report,
-            primary=True,
+            "Write report …", "An HTML page with all figures, for people and programs", self.write_report
         )
-        self.panel = QualityPanel()
-        self.panel.metric_chosen.connect(self._metric_chosen)
-        self.panel.plane_chosen.connect(self._plane_chosen)
-        self.panel.plane_asked.connect(lambda: self.context.go.emit("psf", (self._z, 0, 0)))
-        self.panel.position_clicked.connect(self._position_clicked)
-        self.set_panel(self.panel)
-        context.theme_changed.connect(self._apply_theme)
-        context.jobs.finished.connect(self._job_finished)
-        self._follow()
+        self.stop_button = self.tool_button("Stop", "Stop; what was found so far stays (Esc)", self.stop)
+        self.measure_button = self.tool_button(
+            "Inspect", "Measure H again, and compare it with its camera (F5)", lambda: self.measure(force=True)
+        )
+        self.measure_button.setProperty("role", "primary")
 
     # -- project ---------------------------------------------------------------------------------------
+    @property
+    def settings(self) -> QualitySettings:
+        """What the user chose."""
+        return QualitySettings.of(self.context.state)
+
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Forget the report of another H."""
+        """Let go of what belongs to another H."""
+        if (old.psf, old.reference) != (new.psf, new.reference):
+            self.comparing.follow()
         if old.psf != new.psf:
             self._follow()
+        elif QualitySettings.of(old) != QualitySettings.of(new):
+            self._show_state()
 
     def entered(self) -> None:
-        """Measure when the page is first looked at."""
+        """Look whether the file of H is still the one that was judged, and judge it when it never was."""
+        self._follow()
+        self.comparing.follow()
         self.measure()
 
+    def _check(self, key: str, value: Any) -> str:
+        try:
+            replace(self.settings, **{key: value})
+        except InputError as error:
+            return str(error)
+        return ""
+
+    def _edited(self, key: str, value: Any) -> None:
+        settings = replace(self.settings, **{key: value})
+        self.context.project.merge(f"quality: {key}", settings=settings.into(self.context.state))
+
+    def choose_fit(self, folder: str = "") -> None:
+        """Take the camera of a saved fit."""
+        folder = folder or QFileDialog.getExistingDirectory(self, "Folder of a fit")
+        if folder:
+            settings = replace(self.settings, camera="saved", fit=folder)
+            self.context.project.update("camera of a fit", settings=settings.into(self.context.state))
+
     def _follow(self) -> None:
-        psf = self.context.state.psf
-        self.redo_button.setEnabled(False)
-        self.report_button.setEnabled(bool(psf))
-        if not psf or not Path(psf).exists():
-            self.report = None
+        """Show what belongs to the H of now; what belongs to another, or to another file of its name, is let go."""
+        stamp = stamp_of(self.context.state.psf)
+        if stamp != self._stamp:
+            self._stamp = stamp
+            self._release()
+        self.panel.inspect.show_settings(self.settings)
+        self._show_buttons()
+        if stamp is None:
             self.show_empty(
                 "No PSF to judge yet.\nAssemble frames, or open an H file on the PSF page.",
                 {
@@ -88,79 +131,118 @@ class Page(BasePage):
                     "PSF": lambda: self.context.go.emit("psf", None),
                 },
             )
-        elif psf != self._measured:
-            self.report = None
-            self.show_empty("H has not been measured yet.", {"Measure": self.measure})
+        elif self.inspection is None and not self._job:
+            self.show_empty("H has not been inspected yet.", {"Inspect": self.measure})
             if self.isVisible():
                 self.measure()
 
+    def _release(self) -> None:
+        """Forget what was found of another H, and stop what is at work on it."""
+        number, self._job = self._job, 0  # whose end is of no interest any more
+        if number:
+            self.context.jobs.cancel(number)
+        self.inspection, self._question, self._kept = None, None, Kept()
+        self.showing.release()
+        self.notice.clear()
+        self.context.attention.emit("quality", False)
+
+    # -- inspecting ------------------------------------------------------------------------------------
     def measure(self, *, force: bool = False) -> None:
-        """Inspect H as a job, once per H; the job opens it for itself, as other pages read other planes."""
-        psf = self.context.state.psf
-        if not psf or not Path(psf).exists() or self._running == psf or (psf == self._measured and not force):
+        """Inspect H as a job, once per file; the job opens it for itself, as other pages read other planes."""
+        if self._stamp is None or self._job or (self.inspection is not None and not force):
             return
-        self._running = psf
-        self.show_empty("measuring …")
+        if stamp_of(self.context.state.psf) != self._stamp:  # written anew meanwhile
+            self._follow()
+            return
+        asked = asked_of(self._stamp, self.settings, self.context.fitted)
+        self._kept, self._question = Kept(), asked
+        kept = self._kept
+        self.hold_keyboard()
+        self.notice.clear()
+        self.show_empty(f"Inspecting {asked.name} …", {"Stop (Esc)": self.stop})
+        self._job = self.context.jobs.start(
+            f"Inspect {asked.name}", "quality", lambda: iter_judge(asked, kept), abandon=True, leave=True
+        )
+        self._show_buttons()
 
-        def done(measured: Measured) -> None:
-            if psf == self.context.state.psf:
-                self._measured, self._depths = psf, measured.depths
-                self._show(measured.report)
+    def begin(self) -> None:
+        """Inspect H again, or compare it with another, whichever is looked at."""
+        if self.panel.currentWidget() is self.panel.compare:
+            self.comparing.compare()
+        else:
+            self.measure(force=True)
 
-        title = f"Inspect {Path(psf).name}"
-        self._job = self.context.jobs.start(title, "quality", lambda: iter_measure(psf), done, abandon=True)
+    def stop(self) -> None:
+        """Stop the inspection; metrics that were measured stay. Stop a comparison, too."""
+        self.comparing.stop()
+        if self._job:
+            self.context.jobs.cancel(self._job)
+
+    def _job_changed(self, job: Job) -> None:
+        if job.number == self._job and job.progress is not None and self.empty is not None:
+            record = job.progress
+            self.empty.label.setText(f"{job.title}\n{capital(record.stage)}: {100 * record.fraction:.0f} %")
 
     def _job_finished(self, job: Job) -> None:
         if job.number != self._job:
             return
-        same, self._job, self._running = self._running == self.context.state.psf, 0, ""
-        if same and job.state in (JobState.FAILED, JobState.CANCELLED):
+        self._job = 0
+        why = "it was left out" if job.state is JobState.DONE else job.error or "it was stopped"
+        found = judged(self._kept, why)
+        self._kept = Kept()
+        if found is not None:
+            self.inspection = found
+        if self.inspection is None:
             self.show_empty(job.error or "Stopped.", {"Try again": lambda: self.measure(force=True)})
+        else:
+            if job.error:
+                self.refuse(job.error)
+            self._show()
+        self._show_buttons()
 
     # -- showing ---------------------------------------------------------------------------------------
-    def _show(self, report: QualityReport) -> None:
-        self.report = report
-        self.show_body()
-        redo = worst_positions(report)
+    def _show_buttons(self) -> None:
+        redo = () if self.inspection is None else worst_positions(self.inspection)
         self.redo_button.setEnabled(bool(redo))
         self.redo_button.setText(f"Send {len(redo)} to Acquire" if redo else "Send to Acquire")
-        self.context.attention.emit("quality", report.merit == "bad")
-        self.panel.show_rows(report.verdict, rows_of(report), planes_of(report))
+        self.report_button.setEnabled(self._stamp is not None and not self._job)
+        self.stop_button.setEnabled(bool(self._job) or self.comparing.busy)
+        self.measure_button.setEnabled(self._stamp is not None and not self._job)
 
-    def chosen(self) -> Metric | None:
-        """Return the metric looked at."""
-        if self.report is None or not 0 <= self._row < len(self.report.metrics):
-            return None
-        return self.report.metrics[self._row]
-
-    def _metric_chosen(self, row: int) -> None:
-        self._row = row
-        metric = self.chosen()
-        if metric is None:
+    def _show(self) -> None:
+        found, asked = self.inspection, self._question
+        if found is None or asked is None:
             return
-        title = title_of(metric)
-        self.panel.show_metric(title, words_of(metric))
-        self._show_map()
-        if metric.per_plane.size > 1 and metric.per_plane.size == len(self._depths):
-            self.panel.show_curve(title, self._depths, metric.per_plane)
+        self.show_body()
+        self.context.attention.emit("quality", found.bad)
+        self.showing.start(found)
+        merit = "bad" if found.bad else "good" if found.compared else found.quality.merit
+        if not found.bad and found.verdict.startswith("This PSF can be used"):
+            merit = "fair"
+        self.panel.inspect.show_all(
+            found.verdict, merit, self._summary(found, asked), fault_rows(found), metric_rows(found)
+        )
 
-    def _plane_chosen(self, z: int) -> None:
-        self._z = z
-        self._show_map()
+    def _summary(self, found: Inspection, asked: Question) -> str:
+        words = summary_of(found, asked.source)
+        if self._stamp is not None:
+            now = asked_of(self._stamp, self.settings, self.context.fitted)
+            if (now.seconds, now.setup, now.folder) != (asked.seconds, asked.setup, asked.folder):
+                words += " Choices changed since: press Inspect to use them."
+        return words
 
-    def _show_map(self) -> None:
-        metric = self.chosen()
-        if metric is not None:
-            self.panel.show_map(self._z, map_of(metric, self._z), metric.key)
-
-    def _position_clicked(self, y: int, x: int) -> None:
-        self.context.go.emit("frames" if self.context.state.frames else "psf", (self._z, y, x))
+    def _show_state(self) -> None:
+        """Show the choices, and whether what is shown was found with them."""
+        inspect = self.panel.inspect
+        inspect.show_settings(self.settings)
+        if self.inspection is not None and self._question is not None:
+            inspect.summary.setText(self._summary(self.inspection, self._question))
 
     # -- doing -----------------------------------------------------------------------------------------
     def send(self) -> None:
         """Hand the positions to be recorded again to Acquire."""
-        if self.report is not None:
-            redo = worst_positions(self.report)
+        if self.inspection is not None:
+            redo = worst_positions(self.inspection)
             self.context.project.update("positions to record again", redo=redo)
             self.context.message.emit(f"{len(redo)} positions to be recorded again")
             self.context.go.emit("acquire", None)
@@ -171,11 +253,11 @@ class Page(BasePage):
         folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the report")
         if not folder or not psf or (asked and not may_replace(self, report_files(folder))):
             return
-        measured = self.report if psf == self._measured else None
+        found = self.inspection if stamp_of(psf) == self._stamp else None
         self.context.jobs.start(
             "Report",
             "quality",
-            lambda: iter_write_report(psf, folder, measured),
+            lambda: iter_write_report(psf, folder, found),
             lambda page: self.context.message.emit(f"report written: {page}"),
             lambda job: self.notice.refuse(job.error),
             abandon=True,
@@ -183,5 +265,5 @@ class Page(BasePage):
 
     def _apply_theme(self) -> None:
         self.panel.apply_theme()
-        if self.report is not None:
-            self._show(self.report)
+        if not self._job:
+            self._show()

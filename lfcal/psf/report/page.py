@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-import base64
-import html
 import json
 import math
-from collections.abc import Iterable, Sequence
-from datetime import datetime
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lfcal import __version__
 from lfcal.psf.aperture import Aperture
 from lfcal.psf.aperture.shape import KINDS
 from lfcal.psf.compare import Comparison
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.quality import Metric, QualityReport
 from lfcal.psf.report.beside import Beside
+from lfcal.psf.report.parts import document, figures, section, table, text
 from lfcal.psf.report.pictures import Picture
-from lfcal.psf.report.style import stylesheet
 from lfcal.units import format_bytes, format_length, format_seconds
 
 __all__ = ["limits", "page", "redo_of", "value_text"]
-
-POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-"""What a browser may do for this page: show what is in it, nothing else."""
 
 FULL = 1190
 """Width of a picture of three panels, which fills the page (pixels)."""
@@ -49,62 +42,24 @@ def page(
     sections = [
         _verdict(quality) if beside is None else _last_word(beside),
         _facts(H, quality, redo_of(quality, beside)),
-        "" if beside is None else _section("Beside the camera's model", _faults(beside)),
+        "" if beside is None else section("Beside the camera's model", _faults(beside)),
         _actions(quality, beside),
-        _section("Metrics", _metrics(quality)),
-        _section("Aperture", _apertures(H, quality) + _figures(pictures, "aperture")),
-        _section("H and its transpose", _figures(pictures, "slices")),
-        _section("Maps over source positions", _figures(pictures, "maps")),
-        _section("Tiling over the field", _tilings(quality) + _figures(pictures, "tiling")),
+        section("Metrics", _metrics(quality)),
+        section("Aperture", _apertures(H, quality) + figures(pictures, "aperture")),
+        section("H and its transpose", figures(pictures, "slices")),
+        section("Maps over source positions", figures(pictures, "maps")),
+        section("Tiling over the field", _tilings(quality) + figures(pictures, "tiling")),
     ]
     if comparison is not None:
-        sections.append(_section("Against the reference", _compared(H, comparison, reference, pictures)))
-    sections.append(_section("Provenance", _provenance(H)))
-    when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-        f'<meta name="viewport" content="width=device-width"><title>{_text(name)}: PSF quality</title>'
-        f"<style>{stylesheet()}</style></head>\n<body><main>\n"
-        f"<header><h1>{_text(name)}</h1><p>PSF quality report, {_text(when)}</p></header>\n"
-        + "\n".join(sections)
-        + f"\n<footer>lfcal {_text(__version__)}; inspected in {format_seconds(quality.seconds)}.</footer>"
-        "</main></body></html>\n"
+        sections.append(section("Against the reference", _compared(H, comparison, reference, pictures)))
+    sections.append(section("Provenance", _provenance(H)))
+    return document(
+        name,
+        f"{name}: PSF quality",
+        "PSF quality report",
+        sections,
+        f"inspected in {format_seconds(quality.seconds)}",
     )
-
-
-def _text(value: object) -> str:
-    return html.escape(str(value))
-
-
-def _section(title: str, body: str) -> str:
-    return f"<section><h2>{_text(title)}</h2>\n{body}</section>" if body else ""
-
-
-def _table(headers: Sequence[str], rows: Iterable[Iterable[str]], numeric: Iterable[int] = ()) -> str:
-    """Return a table of cells that are HTML already; columns ``numeric`` stand to the right."""
-    right = set(numeric)
-
-    def line(tag: str, cells: Iterable[str]) -> str:
-        marks = (' class="n"' if k in right else "" for k in range(100))
-        return "<tr>" + "".join(f"<{tag}{m}>{c}</{tag}>" for m, c in zip(marks, cells, strict=False)) + "</tr>"
-
-    body = "\n".join(line("td", row) for row in rows)
-    head = f"<thead>{line('th', map(_text, headers))}</thead>" if any(headers) else ""
-    return f"<table>{head}<tbody>\n{body}</tbody></table>\n"
-
-
-def _figures(pictures: Sequence[Picture], section: str) -> str:
-    parts = []
-    for p in pictures:
-        if p.section == section:
-            data = base64.b64encode(p.png).decode("ascii")
-            caption = _text(p.caption)
-            parts.append(
-                f'<figure><img alt="{caption}" src="data:image/png;base64,{data}">'
-                f"<figcaption>{caption}</figcaption></figure>\n"
-            )
-    return "".join(parts)
 
 
 def _merit(merit: str) -> str:
@@ -119,7 +74,7 @@ def _verdict(quality: QualityReport) -> str:
     cost = f"Estimated error of a reconstruction from these faults: {quality.cost:.2f} NRMSE." if quality.cost else ""
     none = "No fault found that would cost a reconstruction anything."
     more = cost or ("" if quality.merit == "unknown" else none)
-    return f'<section class="verdict {quality.merit}">{_text(quality.verdict)}<p>{more}</p></section>'
+    return f'<section class="verdict {quality.merit}">{text(quality.verdict)}<p>{more}</p></section>'
 
 
 def redo_of(quality: QualityReport, beside: Beside | None) -> Sequence[tuple[tuple[int, int, int], str]]:
@@ -129,18 +84,18 @@ def redo_of(quality: QualityReport, beside: Beside | None) -> Sequence[tuple[tup
 
 def _last_word(beside: Beside) -> str:
     words = beside.words[0].upper() + beside.words[1:]
-    return f'<section class="verdict {beside.merit}">{_text(beside.verdict)}<p>{_text(words)}.</p></section>'
+    return f'<section class="verdict {beside.merit}">{text(beside.verdict)}<p>{text(words)}.</p></section>'
 
 
 def _faults(beside: Beside) -> str:
     """Return the faults that a comparison with the camera found, each with its picture."""
     rows = [
-        [f'<b class="nb">{_text(f.title)}</b>', _text(f.detail), _text(f.share), _text(f.advice)] for f in beside.faults
+        [f'<b class="nb">{text(f.title)}</b>', text(f.detail), text(f.share), text(f.advice)] for f in beside.faults
     ]
     if not rows:
-        return f"<p>{_text(beside.words[0].upper() + beside.words[1:])}.</p>"
+        return f"<p>{text(beside.words[0].upper() + beside.words[1:])}.</p>"
     shown = [Picture("faults", f.title, f.caption, f.picture) for f in beside.faults if f.picture]
-    return _table(["fault", "what", "of the light", "what to do"], rows, numeric=[2]) + _figures(shown, "faults")
+    return table(["fault", "what", "of the light", "what to do"], rows, numeric=[2]) + figures(shown, "faults")
 
 
 def _facts(H: PSFMatrix, quality: QualityReport, redo: Sequence[object]) -> str:
@@ -157,7 +112,7 @@ def _facts(H: PSFMatrix, quality: QualityReport, redo: Sequence[object]) -> str:
     ]
     return (
         '<div class="facts">'
-        + "".join(f"<div><b>{_text(v)}</b><span>{_text(k)}</span></div>" for k, v in facts)
+        + "".join(f"<div><b>{text(v)}</b><span>{text(k)}</span></div>" for k, v in facts)
         + ("</div>")
     )
 
@@ -166,8 +121,8 @@ def _actions(quality: QualityReport, beside: Beside | None) -> str:
     """Return what to do about what is not good, costliest first; less what a fault stands for, or refutes."""
     others = set() if beside is None else {*beside.settled, *beside.withdrawn}
     items = [
-        f'<li class="{m.merit}"><b class="advice">{_text(m.spec.title)}</b>, {_text(value_text(m))}: '
-        f"{_text(m.spec.advice)}</li>"
+        f'<li class="{m.merit}"><b class="advice">{text(m.spec.title)}</b>, {text(value_text(m))}: '
+        f"{text(m.spec.advice)}</li>"
         for m in quality.metrics
         if m.merit in ("bad", "fair") and m.key not in others
     ]
@@ -180,21 +135,21 @@ def _actions(quality: QualityReport, beside: Beside | None) -> str:
         more = f" and {len(redo) - LISTED} more" if len(redo) > LISTED else ""
         body += f"<p>Record again (z, y, x): {places}{more}. <code>redo.json</code> holds the list for "
         body += "<code>lfcal acquire --redo redo.json</code>.</p>"
-    return _section("What to do", body)
+    return section("What to do", body)
 
 
 def _metrics(quality: QualityReport) -> str:
     def row(m: Metric) -> list[str]:
-        words = _text(m.spec.meaning) + (f" <b>{_text(m.detail)}.</b>" if m.detail else "")
+        words = text(m.spec.meaning) + (f" <b>{text(m.detail)}.</b>" if m.detail else "")
         if m.merit in ("bad", "fair"):
-            words += f' <span class="advice {m.merit}">{_text(m.spec.advice)}</span>'
+            words += f' <span class="advice {m.merit}">{text(m.spec.advice)}</span>'
         best, worst = limits(m)
-        name = f'<b class="nb">{_text(m.spec.title)}</b>'
-        return [_merit(m.merit), name, _text(value_text(m)), _text(best), _text(worst), m.cost_text, words]
+        name = f'<b class="nb">{text(m.spec.title)}</b>'
+        return [_merit(m.merit), name, text(value_text(m)), text(best), text(worst), m.cost_text, words]
 
     note = '<p class="note">Cost: estimate of the reconstruction error (NRMSE) that a fault of this size makes.</p>'
     headers = ("merit", "metric", "value", "good", "bad", "cost", "meaning and advice")
-    return _table(headers, map(row, quality.metrics), (2, 3, 4, 5)) + note
+    return table(headers, map(row, quality.metrics), (2, 3, 4, 5)) + note
 
 
 def value_text(metric: Metric) -> str:
@@ -217,9 +172,9 @@ def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
         dim = a.refusal == "too dim"
         rows.append(
             [
-                _text(format_length(float(quality.depths[z]))),
+                text(format_length(float(quality.depths[z]))),
                 _number(float(quality.virtual_depths[z])),
-                _text(KINDS[a.kind]),
+                text(KINDS[a.kind]),
                 str(a.blades) if a.blades and a.confident else "—",
                 "—" if dim else f"{a.diameter_px:.2f}",
                 "—" if dim else f"{a.centre[0]:.2f}, {a.centre[1]:.2f}",
@@ -227,7 +182,7 @@ def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
                 _curvature(a),
                 "—" if dim else f"{100 * a.ellipticity:.1f}",
                 f"{a.confidence:.2f}",
-                '<b class="advice good">certain</b>' + _fault(a) if a.confident else _text(a.reason or "not certain"),
+                '<b class="advice good">certain</b>' + _fault(a) if a.confident else text(a.reason or "not certain"),
             ]
         )
     headers = (
@@ -243,8 +198,8 @@ def _apertures(H: PSFMatrix, quality: QualityReport) -> str:
         "confidence",
         "answer",
     )
-    together = "" if quality.iris is None else f"<p>All planes together: <b>{_text(quality.iris.describe())}</b>.</p>"
-    return _table(headers, rows, (0, 1, *range(3, 10))) + together + _f_number(H, quality)
+    together = "" if quality.iris is None else f"<p>All planes together: <b>{text(quality.iris.describe())}</b>.</p>"
+    return table(headers, rows, (0, 1, *range(3, 10))) + together + _f_number(H, quality)
 
 
 def _curvature(a: Aperture) -> str:
@@ -255,7 +210,7 @@ def _curvature(a: Aperture) -> str:
 
 def _fault(a: Aperture) -> str:
     """Return what is wrong with an aperture that is told, for people."""
-    return f": {_text(a.fault)}" if a.fault else ""
+    return f": {text(a.fault)}" if a.fault else ""
 
 
 def _f_number(H: PSFMatrix, quality: QualityReport) -> str:
@@ -274,7 +229,7 @@ def _tilings(quality: QualityReport) -> str:
             y, x = tiling.fitting_period
             rows.append(
                 [
-                    _text(format_length(float(quality.depths[z]))),
+                    text(format_length(float(quality.depths[z]))),
                     str(len(tiling.difference)),
                     f"{100 * float(np.median(tiling.difference)):.1f}",
                     f"{100 * float(tiling.difference.max()):.1f}",
@@ -292,11 +247,11 @@ def _tilings(quality: QualityReport) -> str:
         "at the best fit (%)",
         "period that fits best, y × x (px)",
     )
-    return _table(headers, rows, range(6))
+    return table(headers, rows, range(6))
 
 
 def _compared(H: PSFMatrix, c: Comparison, reference: str, pictures: Sequence[Picture]) -> str:
-    name = f" with {_text(Path(reference).name)}" if reference else ""
+    name = f" with {text(Path(reference).name)}" if reference else ""
     left = int(np.prod(H.shape[:3])) - c.compared
     words = (
         f"<p>Correlation{name}: <b>{c.correlation:.5f}</b>; error at equal energy {100 * c.rms_error:.2f} % (rms of "
@@ -304,13 +259,13 @@ def _compared(H: PSFMatrix, c: Comparison, reference: str, pictures: Sequence[Pi
         f"{c.compared} positions compared, {left} left out.</p>"
     )
     rows = [
-        [_text(format_length(float(H.depths[z]))), f"{c.per_plane[z]:.5f}", _number(float(c.scale[z]), 4)]
+        [text(format_length(float(H.depths[z]))), f"{c.per_plane[z]:.5f}", _number(float(c.scale[z]), 4)]
         for z in range(len(H))
     ]
     return (
         words
-        + _table(("depth z", "correlation", "energy over the reference's"), rows, (0, 1, 2))
-        + _figures(pictures, "comparison")
+        + table(("depth z", "correlation", "energy over the reference's"), rows, (0, 1, 2))
+        + figures(pictures, "comparison")
     )
 
 
@@ -329,10 +284,10 @@ def _provenance(H: PSFMatrix) -> str:
         ("corrections", kinds or "none recorded"),
         ("missing", f"{len(missing)}: {places}{more}" if len(missing) else "none"),
     ]
-    table = _table((), [[f'<span class="nb">{k}</span>', _text(v)] for k, v in rows])
+    facts = table((), [[f'<span class="nb">{k}</span>', text(v)] for k, v in rows])
     if not history:
-        return table
-    return f"{table}<pre>{_text(json.dumps(history, ensure_ascii=False, default=str))}</pre>"
+        return facts
+    return f"{facts}<pre>{text(json.dumps(history, ensure_ascii=False, default=str))}</pre>"
 
 
 def _camera(H: PSFMatrix) -> str:

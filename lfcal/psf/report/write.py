@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,12 @@ from lfcal.psf.quality import QualityReport, iter_inspect
 from lfcal.psf.quality.inspect import Controls
 from lfcal.psf.report.beside import Beside
 from lfcal.psf.report.page import page, redo_of
+from lfcal.psf.report.pdf import blocks, pdf
 from lfcal.psf.report.pictures import PICTURES, pictures
 
 __all__ = ["iter_report", "redo_list", "report", "report_files"]
 
-PAGE = "index.html"
+PAGE, PAPER = "index.html", "report.pdf"
 
 
 def report(
@@ -50,7 +52,7 @@ def iter_report(
     workers: int | None = None,
     beside: Beside | None = None,
 ) -> Work[Path]:
-    """Inspect H and write ``index.html``, its pictures, ``quality.json`` and ``redo.json`` into ``folder``.
+    """Inspect H; write page, pictures, ``report.pdf``, ``quality.json`` and ``redo.json`` into ``folder``.
 
     Everything is drawn before the first file is written; each file appears whole or not at all, the page last.
 
@@ -91,31 +93,34 @@ def iter_report(
     if quality is None:
         quality = yield from iter_inspect(H, controls=controls, workers=workers)
     draws = pictures(H, quality, other, comparison)
-    clock = Clock("drawing the report", len(draws) + 1)
+    clock = Clock("drawing the report", len(draws) + 2)
     drawn = []
     for k, draw in enumerate(draws):
         yield clock.at(k)
         drawn.append(draw())
     yield clock.at(len(draws))
+    paper = pdf(blocks(H, quality, drawn, beside), f"{Path(H.path).name or 'PSF matrix'}: PSF quality")
+    yield clock.at(len(draws) + 1)
     text = page(H, quality, drawn, comparison, other.path if other is not None else "", beside)
     # the page comes last: where it exists, every file that it links to exists
     files = {p.name: p.png for p in drawn}
     result = quality.to_dict() | ({} if comparison is None else {"comparison": comparison.to_dict()})
     if beside is not None:
         result |= {"model": dict(beside.record), "verdict": beside.verdict}
+    result |= {"inspected": datetime.now(UTC).isoformat(timespec="seconds")}
     redo = redo_list(quality, beside)
-    files |= {"quality.json": _json(result), "redo.json": _json(redo), PAGE: text.encode()}
+    files |= {PAPER: paper, "quality.json": _json(result), "redo.json": _json(redo), PAGE: text.encode()}
     for name, content in files.items():
         with replace_whole(target / name) as part:
             part.write_bytes(content)
-    yield clock.at(len(draws) + 1)
+    yield clock.at(len(draws) + 2)
     return target / PAGE
 
 
 def report_files(folder: Path) -> list[Path]:
     """Return what a report in ``folder`` consists of: page, lists, and every picture that it may have."""
     maps = sorted(p.name for p in folder.glob("map_*.png"))
-    return [folder / name for name in (PAGE, "quality.json", "redo.json", *PICTURES, *maps)]
+    return [folder / name for name in (PAGE, PAPER, "quality.json", "redo.json", *PICTURES, *maps)]
 
 
 def redo_list(quality: QualityReport, beside: Beside | None = None) -> dict[str, Any]:

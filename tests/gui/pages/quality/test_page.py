@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from pytestqt.qtbot import QtBot
 
-from gui.pages.quality.model import map_of, rows_of, words_of, worst_positions
+from gui.pages.quality.model import map_of, metric_rows, metric_words, worst_positions
 from gui.window import MainWindow
 from lfcal.psf import PSFMatrix, save
 from tests.gui.waiting import GUARD_MS, idle
@@ -32,19 +32,21 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
         window.go("quality")
     assert not end.args[0].error
     page: Any = window.page("quality")
-    report = page.report
-    assert page.panel.table.rowCount() == len(report.metrics) == len(rows_of(report))
-    assert page.panel.verdict.text() == report.verdict
-    assert (1, 2, 3) in worst_positions(report)
+    found, panel = page.inspection, page.panel.inspect
+    report = found.quality
+    assert panel.table.rowCount() == len(report.metrics) == len(metric_rows(found))
+    assert panel.verdict.text() == found.verdict and "H has no camera" in panel.summary.text()
+    assert panel.faults.isHidden() and not panel.no_faults.isHidden()
+    assert (1, 2, 3) in worst_positions(found)
     missing = next(k for k, m in enumerate(report.metrics) if "issing" in m.spec.title)
-    page.panel.table.selectRow(missing)
-    assert "What to do" in words_of(report.metrics[missing]) and page.panel.words.text()
-    page.panel.slider.setValue(1)
+    panel.table.selectRow(missing)
+    assert "What to do" in metric_words(found, report.metrics[missing]) and panel.words.toPlainText()
+    panel.evidence.slider.setValue(1)
     mapped = [m for m in report.metrics if map_of(m, 1) is not None]
     assert mapped and map_of(mapped[0], 99) is None
     page.send()
     assert (1, 2, 3) in window.project.state.redo
-    page.panel.position_clicked.emit(2, 3)
+    panel.evidence.position_clicked.emit(2, 3)
     assert window.stack.currentWidget() is window.page("psf")
     idle(window.jobs, qtbot)
     assert window.page("psf").intent.z == 1  # type: ignore[attr-defined]
@@ -53,7 +55,7 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
 def test_nothing_to_judge(window: MainWindow) -> None:
     window.go("quality")
     page: Any = window.page("quality")
-    assert page.report is None and not page.report_button.isEnabled()
+    assert page.inspection is None and not page.report_button.isEnabled()
     assert "No PSF" in page.empty.label.text()
 
 

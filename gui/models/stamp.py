@@ -1,0 +1,19 @@
+"""A file as it was when it was read: what tells whether results are still about it. No Qt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+__all__ = ["Stamp", "stamp_of"]
+
+Stamp = tuple[str, int, int]
+"""Path, time, size."""
+
+
+def stamp_of(path: str) -> Stamp | None:
+    """Return a file as it is now, None where there is none."""
+    try:
+        found = Path(path).stat() if path else None
+    except OSError:
+        found = None
+    return None if found is None else (path, found.st_mtime_ns, found.st_size)

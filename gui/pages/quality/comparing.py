@@ -1,0 +1,225 @@
+"""Quality: a second H chosen beside the first, compared as a job, and looked at position by position."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtWidgets import QFileDialog
+
+from gui.context import Context
+from gui.jobs import Job
+from gui.models.stamp import stamp_of
+from gui.pages.quality.compare_panel import NONE, ComparePanel
+from gui.pages.quality.model import QualitySettings, capital
+from gui.pages.quality.model_compare import (
+    Asked,
+    Both,
+    KeptDifference,
+    Place,
+    both_at,
+    iter_compare,
+    numbers_of,
+    plane_of_row,
+    table_of,
+    told_of,
+    worst_of,
+)
+from lfcal.errors import LfcalError
+
+if TYPE_CHECKING:
+    from lfcal.psf.difference import Difference
+    from lfcal.psf.pairing import Pair
+
+__all__ = ["Comparing"]
+
+FILES = "H files (*.h5 *.npy *.mat *.lfc);;All files (*)"
+READY = "Press Compare (F5): all positions of both are compared."
+
+
+class Comparing:
+    """What is compared belongs to both files as they are; when either changes it is let go.
+
+    Parameters
+    ----------
+    panel, context
+        What shows it, and the window.
+    tell
+        Called when a comparison begins or ends, with whether one is at work.
+    """
+
+    def __init__(self, panel: ComparePanel, context: Context, tell: Callable[[bool], None]) -> None:
+        self._panel, self._context, self._tell = panel, context, tell
+        self.found: Difference | None = None
+        self._asked: Asked | None = None
+        self._pair: Pair | None = None
+        self._place: Place = (0, 0, 0)
+        self._kept = KeptDifference()
+        self._job = 0
+        panel.choose_asked.connect(self.choose)
+        panel.compare_asked.connect(self.compare)
+        panel.pairing_chosen.connect(self._pairing_chosen)
+        panel.row_chosen.connect(self._row_chosen)
+        panel.place_chosen.connect(self.show_place)
+        context.jobs.changed.connect(self._job_changed)
+        context.jobs.finished.connect(self._job_finished)
+        context.matrices.changed.connect(self._matrix_changed)
+        self.follow()
+
+    # -- project ---------------------------------------------------------------------------------------
+    def _now(self) -> Asked | None:
+        """Return what would be compared now; None where one of the two is missing."""
+        state = self._context.state
+        first, second = stamp_of(state.psf), stamp_of(state.reference)
+        settings = QualitySettings.of(state)
+        return None if first is None or second is None else Asked(first, second, settings.by_number)
+
+    def follow(self) -> None:
+        """Show what belongs to the two H of now."""
+        now, state = self._now(), self._context.state
+        self._panel.show_second(Path(state.reference).name, by_number=QualitySettings.of(state).by_number)
+        if now != self._asked:
+            self.release()
+            self._asked = now
+            gone = f"{Path(state.reference).name} is not there any more." if state.reference and state.psf else NONE
+            self._panel.show_message(gone if now is None else READY)
+        self._show_buttons()
+
+    def release(self) -> None:
+        """Forget what was compared, and stop what is at work."""
+        number, self._job = self._job, 0
+        if number:
+            self._context.jobs.cancel(number)
+        self.found = self._pair = self._asked = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a comparison is at work."""
+        return bool(self._job)
+
+    def _show_buttons(self) -> None:
+        self._panel.compare_button.setEnabled(self._asked is not None and not self._job)
+        self._tell(self.busy)
+
+    def choose(self, path: str = "") -> None:
+        """Take a second H, and compare with it."""
+        path = path or QFileDialog.getOpenFileName(self._panel, "Open a second H", "", FILES)[0]
+        if not path:
+            return
+        # known to be good before the project takes it
+        self._panel.show_message(f"Opening {Path(path).name} …")
+
+        def taken() -> None:
+            self._context.project.update("second H", reference=path)
+            self.follow()
+            self.compare()
+
+        def refused(words: str) -> None:
+            self._asked = None
+            self.follow()
+            self._panel.show_message(words)
+
+        self._context.matrices.take(path, taken, refused)
+
+    def _pairing_chosen(self, by_number: bool) -> None:
+        state = self._context.state
+        settings = replace(QualitySettings.of(state), by_number=by_number)
+        self._context.project.update("how planes are paired", settings=settings.into(state))
+        self.follow()
+
+    # -- comparing -------------------------------------------------------------------------------------
+    def compare(self) -> None:
+        """Compare both as a job."""
+        self.follow()
+        asked = self._asked
+        if asked is None or self._job:
+            return
+        self._kept, self.found = KeptDifference(), None
+        kept = self._kept
+        self._panel.show_message(f"Comparing {' and '.join(asked.names)} …")
+        self._job = self._context.jobs.start(
+            f"Compare {' and '.join(asked.names)}",
+            "quality",
+            lambda: iter_compare(asked, kept),
+            abandon=True,
+            leave=True,
+        )
+        self._show_buttons()
+
+    def stop(self) -> None:
+        """Stop comparing."""
+        if self._job:
+            self._context.jobs.cancel(self._job)
+
+    def _job_changed(self, job: Job) -> None:
+        if job.number == self._job and job.progress is not None:
+            record = job.progress
+            self._panel.show_message(f"{job.title}\n{capital(record.stage)}: {100 * record.fraction:.0f} %")
+
+    def _job_finished(self, job: Job) -> None:
+        if job.number != self._job:
+            return
+        self._job, found = 0, self._kept.found
+        self._kept = KeptDifference()
+        if found is None:
+            self._panel.show_message(job.error or "Stopped.\n" + READY)
+        else:
+            self.found = found
+            self._show()
+        self._show_buttons()
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def _show(self) -> None:
+        found, asked = self.found, self._asked
+        if found is None or asked is None:
+            return
+        worst = worst_of(found)
+        self._panel.show_numbers(asked.names, told_of(found), table_of(found), numbers_of(found), worst)
+        for path in (asked.first[0], asked.second[0]):
+            self._context.matrices.want(path)
+        self.show_place(worst[0][1] if worst else (0, 0, 0))
+
+    def _row_chosen(self, row: int) -> None:
+        if self.found is not None and (plane := plane_of_row(self.found, row)) is not None:
+            self.show_place((plane, *self._place[1:]))
+
+    def show_place(self, place: Place) -> None:
+        """Show a position of both, and where it is."""
+        found = self.found
+        if found is None:
+            return
+        self._place = place
+        k = place[0]
+        depth = found.planes[k].depths_um[0] / 1e3
+        self._panel.show_map(k, f"Difference over the positions, z = {depth:.4g} mm", 100 * found.error[k])
+        pair = self._opened()
+        if pair is None:
+            return
+        where = f"at ({found.pair.planes[k][0]}, {place[1]}, {place[2]})"
+
+        def read(both: Both) -> None:
+            if self.found is found:
+                self._panel.show_both(both, where)
+
+        self._context.jobs.compute("quality both", lambda: both_at(pair, place), read)
+
+    def _opened(self) -> Pair | None:
+        """Return both H as they are open in the window, None: not yet."""
+        from lfcal.psf.pairing import pair
+
+        if self._pair is None and self._asked is not None:
+            a, b = (self._context.matrix(path) for path in (self._asked.first[0], self._asked.second[0]))
+            if a is not None and b is not None:
+                try:
+                    self._pair = pair(a, b, by_number=self._asked.by_number)
+                except LfcalError:  # other files than those that were compared; told when they are followed
+                    return None
+        return self._pair
+
+    def _matrix_changed(self, path: str) -> None:
+        if self._asked is not None and path in (self._asked.first[0], self._asked.second[0]):
+            self._pair = None
+            if self.found is not None:
+                self.show_place(self._place)

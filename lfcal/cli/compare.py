@@ -1,0 +1,74 @@
+"""``lfcal compare``: two H beside each other."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import typer
+
+from lfcal.cli.options import ForceOption, JsonOption, MatrixArgument, WorkersOption
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add ``compare`` to the app."""
+    app.command("compare")(command)
+
+
+def command(
+    first: MatrixArgument,
+    second: MatrixArgument,
+    *,
+    report: Path | None = typer.Option(None, "--report", help="Folder for a page with the pictures side by side."),
+    by_number: bool = typer.Option(False, "--by-number", help="Compare planes of equal numbers, not of equal depths."),
+    workers: WorkersOption = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Hold two H beside each other: error, scale and sub-pixel shift of every plane and lens type.
+
+    Planes belong together by their depths, positions by the sensor's pixels; cutouts are cut to the smaller one. What
+    only one of them has is said.
+
+    Example: `lfcal compare may/H.h5 june/H.h5 --report compared/`
+    """
+    from lfcal.cli.console import print_json, print_table, run_work
+    from lfcal.cli.outputs import check_outputs
+    from lfcal.psf.difference import iter_difference
+    from lfcal.psf.opening import open_psf
+    from lfcal.psf.pairing import pair
+    from lfcal.psf.report.two import (
+        COLUMNS,
+        compared_words,
+        figure_rows,
+        iter_compared_report,
+        report_files,
+        verdict,
+    )
+
+    if report is not None:
+        check_outputs(report_files(report), first, second, force=force)
+    page = None
+    with ExitStack() as files:
+        a, b = (files.enter_context(open_psf(path)) for path in (first, second))
+        start = time.perf_counter()
+        found = run_work(iter_difference(pair(a, b, by_number=by_number), workers=workers), quiet=json)
+        seconds = time.perf_counter() - start
+        if report is not None:
+            page = run_work(iter_compared_report(found, report, seconds), quiet=json)
+    if json:
+        extra = {} if page is None else {"report": page}
+        print_json(found.to_dict() | {"files": [first, second], "verdict": verdict(found)} | extra)
+        return
+    typer.echo(f"{compared_words(found)}")
+    typer.secho(verdict(found), bold=True)
+    print_table(list(COLUMNS), [list(row) for row in figure_rows(found)])
+    for k, y, x in found.worst(3):
+        typer.echo(f"differs most at {(found.pair.planes[k][0], y, x)}: {100 * found.error[k, y, x]:.3g} %")
+    for note in found.notes:
+        typer.echo(f"note: {note}")
+    if page is not None:
+        typer.echo(f"report: {page}")

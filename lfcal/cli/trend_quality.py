@@ -1,0 +1,118 @@
+"""``lfcal trend --quality``: inspections of several sessions side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from lfcal.psf.quality.trend import Course, Judged, QualityTrend, Value
+
+__all__ = ["tell_quality"]
+
+SHOWN = 5
+"""Sessions whose values stand in the table, the newest of them."""
+
+
+def tell_quality(paths: Sequence[Path], out: Path | None, *, force: bool, json: bool) -> None:
+    """Hold inspections side by side; end with exit code 1 when something got worse."""
+    from lfcal.cli.console import print_json
+    from lfcal.cli.outputs import check_output
+    from lfcal.psf.quality.trend import draw_quality_trend, quality_trend
+
+    places = list(dict.fromkeys(found.resolve() for path in paths for found in _inspections_in(path)))
+    if out is not None:
+        check_output(out, *places, force=force)
+    found = quality_trend([_judged(place, label) for place, label in zip(places, _labels(places), strict=True)])
+    if out is not None:
+        draw_quality_trend(found, out)
+    if json:
+        print_json(found.to_dict())
+    else:
+        _show(found, out)
+    if found.worse:
+        raise typer.Exit(1)
+
+
+def _inspections_in(path: Path) -> list[Path]:
+    """Return what a path names: a file, or the quality.json of a report's folder, or of a folder of such folders."""
+    from lfcal.errors import InputError
+    from lfcal.psf.quality.trend import NAME
+
+    if path.is_file():
+        return [path]
+    found = [path / NAME] if (path / NAME).is_file() else []
+    if not found and path.is_dir():
+        found = sorted(path.glob(f"*/{NAME}"))
+    if not found:
+        got = "none" if path.is_dir() else "no such folder"
+        raise InputError.expected(
+            f"inspections in {path}", f"{NAME} of lfcal inspect --report, or an H file", got, "name the report's folder"
+        )
+    return found
+
+
+def _labels(places: Sequence[Path]) -> list[str]:
+    """Return short names that tell them apart: that of the file, or of the folders above it."""
+    for above in range(1, 8):
+        told = ["/".join(place.parts[-above:]) for place in places]
+        if len(set(told)) == len(told):
+            from lfcal.psf.quality.trend import NAME
+
+            return [label.removesuffix(f"/{NAME}") for label in told]
+    return [str(place) for place in places]
+
+
+def _judged(place: Path, label: str) -> Judged:
+    """Return what is known of a session: of an H file its metrics are measured now."""
+    from lfcal.cli.console import run_work
+    from lfcal.psf.opening import open_psf
+    from lfcal.psf.quality import iter_inspect
+    from lfcal.psf.quality.trend import judged_of, read_judged
+
+    if place.suffix.lower() == ".json":
+        return read_judged(place, label)
+    with open_psf(place) as opened:
+        H = opened.T if opened.is_transposed else opened
+        report = run_work(iter_inspect(H), quiet=True)
+    return judged_of(report, label, datetime.fromtimestamp(place.stat().st_mtime, UTC))
+
+
+def _show(found: QualityTrend, out: Path | None) -> None:
+    from lfcal.cli.console import print_table, report
+
+    shown = found.sessions[-SHOWN:]
+    listed = [one for one in (*found.faults, *found.metrics) if one.notable]
+    first, newest = found.sessions[0], found.sessions[-1]
+    title = f"{len(found.sessions)} sessions, {first.when:%Y-%m-%d} to {newest.when:%Y-%m-%d}"
+    rows = [
+        [one.scale.title, *map(_told, one.values[-SHOWN:]), one.scale.unit, _slope(one), _change(one)] for one in listed
+    ]
+    header = ["what", *(one.label for one in shown), "unit", "per month", ""]
+    print_table(header, rows, title=title)
+    rest = sum(not one.notable and one.newest is not None for one in found.metrics)
+    typer.echo(f"{rest} metrics were good in all sessions")
+    typer.echo(f"{newest.label}: {newest.verdict}")
+    names = ", ".join(one.scale.title for one in found.worse)
+    colour = typer.colors.RED if found.worse else typer.colors.GREEN
+    typer.secho(f"worse than before: {names}" if names else "nothing got worse", fg=colour, bold=True)
+    for note in found.notes:
+        report(f"note: {note}")
+    if out is not None:
+        typer.echo(str(out))
+
+
+def _told(value: Value | None) -> str:
+    return "–" if value is None else f"{value.value:.3g} {value.merit}"
+
+
+def _slope(course: Course) -> str:
+    return f"{course.per_month:+.2g}" if course.per_month == course.per_month else ""
+
+
+def _change(course: Course) -> str:
+    return "worse" if course.worse else "better" if course.better else ""

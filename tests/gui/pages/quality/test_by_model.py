@@ -1,0 +1,187 @@
+"""Page Quality beside the camera's model: faults first, what shows them, the fitted camera, stopping, another H."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pytestqt.qtbot import QtBot
+
+from gui.models.fitted import FittedCamera
+from gui.models.project import ProjectState
+from gui.models.stamp import stamp_of
+from gui.pages.quality.model import QualitySettings, fault_words, metric_rows, worst_positions
+from gui.pages.quality.model_run import asked_of
+from gui.pages.quality.page import Page
+from lfcal.errors import InputError
+from lfcal.fit.setup import Setup, called_for
+from lfcal.inspect import Inspection
+from lfcal.psf import save
+from tests.gui.conftest import OpenPage
+from tests.gui.waiting import GUARD_MS, idle
+from tests.inspect.common import added, clean, matrix, plan, sensor
+
+SECONDS = QualitySettings(seconds=0.5)
+
+
+def faulty(path: Path) -> Path:
+    """Write an H with a hot column, and a row of frames that were exposed too long."""
+    image = sensor(0.0)
+    image[:, 25] = 60.0
+    values = added(clean(), image)
+    values[0, 3:5] *= 1.6
+    save(matrix(values), path)
+    return path
+
+
+@pytest.fixture
+def state(tmp_path: Path) -> ProjectState:
+    """Return a project of a faulty H."""
+    state = replace(ProjectState(), psf=str(faulty(tmp_path / "H.h5")))
+    return replace(state, settings=SECONDS.into(state))
+
+
+@pytest.fixture
+def page(open_page: OpenPage) -> Page:
+    made: Page = open_page("quality")
+    return made
+
+
+def found_by(page: Page, qtbot: QtBot) -> Inspection:
+    """Wait for an inspection."""
+    page.measure()
+    idle(page.context.jobs, qtbot)
+    assert page.inspection is not None, page.empty and page.empty.label.text()
+    return page.inspection
+
+
+def test_faults_come_first_with_what_shows_them(page: Page, qtbot: QtBot) -> None:
+    found = found_by(page, qtbot)
+    inspect = page.panel.inspect
+    evidence = inspect.evidence
+    assert inspect.verdict.text() == found.verdict and "hot line" in found.verdict
+    assert "patterns compared with the camera" in inspect.summary.text()
+    titles = [inspect.faults.item(k, 0).text() for k in range(inspect.faults.rowCount())]  # type: ignore[union-attr]
+    assert titles == [one.title for one in found.findings] and len(titles) >= 2, "in the order of the inspection"
+    hot = titles.index("hot line of the sensor")
+    inspect.faults.selectRow(hot)
+    assert "What to do" in inspect.words.toPlainText() and "counts" in inspect.words.toPlainText()
+    assert evidence.pictures.currentWidget() is evidence.curve and evidence.map_card.isHidden()
+    assert evidence.curve.plot.getAxis("left").labelText == "counts", "a unit on the axis"
+    exposed = next(k for k, one in enumerate(found.findings) if one.fault.title.startswith("single frames"))
+    inspect.faults.selectRow(exposed)
+    finding = found.findings[exposed]
+    assert not evidence.map_card.isHidden() and evidence.map.image is not None
+    here = finding.positions[finding.positions[:, 0] == 0, 1:]
+    assert np.argwhere(evidence.map.image > 0).tolist() == sorted(map(list, here.tolist()))
+    assert len(evidence.marks.getData()[0]) == len(here) > 0
+    assert evidence.pictures.currentWidget() is evidence.image and "record again" in fault_words(finding)
+    assert page.redo_button.text() == f"Send {len(found.redo())} to Acquire"
+
+
+def test_metrics_that_a_fault_makes_point_at_it(page: Page, qtbot: QtBot) -> None:
+    found = found_by(page, qtbot)
+    told = {row.key: row.told for row in metric_rows(found)}
+    settled = [m.key for m in found.quality.metrics if found.settled(m) is not None and m.merit in ("bad", "fair")]
+    assert settled and all(told[key] == "see fault" for key in settled)
+    inspect = page.panel.inspect
+    inspect.table.selectRow([m.key for m in found.quality.metrics].index(settled[0]))
+    assert "which makes it" in inspect.words.toPlainText() and not inspect.faults.selectedIndexes()
+
+
+def test_positions_to_record_again_are_those_of_the_whole_inspection(page: Page, qtbot: QtBot) -> None:
+    found = found_by(page, qtbot)
+    page.send()
+    assert page.context.state.redo == worst_positions(found) == tuple(place for place, _ in found.redo())
+
+
+def test_nothing_of_an_earlier_h_stays(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    found_by(page, qtbot)
+    save(matrix(clean()), tmp_path / "other.h5")
+    page.context.project.update("open", psf=str(tmp_path / "other.h5"))
+    assert page.inspection is None and page.empty is not None, "nothing of the first is shown beside the second"
+    found = found_by(page, qtbot)
+    assert not found.findings and page.panel.inspect.faults.rowCount() == 0
+    assert "hot" not in page.panel.inspect.words.toPlainText().split("(")[0] and not page.redo_button.isEnabled()
+
+
+def test_a_file_written_anew_is_inspected_anew(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    found_by(page, qtbot)
+    save(matrix(clean()[:, :, :, 4:-4, 4:-4]), tmp_path / "H.h5")
+    page.entered()
+    assert page.inspection is None
+    assert found_by(page, qtbot).quality.shape[3:] == (33, 33)
+
+
+def test_stopped_while_it_compares_the_metrics_stay(page: Page, qtbot: QtBot) -> None:
+    seen: list[str] = []
+
+    def stop(job: object) -> None:
+        stage = getattr(getattr(job, "progress", None), "stage", "")
+        seen.append(stage)
+        if stage == "comparing with the camera":
+            page.stop()
+
+    page.context.jobs.changed.connect(stop)
+    with qtbot.waitSignal(page.context.jobs.finished, timeout=GUARD_MS):
+        page.measure()
+    found = page.inspection
+    assert found is not None and found.why_not == "it was stopped" and not found.compared
+    assert "it was stopped" in page.panel.inspect.summary.text() and not page.panel.inspect.isHidden()
+    assert "comparing with the camera" in seen and not page.stop_button.isEnabled()
+
+
+def test_without_time_only_the_metrics_are_measured(page: Page, qtbot: QtBot) -> None:
+    found_by(page, qtbot)
+    page.panel.inspect.form.edited.emit("seconds", 0.0)
+    assert "Choices changed" in page.panel.inspect.summary.text()
+    page.measure(force=True)
+    idle(page.context.jobs, qtbot)
+    assert page.inspection is not None and page.inspection.why_not == "it was left out"
+    assert page.panel.inspect.form.check("seconds", -1.0) and page.settings.seconds == 0
+
+
+def test_the_camera_of_page_fit_is_taken_where_it_is_of_this_h(page: Page, tmp_path: Path) -> None:
+    stamp = stamp_of(page.context.state.psf)
+    assert stamp is not None
+    setup = Setup(plan().camera, called_for(plan()), (0.0, 0.0))
+    fitted, other = FittedCamera(stamp, setup), FittedCamera((str(tmp_path / "other.h5"), 0, 0), setup)
+    assert asked_of(stamp, SECONDS, fitted).setup is setup and "page Fit" in asked_of(stamp, SECONDS, fitted).source
+    assert asked_of(stamp, SECONDS, other).setup is None
+    assert asked_of(stamp, replace(SECONDS, camera="own"), fitted).setup is None
+
+
+def test_a_fit_found_later_is_offered(page: Page, qtbot: QtBot) -> None:
+    found_by(page, qtbot)
+    stamp = stamp_of(page.context.state.psf)
+    assert stamp is not None and "Choices changed" not in page.panel.inspect.summary.text()
+    page.context.set_fitted(FittedCamera(stamp, Setup(plan().camera, called_for(plan()), (0.0, 0.0))))
+    assert "Choices changed" in page.panel.inspect.summary.text()
+    page.measure(force=True)
+    idle(page.context.jobs, qtbot)
+    assert page.inspection is not None and page.inspection.compared
+    assert "as page Fit found it" in page.panel.inspect.summary.text()
+
+
+def test_a_folder_that_is_no_fit_is_said(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    page.choose_fit(str(tmp_path))
+    assert page.settings.camera == "saved" and page.panel.inspect.form.fields["camera"].choices[-1][0] == "saved"
+    page.measure()
+    idle(page.context.jobs, qtbot)
+    assert page.inspection is None and page.empty is not None and "fit.json" in page.empty.label.text()
+
+
+def test_the_report_tells_what_the_page_shows(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    found = found_by(page, qtbot)
+    page.write_report(str(tmp_path / "report"))
+    idle(page.context.jobs, qtbot)
+    text = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
+    assert found.verdict in text and "hot line of the sensor" in text
+
+
+@pytest.mark.parametrize("changes", [{"seconds": float("nan")}, {"seconds": -1.0}, {"camera": "other"}])
+def test_settings_that_are_none_are_refused(changes: dict[str, object]) -> None:
+    with pytest.raises(InputError):
+        replace(SECONDS, **changes)  # type: ignore[arg-type]

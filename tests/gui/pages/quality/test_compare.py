@@ -1,0 +1,153 @@
+"""Two H beside each other in the window: chosen, compared, looked at; nothing of an earlier pair stays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pytestqt.qtbot import QtBot
+
+from gui.models.project import ProjectState
+from gui.pages.quality.model import QualitySettings
+from gui.pages.quality.model_compare import both_at, plane_of_row
+from gui.pages.quality.page import Page
+from lfcal.psf import PSFMatrix, save
+from lfcal.psf.pairing import pair
+from tests.gui.conftest import OpenPage
+from tests.gui.waiting import GUARD_MS, idle
+from tests.psf.test_difference import moved
+
+DEPTHS = (-2000.0, -1000.0)
+
+
+def written(path: Path, values: np.ndarray, depths: tuple[float, ...] = DEPTHS) -> str:
+    save(PSFMatrix(values.astype(np.float32), depths=depths), path)
+    return str(path)
+
+
+@pytest.fixture
+def state(tmp_path: Path) -> ProjectState:
+    """Return a project of an H in which one position is far off, with no time for the camera."""
+    values = 2 * moved((0.3, -0.2))
+    values[1, 2, 3] = np.roll(values[1, 2, 3], 5, 0)
+    state = replace(ProjectState(), psf=written(tmp_path / "H.h5", values))
+    return replace(state, settings=QualitySettings(seconds=0).into(state))
+
+
+@pytest.fixture
+def page(open_page: OpenPage, qtbot: QtBot) -> Page:
+    made: Page = open_page("quality")
+    made.measure()
+    idle(made.context.jobs, qtbot)
+    made.panel.setCurrentWidget(made.panel.compare)
+    return made
+
+
+def compared(page: Page, qtbot: QtBot, path: str) -> None:
+    page.comparing.choose(path)
+    idle(page.context.jobs, qtbot)
+
+
+def test_a_second_h_is_chosen_and_compared(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    panel, comparing = page.panel.compare, page.comparing
+    assert "Choose a second H" in panel.message.text() and not panel.compare_button.isEnabled()
+    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
+    assert comparing.found is not None and panel.stack.currentIndex() == 1
+    assert page.context.state.reference.endswith("earlier.h5") and "earlier.h5" in panel.second.text()
+    assert "%" in panel.verdict.text() and "24 positions of 2 planes" in panel.notes.text()
+    assert panel.table.rowCount() == 3, "all, and each plane"
+    cells = [panel.table.item(1, k).text() for k in range(6)]  # type: ignore[union-attr]
+    assert cells[0] == "0: -2 mm" and cells[4] == "+0.300, -0.200"
+    # where they differ most is shown first, both at the same light
+    assert panel.worst.itemData(0) == (1, 2, 3) and panel.titles[0].text() == "H.h5 at (1, 2, 3)"
+    first, second, apart = (view.image for view in panel.views)
+    assert first is not None and second is not None and apart is not None
+    assert first.sum() == pytest.approx(second.sum()) and np.array_equal(apart, first - second)
+
+
+def test_positions_and_planes_are_chosen_in_map_and_table(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
+    panel = page.panel.compare
+    panel.table.selectRow(1)
+    idle(page.context.jobs, qtbot)
+    assert panel.titles[0].text() == "H.h5 at (0, 2, 3)" and "z = -2 mm" in panel.map_title.text()
+    panel.map.clicked.emit(1, 0)
+    idle(page.context.jobs, qtbot)
+    assert panel.titles[0].text() == "H.h5 at (0, 1, 0)"
+    panel.worst.activated.emit(0)
+    idle(page.context.jobs, qtbot)
+    assert panel.titles[0].text() == "H.h5 at (1, 2, 3)"
+
+
+def test_blink_shows_both_in_one_place(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
+    panel = page.panel.compare
+    panel.mode.setCurrentIndex(panel.mode.findData("blink"))
+    before = panel.views[0].image
+    assert panel.views[1].isHidden() or not panel.views[1].isVisible()
+    qtbot.waitUntil(lambda: panel.titles[0].text() == "earlier.h5", timeout=GUARD_MS)
+    assert panel.views[0].image is not before
+    qtbot.waitUntil(lambda: panel.titles[0].text() == "H.h5 at (1, 2, 3)", timeout=GUARD_MS)
+    panel.mode.setCurrentIndex(panel.mode.findData("difference"))
+    assert panel.views[2].isVisible() and not panel.views[0].isVisible() and not panel._timer.isActive()
+
+
+def test_pictures_are_zoomed_together(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
+    views = page.panel.compare.views
+    views[0].plot.vb.setRange(xRange=(5, 9), yRange=(5, 9), padding=0)
+    views[0].plot.vb.sigRangeChangedManually.emit([True, True])
+    seen = [view.plot.vb.viewRect() for view in views]
+    assert seen[1].center() == seen[0].center() == seen[2].center()
+    assert seen[1].width() == pytest.approx(seen[0].width(), rel=0.3)
+
+
+def test_another_file_lets_go_of_the_comparison(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
+    page.context.project.update("open", psf=written(tmp_path / "new.h5", moved((0.1, 0.0))))
+    assert page.comparing.found is None and page.panel.compare.stack.currentIndex() == 0
+    idle(page.context.jobs, qtbot)
+    page.panel.setCurrentWidget(page.panel.compare)
+    page.begin()
+    idle(page.context.jobs, qtbot)
+    assert page.comparing.found is not None and page.panel.compare.titles[0].text().startswith("new.h5")
+    page.context.project.undo()
+    assert page.comparing.found is None
+
+
+def test_what_cannot_be_compared_is_said_in_a_line(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    panel = page.panel.compare
+    compared(page, qtbot, written(tmp_path / "far.h5", moved(), (-9000.0, -5000.0)))
+    assert page.comparing.found is None and "expected some of -2 mm" in panel.message.text()
+    panel.pairing.setCurrentIndex(1)
+    assert QualitySettings.of(page.context.state).by_number
+    page.begin()
+    idle(page.context.jobs, qtbot)
+    assert page.comparing.found is not None and "differ in depth" in panel.notes.text()
+    (tmp_path / "bad.h5").write_bytes(b"no hdf5")
+    compared(page, qtbot, str(tmp_path / "bad.h5"))
+    assert "HDF5" in panel.message.text() and page.context.state.reference.endswith("far.h5"), "the good one stays"
+
+
+def test_stopping_says_so(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    page.context.project.update("second H", reference=written(tmp_path / "earlier.h5", moved()))
+    page.begin()
+    assert page.stop_button.isEnabled() and page.comparing.busy
+    page.stop()
+    idle(page.context.jobs, qtbot)
+    assert page.comparing.found is None and page.panel.compare.message.text().startswith("Stopped")
+    assert not page.stop_button.isEnabled() and page.panel.compare.compare_button.isEnabled()
+
+
+def test_a_position_of_both_is_at_the_light_of_the_first() -> None:
+    both = both_at(pair(3 * moved(), moved()), (1, 0, 2))
+    np.testing.assert_allclose(both.first, both.second)
+    assert both.levels[0] == 0 and np.abs(both.difference).max() < 1e-12
+
+
+def test_rows_of_the_table_name_their_planes(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
+    assert page.comparing.found is not None
+    assert [plane_of_row(page.comparing.found, row) for row in range(3)] == [None, 0, 1]
