@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft as sf
 
-from lfcal.camera import LensletLattice
+from lfcal.camera import LensletLattice, ScanPlan
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.scan import share_of
-from lfcal.inspect.finding import Fault, Finding, Picture
+from lfcal.inspect.finding import Fault, Finding, Picture, PutIn
+from lfcal.inspect.patch import Patch
 
 __all__ = ["FAULTS", "DepthLabel", "Ghost", "TypeLight"]
 
@@ -71,7 +72,12 @@ class DepthLabel(Fault):
                 share_of(evidence, worst, ("depth",)) * len(planes) / len(np.unique(z)),
                 positions=evidence.index[np.isin(z, planes)],
                 picture=Picture(across, "%", "virtual depth beside that stated", ("plane",)),
+                put_in=_deeper(np.where(np.isin(np.arange(len(across)), planes), across / 100, 0.0)),
             )
+
+
+def _deeper(shares: F8) -> PutIn:
+    return lambda patch: patch.moved(depth=shares[patch.index[:, 0]])
 
 
 class Ghost(Fault):
@@ -88,15 +94,9 @@ class Ghost(Fault):
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the displacement at which what is left looks most like the pattern."""
         left, light = evidence.left, evidence.light
-        views = {
-            "as it is": light,
-            "turned by half": light[:, ::-1, ::-1],
-            "mirrored up and down": light[:, ::-1],
-            "mirrored left and right": light[:, :, ::-1],
-        }
         best: tuple[float, float, str, tuple[int, int], F8] | None = None
-        for name, view in views.items():
-            share, sigmas, place, table = _displaced(left, view, near=name == "as it is")
+        for name, view in VIEWS.items():
+            share, sigmas, place, table = _displaced(left, view(light), near=name == "as it is")
             if best is None or sigmas > best[1]:
                 best = share, sigmas, name, place, table
         assert best is not None
@@ -109,7 +109,28 @@ class Ghost(Fault):
             sigmas,
             share,
             picture=Picture(100 * table, "%", "what is left, as a share of the displaced pattern", ("down", "across")),
+            put_in=lambda patch: patch.light + np.float32(share) * _aside(VIEWS[name](patch.light), *place),
         )
+
+
+VIEWS: dict[str, Callable[[F4], F4]] = {
+    "as it is": lambda light: light,
+    "turned by half": lambda light: light[:, ::-1, ::-1],
+    "mirrored up and down": lambda light: light[:, ::-1],
+    "mirrored left and right": lambda light: light[:, :, ::-1],
+}
+"""What a ghost may look like, of patterns ``(n, nt, ns)``."""
+
+
+def _aside(view: F4, down: int, across: int) -> F4:
+    """Return patterns displaced by whole pixels; what leaves the cutout is gone."""
+    out = np.zeros_like(view)
+    (to_y, from_y), (to_x, from_x) = (
+        (slice(max(0, by), n + min(0, by)), slice(max(0, -by), n - max(0, by)))
+        for by, n in ((down, view.shape[1]), (across, view.shape[2]))
+    )
+    out[:, to_y, to_x] = view[:, from_y, from_x]
+    return out
 
 
 def _displaced(left: F4, view: F4, *, near: bool) -> tuple[float, float, tuple[int, int], F8]:
@@ -146,7 +167,7 @@ class TypeLight(Fault):
         types = len(evidence.plan.camera.lattice.types)
         if types < 2:
             return
-        which = _types_of(evidence)
+        which = _types_of(evidence.plan, evidence.index, evidence.plan.cutout)
         gains, errors = np.zeros(types), np.full(types, np.inf)
         for kind in range(types):
             values, sigmas = evidence.beyond(np.where(which == kind, evidence.light, np.float32(0)))
@@ -166,16 +187,25 @@ class TypeLight(Fault):
             float(abs(gains[k]) / errors[k]),
             float(abs(gains[k]) / types),
             picture=Picture(100 * gains, "%", "light of each lens type beside the others", ("lens type",)),
+            put_in=_dimmed(1 + gains),
         )
 
 
-def _types_of(evidence: Evidence) -> NDArray[np.intp]:
+def _dimmed(gains: F8) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        which = _types_of(patch.evidence.plan, patch.index, (patch.light.shape[1], patch.light.shape[2]))
+        return patch.light * gains[which].astype(np.float32)
+
+    return put_in
+
+
+def _types_of(plan: ScanPlan, index: NDArray[np.intp], cutout: tuple[int, int]) -> NDArray[np.intp]:
     """Return the type of the lenslet whose centre is nearest to each sample's ``(n, nt, ns)``."""
-    camera, plan = evidence.plan.camera, evidence.plan
+    camera = plan.camera
     lattice = camera.lattice
-    nt, ns = plan.cutout
-    out = np.empty(evidence.data.shape, np.intp)
-    for k, (y, x) in enumerate(evidence.index[:, 1:].tolist()):
+    nt, ns = cutout
+    out = np.empty((len(index), nt, ns), np.intp)
+    for k, (y, x) in enumerate(index[:, 1:].tolist()):
         rows = plan.anchor[0] + y + np.arange(nt) - (nt - 1) / 2
         columns = plan.anchor[1] + x + np.arange(ns) - (ns - 1) / 2
         points = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), -1))

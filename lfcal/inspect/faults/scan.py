@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.camera import ScanPlan
 from lfcal.inspect.evidence import COLUMNS, Evidence
 from lfcal.inspect.faults.series import BETTER, Step, robust, sharpest_step
-from lfcal.inspect.finding import Fault, Finding, Picture
+from lfcal.inspect.finding import Fault, Finding, Picture, PutIn
+from lfcal.inspect.modelled import REACH_PX
+from lfcal.inspect.patch import Patch
 
-__all__ = ["FAULTS", "Backlash", "FrameShift", "Jitter", "StageAxes", "Strangers"]
+__all__ = ["FAULTS", "Backlash", "FrameShift", "Jitter", "StageAxes", "Strangers", "late", "only_recorded"]
 
+F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 SURE = 7.0
@@ -87,7 +91,20 @@ class StageAxes(Fault):
             share_of(evidence, worst / 2, ("source_y", "source_x")),
             picture=place_map(evidence, values, "px", "displacement of the source"),
             redo=True,
+            put_in=_stretched(seen),
         )
+
+
+def _stretched(seen: dict[tuple[str, str], float]) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        ny, nx = patch.evidence.plan.period
+        beside = {"by_row": patch.index[:, 1] - (ny - 1) / 2, "by_column": patch.index[:, 2] - (nx - 1) / 2}
+        moved = np.zeros((len(patch.index), 2))
+        for (axis, term), value in seen.items():
+            moved[:, "yx".index(axis)] += value * beside[term]
+        return patch.moved(np.clip(moved, -REACH_PX, REACH_PX))
+
+    return put_in
 
 
 def _words(seen: dict[tuple[str, str], float]) -> str:
@@ -130,7 +147,17 @@ class Backlash(Fault):
                     share_of(evidence, abs(value) / 2, (name,)),
                     picture=place_map(evidence, values, "px", "displacement of the source"),
                     redo=True,
+                    put_in=_played("yx".index(name[-1]), value),
                 )
+
+
+def _played(axis: int, value: float) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        moved = np.zeros((len(patch.index), 2))
+        moved[:, axis] = np.where(patch.index[:, 1] % 2, value / 2, -value / 2)
+        return patch.moved(moved)
+
+    return put_in
 
 
 class Jitter(Fault):
@@ -163,7 +190,16 @@ class Jitter(Fault):
                 share_of(evidence, rms, ("source_y", "source_x")),
                 picture=place_map(evidence, _fitted(evidence, "source_x").left, "px", "displacement of the source"),
                 redo=True,
+                put_in=_jittered([float(rms) for rms, _ in spread]),
             )
+
+
+def _jittered(rms: Sequence[float]) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        moved = np.random.default_rng(0).standard_normal((len(patch.index), 2)) * np.array(rms)
+        return patch.moved(np.clip(moved, -REACH_PX, REACH_PX))
+
+    return put_in
 
 
 class FrameShift(Fault):
@@ -192,7 +228,17 @@ class FrameShift(Fault):
                 share_of(evidence, abs(step.size) / 2, (name,)),
                 positions=after,
                 picture=place_map(evidence, values, "px", "displacement of the cutout"),
+                put_in=_shifted("yx".index(name[-1]), step.size, after[0]),
             )
+
+
+def _shifted(axis: int, size: float, first: NDArray[np.intp]) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        window = np.zeros((len(patch.index), 2))
+        window[:, axis] = np.where(late(patch.evidence.plan, patch.index, first), size, 0.0)
+        return patch.moved(window=window)
+
+    return put_in
 
 
 class Strangers(Fault):
@@ -210,7 +256,7 @@ class Strangers(Fault):
         far = np.stack([_fitted(evidence, name).left for name in ("source_y", "source_x")], 1)
         unlike = alike < np.median(alike) - APART
         bad = np.flatnonzero(unlike | (np.abs(far) > FAR_PX).any(1))
-        if not bad.size or bad.size > 0.3 * len(evidence):
+        if not bad.size or evidence.extent(bad) > 0.3:
             return
         scatter = max(1e-2, 1.4826 * float(np.median(np.abs(far))))
         told = max(float(np.abs(far[bad]).max()) / scatter, float(np.median(alike) - alike[bad].min()) / 0.02)
@@ -220,10 +266,12 @@ class Strangers(Fault):
             self,
             f"{many} of {len(evidence)} compared: {some}{' and more' if bad.size > 3 else ''}",
             told,
-            float(bad.size / len(evidence)),
+            evidence.extent(bad),
             positions=evidence.index[bad],
             picture=place_map(evidence, alike, "", "correlation with the camera's pattern"),
             redo=True,
+            put_in=only_recorded(evidence.index[bad]),
+            extent=evidence.extent(bad),
         )
 
 
@@ -255,6 +303,24 @@ def share_of(evidence: Evidence, amount: float, names: tuple[str, ...]) -> float
     light = max(float(np.abs(evidence.model).sum(dtype=np.float64)), 1e-300)
     change = [float(np.abs(evidence.columns[:, COLUMNS.index(n) - 2]).sum(dtype=np.float64)) for n in names]
     return amount * float(np.mean(change)) / light
+
+
+def late(plan: ScanPlan, index: NDArray[np.intp], first: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return which positions ``(n, 3)`` come no earlier than ``first``, plane by plane and row by row."""
+    shape = plan.shape[:3]
+    found: NDArray[np.bool_] = np.ravel_multi_index(tuple(index.T), shape) >= np.ravel_multi_index(tuple(first), shape)
+    return found
+
+
+def only_recorded(positions: NDArray[np.intp]) -> PutIn:
+    """Return what puts the recorded patterns of some positions into those that the camera should give."""
+    bad = set(map(tuple, positions.tolist()))
+
+    def put_in(patch: Patch) -> F4:
+        own = np.array([tuple(place) in bad for place in patch.index.tolist()], np.bool_)
+        return np.where(own[:, None, None], patch.recorded(), patch.light) if own.any() else patch.light
+
+    return put_in
 
 
 def place_map(evidence: Evidence, values: F8, unit: str, title: str) -> Picture:

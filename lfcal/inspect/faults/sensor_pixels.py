@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter
 
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.sensor_lines import BRIGHT, SURE
-from lfcal.inspect.finding import Fault, Finding, Picture, Repair
+from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, Repair
 from lfcal.inspect.sensor_map import SensorMap, sensor_map
 
 __all__ = ["FAULTS", "BadPixels", "Compression", "Mosaic", "NotLinear"]
@@ -85,7 +85,14 @@ class BadPixels(Fault):
             picture=Picture(hot, "counts", "counts beside those of the neighbours", AXES),
             repair=_bridged(bad),
             blinds=True,
+            put_in=_put_in(bad, hot, hot_told, dim),
         )
+
+
+def _put_in(bad: NDArray[np.bool_], hot: F8, hot_told: F8, dim: F8) -> PutIn:
+    lit = np.where(bad & (hot_told > SURE), hot, 0.0)
+    gains = np.where(bad & (lit == 0), np.maximum(1 + dim, 0), 1.0)
+    return lambda patch: patch.light * patch.seen(gains) + patch.seen(lit)
 
 
 def _apart(values: F8, sigmas: F8) -> tuple[F8, F8]:
@@ -127,9 +134,10 @@ class Mosaic(Fault):
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield how much the four pixels of two by two differ."""
-        four = sensor_map(evidence).classes(2, 2)
+        total = sensor_map(evidence)
+        four = total.classes(2, 2)
         # by the median over lines: a single one that is dead makes no mosaic
-        gains = _by_lines(sensor_map(evidence))
+        gains = _by_lines(total)
         sigmas = four.gain_sigma
         told = float((np.abs(gains) / sigmas).max())
         if told < SURE or float(np.ptp(gains)) < UNEVEN:
@@ -150,7 +158,13 @@ class Mosaic(Fault):
             float(np.abs(gains).mean()),
             picture=Picture(ratios, "", "light of the pixels of two by two", ("row modulo 2", "column modulo 2")),
             repair=repair,
+            put_in=lambda patch: patch.light * patch.seen(_tiled(ratios / ratios.mean(), total.weight.shape)),
         )
+
+
+def _tiled(four: F8, shape: tuple[int, ...]) -> F8:
+    rows, columns = shape
+    return np.tile(four, (rows // 2 + 1, columns // 2 + 1))[:rows, :columns]
 
 
 def _by_lines(total: SensorMap) -> F8:
@@ -201,7 +215,13 @@ class NotLinear(Fault):
             float(abs(found) * np.abs(_curve(light)).sum() / max(float(light.sum()), 1e-300)),
             picture=_tone(evidence, light, peak),
             repair=repair,
+            put_in=lambda patch: _bent(patch.light, exponent, peak),
         )
+
+
+def _bent(light: F4, exponent: float, peak: float) -> F4:
+    found: F4 = (np.sign(light) * peak * (np.abs(light) / peak) ** np.float32(exponent)).astype(np.float32)
+    return found
 
 
 def _curve(light: F4) -> F4:
@@ -273,7 +293,7 @@ class Compression(Fault):
                     f"{min(ratios):.2f} times as much as within",
                     float(min(sigmas)),
                     float(np.sqrt(np.square(left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
-                    picture=None,
+                    put_in=lambda patch: patch.recorded(),
                 )
                 return
 

@@ -132,15 +132,22 @@ def _last_word(beside: Beside) -> str:
     return f'<section class="verdict {beside.merit}">{_text(beside.verdict)}<p>{_text(words)}.</p></section>'
 
 
+ERROR = "error of a reconstruction (NRMSE), by noise → with the fault"
+"""Head of the column of costs."""
+
+
 def _faults(beside: Beside) -> str:
     """Return the faults that a comparison with the camera found, each with its picture."""
     rows = [
-        [f'<b class="nb">{_text(f.title)}</b>', _text(f.detail), _text(f.share), _text(f.advice)] for f in beside.faults
+        [f'<b class="nb">{_text(f.title)}</b>', *map(_text, (f.detail, f.share, f.cost, f.advice))]
+        for f in beside.faults
     ]
     if not rows:
         return f"<p>{_text(beside.words[0].upper() + beside.words[1:])}.</p>"
     shown = [Picture("faults", f.title, f.caption, f.picture) for f in beside.faults if f.picture]
-    return _table(["fault", "what", "of the light", "what to do"], rows, numeric=[2]) + _figures(shown, "faults")
+    return _table(["fault", "what", "of the light", ERROR, "what to do"], rows, numeric=[2, 3]) + _figures(
+        shown, "faults"
+    )
 
 
 def _facts(H: PSFMatrix, quality: QualityReport, redo: Sequence[object]) -> str:
