@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.errors import InputError
 from lfcal.inspect.cost import ITERATIONS, difference, scene
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector, richardson_lucy
@@ -40,7 +41,10 @@ class TrueCost:
 
     def error(self, values: F4) -> float:
         """Return the error of a reconstruction with an H, beside that with the true one (NRMSE)."""
-        return difference(self._volume(values), self._reference)
+        try:
+            return difference(self._volume(values), self._reference)
+        except InputError:  # so little light in sum that nothing can be reconstructed
+            return 1.0
 
     def cost(self, values: F4) -> float:
         """Return what an H adds to the error that noise makes."""

@@ -177,7 +177,10 @@ class _Trial:
 
     def error(self, light: F4) -> float:
         """Return the error of a reconstruction with patterns of this light and H's noise."""
-        return difference(self.volume(light + self.patch.noise), self.reference)
+        try:
+            return difference(self.volume(light + self.patch.noise), self.reference)
+        except InputError:  # so little light in sum that nothing can be reconstructed
+            return 1.0
 
     def factor(self, finding: Finding) -> float:
         """Return how much stronger a fault is all over H than in this patch, as a ratio of powers."""

@@ -17,7 +17,7 @@ from lfcal.psf.quality import QualityReport
 from lfcal.psf.quality.metric import Metric
 from lfcal.units import format_share
 
-__all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "iter_inspection"]
+__all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "iter_inspection", "worst_first"]
 
 FAIR, BAD = 0.03, 0.1
 """Cost (NRMSE) of a fault from which on H is worth a look, and should not be used as it is."""
@@ -161,7 +161,8 @@ def _is_fair(finding: Finding) -> bool:
     return finding.share >= FAIR_SHARE if finding.cost is None else finding.cost >= FAIR
 
 
-def _worst_first(finding: Finding) -> tuple[float, float]:
+def worst_first(finding: Finding) -> tuple[float, float]:
+    """Return what findings are sorted by: less what they cost, else what they change."""
     # without a cost by the share of the limit that the changed light is
     cost = finding.share * BAD / BAD_SHARE if finding.cost is None else finding.cost
     return -cost, -finding.share
@@ -205,6 +206,6 @@ def iter_inspection(
         return Inspection(quality, sure, 0, cleaned.misfit, why, evidence.seconds)
     costs = yield from iter_costs(cleaned, found, COST_OF * seconds if patterns is None else None)
     found = tuple(replace(one, cost=cost) for one, cost in zip(found, costs.costs, strict=True))
-    ranked = tuple(sorted(found, key=_worst_first))
+    ranked = tuple(sorted(found, key=worst_first))
     took = time.perf_counter() - start
     return Inspection(quality, ranked, len(evidence), cleaned.misfit, "", took, costs.clean, costs.as_it_is)

@@ -17,7 +17,7 @@ from lfcal.units import format_seconds, format_share
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["compared_words", "cost_words", "drawn", "told"]
+__all__ = ["compared_words", "cost_words", "drawn", "merit_of", "told"]
 
 
 def told(inspection: Inspection) -> Beside:
@@ -38,7 +38,7 @@ def told(inspection: Inspection) -> Beside:
     settled = {m.key: one.title for m in quality.metrics if (one := inspection.settled(m)) is not None}
     return Beside(
         inspection.verdict,
-        _merit(inspection),
+        merit_of(inspection),
         compared_words(inspection),
         faults,
         settled,
@@ -76,7 +76,8 @@ def compared_words(inspection: Inspection) -> str:
     return f"{beside}: these faults stand out" + (f"; {scene}" if scene else "")
 
 
-def _merit(inspection: Inspection) -> Merit:
+def merit_of(inspection: Inspection) -> Merit:
+    """Return the merit that the verdict stands for."""
     if inspection.bad:
         return "bad"
     if inspection.verdict.startswith("This PSF can be used"):

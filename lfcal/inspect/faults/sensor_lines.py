@@ -118,7 +118,15 @@ class DeadLine(Fault):
     title = "dead or dim line of the sensor"
     rank = 10
     advice = "Add the line to the sensor's defect map, and assemble H again; nothing need be recorded anew."
-    settles: ClassVar[tuple[str, ...]] = ("stage_gain", "jitter", "flicker", "snr", "truncation", "misplaced")
+    settles: ClassVar[tuple[str, ...]] = (
+        "stage_gain",
+        "jitter",
+        "flicker",
+        "snr",
+        "truncation",
+        "misplaced",
+        "hot_pixels",
+    )
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield what is found along rows and along columns."""
@@ -165,6 +173,7 @@ class HotLine(Fault):
         "hot_pixels",
         "leak",
         "misplaced",
+        "truncation",
     )
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
@@ -200,7 +209,7 @@ class LineOffsets(Fault):
     title = "rows or columns of the sensor with offsets of their own"
     rank = 12
     advice = "Subtract a dark frame of the same exposure and temperature, and assemble H again."
-    settles: ClassVar[tuple[str, ...]] = ("leak", "background", "flicker", "jitter", "misplaced")
+    settles: ClassVar[tuple[str, ...]] = ("leak", "background", "flicker", "jitter", "misplaced", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield what is found along rows and along columns."""

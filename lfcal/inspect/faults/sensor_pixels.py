@@ -31,6 +31,9 @@ CURVED = 0.02
 LITTLE = 1e-4
 """Share of the light that pixels must add or take away."""
 
+WIDE = 9
+"""Pixels about one, each way, that it is held against: spots of dust are a few pixels wide."""
+
 BLOCK = 8
 """Pixels along a block of the usual compressions."""
 
@@ -53,7 +56,7 @@ class BadPixels(Fault):
     rank = 20
     title = "bad pixels of the sensor"
     advice = "Add them to the sensor's defect map, and assemble H again; nothing need be recorded anew."
-    settles: ClassVar[tuple[str, ...]] = ("hot_pixels",)
+    settles: ClassVar[tuple[str, ...]] = ("hot_pixels", "truncation", "misplaced", "seam", "step", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the pixels that stand out of their neighbours and of their row and column."""
@@ -73,7 +76,9 @@ class BadPixels(Fault):
         worst = float(np.maximum(np.abs(hot_told), np.abs(dim_told))[bad].max())
         more = " and more" if len(pixels) > 3 else ""
         some = ", ".join(f"({r}, {c})" for r, c in pixels[:3].tolist())
-        share = float(np.abs(hot[bad]).sum()) / max(float(np.maximum(evidence.light, 0).sum((1, 2)).mean()), 1e-300)
+        lost = np.sqrt(total.light) * np.clip(-dim, 0, 1) / max(float(np.sqrt(total.light).sum()), 1e-300)
+        counts = float(np.maximum(evidence.light, 0).sum((1, 2)).mean())
+        share = float(np.abs(hot[bad]).sum()) / max(counts, 1e-300) + float(lost[bad].sum())
         if share < LITTLE:
             return
         yield Finding(
@@ -98,7 +103,7 @@ def _put_in(bad: NDArray[np.bool_], hot: F8, hot_told: F8, dim: F8) -> PutIn:
 def _apart(values: F8, sigmas: F8) -> tuple[F8, F8]:
     good = np.isfinite(sigmas)
     filled = np.where(good, values, 0.0)
-    off = filled - median_filter(filled, size=5, mode="nearest")
+    off = filled - median_filter(filled, size=WIDE, mode="nearest")
     common = 1.4826 * float(np.median(np.abs(off[good]))) if good.any() else 0.0
     return off, np.where(good, off / np.hypot(np.where(good, sigmas, 1.0), common), 0.0)
 
@@ -262,7 +267,18 @@ class Compression(Fault):
     rank = 9
     title = "lossy compression"
     advice = "Record without compression: what it took away cannot be brought back."
-    settles: ClassVar[tuple[str, ...]] = ("jitter", "flicker", "snr", "background")
+    settles: ClassVar[tuple[str, ...]] = (
+        "jitter",
+        "flicker",
+        "snr",
+        "background",
+        "stage_gain",
+        "depth",
+        "lamp",
+        "misplaced",
+        "drift",
+        "pitch",
+    )
     explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
