@@ -37,16 +37,16 @@ def _turned(degrees: float) -> Camera:
 
 
 def _plans() -> Iterator[tuple[str, ScanPlan]]:
-    def of(camera: Camera, *virtual: float, cutout: int = 41) -> ScanPlan:
-        return ScanPlan.for_camera(camera, virtual_depths=virtual, cutout=cutout)
+    def of(camera: Camera, *virtual: float) -> ScanPlan:
+        return ScanPlan.for_camera(camera, virtual_depths=virtual)
 
-    yield "bench", CAMERAS["bench"]()
+    yield "bench", of(preset("bench"), 3.0, 4.0)
     yield "bench, negative depths", of(preset("bench"), -4.0, -3.0)
     yield "bench, turned by 0.3°", of(_turned(0.3), 3.0, 4.0)
     yield "bench, one lens type", of(_one_type(), 3.0, 4.0)
     yield "bench, square lattice", of(_square(), 3.0, 4.0)
-    yield "bench, wide", of(preset("bench"), 4.0, 5.0, cutout=63)
-    yield "r29-like", CAMERAS["r29-like"]()
+    yield "bench, near and far", of(preset("bench"), 2.0, 5.0)
+    yield "r29-like", of(CAMERAS["r29-like"]().camera, 3.0, 4.0)
     yield "lfm_20x05", CAMERAS["lfm_20x05"]()
     yield "lfm_20x05, above focus", ScanPlan.for_camera(preset("lfm_20x05"), depths_um=(15.0, 30.0))
     yield "lfm_60x12", CAMERAS["lfm_60x12"]()

@@ -86,7 +86,7 @@ def _faults() -> Iterator[Injected]:
     def one(name: str, unit: str, strengths: tuple[float, float, float], named: str, put_in: PutIn) -> Injected:
         return Injected(name, unit, strengths, tuple(named.split()), put_in, 3 if "lens type" in name else 1)
 
-    scan, axes = "strangers misplaced scan_order", "stage_axes"
+    scan, axes = "strangers misplaced scan_order order", "stage_axes"
     yield one("dead column", "of the light", (0.5, 0.8, 1.0), "dead_line", dim(1))
     yield one("dead row", "of the light", (0.5, 0.8, 1.0), "dead_line", dim(0))
     yield one("two dead columns apart", "of the light", (0.5, 0.8, 1.0), "dead_line", dim(1, 0.4, 0.6))

@@ -51,6 +51,12 @@ CLIP = 4.0
 TURNS = 3
 """Times that models follow what was fitted."""
 
+APART = 0.3
+"""Correlation with the model, less than that of other patterns, that makes one unlike its place."""
+
+APART_ASKED = 0.05
+"""The same of those that were suspected: what they show of the sensor, others show as well."""
+
 ALIKE = 0.5
 """Correlation with the best fit by a camera that most patterns have if they are its own."""
 
@@ -150,9 +156,24 @@ class Evidence:
 
     @cached_property
     def weight(self) -> F4:
-        """1/variance of each sample ``(n, nt, ns)``; 0 where nothing was measured."""
+        """1/variance of each sample ``(n, nt, ns)``; 0 where nothing was measured, and of patterns unlike theirs."""
         found: F4 = np.where(self.valid, 1.0 / self.variance, 0.0).astype(np.float32)
+        found[self.unlike] = 0.0
         return found
+
+    @cached_property
+    def alike(self) -> F8:
+        """Correlation of each pattern with the model at its place ``(n,)``."""
+        return correlation(np.where(self.valid, self.model, np.float32(0)), self.data)
+
+    @cached_property
+    def unlike(self) -> Flags:
+        """Patterns ``(n,)`` that are not those of their places: of the sensor they tell nothing."""
+        seen = self.valid.any((1, 2))
+        if not seen.any():
+            return np.zeros(len(self), np.bool_)
+        limit = np.median(self.alike[seen]) - np.where(self.asked, APART_ASKED, APART)
+        return np.asarray(seen & (self.alike < limit), np.bool_)
 
     def beyond(self, column: F4) -> tuple[F8, F8]:
         """Return by how much of one more column ``(n, nt, ns)`` each pattern is fitted better, and its sigma ``(n,)``.

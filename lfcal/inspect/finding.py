@@ -16,7 +16,7 @@ from lfcal.registry import Registry
 if TYPE_CHECKING:
     from lfcal.inspect.patch import Patch
 
-__all__ = ["FAULTS", "Fault", "Finding", "Picture", "PutIn", "Repair"]
+__all__ = ["FAULTS", "Fault", "Finding", "Picture", "PutIn", "Repair", "adding"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -26,6 +26,12 @@ PutIn = Callable[["Patch"], F4]
 
 Repair = Callable[[NDArray[np.intp], F4], F4]
 """Takes positions ``(n, 3)`` as (z, y, x) and their patterns ``(n, nt, ns)``, and returns these without the fault."""
+
+
+def adding(own: NDArray[np.intp], light: F4 | F8) -> Repair:
+    """Return what adds light ``(n, nt, ns)`` to the patterns of the positions ``own`` that were compared."""
+    missing = np.asarray(light, np.float32)
+    return lambda index, patterns: patterns + missing if np.array_equal(index, own) else patterns
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +81,8 @@ class Finding:
         Takes it out of patterns; None: only a new recording does.
     blinds
         Whether ``pixels`` carry no measurement.
+    masked
+        Tells which values of patterns carry no measurement.
     redo
         Whether the positions should be recorded again.
     put_in
@@ -94,6 +102,7 @@ class Finding:
     picture: Picture | None = None
     repair: Repair | None = None
     blinds: bool = False
+    masked: Callable[[F4], NDArray[np.bool_]] | None = None
     redo: bool = False
     put_in: PutIn | None = None
     extent: float | None = None

@@ -31,7 +31,20 @@ COST_OF = 0.25
 EXPLAINED = 0.06
 """Share of the light that a camera may be off by, with all faults taken out, for these to be believed."""
 
-MEASURED = frozenset({"stage_gain", "drift", "backlash", "jitter", "lamp", "flicker", "depth"})
+MEASURED = frozenset(
+    {
+        "stage_gain",
+        "drift",
+        "backlash",
+        "jitter",
+        "position",
+        "lamp",
+        "flicker",
+        "depth",
+        "background",
+        "hot_pixels",
+    }
+)
 """Keys of model-free metrics whose subject the comparison with a camera measures itself, and more surely."""
 
 
@@ -201,6 +214,8 @@ def iter_inspection(
     if cleaned.misfit > EXPLAINED:
         # what an unsuitable model leaves looks like any fault
         sure = tuple(one for one in found if not one.fault.needs_camera)
+        costs = yield from iter_costs(cleaned, sure, COST_OF * seconds if patterns is None else None)
+        sure = tuple(replace(one, cost=cost) for one, cost in zip(sure, costs.costs, strict=True))
         why = f"its camera leaves {format_share(cleaned.misfit)} of the light unexplained"
         why += "; find the true one with lfcal fit, and name it" if setup is None else ""
         return Inspection(quality, sure, 0, cleaned.misfit, why, evidence.seconds)

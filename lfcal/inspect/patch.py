@@ -76,6 +76,10 @@ class Patch:
                 out[own] = cut(patterns, window[own]) * np.float32(self.gains[z])
         return out
 
+    def at(self, index: NDArray[np.intp]) -> F4:
+        """Return the light of other positions ``(n, 3)`` of the camera."""
+        return replace(self, index=index, light=np.empty((len(index), *self.light.shape[1:]), np.float32)).moved()
+
     def recorded(self) -> F4:
         """Return what H holds at these positions, less the patch's noise: with it added, it is H as it is."""
         matrix, (t, s), (nt, ns) = self.evidence.matrix, self.inset.tolist(), self.light.shape[1:]
@@ -93,9 +97,10 @@ def patch_of(evidence: Evidence, index: NDArray[np.intp], cutout: tuple[int, int
     plan = evidence.plan
     smaller = replace(plan, cutout=(min(plan.cutout[0], cutout[0]), min(plan.cutout[1], cutout[1])))
     known = replace(evidence.camera, plan=smaller)
-    gains = np.full(plan.shape[0], float(np.median(evidence.values[:, 0])))
-    for z in np.unique(evidence.index[:, 0]):
-        gains[z] = float(np.median(evidence.values[evidence.index[:, 0] == z, 0]))
+    seen = np.isfinite(evidence.sigmas[:, 0])
+    gains = np.full(plan.shape[0], float(np.median(evidence.values[seen, 0])))
+    for z in np.unique(evidence.index[seen, 0]):
+        gains[z] = float(np.median(evidence.values[seen & (evidence.index[:, 0] == z), 0]))
     nothing = np.zeros((len(index), *smaller.cutout), np.float32)
     bare = Patch(evidence, known, gains, index, nothing, nothing)
     light = bare.moved()

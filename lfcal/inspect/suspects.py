@@ -9,7 +9,7 @@ from lfcal.psf.quality import QualityReport
 
 __all__ = ["suspects"]
 
-MAPS = ("step", "flicker", "jitter", "misplaced")
+MAPS = ("step", "flicker", "jitter", "misplaced", "missing", "duplicates")
 """Keys of metrics whose maps tell single patterns that differ from their neighbours."""
 
 FAR = 6.0

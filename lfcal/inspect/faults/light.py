@@ -34,8 +34,8 @@ def _gains(evidence: Evidence) -> tuple[F8, F8]:
     values, sigmas = evidence.column("gain")
     out, errors = np.zeros(len(values)), np.full(len(values), np.inf)
     for z in np.unique(evidence.index[:, 0]):
-        own = evidence.index[:, 0] == z
-        middle = float(np.median(values[own]))
+        own = (evidence.index[:, 0] == z) & np.isfinite(sigmas)
+        middle = float(np.median(values[own])) if own.any() else 0.0
         if middle > 0:
             out[own], errors[own] = values[own] / middle - 1, sigmas[own] / middle
     return out, errors

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy import fft as sf
 from lfcal.camera import LensletLattice, ScanPlan
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.scan import share_of
-from lfcal.inspect.finding import Fault, Finding, Picture, PutIn
+from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, adding
 from lfcal.inspect.patch import Patch
 
 __all__ = ["FAULTS", "DepthLabel", "Ghost", "TypeLight"]
@@ -32,6 +33,9 @@ GHOSTLY = 0.003
 NEAR_PX = 3
 """Displacement within which a ghost is not told from the pattern's own tails (pixels)."""
 
+TURNS = 3
+"""Times that the light of types is told again."""
+
 DIM = 0.03
 """Light of a lens type beside the others that is worth a word."""
 
@@ -43,7 +47,7 @@ class DepthLabel(Fault):
     title = "planes at other depths than stated"
     rank = 50
     advice = "Correct the depths of these planes, or the distance of the stage's zero; nothing need be recorded anew."
-    settles: ClassVar[tuple[str, ...]] = ("depth",)
+    settles: ClassVar[tuple[str, ...]] = ("depth", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the planes with the change of their virtual depths."""
@@ -89,7 +93,7 @@ class Ghost(Fault):
     advice = (
         "Look for a reflection between filter, cover glass and sensor; a lens hood or a tilted filter takes it away."
     )
-    settles: ClassVar[tuple[str, ...]] = ("leak", "background")
+    settles: ClassVar[tuple[str, ...]] = ("leak", "background", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the displacement at which what is left looks most like the pattern."""
@@ -109,6 +113,7 @@ class Ghost(Fault):
             sigmas,
             share,
             picture=Picture(100 * table, "%", "what is left, as a share of the displaced pattern", ("down", "across")),
+            repair=adding(evidence.index, -np.float32(share) * _aside(VIEWS[name](light), *place)),
             put_in=lambda patch: patch.light + np.float32(share) * _aside(VIEWS[name](patch.light), *place),
         )
 
@@ -168,14 +173,15 @@ class TypeLight(Fault):
         if types < 2:
             return
         which = _types_of(evidence.plan, evidence.index, evidence.plan.cutout)
-        gains, errors = np.zeros(types), np.full(types, np.inf)
-        for kind in range(types):
-            values, sigmas = evidence.beyond(np.where(which == kind, evidence.light, np.float32(0)))
-            good = np.isfinite(sigmas)
-            if good.sum() > 3:
-                gains[kind] = float(np.median(values[good]))
-                scatter = 1.4826 * float(np.median(np.abs(values[good] - gains[kind])))
-                errors[kind] = scatter / np.sqrt(good.sum())
+        gains, errors = _of_types(evidence, which, types)
+        lit, now = 1 + gains, evidence
+        if np.abs(gains).max() > DIM:
+            for _ in range(TURNS):  # what the other unknowns made up for at first comes out
+                own = lit[which].astype(np.float32)
+                shaded = replace(evidence, model=evidence.model * own, columns=evidence.columns * own[:, None])
+                now = shaded.with_data(evidence.data, evidence.valid)
+                lit = lit * (1 + np.clip(_of_types(now, which, types)[0], -0.5, 0.5))
+        gains = lit / lit.max() - 1 if np.abs(gains).max() > DIM else gains
         # each is told beside the light of all; the worst is told, and the others make up for it
         k = int(np.argmax(np.abs(gains)))
         if not np.isfinite(errors[k]) or abs(gains[k]) < max(DIM, SURE * errors[k]):
@@ -187,8 +193,22 @@ class TypeLight(Fault):
             float(abs(gains[k]) / errors[k]),
             float(abs(gains[k]) / types),
             picture=Picture(100 * gains, "%", "light of each lens type beside the others", ("lens type",)),
+            repair=adding(evidence.index, evidence.model * now.values[:, 0, None, None] - now.light),
             put_in=_dimmed(1 + gains),
         )
+
+
+def _of_types(evidence: Evidence, which: NDArray[np.intp], types: int) -> tuple[F8, F8]:
+    """Return by what share the light of each type is off, and the standard deviations ``(types,)``."""
+    gains, errors = np.zeros(types), np.full(types, np.inf)
+    for kind in range(types):
+        values, sigmas = evidence.beyond(np.where(which == kind, evidence.light, np.float32(0)))
+        good = np.isfinite(sigmas)
+        if good.sum() > 3:
+            gains[kind] = float(np.median(values[good]))
+            scatter = 1.4826 * float(np.median(np.abs(values[good] - gains[kind])))
+            errors[kind] = scatter / np.sqrt(good.sum())
+    return gains, errors
 
 
 def _dimmed(gains: F8) -> PutIn:

@@ -29,11 +29,23 @@ FLOOR_PX = 0.004
 WORTH_PX = 0.05
 """Displacement of sources at the edge of the period that is worth a word (pixels)."""
 
+ANCHOR_PX = 0.25
+"""Displacement of all cutouts that is worth a word: the camera's own offset is known no better as a rule (pixels)."""
+
 FAR_PX = 0.4
 """Displacement of a single source beyond which its frame is not the one that was planned (pixels)."""
 
-APART = 0.3
+UNLIKE = 0.3
 """Correlation less than that of other patterns that makes one a stranger."""
+
+FEW = 0.1
+"""Share of positions whose cutouts alone may be displaced for them to be strangers."""
+
+MANY = 0.45
+"""Share of positions that strangers may be: more of them are a scan in another order."""
+
+DARK = 0.25
+"""Gain over that of other patterns below which one is dark: that is its exposure."""
 
 
 class Moved(NamedTuple):
@@ -50,7 +62,9 @@ def _fitted(evidence: Evidence, name: str) -> Moved:
     ny, nx = evidence.plan.period
     rows = [np.where(z == plane, 1.0, 0.0) for plane in np.unique(z)]
     design = np.stack([*rows, (y - (ny - 1) / 2), (x - (nx - 1) / 2), np.where(evidence.index[:, 1] % 2, 0.5, -0.5)], 1)
-    found, errors, left = robust(design, values, np.hypot(sigmas, FLOOR_PX))
+    # what was asked for as odd has no say in what is usual
+    even = np.where(evidence.asked, np.inf, np.hypot(sigmas, FLOOR_PX))
+    found, errors, left = robust(design, values, even)
     names = ("by_row", "by_column", "by_direction")
     return Moved(dict(zip(names, zip(found[-3:], errors[-3:], strict=True), strict=True)), left)
 
@@ -211,7 +225,7 @@ class FrameShift(Fault):
     advice = (
         "Check the region of the sensor that was read out before and after; import the frames with its true corner."
     )
-    settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch")
+    settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the sharpest step of the cutouts' displacements in the order of the scan."""
@@ -219,6 +233,7 @@ class FrameShift(Fault):
             values, sigmas = evidence.column(name)
             step: Step | None = sharpest_step(evidence.index, values, np.hypot(sigmas, FLOOR_PX))
             if step is None or abs(step.size) < 2 * WORTH_PX or step.sigmas < SURE:
+                yield from self._all(evidence, name, along)
                 continue
             after = evidence.index[step.after]
             yield Finding(
@@ -230,6 +245,26 @@ class FrameShift(Fault):
                 picture=place_map(evidence, values, "px", "displacement of the cutout"),
                 put_in=_shifted("yx".index(name[-1]), step.size, after[0]),
             )
+
+    def _all(self, evidence: Evidence, name: str, along: str) -> Iterable[Finding]:
+        """Yield the displacement that all cutouts have."""
+        values, sigmas = evidence.column(name)
+        good = np.isfinite(sigmas)
+        if good.sum() < 8:
+            return
+        middle = float(np.median(values[good]))
+        scatter = 1.4826 * float(np.median(np.abs(values[good] - middle)))
+        error = max(scatter, FLOOR_PX) / np.sqrt(good.sum())
+        if abs(middle) < max(ANCHOR_PX, SURE * error):
+            return
+        yield Finding(
+            self,
+            f"{abs(middle):.2f} px {along} in all frames: the anchor is not where the cutouts are",
+            abs(middle) / error,
+            share_of(evidence, abs(middle), (name,)),
+            picture=place_map(evidence, values, "px", "displacement of the cutout"),
+            put_in=_shifted("yx".index(name[-1]), middle, np.zeros(3, np.intp)),
+        )
 
 
 def _shifted(axis: int, size: float, first: NDArray[np.intp]) -> PutIn:
@@ -252,11 +287,16 @@ class Strangers(Fault):
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield patterns whose sources are far from their places, and those unlike their model."""
-        alike = _likeness(evidence)
+        alike, gains = evidence.alike, evidence.values[:, 0]
+        lit = gains > DARK * float(np.median(gains[np.isfinite(evidence.sigmas[:, 0])]))
         far = np.stack([_fitted(evidence, name).left for name in ("source_y", "source_x")], 1)
-        unlike = alike < np.median(alike) - APART
-        bad = np.flatnonzero(unlike | (np.abs(far) > FAR_PX).any(1))
-        if not bad.size or evidence.extent(bad) > 0.3:
+        unlike = evidence.unlike & (alike < np.median(alike) - UNLIKE)
+        windows = np.stack([_fitted(evidence, name).left for name in ("window_y", "window_x")], 1)
+        aside = (np.abs(windows) > FAR_PX).any(1)
+        # many cutouts that are displaced are a region of the sensor that moved
+        aside &= evidence.extent(np.flatnonzero(aside)) < FEW
+        bad = np.flatnonzero((unlike | aside | (np.abs(far) > FAR_PX).any(1)) & lit)
+        if not bad.size or evidence.extent(bad) > MANY:
             return
         scatter = max(1e-2, 1.4826 * float(np.median(np.abs(far))))
         told = max(float(np.abs(far[bad]).max()) / scatter, float(np.median(alike) - alike[bad].min()) / 0.02)
@@ -275,15 +315,6 @@ class Strangers(Fault):
         )
 
 
-def _likeness(evidence: Evidence) -> F8:
-    """Return the correlation of each pattern with the model at its place ``(n,)``."""
-    fitted = np.where(evidence.valid, evidence.model, 0.0)
-    both = (fitted * evidence.data).sum((1, 2), dtype=np.float64)
-    sizes = [np.sqrt(np.square(one).sum((1, 2), dtype=np.float64)) for one in (fitted, evidence.data)]
-    found: F8 = both / np.maximum(sizes[0] * sizes[1], 1e-300)
-    return found
-
-
 def _whose(evidence: Evidence, k: int, far: F8, *, unlike: bool) -> str:
     """Return in words what is known of a stranger."""
     place = tuple(int(v) for v in evidence.index[k])
@@ -295,6 +326,8 @@ def _whose(evidence: Evidence, k: int, far: F8, *, unlike: bool) -> str:
     if step.any() and np.abs(far - step).max() < 0.2 and np.abs(window - step).max() < 0.2:
         own = (np.array(place[1:]) + step.astype(int)) % np.array(evidence.plan.period)
         return f"{place} holds that of ({place[0]}, {int(own[0])}, {int(own[1])})"
+    if np.hypot(*window) > np.hypot(*far):
+        return f"{place} is that of another place: its light lies {np.hypot(*window):.1f} px off in its cutout"
     return f"the source of {place} is {np.hypot(*far):.2f} px off"
 
 

@@ -34,6 +34,9 @@ LITTLE = 1e-4
 WIDE = 9
 """Pixels about one, each way, that it is held against: spots of dust are a few pixels wide."""
 
+SEEN = 0.05
+"""Share of the light of the best lit pixel that one must have had to be called dead."""
+
 BLOCK = 8
 """Pixels along a block of the usual compressions."""
 
@@ -65,7 +68,9 @@ class BadPixels(Fault):
         peak = float(evidence.light.max())
         hot, hot_told = _apart(each.offset, each.offset_sigma)
         dim, dim_told = _apart(each.gain, each.gain_sigma)
-        bad = ((hot_told > SURE) & (hot > 10 * BRIGHT * peak)) | ((dim_told < -SURE) & (dim < -DEAD))
+        # at the edges of the scanned part a few patterns' tails tell little
+        lit = total.light > SEEN * float(total.light.max())
+        bad = ((hot_told > SURE) & (hot > 10 * BRIGHT * peak)) | ((dim_told < -SURE) & (dim < -DEAD) & lit)
         # a line has a fault of its own
         for axis in (0, 1):
             many = bad.sum(1 - axis) > 0.2 * bad.shape[1 - axis]
