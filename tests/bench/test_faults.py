@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ __all__ = ["bench"]
 def test_a_fault_is_tried_with_its_costs(bench: Bench) -> None:
     number = next(k for k, one in enumerate(FAULTS) if one.name == "offsets of columns")
     part = ("--cameras", "bench", "--first", number, "--faults", 1, "--strengths", "3", "--patterns", 24)
-    found = bench.json("faults", *part)
+    found = json.loads(bench("faults", *part, "--json"))
     (one,) = found["faults"]
     assert one["fault"] == "offsets of columns" and one["strength"] == 15 and one["rank"] == 1
     assert one["true"] / 2 < one["told"] < 2 * one["true"]
