@@ -225,14 +225,14 @@ def _show(H: PSFMatrix, quality: QualityReport, comparison: Comparison | None, f
 def _show_faults(found: Inspection) -> None:
     """Print what the comparison with the camera found."""
     from lfcal.cli.console import print_table
-    from lfcal.inspect.telling import compared_words
+    from lfcal.inspect.telling import compared_words, cost_words
     from lfcal.units import format_share
 
     typer.echo(compared_words(found))
     if found.findings:
         print_table(
-            ["fault", "what", "of the light"],
-            [[one.title, one.detail, format_share(min(one.share, 1.0))] for one in found.findings],
+            ["fault", "what", "of the light", "reconstruction error, noise → with it"],
+            [[f.title, f.detail, format_share(min(f.share, 1.0)), cost_words(found, f)] for f in found.findings],
         )
         for one in found.findings:
             typer.echo(f"{one.title}: {one.fault.advice}")

@@ -2,6 +2,7 @@
 
 - ``evidence``: patterns compared, each with its light, its source and its depth
 - ``faults``: what may have gone wrong, one family a module, found by name
+- ``cost``: what each adds to the error of a reconstruction, on a patch of H
 - ``search``: one fault after the other; ``inspection``: what was found beside the metrics that need no model
 """
 

@@ -36,6 +36,9 @@ shift of depth as a share of the virtual depth."""
 MOST_SAMPLES = 6_000_000
 """Samples of patterns that are compared at most: each takes some forty bytes."""
 
+CHANCE = 2
+"""Patterns of those spread evenly that a rare fault may have: no more tell how frequent it is."""
+
 FIRST = 4
 """Patterns by which it is told how long one takes."""
 
@@ -47,6 +50,12 @@ CLIP = 4.0
 
 TURNS = 3
 """Times that models follow what was fitted."""
+
+APART = 0.3
+"""Correlation with the model, less than that of other patterns, that makes one unlike its place."""
+
+APART_ASKED = 0.05
+"""The same of those that were suspected: what they show of the sensor, others show as well."""
 
 ALIKE = 0.5
 """Correlation with the best fit by a camera that most patterns have if they are its own."""
@@ -91,6 +100,8 @@ class Evidence:
         Where the model and its derivatives were computed: displacements are told from there on.
     seconds
         What it took.
+    asked
+        Patterns ``(n,)`` that are there because they were suspected: the others are spread evenly.
     """
 
     matrix: PSFMatrix
@@ -107,10 +118,21 @@ class Evidence:
     misfit: float
     starts: Starts
     seconds: float
+    asked: Flags
 
     def __len__(self) -> int:
         """Return the number of patterns."""
         return len(self.index)
+
+    def extent(self, which: NDArray[np.intp]) -> float:
+        """Return the share of all positions that are like ``which`` of the patterns (numbers).
+
+        By those that were not asked for, where more than chance is among them; at least those that were found.
+        """
+        even = np.flatnonzero(~self.asked)
+        hits = int(np.isin(even, which).sum())
+        among = hits / even.size if hits > CHANCE else 0.0
+        return max(among, len(which) / max(1, int((self.matrix.recorded > 0).sum())))
 
     def column(self, name: str) -> tuple[F8, F8]:
         """Return values and standard deviations ``(n,)`` of one of `COLUMNS`, beside what was planned."""
@@ -134,9 +156,24 @@ class Evidence:
 
     @cached_property
     def weight(self) -> F4:
-        """1/variance of each sample ``(n, nt, ns)``; 0 where nothing was measured."""
+        """1/variance of each sample ``(n, nt, ns)``; 0 where nothing was measured, and of patterns unlike theirs."""
         found: F4 = np.where(self.valid, 1.0 / self.variance, 0.0).astype(np.float32)
+        found[self.unlike] = 0.0
         return found
+
+    @cached_property
+    def alike(self) -> F8:
+        """Correlation of each pattern with the model at its place ``(n,)``."""
+        return correlation(np.where(self.valid, self.model, np.float32(0)), self.data)
+
+    @cached_property
+    def unlike(self) -> Flags:
+        """Patterns ``(n,)`` that are not those of their places: of the sensor they tell nothing."""
+        seen = self.valid.any((1, 2))
+        if not seen.any():
+            return np.zeros(len(self), np.bool_)
+        limit = np.median(self.alike[seen]) - np.where(self.asked, APART_ASKED, APART)
+        return np.asarray(seen & (self.alike < limit), np.bool_)
 
     def beyond(self, column: F4) -> tuple[F8, F8]:
         """Return by how much of one more column ``(n, nt, ns)`` each pattern is fitted better, and its sigma ``(n,)``.
@@ -164,7 +201,7 @@ class Evidence:
         """Return the evidence of other values at the same positions."""
         data = np.where(valid, data, np.float32(0))
         found = _fitted(self.matrix, self.camera, self.index, data, valid, self.model, self.columns, self.starts)
-        return replace(found, seconds=self.seconds)
+        return replace(found, asked=self.asked, seconds=self.seconds)
 
     def corners(self) -> NDArray[np.intp]:
         """Return the sensor's pixel (row, column) of each cutout's first sample ``(n, 2)``, from H's first cutout."""
@@ -172,7 +209,12 @@ class Evidence:
 
 
 def iter_evidence(
-    matrix: PSFMatrix, *, setup: Setup | None = None, seconds: float = 10.0, patterns: int | None = None
+    matrix: PSFMatrix,
+    *,
+    setup: Setup | None = None,
+    seconds: float = 10.0,
+    patterns: int | None = None,
+    suspected: NDArray[np.intp] | None = None,
 ) -> Work[Evidence | Unlike]:
     """Compare patterns of H with its camera; without one, or where it does not explain H, say why not.
 
@@ -186,6 +228,8 @@ def iter_evidence(
         Time that it may take: as many patterns are compared as it allows.
     patterns
         Compare so many instead, however long they take.
+    suspected
+        Positions ``(n, 3)`` that are compared too, for what is known of them.
     """
     check_number("seconds of a comparison", seconds, above=0)
     start = time.perf_counter()
@@ -215,6 +259,12 @@ def iter_evidence(
     many = patterns or max(FEWEST, int(0.6 * seconds / max(each, 1e-6)))
     many = min(many, max(FEWEST, MOST_SAMPLES // size), len(recorded))
     index = recorded[spread_out(recorded, many, matrix.period)] if many < len(recorded) else recorded
+    asked = np.zeros(len(index), np.bool_)
+    if suspected is not None and len(suspected):
+        chosen = set(map(tuple, index.tolist()))
+        odd = set(map(tuple, suspected.tolist())) & set(map(tuple, recorded.tolist()))
+        index = np.array(sorted(chosen | odd), np.intp)
+        asked = np.array([place not in chosen for place in map(tuple, index.tolist())], np.bool_)
     data = np.stack([np.asarray(matrix[z, y, x], np.float32) for z, y, x in index.tolist()])
     valid = np.stack([matrix.valid(z, y, x) for z, y, x in index.tolist()]) & np.isfinite(data)
     data[~valid] = 0.0
@@ -244,7 +294,7 @@ def iter_evidence(
     alike = float(np.median(_alike(found)))
     if alike < ALIKE:
         return Unlike(f"patterns have little in common with those of the camera (correlation {alike:.2f})")
-    return replace(found, seconds=time.perf_counter() - start)
+    return replace(found, asked=asked, seconds=time.perf_counter() - start)
 
 
 def _alike(found: Evidence) -> F8:
@@ -275,7 +325,21 @@ def _fitted(
         keep = valid & (np.square(data - light) < CLIP**2 * variance)
     off = misfit(data - light, bright, valid, noise_of(matrix, index, bright, constant))
     return Evidence(
-        matrix, known.plan, known, index, data, valid, model, columns, values, sigmas, variance, off, starts, 0.0
+        matrix,
+        known.plan,
+        known,
+        index,
+        data,
+        valid,
+        model,
+        columns,
+        values,
+        sigmas,
+        variance,
+        off,
+        starts,
+        0.0,
+        np.zeros(n, np.bool_),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,25 @@ from numpy.typing import NDArray
 from lfcal.inspect.evidence import Evidence
 from lfcal.registry import Registry
 
-__all__ = ["FAULTS", "Fault", "Finding", "Picture", "Repair"]
+if TYPE_CHECKING:
+    from lfcal.inspect.patch import Patch
+
+__all__ = ["FAULTS", "Fault", "Finding", "Picture", "PutIn", "Repair", "adding"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
+PutIn = Callable[["Patch"], F4]
+"""Takes a patch of positions without a fault, and returns its patterns ``(n, nt, ns)`` with the fault."""
+
 Repair = Callable[[NDArray[np.intp], F4], F4]
 """Takes positions ``(n, 3)`` as (z, y, x) and their patterns ``(n, nt, ns)``, and returns these without the fault."""
+
+
+def adding(own: NDArray[np.intp], light: F4 | F8) -> Repair:
+    """Return what adds light ``(n, nt, ns)`` to the patterns of the positions ``own`` that were compared."""
+    missing = np.asarray(light, np.float32)
+    return lambda index, patterns: patterns + missing if np.array_equal(index, own) else patterns
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +81,16 @@ class Finding:
         Takes it out of patterns; None: only a new recording does.
     blinds
         Whether ``pixels`` carry no measurement.
+    masked
+        Tells which values of patterns carry no measurement.
     redo
         Whether the positions should be recorded again.
+    put_in
+        Puts it into patterns that have none, for what it costs.
+    extent
+        Share of all positions that have it, where ``positions`` are single frames; None: it is no fault of such.
+    cost
+        What it adds to the error of a reconstruction with this H (NRMSE); None: not measured.
     """
 
     fault: Fault
@@ -82,7 +102,11 @@ class Finding:
     picture: Picture | None = None
     repair: Repair | None = None
     blinds: bool = False
+    masked: Callable[[F4], NDArray[np.bool_]] | None = None
     redo: bool = False
+    put_in: PutIn | None = None
+    extent: float | None = None
+    cost: float | None = None
 
     @property
     def name(self) -> str:

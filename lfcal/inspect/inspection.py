@@ -2,27 +2,49 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, replace
 
 from lfcal.fit.setup import Setup
+from lfcal.inspect.cost import iter_costs
 from lfcal.inspect.evidence import Evidence, Unlike, iter_evidence
 from lfcal.inspect.finding import Finding
 from lfcal.inspect.search import iter_search
+from lfcal.inspect.suspects import suspects
 from lfcal.progress import Work
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import QualityReport
 from lfcal.psf.quality.metric import Metric
 from lfcal.units import format_share
 
-__all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "iter_inspection"]
+__all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "is_fair", "iter_inspection", "worst_first"]
 
-FAIR, BAD = 0.01, 0.05
-"""Share of the light that a fault changes, from which on H is worth a look, and should not be used as it is."""
+FAIR, BAD = 0.03, 0.1
+"""Cost (NRMSE) of a fault from which on H is worth a look, and should not be used as it is."""
+
+FAIR_SHARE, BAD_SHARE = 0.01, 0.05
+"""The same of the share of the light that it changes, where no cost was measured."""
+
+COST_OF = 0.25
+"""Share of the time of a comparison that the patterns take on which costs are measured."""
 
 EXPLAINED = 0.06
 """Share of the light that a camera may be off by, with all faults taken out, for these to be believed."""
 
-MEASURED = frozenset({"stage_gain", "drift", "backlash", "jitter", "lamp", "flicker", "depth"})
+MEASURED = frozenset(
+    {
+        "stage_gain",
+        "drift",
+        "backlash",
+        "jitter",
+        "position",
+        "lamp",
+        "flicker",
+        "depth",
+        "background",
+        "hot_pixels",
+    }
+)
 """Keys of model-free metrics whose subject the comparison with a camera measures itself, and more surely."""
 
 
@@ -35,7 +57,7 @@ class Inspection:
     quality
         The metrics that need no model.
     findings
-        Faults that were found, those that change most of the light first.
+        Faults that were found, the costliest first.
     compared
         Patterns that were compared with the camera; 0: none.
     misfit
@@ -44,6 +66,10 @@ class Inspection:
         Why nothing was compared; empty where it was.
     seconds
         What the comparison took.
+    clean
+        Error of a reconstruction by the noise of H alone (NRMSE); None: not measured.
+    as_it_is
+        The same of H as it is.
     """
 
     quality: QualityReport
@@ -52,6 +78,8 @@ class Inspection:
     misfit: float
     why_not: str
     seconds: float
+    clean: float | None = None
+    as_it_is: float | None = None
 
     def settled(self, metric: Metric) -> Finding | None:
         """Return the fault that stands for a metric, or None."""
@@ -70,17 +98,17 @@ class Inspection:
     @property
     def bad(self) -> bool:
         """Whether H should not be used as it is."""
-        return bool(self.alarms) or any(one.share >= BAD for one in self.findings)
+        return bool(self.alarms) or any(is_bad(one) for one in self.findings)
 
     @property
     def verdict(self) -> str:
         """One sentence for people."""
-        worst = [one for one in self.findings if one.share >= BAD]
+        worst = [one for one in self.findings if is_bad(one)]
         if worst or self.alarms:
             names = [one.title for one in worst] + [m.spec.title.lower() for m in self.alarms]
             more = f" and {len(names) - 3} more" if len(names) > 3 else ""
             return f"This PSF should not be used as it is: {', '.join(names[:3])}{more}."
-        small = [one.title for one in self.findings if one.share >= FAIR]
+        small = [one.title for one in self.findings if is_fair(one)]
         small += [
             m.spec.title.lower()
             for m in self.quality.metrics
@@ -102,7 +130,8 @@ class Inspection:
         others = [m.key for m in self.quality.metrics if self.withdrawn(m) or self.settled(m) is not None]
         reasons = {place: [words] for place, words in self.quality.redo(others)}
         for one in self.findings:
-            if one.redo and len(one.positions):
+            # a single frame is soon taken again, whatever it costs
+            if one.redo and len(one.positions) and (one.extent is not None or is_bad(one) or is_fair(one)):
                 for place in map(tuple, one.positions.tolist()):
                     reasons.setdefault(place, []).append(one.title)
         return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
@@ -114,6 +143,8 @@ class Inspection:
             "misfit": self.misfit,
             "why_not": self.why_not,
             "seconds": self.seconds,
+            "error_clean": self.clean,
+            "error_as_it_is": self.as_it_is,
             "faults": [
                 {
                     "name": one.name,
@@ -122,6 +153,7 @@ class Inspection:
                     "sigmas": one.sigmas,
                     "confidence": one.confidence,
                     "share": one.share,
+                    "cost": one.cost,
                     "advice": one.fault.advice,
                     "positions": one.positions.tolist(),
                     "pixels": one.pixels.tolist(),
@@ -131,6 +163,23 @@ class Inspection:
             ],
             "withdrawn": [m.key for m in self.quality.metrics if m.merit in ("bad", "fair") and self.withdrawn(m)],
         }
+
+
+def is_bad(finding: Finding) -> bool:
+    """Return whether an H with this fault should not be used: by what it costs, else by what it changes."""
+    return finding.share >= BAD_SHARE if finding.cost is None else finding.cost >= BAD
+
+
+def is_fair(finding: Finding) -> bool:
+    """Return whether an H with this fault is worth a look: by what it costs, else by what it changes."""
+    return finding.share >= FAIR_SHARE if finding.cost is None else finding.cost >= FAIR
+
+
+def worst_first(finding: Finding) -> tuple[float, float]:
+    """Return what findings are sorted by: less what they cost, else what they change."""
+    # without a cost by the share of the limit that the changed light is
+    cost = finding.share * BAD / BAD_SHARE if finding.cost is None else finding.cost
+    return -cost, -finding.share
 
 
 def iter_inspection(
@@ -156,7 +205,9 @@ def iter_inspection(
     patterns
         Compare so many patterns instead.
     """
-    evidence = yield from iter_evidence(matrix, setup=setup, seconds=seconds, patterns=patterns)
+    start = time.perf_counter()
+    odd = suspects(quality)
+    evidence = yield from iter_evidence(matrix, setup=setup, seconds=seconds, patterns=patterns, suspected=odd)
     if isinstance(evidence, Unlike):
         return Inspection(quality, (), 0, 0.0, evidence.reason, 0.0)
     assert isinstance(evidence, Evidence)
@@ -164,8 +215,13 @@ def iter_inspection(
     if cleaned.misfit > EXPLAINED:
         # what an unsuitable model leaves looks like any fault
         sure = tuple(one for one in found if not one.fault.needs_camera)
+        costs = yield from iter_costs(cleaned, sure, COST_OF * seconds if patterns is None else None)
+        sure = tuple(replace(one, cost=cost) for one, cost in zip(sure, costs.costs, strict=True))
         why = f"its camera leaves {format_share(cleaned.misfit)} of the light unexplained"
         why += "; find the true one with lfcal fit, and name it" if setup is None else ""
         return Inspection(quality, sure, 0, cleaned.misfit, why, evidence.seconds)
-    ranked = tuple(sorted(found, key=lambda one: -one.share))
-    return Inspection(quality, ranked, len(evidence), cleaned.misfit, "", evidence.seconds)
+    costs = yield from iter_costs(cleaned, found, COST_OF * seconds if patterns is None else None)
+    found = tuple(replace(one, cost=cost) for one, cost in zip(found, costs.costs, strict=True))
+    ranked = tuple(sorted(found, key=worst_first))
+    took = time.perf_counter() - start
+    return Inspection(quality, ranked, len(evidence), cleaned.misfit, "", took, costs.clean, costs.as_it_is)

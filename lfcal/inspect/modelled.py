@@ -16,7 +16,7 @@ from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.setup import Setup
 from lfcal.simulate.engines.base import EnergyError
 
-__all__ = ["Starts", "correlation", "depths_seen", "modelled", "parts", "windows_seen"]
+__all__ = ["REACH_PX", "Starts", "correlation", "cut", "depths_seen", "modelled", "parts", "plane_of", "windows_seen"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -123,10 +123,10 @@ def modelled(known: Behind, index: NDArray[np.intp], starts: Starts | None = Non
     for z in np.unique(index[:, 0]).tolist():
         own = np.flatnonzero(index[:, 0] == z)
         places, source, window = index[own, 1:], starts.source[own], starts.window[own]
-        plane = _plane(known, z, float(starts.depth[z]))
+        plane = plane_of(known, z, float(starts.depth[z]))
 
         def seen(at: F8, plane: PlaneModel = plane, places: NDArray[np.intp] = places, by: F8 = window) -> F4:
-            return _cut(plane.patterns(places, at), by)
+            return cut(plane.patterns(places, at), by)
 
         model[own] = seen(source)
         for k in (0, 1):
@@ -136,14 +136,14 @@ def modelled(known: Behind, index: NDArray[np.intp], starts: Starts | None = Non
             # a cutout that lies too far down shows the light too far up
             columns[own, 2 + k] = np.gradient(model[own], axis=1 + k)
         try:
-            further = _plane(known, z, float(starts.depth[z]) + STEP_DEPTH)
+            further = plane_of(known, z, float(starts.depth[z]) + STEP_DEPTH)
         except (InputError, EnergyError):
             continue
-        columns[own, 4] = (_cut(further.patterns(places, source), window) - model[own]) / np.float32(STEP_DEPTH)
+        columns[own, 4] = (cut(further.patterns(places, source), window) - model[own]) / np.float32(STEP_DEPTH)
     return model, columns
 
 
-def _plane(known: Behind, z: int, share: float) -> PlaneModel:
+def plane_of(known: Behind, z: int, share: float) -> PlaneModel:
     """Return the model of a plane whose virtual depth is larger by a share of it; near 0 by a share of 1."""
     if share == 0.0:
         return PlaneModel(known.setup, known.plan, z, Fineness.coarse)
@@ -155,7 +155,7 @@ def _plane(known: Behind, z: int, share: float) -> PlaneModel:
     return PlaneModel(setup, known.plan, z, Fineness.coarse)
 
 
-def _cut(patterns: F4, windows: F8) -> F4:
+def cut(patterns: F4, windows: F8) -> F4:
     """Return patterns as cutouts show them that lie displaced by ``(n, 2)`` pixels down and across."""
     if not windows.any():
         return patterns
@@ -178,13 +178,13 @@ def depths_seen(known: Behind, index: NDArray[np.intp], data: F4) -> F8:
     for z in np.unique(index[:, 0]).tolist():
         some = np.flatnonzero(index[:, 0] == z)[:FIRST]
         places, still = index[some, 1:], np.zeros((len(some), 2))
-        best = _best_alike(data[some], _plane(known, z, 0.0).patterns(places, still))
+        best = _best_alike(data[some], plane_of(known, z, 0.0).patterns(places, still))
         if best > POOR:
             continue
         best += CLEARLY
         for ratio in DEPTHS:
             try:
-                alike = _best_alike(data[some], _plane(known, z, ratio - 1.0).patterns(places, still))
+                alike = _best_alike(data[some], plane_of(known, z, ratio - 1.0).patterns(places, still))
             except (InputError, EnergyError):
                 continue
             if alike > best:

@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 
 from lfcal.psf import PSFMatrix
 
-__all__ = ["misfit", "noise_of", "start_of", "variance_of"]
+__all__ = ["misfit", "noise_of", "noise_terms", "start_of", "variance_of"]
 
 F4 = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -20,6 +20,16 @@ FEW = 12
 
 BINS = 24
 """Bins of brightness that the noise is told in."""
+
+
+def noise_terms(matrix: PSFMatrix, light: F4, left: F4, valid: Flags) -> tuple[float, float]:
+    """Return constant and slope of the variance by noise: as H states them, else by what is left of patterns."""
+    known = matrix.facts.noise
+    if known is not None and np.isfinite(known).all(-1).any():
+        constant, slope = np.median(np.asarray(known, np.float64)[np.isfinite(known).all(-1)], axis=0)
+        return float(constant), float(slope)
+    constant, slope, _ = _terms(left, np.maximum(light, 0), valid)
+    return constant, slope
 
 
 def noise_of(matrix: PSFMatrix, index: NDArray[np.intp], light: F4, constant: float) -> F4:
@@ -49,11 +59,17 @@ def start_of(data: F4, valid: Flags) -> F4:
 
 def variance_of(residual: F4, light: F4, valid: Flags) -> tuple[F4, float]:
     """Return constant + slope v + (share v)² of each sample, and the constant: by medians over bins of brightness v."""
+    constant, slope, square = _terms(residual, light, valid)
+    out = constant + slope * light + square * np.square(light)
+    return out.astype(np.float32), constant
+
+
+def _terms(residual: F4, light: F4, valid: Flags) -> tuple[float, float, float]:
     v, r = light[valid].astype(np.float64), residual[valid].astype(np.float64)
     top = float(v.max()) if v.size else 0.0
+    scatter = max(float(np.var(r)) if r.size else 1.0, 1e-30)
     if top <= 0:
-        scatter = max(float(np.var(r)) if r.size else 1.0, 1e-30)
-        return np.full(light.shape, scatter, np.float32), scatter
+        return scatter, 0.0, 0.0
     edges = np.concatenate([[-1.0], top * np.geomspace(1e-5, 1, BINS)])
     which = np.digitize(v, edges[1:-1])
     rows, wanted = [], []
@@ -63,12 +79,10 @@ def variance_of(residual: F4, light: F4, valid: Flags) -> tuple[F4, float]:
             rows.append([1.0, float(np.mean(v[own])), float(np.mean(v[own] ** 2))])
             wanted.append(float(np.median(r[own] ** 2)) / 0.4549)
     if not rows:
-        return np.full(light.shape, max(float(np.var(r)), 1e-30), np.float32), max(float(np.var(r)), 1e-30)
+        return scatter, 0.0, 0.0
     a, y = np.array(rows), np.maximum(np.array(wanted), 1e-30 * top**2)
     # bins count alike whatever their size: relative errors
     scale = np.where(a.max(0) > 0, a.max(0), 1.0)
     found, _ = nnls(a / scale / y[:, None], np.ones(len(y)))
     constant, slope, square = found / scale
-    least = max(constant, 1e-12 * top**2)
-    out = least + slope * light + square * np.square(light)
-    return out.astype(np.float32), float(least)
+    return max(float(constant), 1e-12 * top**2), float(slope), float(square)

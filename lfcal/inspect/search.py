@@ -32,10 +32,15 @@ def iter_search(evidence: Evidence) -> Work[tuple[tuple[Finding, ...], Evidence]
 
 
 def _without(evidence: Evidence, finding: Finding) -> Evidence:
-    if finding.repair is None and not finding.blinds:
+    if finding.repair is None and not finding.blinds and finding.masked is None and finding.extent is None:
         return evidence
     data = evidence.data if finding.repair is None else finding.repair(evidence.index, evidence.data)
     valid = evidence.valid & ~_blinded(evidence, finding.pixels) if finding.blinds else evidence.valid
+    if finding.masked is not None:
+        valid = valid & ~finding.masked(evidence.data)
+    if finding.extent is not None:  # single frames that are none of their places tell nothing more
+        bad = set(map(tuple, finding.positions.tolist()))
+        valid = valid & ~np.array([place in bad for place in map(tuple, evidence.index.tolist())])[:, None, None]
     return evidence.with_data(data, valid)
 
 

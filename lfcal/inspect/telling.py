@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lfcal.figures import LINES, draw_image, figure
-from lfcal.inspect.finding import Picture
+from lfcal.inspect.finding import Finding, Picture
 from lfcal.inspect.inspection import Inspection
 from lfcal.psf.quality.metric import Merit
 from lfcal.psf.report.beside import Beside, ToldFault
@@ -17,7 +17,7 @@ from lfcal.units import format_seconds, format_share
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["compared_words", "drawn", "told"]
+__all__ = ["compared_words", "cost_words", "drawn", "merit_of", "told"]
 
 
 def told(inspection: Inspection) -> Beside:
@@ -28,6 +28,7 @@ def told(inspection: Inspection) -> Beside:
             one.title,
             one.detail,
             format_share(min(one.share, 1.0)),
+            cost_words(inspection, one),
             one.fault.advice,
             b"" if one.picture is None else drawn(one.picture),
             "" if one.picture is None else f"{one.title}: {one.picture.title}.",
@@ -37,7 +38,7 @@ def told(inspection: Inspection) -> Beside:
     settled = {m.key: one.title for m in quality.metrics if (one := inspection.settled(m)) is not None}
     return Beside(
         inspection.verdict,
-        _merit(inspection),
+        merit_of(inspection),
         compared_words(inspection),
         faults,
         settled,
@@ -47,15 +48,36 @@ def told(inspection: Inspection) -> Beside:
     )
 
 
+def cost_words(inspection: Inspection, finding: Finding) -> str:
+    """Return what a fault makes of the error of a reconstruction: from that of the noise to that with the fault."""
+    if finding.cost is None or inspection.clean is None:
+        return "not measured"
+    return f"{inspection.clean:.3f} → {inspection.clean + finding.cost:.3f}"
+
+
+def scene_words(inspection: Inspection) -> str:
+    """Return what a reconstruction with H as it is, and without its faults, differs by; empty where not measured."""
+    if inspection.clean is None or inspection.as_it_is is None:
+        return ""
+    return (
+        f"a fixed scene is reconstructed with an error (NRMSE) of {inspection.as_it_is:.3f} with H as it is, "
+        f"{inspection.clean:.3f} with its noise alone"
+    )
+
+
 def compared_words(inspection: Inspection) -> str:
     """Return how much was compared with the camera, or why nothing was."""
     if not inspection.compared:
         return f"not compared with a camera: {inspection.why_not}; the metrics below are weaker than a comparison"
     beside = f"{inspection.compared} patterns compared with the camera in {format_seconds(inspection.seconds)}"
-    return f"{beside}: {'no fault found' if not inspection.findings else 'these faults stand out'}"
+    if not inspection.findings:
+        return f"{beside}: no fault found"
+    scene = scene_words(inspection)
+    return f"{beside}: these faults stand out" + (f"; {scene}" if scene else "")
 
 
-def _merit(inspection: Inspection) -> Merit:
+def merit_of(inspection: Inspection) -> Merit:
+    """Return the merit that the verdict stands for."""
     if inspection.bad:
         return "bad"
     if inspection.verdict.startswith("This PSF can be used"):

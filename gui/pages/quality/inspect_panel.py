@@ -16,7 +16,7 @@ from gui.widgets.rows_table import RowsTable
 
 __all__ = ["InspectPanel"]
 
-FAULTS = ("Fault", "What was found", "Of the light", "Sure")
+FAULTS = ("Fault", "What was found", "Error made (NRMSE)", "Sure")
 METRICS = ("Metric", "Value", "Good", "Bad", "Merit", "Cost")
 COST = "Estimate of the error of a reconstruction (NRMSE) that a fault of this size makes"
 ROW, MOST_ROWS = 26, 5

@@ -119,18 +119,21 @@ class MetricRow:
 
 
 # -- faults ------------------------------------------------------------------------------------------------
-def weight_of(finding: Finding) -> str:
-    """Return how much a fault matters: the share of the light that it changes."""
+def weight_of(inspection: Inspection, finding: Finding) -> str:
+    """Return how much a fault matters: what it makes of a reconstruction's error, else the light that it changes."""
+    from lfcal.inspect.telling import cost_words
     from lfcal.units import format_share
 
-    return format_share(min(finding.share, 1.0))
+    if finding.cost is None:
+        return f"{format_share(min(finding.share, 1.0))} of light"
+    return cost_words(inspection, finding)
 
 
 def merit_of(finding: Finding) -> str:
     """Return the merit that a fault stands for; unknown: too small to matter."""
-    from lfcal.inspect.inspection import BAD, FAIR
+    from lfcal.inspect.inspection import is_bad, is_fair
 
-    return "bad" if finding.share >= BAD else "fair" if finding.share >= FAIR else "unknown"
+    return "bad" if is_bad(finding) else "fair" if is_fair(finding) else "unknown"
 
 
 def sure_of(finding: Finding) -> str:
@@ -142,15 +145,23 @@ def sure_of(finding: Finding) -> str:
 def fault_rows(inspection: Inspection) -> tuple[FaultRow, ...]:
     """Return the faults in the inspection's order: what matters most comes first."""
     return tuple(
-        FaultRow(one.title, one.detail, weight_of(one), sure_of(one), merit_of(one)) for one in inspection.findings
+        FaultRow(one.title, one.detail, weight_of(inspection, one), sure_of(one), merit_of(one))
+        for one in inspection.findings
     )
 
 
-def fault_words(finding: Finding) -> str:
-    """Return what a fault is and what to do, as rich text."""
+def fault_words(inspection: Inspection, finding: Finding) -> str:
+    """Return what a fault is, what it costs and what to do, as rich text."""
+    from lfcal.inspect.telling import cost_words
+    from lfcal.units import format_share
+
     parts = [f"<b>{capital(finding.title)}</b>: {finding.detail}"]
     stands = f"stands out by {min(finding.sigmas, 999):.0f} sigma"
-    parts.append(f"It changes {weight_of(finding)} of the light; {stands}. {place_words(finding)}")
+    share = format_share(min(finding.share, 1.0))
+    parts.append(f"It changes {share} of the light; {stands}. {place_words(finding)}")
+    if finding.cost is not None:
+        words = "Error of a reconstruction (NRMSE), by noise alone → with the fault"
+        parts.append(f"{words}: {cost_words(inspection, finding)}.")
     parts.append(f"<b>What to do:</b> {finding.fault.advice}")
     return "<br>".join(parts)
 

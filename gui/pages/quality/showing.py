@@ -72,7 +72,7 @@ class Showing:
         if len(self._finding.positions):  # the plane that has most of them
             self._z = int(np.bincount(self._finding.positions[:, 0]).argmax())
             self._panel.evidence.set_planes(planes_of(found), self._z)
-        self._panel.show_words(fault_words(self._finding))
+        self._panel.show_words(fault_words(found, self._finding))
         self._show_picture(self._finding)
         self._show_map()
 

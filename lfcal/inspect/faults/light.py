@@ -8,10 +8,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.camera import ScanPlan
 from lfcal.inspect.evidence import Evidence
-from lfcal.inspect.faults.scan import place_map, share_of
+from lfcal.inspect.faults.scan import late, only_recorded, place_map, share_of
 from lfcal.inspect.faults.series import robust, scan_order, sharpest_step
-from lfcal.inspect.finding import Fault, Finding, Picture
+from lfcal.inspect.finding import Fault, Finding, Picture, PutIn
+from lfcal.inspect.patch import Patch
 
 __all__ = ["FAULTS", "Exposure", "Flicker", "FocusDrift", "Lamp"]
 
@@ -32,17 +34,17 @@ def _gains(evidence: Evidence) -> tuple[F8, F8]:
     values, sigmas = evidence.column("gain")
     out, errors = np.zeros(len(values)), np.full(len(values), np.inf)
     for z in np.unique(evidence.index[:, 0]):
-        own = evidence.index[:, 0] == z
-        middle = float(np.median(values[own]))
+        own = (evidence.index[:, 0] == z) & np.isfinite(sigmas)
+        middle = float(np.median(values[own])) if own.any() else 0.0
         if middle > 0:
             out[own], errors[own] = values[own] / middle - 1, sigmas[own] / middle
     return out, errors
 
 
-def _within(evidence: Evidence) -> F8:
+def _within(plan: ScanPlan, index: NDArray[np.intp]) -> F8:
     """Return how far the scan of each pattern's plane had come, -0.5 to 0.5 ``(n,)``."""
-    ny, nx = evidence.plan.period
-    _, y, x = evidence.index.T
+    ny, nx = plan.period
+    _, y, x = index.T
     found: F8 = (y * nx + np.where(y % 2, nx - 1 - x, x) + 0.5) / (ny * nx) - 0.5
     return found
 
@@ -64,7 +66,7 @@ class Exposure(Fault):
             return
         scatter = max(1e-4, 1.4826 * float(np.median(np.abs(gains[good]))))
         bad = np.flatnonzero(good & (np.abs(gains) > max(ODD, 10 * scatter)) & (np.abs(gains) > SURE * sigmas))
-        if not bad.size or bad.size > 0.2 * good.sum():
+        if not bad.size or evidence.extent(bad) > 0.2:
             return
         worst = bad[np.argmax(np.abs(gains[bad]))]
         place = tuple(int(v) for v in evidence.index[worst])
@@ -73,10 +75,12 @@ class Exposure(Fault):
             self,
             f"{many} of {len(evidence)} compared, the worst at {place} with {1 + gains[worst]:.2f} times the light",
             float(abs(gains[worst]) / max(scatter, float(sigmas[worst]))),
-            float(np.abs(gains[bad]).sum() / len(evidence)),
+            float(np.abs(gains[bad]).mean()) * evidence.extent(bad),
             positions=evidence.index[bad],
             picture=place_map(evidence, 1 + gains, "", "light over that of the plane"),
             redo=True,
+            put_in=only_recorded(evidence.index[bad]),
+            extent=evidence.extent(bad),
         )
 
 
@@ -94,7 +98,7 @@ class Lamp(Fault):
         gains, sigmas = _gains(evidence)
         z = evidence.index[:, 0]
         rows = [np.where(z == plane, 1.0, 0.0) for plane in np.unique(z)]
-        time = _within(evidence)
+        time = _within(evidence.plan, evidence.index)
         found, errors, _ = robust(np.stack([*rows, time], 1), gains, sigmas)
         trend, error = float(found[-1]), float(errors[-1])
         step = sharpest_step(evidence.index, gains, sigmas)
@@ -106,18 +110,11 @@ class Lamp(Fault):
         else:
             return
 
-        def repair(index: NDArray[np.intp], patterns: NDArray[np.float32]) -> NDArray[np.float32]:
+        def light(index: NDArray[np.intp]) -> F8:
             if step is not None and abs(step.size) == size:
-                first = evidence.index[step.after[0]]
-                shape = (int(z.max()) + 1, *evidence.plan.period)
-                late = np.ravel_multi_index(tuple(index.T), shape) >= np.ravel_multi_index(tuple(first), shape)
-                light = np.where(late, 1 + step.size / 2, 1 - step.size / 2)
-            else:
-                ny, nx = evidence.plan.period
-                _, y, x = index.T
-                come = (y * nx + np.where(y % 2, nx - 1 - x, x) + 0.5) / (ny * nx) - 0.5
-                light = 1 + trend * come
-            return (patterns / light[:, None, None]).astype(np.float32)
+                after = late(evidence.plan, index, evidence.index[step.after[0]])
+                return np.where(after, 1 + step.size / 2, 1 - step.size / 2)[:, None, None]
+            return (1 + trend * _within(evidence.plan, index))[:, None, None]
 
         order = scan_order(evidence.index)
         yield Finding(
@@ -126,7 +123,8 @@ class Lamp(Fault):
             float(told),
             size / 4,
             picture=Picture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
-            repair=repair,
+            repair=lambda index, patterns: (patterns / light(index)).astype(np.float32),
+            put_in=lambda patch: (patch.light * light(patch.index)).astype(np.float32),
         )
 
 
@@ -159,7 +157,13 @@ class Flicker(Fault):
             float((scatter / chance - 1) * np.sqrt(len(order))),
             rms,
             picture=Picture(100 * gains[order], "%", "light beside that of the plane", ("pattern in scan order",)),
+            put_in=lambda patch: patch.light * _scattered(len(patch.index), 1.0, rms).astype(np.float32)[:, None, None],
         )
+
+
+def _scattered(count: int, mean: float, rms: float) -> F8:
+    """Return values that scatter as a lamp's do, the same for each run."""
+    return np.maximum(0.0, mean + rms * np.random.default_rng(0).standard_normal(count))
 
 
 class FocusDrift(Fault):
@@ -176,7 +180,7 @@ class FocusDrift(Fault):
         z = evidence.index[:, 0]
         for plane in np.unique(z).tolist():
             own = np.flatnonzero(z == plane)
-            design = np.stack([np.ones(len(own)), _within(evidence)[own]], 1)
+            design = np.stack([np.ones(len(own)), _within(evidence.plan, evidence.index[own])], 1)
             found, errors, _ = robust(design, values[own], np.hypot(sigmas[own], 2e-4))
             if abs(found[1]) > SURE * errors[1] and abs(found[1]) > 0.005:
                 yield Finding(
@@ -187,7 +191,16 @@ class FocusDrift(Fault):
                     positions=evidence.index[own],
                     picture=place_map(evidence, 100 * values, "%", "virtual depth beside that of the plan"),
                     redo=True,
+                    put_in=_drifting(plane, float(found[1])),
                 )
+
+
+def _drifting(plane: int, change: float) -> PutIn:
+    def put_in(patch: Patch) -> NDArray[np.float32]:
+        own = patch.index[:, 0] == plane
+        return patch.moved(depth=np.where(own, change * _within(patch.evidence.plan, patch.index), 0.0))
+
+    return put_in
 
 
 FAULTS = (Exposure(), Lamp(), Flicker(), FocusDrift())

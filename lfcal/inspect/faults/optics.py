@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft as sf
 
-from lfcal.camera import LensletLattice
+from lfcal.camera import LensletLattice, ScanPlan
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.scan import share_of
-from lfcal.inspect.finding import Fault, Finding, Picture
+from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, adding
+from lfcal.inspect.patch import Patch
 
 __all__ = ["FAULTS", "DepthLabel", "Ghost", "TypeLight"]
 
@@ -31,6 +33,9 @@ GHOSTLY = 0.003
 NEAR_PX = 3
 """Displacement within which a ghost is not told from the pattern's own tails (pixels)."""
 
+TURNS = 3
+"""Times that the light of types is told again."""
+
 DIM = 0.03
 """Light of a lens type beside the others that is worth a word."""
 
@@ -42,7 +47,7 @@ class DepthLabel(Fault):
     title = "planes at other depths than stated"
     rank = 50
     advice = "Correct the depths of these planes, or the distance of the stage's zero; nothing need be recorded anew."
-    settles: ClassVar[tuple[str, ...]] = ("depth",)
+    settles: ClassVar[tuple[str, ...]] = ("depth", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the planes with the change of their virtual depths."""
@@ -71,7 +76,12 @@ class DepthLabel(Fault):
                 share_of(evidence, worst, ("depth",)) * len(planes) / len(np.unique(z)),
                 positions=evidence.index[np.isin(z, planes)],
                 picture=Picture(across, "%", "virtual depth beside that stated", ("plane",)),
+                put_in=_deeper(np.where(np.isin(np.arange(len(across)), planes), across / 100, 0.0)),
             )
+
+
+def _deeper(shares: F8) -> PutIn:
+    return lambda patch: patch.moved(depth=shares[patch.index[:, 0]])
 
 
 class Ghost(Fault):
@@ -83,20 +93,14 @@ class Ghost(Fault):
     advice = (
         "Look for a reflection between filter, cover glass and sensor; a lens hood or a tilted filter takes it away."
     )
-    settles: ClassVar[tuple[str, ...]] = ("leak", "background")
+    settles: ClassVar[tuple[str, ...]] = ("leak", "background", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the displacement at which what is left looks most like the pattern."""
         left, light = evidence.left, evidence.light
-        views = {
-            "as it is": light,
-            "turned by half": light[:, ::-1, ::-1],
-            "mirrored up and down": light[:, ::-1],
-            "mirrored left and right": light[:, :, ::-1],
-        }
         best: tuple[float, float, str, tuple[int, int], F8] | None = None
-        for name, view in views.items():
-            share, sigmas, place, table = _displaced(left, view, near=name == "as it is")
+        for name, view in VIEWS.items():
+            share, sigmas, place, table = _displaced(left, view(light), near=name == "as it is")
             if best is None or sigmas > best[1]:
                 best = share, sigmas, name, place, table
         assert best is not None
@@ -109,7 +113,29 @@ class Ghost(Fault):
             sigmas,
             share,
             picture=Picture(100 * table, "%", "what is left, as a share of the displaced pattern", ("down", "across")),
+            repair=adding(evidence.index, -np.float32(share) * _aside(VIEWS[name](light), *place)),
+            put_in=lambda patch: patch.light + np.float32(share) * _aside(VIEWS[name](patch.light), *place),
         )
+
+
+VIEWS: dict[str, Callable[[F4], F4]] = {
+    "as it is": lambda light: light,
+    "turned by half": lambda light: light[:, ::-1, ::-1],
+    "mirrored up and down": lambda light: light[:, ::-1],
+    "mirrored left and right": lambda light: light[:, :, ::-1],
+}
+"""What a ghost may look like, of patterns ``(n, nt, ns)``."""
+
+
+def _aside(view: F4, down: int, across: int) -> F4:
+    """Return patterns displaced by whole pixels; what leaves the cutout is gone."""
+    out = np.zeros_like(view)
+    (to_y, from_y), (to_x, from_x) = (
+        (slice(max(0, by), n + min(0, by)), slice(max(0, -by), n - max(0, by)))
+        for by, n in ((down, view.shape[1]), (across, view.shape[2]))
+    )
+    out[:, to_y, to_x] = view[:, from_y, from_x]
+    return out
 
 
 def _displaced(left: F4, view: F4, *, near: bool) -> tuple[float, float, tuple[int, int], F8]:
@@ -146,15 +172,16 @@ class TypeLight(Fault):
         types = len(evidence.plan.camera.lattice.types)
         if types < 2:
             return
-        which = _types_of(evidence)
-        gains, errors = np.zeros(types), np.full(types, np.inf)
-        for kind in range(types):
-            values, sigmas = evidence.beyond(np.where(which == kind, evidence.light, np.float32(0)))
-            good = np.isfinite(sigmas)
-            if good.sum() > 3:
-                gains[kind] = float(np.median(values[good]))
-                scatter = 1.4826 * float(np.median(np.abs(values[good] - gains[kind])))
-                errors[kind] = scatter / np.sqrt(good.sum())
+        which = _types_of(evidence.plan, evidence.index, evidence.plan.cutout)
+        gains, errors = _of_types(evidence, which, types)
+        lit, now = 1 + gains, evidence
+        if np.abs(gains).max() > DIM:
+            for _ in range(TURNS):  # what the other unknowns made up for at first comes out
+                own = lit[which].astype(np.float32)
+                shaded = replace(evidence, model=evidence.model * own, columns=evidence.columns * own[:, None])
+                now = shaded.with_data(evidence.data, evidence.valid)
+                lit = lit * (1 + np.clip(_of_types(now, which, types)[0], -0.5, 0.5))
+        gains = lit / lit.max() - 1 if np.abs(gains).max() > DIM else gains
         # each is told beside the light of all; the worst is told, and the others make up for it
         k = int(np.argmax(np.abs(gains)))
         if not np.isfinite(errors[k]) or abs(gains[k]) < max(DIM, SURE * errors[k]):
@@ -166,16 +193,39 @@ class TypeLight(Fault):
             float(abs(gains[k]) / errors[k]),
             float(abs(gains[k]) / types),
             picture=Picture(100 * gains, "%", "light of each lens type beside the others", ("lens type",)),
+            repair=adding(evidence.index, evidence.model * now.values[:, 0, None, None] - now.light),
+            put_in=_dimmed(1 + gains),
         )
 
 
-def _types_of(evidence: Evidence) -> NDArray[np.intp]:
+def _of_types(evidence: Evidence, which: NDArray[np.intp], types: int) -> tuple[F8, F8]:
+    """Return by what share the light of each type is off, and the standard deviations ``(types,)``."""
+    gains, errors = np.zeros(types), np.full(types, np.inf)
+    for kind in range(types):
+        values, sigmas = evidence.beyond(np.where(which == kind, evidence.light, np.float32(0)))
+        good = np.isfinite(sigmas)
+        if good.sum() > 3:
+            gains[kind] = float(np.median(values[good]))
+            scatter = 1.4826 * float(np.median(np.abs(values[good] - gains[kind])))
+            errors[kind] = scatter / np.sqrt(good.sum())
+    return gains, errors
+
+
+def _dimmed(gains: F8) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        which = _types_of(patch.evidence.plan, patch.index, (patch.light.shape[1], patch.light.shape[2]))
+        return patch.light * gains[which].astype(np.float32)
+
+    return put_in
+
+
+def _types_of(plan: ScanPlan, index: NDArray[np.intp], cutout: tuple[int, int]) -> NDArray[np.intp]:
     """Return the type of the lenslet whose centre is nearest to each sample's ``(n, nt, ns)``."""
-    camera, plan = evidence.plan.camera, evidence.plan
+    camera = plan.camera
     lattice = camera.lattice
-    nt, ns = plan.cutout
-    out = np.empty(evidence.data.shape, np.intp)
-    for k, (y, x) in enumerate(evidence.index[:, 1:].tolist()):
+    nt, ns = cutout
+    out = np.empty((len(index), nt, ns), np.intp)
+    for k, (y, x) in enumerate(index[:, 1:].tolist()):
         rows = plan.anchor[0] + y + np.arange(nt) - (nt - 1) / 2
         columns = plan.anchor[1] + x + np.arange(ns) - (ns - 1) / 2
         points = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), -1))

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.camera import ScanPlan
 from lfcal.inspect.evidence import COLUMNS, Evidence
 from lfcal.inspect.faults.series import BETTER, Step, robust, sharpest_step
-from lfcal.inspect.finding import Fault, Finding, Picture
+from lfcal.inspect.finding import Fault, Finding, Picture, PutIn
+from lfcal.inspect.modelled import REACH_PX
+from lfcal.inspect.patch import Patch
 
-__all__ = ["FAULTS", "Backlash", "FrameShift", "Jitter", "StageAxes", "Strangers"]
+__all__ = ["FAULTS", "Backlash", "FrameShift", "Jitter", "StageAxes", "Strangers", "late", "only_recorded"]
 
+F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 SURE = 7.0
@@ -25,11 +29,23 @@ FLOOR_PX = 0.004
 WORTH_PX = 0.05
 """Displacement of sources at the edge of the period that is worth a word (pixels)."""
 
+ANCHOR_PX = 0.25
+"""Displacement of all cutouts that is worth a word: the camera's own offset is known no better as a rule (pixels)."""
+
 FAR_PX = 0.4
 """Displacement of a single source beyond which its frame is not the one that was planned (pixels)."""
 
-APART = 0.3
+UNLIKE = 0.3
 """Correlation less than that of other patterns that makes one a stranger."""
+
+FEW = 0.1
+"""Share of positions whose cutouts alone may be displaced for them to be strangers."""
+
+MANY = 0.45
+"""Share of positions that strangers may be: more of them are a scan in another order."""
+
+DARK = 0.25
+"""Gain over that of other patterns below which one is dark: that is its exposure."""
 
 
 class Moved(NamedTuple):
@@ -46,7 +62,9 @@ def _fitted(evidence: Evidence, name: str) -> Moved:
     ny, nx = evidence.plan.period
     rows = [np.where(z == plane, 1.0, 0.0) for plane in np.unique(z)]
     design = np.stack([*rows, (y - (ny - 1) / 2), (x - (nx - 1) / 2), np.where(evidence.index[:, 1] % 2, 0.5, -0.5)], 1)
-    found, errors, left = robust(design, values, np.hypot(sigmas, FLOOR_PX))
+    # what was asked for as odd has no say in what is usual
+    even = np.where(evidence.asked, np.inf, np.hypot(sigmas, FLOOR_PX))
+    found, errors, left = robust(design, values, even)
     names = ("by_row", "by_column", "by_direction")
     return Moved(dict(zip(names, zip(found[-3:], errors[-3:], strict=True), strict=True)), left)
 
@@ -87,7 +105,20 @@ class StageAxes(Fault):
             share_of(evidence, worst / 2, ("source_y", "source_x")),
             picture=place_map(evidence, values, "px", "displacement of the source"),
             redo=True,
+            put_in=_stretched(seen),
         )
+
+
+def _stretched(seen: dict[tuple[str, str], float]) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        ny, nx = patch.evidence.plan.period
+        beside = {"by_row": patch.index[:, 1] - (ny - 1) / 2, "by_column": patch.index[:, 2] - (nx - 1) / 2}
+        moved = np.zeros((len(patch.index), 2))
+        for (axis, term), value in seen.items():
+            moved[:, "yx".index(axis)] += value * beside[term]
+        return patch.moved(np.clip(moved, -REACH_PX, REACH_PX))
+
+    return put_in
 
 
 def _words(seen: dict[tuple[str, str], float]) -> str:
@@ -130,7 +161,17 @@ class Backlash(Fault):
                     share_of(evidence, abs(value) / 2, (name,)),
                     picture=place_map(evidence, values, "px", "displacement of the source"),
                     redo=True,
+                    put_in=_played("yx".index(name[-1]), value),
                 )
+
+
+def _played(axis: int, value: float) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        moved = np.zeros((len(patch.index), 2))
+        moved[:, axis] = np.where(patch.index[:, 1] % 2, value / 2, -value / 2)
+        return patch.moved(moved)
+
+    return put_in
 
 
 class Jitter(Fault):
@@ -163,7 +204,16 @@ class Jitter(Fault):
                 share_of(evidence, rms, ("source_y", "source_x")),
                 picture=place_map(evidence, _fitted(evidence, "source_x").left, "px", "displacement of the source"),
                 redo=True,
+                put_in=_jittered([float(rms) for rms, _ in spread]),
             )
+
+
+def _jittered(rms: Sequence[float]) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        moved = np.random.default_rng(0).standard_normal((len(patch.index), 2)) * np.array(rms)
+        return patch.moved(np.clip(moved, -REACH_PX, REACH_PX))
+
+    return put_in
 
 
 class FrameShift(Fault):
@@ -175,7 +225,7 @@ class FrameShift(Fault):
     advice = (
         "Check the region of the sensor that was read out before and after; import the frames with its true corner."
     )
-    settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch")
+    settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the sharpest step of the cutouts' displacements in the order of the scan."""
@@ -183,6 +233,7 @@ class FrameShift(Fault):
             values, sigmas = evidence.column(name)
             step: Step | None = sharpest_step(evidence.index, values, np.hypot(sigmas, FLOOR_PX))
             if step is None or abs(step.size) < 2 * WORTH_PX or step.sigmas < SURE:
+                yield from self._all(evidence, name, along)
                 continue
             after = evidence.index[step.after]
             yield Finding(
@@ -192,7 +243,37 @@ class FrameShift(Fault):
                 share_of(evidence, abs(step.size) / 2, (name,)),
                 positions=after,
                 picture=place_map(evidence, values, "px", "displacement of the cutout"),
+                put_in=_shifted("yx".index(name[-1]), step.size, after[0]),
             )
+
+    def _all(self, evidence: Evidence, name: str, along: str) -> Iterable[Finding]:
+        """Yield the displacement that all cutouts have."""
+        values, sigmas = evidence.column(name)
+        good = np.isfinite(sigmas)
+        if good.sum() < 8:
+            return
+        middle = float(np.median(values[good]))
+        scatter = 1.4826 * float(np.median(np.abs(values[good] - middle)))
+        error = max(scatter, FLOOR_PX) / np.sqrt(good.sum())
+        if abs(middle) < max(ANCHOR_PX, SURE * error):
+            return
+        yield Finding(
+            self,
+            f"{abs(middle):.2f} px {along} in all frames: the anchor is not where the cutouts are",
+            abs(middle) / error,
+            share_of(evidence, abs(middle), (name,)),
+            picture=place_map(evidence, values, "px", "displacement of the cutout"),
+            put_in=_shifted("yx".index(name[-1]), middle, np.zeros(3, np.intp)),
+        )
+
+
+def _shifted(axis: int, size: float, first: NDArray[np.intp]) -> PutIn:
+    def put_in(patch: Patch) -> F4:
+        window = np.zeros((len(patch.index), 2))
+        window[:, axis] = np.where(late(patch.evidence.plan, patch.index, first), size, 0.0)
+        return patch.moved(window=window)
+
+    return put_in
 
 
 class Strangers(Fault):
@@ -206,11 +287,16 @@ class Strangers(Fault):
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield patterns whose sources are far from their places, and those unlike their model."""
-        alike = _likeness(evidence)
+        alike, gains = evidence.alike, evidence.values[:, 0]
+        lit = gains > DARK * float(np.median(gains[np.isfinite(evidence.sigmas[:, 0])]))
         far = np.stack([_fitted(evidence, name).left for name in ("source_y", "source_x")], 1)
-        unlike = alike < np.median(alike) - APART
-        bad = np.flatnonzero(unlike | (np.abs(far) > FAR_PX).any(1))
-        if not bad.size or bad.size > 0.3 * len(evidence):
+        unlike = evidence.unlike & (alike < np.median(alike) - UNLIKE)
+        windows = np.stack([_fitted(evidence, name).left for name in ("window_y", "window_x")], 1)
+        aside = (np.abs(windows) > FAR_PX).any(1)
+        # many cutouts that are displaced are a region of the sensor that moved
+        aside &= evidence.extent(np.flatnonzero(aside)) < FEW
+        bad = np.flatnonzero((unlike | aside | (np.abs(far) > FAR_PX).any(1)) & lit)
+        if not bad.size or evidence.extent(bad) > MANY:
             return
         scatter = max(1e-2, 1.4826 * float(np.median(np.abs(far))))
         told = max(float(np.abs(far[bad]).max()) / scatter, float(np.median(alike) - alike[bad].min()) / 0.02)
@@ -220,20 +306,13 @@ class Strangers(Fault):
             self,
             f"{many} of {len(evidence)} compared: {some}{' and more' if bad.size > 3 else ''}",
             told,
-            float(bad.size / len(evidence)),
+            evidence.extent(bad),
             positions=evidence.index[bad],
             picture=place_map(evidence, alike, "", "correlation with the camera's pattern"),
             redo=True,
+            put_in=only_recorded(evidence.index[bad]),
+            extent=evidence.extent(bad),
         )
-
-
-def _likeness(evidence: Evidence) -> F8:
-    """Return the correlation of each pattern with the model at its place ``(n,)``."""
-    fitted = np.where(evidence.valid, evidence.model, 0.0)
-    both = (fitted * evidence.data).sum((1, 2), dtype=np.float64)
-    sizes = [np.sqrt(np.square(one).sum((1, 2), dtype=np.float64)) for one in (fitted, evidence.data)]
-    found: F8 = both / np.maximum(sizes[0] * sizes[1], 1e-300)
-    return found
 
 
 def _whose(evidence: Evidence, k: int, far: F8, *, unlike: bool) -> str:
@@ -247,6 +326,8 @@ def _whose(evidence: Evidence, k: int, far: F8, *, unlike: bool) -> str:
     if step.any() and np.abs(far - step).max() < 0.2 and np.abs(window - step).max() < 0.2:
         own = (np.array(place[1:]) + step.astype(int)) % np.array(evidence.plan.period)
         return f"{place} holds that of ({place[0]}, {int(own[0])}, {int(own[1])})"
+    if np.hypot(*window) > np.hypot(*far):
+        return f"{place} is that of another place: its light lies {np.hypot(*window):.1f} px off in its cutout"
     return f"the source of {place} is {np.hypot(*far):.2f} px off"
 
 
@@ -255,6 +336,24 @@ def share_of(evidence: Evidence, amount: float, names: tuple[str, ...]) -> float
     light = max(float(np.abs(evidence.model).sum(dtype=np.float64)), 1e-300)
     change = [float(np.abs(evidence.columns[:, COLUMNS.index(n) - 2]).sum(dtype=np.float64)) for n in names]
     return amount * float(np.mean(change)) / light
+
+
+def late(plan: ScanPlan, index: NDArray[np.intp], first: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return which positions ``(n, 3)`` come no earlier than ``first``, plane by plane and row by row."""
+    shape = plan.shape[:3]
+    found: NDArray[np.bool_] = np.ravel_multi_index(tuple(index.T), shape) >= np.ravel_multi_index(tuple(first), shape)
+    return found
+
+
+def only_recorded(positions: NDArray[np.intp]) -> PutIn:
+    """Return what puts the recorded patterns of some positions into those that the camera should give."""
+    bad = set(map(tuple, positions.tolist()))
+
+    def put_in(patch: Patch) -> F4:
+        own = np.array([tuple(place) in bad for place in patch.index.tolist()], np.bool_)
+        return np.where(own[:, None, None], patch.recorded(), patch.light) if own.any() else patch.light
+
+    return put_in
 
 
 def place_map(evidence: Evidence, values: F8, unit: str, title: str) -> Picture:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from lfcal.inspect.evidence import Evidence
-from lfcal.inspect.finding import Fault, Finding, Picture, Repair
+from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, Repair
 from lfcal.inspect.sensor_map import Lines, SensorMap, sensor_map
 
 __all__ = ["FAULTS", "DeadLine", "HotLine", "LineOffsets"]
@@ -84,6 +84,17 @@ def shifted(axis: int, offsets: F8) -> Repair:
     return repair
 
 
+def lit(axis: int, gains: F8, shape: tuple[int, ...]) -> PutIn:
+    """Return what lets lines of the sensor see a share of the light."""
+    image = np.ones(shape) * (gains[:, None] if axis == 0 else gains)
+    return lambda patch: patch.light * patch.seen(image)
+
+
+def added(image: F8) -> PutIn:
+    """Return what adds an image of the sensor."""
+    return lambda patch: patch.light + patch.seen(image)
+
+
 def _pixels(axis: int, lines: NDArray[np.intp], shape: tuple[int, ...]) -> NDArray[np.intp]:
     along_it = np.arange(shape[1 - axis])
     pairs = [np.stack([np.full_like(along_it, line), along_it], 1)[:, :: 1 if axis == 0 else -1] for line in lines]
@@ -107,7 +118,15 @@ class DeadLine(Fault):
     title = "dead or dim line of the sensor"
     rank = 10
     advice = "Add the line to the sensor's defect map, and assemble H again; nothing need be recorded anew."
-    settles: ClassVar[tuple[str, ...]] = ("stage_gain", "jitter", "flicker", "snr", "truncation", "misplaced")
+    settles: ClassVar[tuple[str, ...]] = (
+        "stage_gain",
+        "jitter",
+        "flicker",
+        "snr",
+        "truncation",
+        "misplaced",
+        "hot_pixels",
+    )
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield what is found along rows and along columns."""
@@ -125,6 +144,7 @@ class DeadLine(Fault):
                 continue
             worst = int(bad[np.argmin(off[bad])])
             lost = -float(off[worst])
+            gains = np.where(np.isin(np.arange(off.size), bad), np.maximum(1 + off, 0), 1.0)
             yield Finding(
                 self,
                 f"{_named(axis, bad)} of the scanned part: {100 * min(lost, 1):.0f} % of the light is missing",
@@ -134,6 +154,7 @@ class DeadLine(Fault):
                 picture=_curve(100 * off, "%", "light beside that of the neighbours", axis),
                 repair=bridged(axis, bad),
                 blinds=True,
+                put_in=lit(axis, gains, each.gain.shape),
             )
 
 
@@ -152,6 +173,7 @@ class HotLine(Fault):
         "hot_pixels",
         "leak",
         "misplaced",
+        "truncation",
     )
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
@@ -176,6 +198,7 @@ class HotLine(Fault):
                 pixels=_pixels(axis, bad, total.weight.shape),
                 picture=_curve(off, "counts", "counts beside those of the neighbours", axis),
                 repair=shifted(axis, clean),
+                put_in=added(_along(axis, clean, each.gain.shape)),
             )
 
 
@@ -186,7 +209,7 @@ class LineOffsets(Fault):
     title = "rows or columns of the sensor with offsets of their own"
     rank = 12
     advice = "Subtract a dark frame of the same exposure and temperature, and assemble H again."
-    settles: ClassVar[tuple[str, ...]] = ("leak", "background", "flicker", "jitter", "misplaced")
+    settles: ClassVar[tuple[str, ...]] = ("leak", "background", "flicker", "jitter", "misplaced", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield what is found along rows and along columns."""
@@ -209,7 +232,20 @@ class LineOffsets(Fault):
                 _added(evidence, np.full(evidence.plan.cutout[axis], own)),
                 picture=_curve(np.where(good, off, np.nan), "counts", f"offset of each {AXES[axis]}", axis),
                 repair=shifted(axis, np.where(good, off, 0.0)),
+                put_in=added(_along(axis, _shrunk(off, lines.offset_sigma, own), total.weight.shape)),
             )
+
+
+def _along(axis: int, offsets: F8, shape: tuple[int, ...]) -> F8:
+    image: F8 = np.zeros(shape) + (offsets[:, None] if axis == 0 else offsets)
+    return image
+
+
+def _shrunk(values: F8, sigmas: F8, spread: float) -> F8:
+    """Return values less what their errors are likely to have added."""
+    good = np.isfinite(sigmas)
+    found: F8 = np.where(good, values * spread**2 / (spread**2 + np.square(np.where(good, sigmas, 0.0))), 0.0)
+    return found
 
 
 def _whole(axis: int, lines: NDArray[np.intp], pixels: F8, sigmas: F8, off: F8) -> NDArray[np.bool_]:

@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter
 
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.sensor_lines import BRIGHT, SURE
-from lfcal.inspect.finding import Fault, Finding, Picture, Repair
+from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, Repair
 from lfcal.inspect.sensor_map import SensorMap, sensor_map
 
 __all__ = ["FAULTS", "BadPixels", "Compression", "Mosaic", "NotLinear"]
@@ -30,6 +30,12 @@ CURVED = 0.02
 
 LITTLE = 1e-4
 """Share of the light that pixels must add or take away."""
+
+WIDE = 9
+"""Pixels about one, each way, that it is held against: spots of dust are a few pixels wide."""
+
+SEEN = 0.05
+"""Share of the light of the best lit pixel that one must have had to be called dead."""
 
 BLOCK = 8
 """Pixels along a block of the usual compressions."""
@@ -53,7 +59,7 @@ class BadPixels(Fault):
     rank = 20
     title = "bad pixels of the sensor"
     advice = "Add them to the sensor's defect map, and assemble H again; nothing need be recorded anew."
-    settles: ClassVar[tuple[str, ...]] = ("hot_pixels",)
+    settles: ClassVar[tuple[str, ...]] = ("hot_pixels", "truncation", "misplaced", "seam", "step", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the pixels that stand out of their neighbours and of their row and column."""
@@ -62,7 +68,9 @@ class BadPixels(Fault):
         peak = float(evidence.light.max())
         hot, hot_told = _apart(each.offset, each.offset_sigma)
         dim, dim_told = _apart(each.gain, each.gain_sigma)
-        bad = ((hot_told > SURE) & (hot > 10 * BRIGHT * peak)) | ((dim_told < -SURE) & (dim < -DEAD))
+        # at the edges of the scanned part a few patterns' tails tell little
+        lit = total.light > SEEN * float(total.light.max())
+        bad = ((hot_told > SURE) & (hot > 10 * BRIGHT * peak)) | ((dim_told < -SURE) & (dim < -DEAD) & lit)
         # a line has a fault of its own
         for axis in (0, 1):
             many = bad.sum(1 - axis) > 0.2 * bad.shape[1 - axis]
@@ -73,7 +81,9 @@ class BadPixels(Fault):
         worst = float(np.maximum(np.abs(hot_told), np.abs(dim_told))[bad].max())
         more = " and more" if len(pixels) > 3 else ""
         some = ", ".join(f"({r}, {c})" for r, c in pixels[:3].tolist())
-        share = float(np.abs(hot[bad]).sum()) / max(float(np.maximum(evidence.light, 0).sum((1, 2)).mean()), 1e-300)
+        lost = np.sqrt(total.light) * np.clip(-dim, 0, 1) / max(float(np.sqrt(total.light).sum()), 1e-300)
+        counts = float(np.maximum(evidence.light, 0).sum((1, 2)).mean())
+        share = float(np.abs(hot[bad]).sum()) / max(counts, 1e-300) + float(lost[bad].sum())
         if share < LITTLE:
             return
         yield Finding(
@@ -85,13 +95,20 @@ class BadPixels(Fault):
             picture=Picture(hot, "counts", "counts beside those of the neighbours", AXES),
             repair=_bridged(bad),
             blinds=True,
+            put_in=_put_in(bad, hot, hot_told, dim),
         )
+
+
+def _put_in(bad: NDArray[np.bool_], hot: F8, hot_told: F8, dim: F8) -> PutIn:
+    lit = np.where(bad & (hot_told > SURE), hot, 0.0)
+    gains = np.where(bad & (lit == 0), np.maximum(1 + dim, 0), 1.0)
+    return lambda patch: patch.light * patch.seen(gains) + patch.seen(lit)
 
 
 def _apart(values: F8, sigmas: F8) -> tuple[F8, F8]:
     good = np.isfinite(sigmas)
     filled = np.where(good, values, 0.0)
-    off = filled - median_filter(filled, size=5, mode="nearest")
+    off = filled - median_filter(filled, size=WIDE, mode="nearest")
     common = 1.4826 * float(np.median(np.abs(off[good]))) if good.any() else 0.0
     return off, np.where(good, off / np.hypot(np.where(good, sigmas, 1.0), common), 0.0)
 
@@ -127,9 +144,10 @@ class Mosaic(Fault):
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield how much the four pixels of two by two differ."""
-        four = sensor_map(evidence).classes(2, 2)
+        total = sensor_map(evidence)
+        four = total.classes(2, 2)
         # by the median over lines: a single one that is dead makes no mosaic
-        gains = _by_lines(sensor_map(evidence))
+        gains = _by_lines(total)
         sigmas = four.gain_sigma
         told = float((np.abs(gains) / sigmas).max())
         if told < SURE or float(np.ptp(gains)) < UNEVEN:
@@ -150,7 +168,13 @@ class Mosaic(Fault):
             float(np.abs(gains).mean()),
             picture=Picture(ratios, "", "light of the pixels of two by two", ("row modulo 2", "column modulo 2")),
             repair=repair,
+            put_in=lambda patch: patch.light * patch.seen(_tiled(ratios / ratios.mean(), total.weight.shape)),
         )
+
+
+def _tiled(four: F8, shape: tuple[int, ...]) -> F8:
+    rows, columns = shape
+    return np.tile(four, (rows // 2 + 1, columns // 2 + 1))[:rows, :columns]
 
 
 def _by_lines(total: SensorMap) -> F8:
@@ -201,7 +225,13 @@ class NotLinear(Fault):
             float(abs(found) * np.abs(_curve(light)).sum() / max(float(light.sum()), 1e-300)),
             picture=_tone(evidence, light, peak),
             repair=repair,
+            put_in=lambda patch: _bent(patch.light, exponent, peak),
         )
+
+
+def _bent(light: F4, exponent: float, peak: float) -> F4:
+    found: F4 = (np.sign(light) * peak * (np.abs(light) / peak) ** np.float32(exponent)).astype(np.float32)
+    return found
 
 
 def _curve(light: F4) -> F4:
@@ -242,7 +272,18 @@ class Compression(Fault):
     rank = 9
     title = "lossy compression"
     advice = "Record without compression: what it took away cannot be brought back."
-    settles: ClassVar[tuple[str, ...]] = ("jitter", "flicker", "snr", "background")
+    settles: ClassVar[tuple[str, ...]] = (
+        "jitter",
+        "flicker",
+        "snr",
+        "background",
+        "stage_gain",
+        "depth",
+        "lamp",
+        "misplaced",
+        "drift",
+        "pitch",
+    )
     explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
@@ -273,7 +314,7 @@ class Compression(Fault):
                     f"{min(ratios):.2f} times as much as within",
                     float(min(sigmas)),
                     float(np.sqrt(np.square(left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
-                    picture=None,
+                    put_in=lambda patch: patch.recorded(),
                 )
                 return
 

@@ -17,6 +17,9 @@ BETTER = 0.6
 FAR = 6.0
 """Standard deviations beyond which a value counts no more."""
 
+MOST = 0.6
+"""Share of values near their median that a fit may begin with."""
+
 FEW = 6
 """Patterns on either side of a step, at least."""
 
@@ -46,7 +49,7 @@ def robust(design: F8, values: F8, sigmas: F8) -> tuple[F8, F8, F8]:
     Values far off have no say; errors follow the scatter of what is left where that is more than the sigmas say.
     """
     good = np.isfinite(sigmas)
-    keep = good.copy()
+    keep = _middle(values, good)
     weight = np.where(good, 1 / np.where(good, sigmas, 1.0), 0.0)
     found = np.zeros(design.shape[1])
     errors = np.full(design.shape[1], np.inf)
@@ -64,6 +67,15 @@ def robust(design: F8, values: F8, sigmas: F8) -> tuple[F8, F8, F8]:
         errors[used] = scatter * np.sqrt(np.diag(inverse)) / size[used]
         keep = good & (np.abs(left) * weight < 4 * scatter)
     return found, errors, left
+
+
+def _middle(values: F8, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the values near the median, where most are: others that a fit begins with would bend it."""
+    if not good.any():
+        return good.copy()
+    away = np.abs(values - np.median(values[good]))
+    near = good & (away <= FAR * 1.4826 * float(np.median(away[good])))
+    return near if near.sum() > MOST * good.sum() else good.copy()
 
 
 def scan_order(index: NDArray[np.intp]) -> NDArray[np.intp]:

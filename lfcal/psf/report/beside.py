@@ -17,8 +17,9 @@ class ToldFault:
 
     Attributes
     ----------
-    title, detail, share, advice
-        What it is, what was found of it, how much of the light it changes, what to do.
+    title, detail, share, cost, advice
+        What it is, what was found of it, how much of the light it changes, what it makes of the error of a
+        reconstruction, what to do.
     picture, caption
         PNG that shows it (empty: none), and what that is.
     """
@@ -26,6 +27,7 @@ class ToldFault:
     title: str
     detail: str
     share: str
+    cost: str
     advice: str
     picture: bytes = b""
     caption: str = ""

@@ -87,15 +87,20 @@ def _last_word(beside: Beside) -> str:
     return f'<section class="verdict {beside.merit}">{text(beside.verdict)}<p>{text(words)}.</p></section>'
 
 
+ERROR = "error of a reconstruction (NRMSE), by noise → with the fault"
+"""Head of the column of costs."""
+
+
 def _faults(beside: Beside) -> str:
     """Return the faults that a comparison with the camera found, each with its picture."""
     rows = [
-        [f'<b class="nb">{text(f.title)}</b>', text(f.detail), text(f.share), text(f.advice)] for f in beside.faults
+        [f'<b class="nb">{text(f.title)}</b>', *map(text, (f.detail, f.share, f.cost, f.advice))] for f in beside.faults
     ]
     if not rows:
         return f"<p>{text(beside.words[0].upper() + beside.words[1:])}.</p>"
     shown = [Picture("faults", f.title, f.caption, f.picture) for f in beside.faults if f.picture]
-    return table(["fault", "what", "of the light", "what to do"], rows, numeric=[2]) + figures(shown, "faults")
+    head = ["fault", "what", "of the light", ERROR, "what to do"]
+    return table(head, rows, numeric=[2, 3]) + figures(shown, "faults")
 
 
 def _facts(H: PSFMatrix, quality: QualityReport, redo: Sequence[object]) -> str:

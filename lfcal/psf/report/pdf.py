@@ -135,7 +135,8 @@ def _faults(beside: Beside) -> Iterator[Block]:
     yield _heading("Beside the camera's model")
     yield Block(f"{beside.words[:1].upper()}{beside.words[1:]}.")
     for k, fault in enumerate(beside.faults):
-        yield Block(f"{k + 1}. {fault.title}: {fault.share} of the light", 10, bold=True, gap=0.14, keep=True)
+        costs = f"{fault.share} of the light; error of a reconstruction {fault.cost}"
+        yield Block(f"{k + 1}. {fault.title}: {costs}", 10, bold=True, gap=0.14, keep=True)
         yield Block(fault.detail, keep=True)
         yield Block(f"What to do: {fault.advice}", keep=bool(fault.picture))
         if fault.picture:

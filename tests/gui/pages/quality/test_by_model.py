@@ -77,7 +77,7 @@ def test_faults_come_first_with_what_shows_them(page: Page, qtbot: QtBot) -> Non
     here = finding.positions[finding.positions[:, 0] == 0, 1:]
     assert np.argwhere(evidence.map.image > 0).tolist() == sorted(map(list, here.tolist()))
     assert len(evidence.marks.getData()[0]) == len(here) > 0
-    assert evidence.pictures.currentWidget() is evidence.image and "record again" in fault_words(finding)
+    assert evidence.pictures.currentWidget() is evidence.image and "record again" in fault_words(found, finding)
     assert page.redo_button.text() == f"Send {len(found.redo())} to Acquire"
 
 

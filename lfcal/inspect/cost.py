@@ -1,0 +1,271 @@
+"""What faults cost: a fixed scene reconstructed with patterns that have a fault, and with those that have none."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.errors import InputError
+from lfcal.inspect.evidence import Evidence
+from lfcal.inspect.finding import Finding
+from lfcal.inspect.patch import Patch, patch_of
+from lfcal.progress import Clock, Work
+from lfcal.psf import PSFMatrix
+from lfcal.reconstruct import Projector, richardson_lucy
+from lfcal.reconstruct.phantoms import points
+from lfcal.simulate.engines.base import EnergyError
+
+__all__ = ["ITERATIONS", "Costs", "difference", "iter_costs", "scene"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+ITERATIONS = 25
+"""Of Richardson-Lucy: past that, noise of H grows in the volume whatever else is wrong."""
+
+SIDE_PX = 48
+"""Pixels that the image has along each axis at least; light of points farther apart hardly meets."""
+
+PLANES = 3
+"""Planes that are reconstructed at most."""
+
+FEWEST, MOST = 64, 2600
+"""Positions of H that a patch has at least, and at most."""
+
+POINTS = 120
+"""Voxels per point of the scene."""
+
+TRIED = 16
+"""Positions by which it is told how long one takes."""
+
+SAMPLE = 64
+"""Compared patterns that tell how much of a fault a patch shows."""
+
+SHOWN = 0.3
+"""Share of its usual strength that a fault must have in a patch; else it gets a patch of its own."""
+
+
+@dataclass(frozen=True)
+class Costs:
+    """What findings cost.
+
+    Attributes
+    ----------
+    clean
+        Error of a reconstruction by the noise of H alone, beside one by patterns without noise.
+    as_it_is
+        The same of H as it is.
+    costs
+        By how much each finding adds to ``clean``; None: not measured.
+    """
+
+    clean: float | None
+    as_it_is: float | None
+    costs: tuple[float | None, ...]
+
+
+def iter_costs(evidence: Evidence, findings: Sequence[Finding], seconds: float | None) -> Work[Costs]:
+    """Measure what each finding adds to the error of a reconstruction.
+
+    A patch of neighbouring positions of up to three planes is computed as the camera should show it, as large as
+    ``seconds`` allow; where that is less than all of H, the error is scaled to the strength that the fault has all
+    over H. Errors are those of `difference`, between volumes that the same image gives: with the patterns as they
+    should be, and with noise of H and the fault in them.
+
+    Parameters
+    ----------
+    evidence
+        What was compared, without the faults.
+    findings
+        What was found.
+    seconds
+        Time for the patch; None: all positions up to `MOST`.
+    """
+    clock = Clock("measuring what faults cost", len(findings) + 2)
+    yield clock.at(0)
+    if not findings:
+        return Costs(None, None, ())
+    order = sorted(range(len(findings)), key=lambda k: -findings[k].share)
+    try:
+        many = None if seconds is None else _affordable(evidence, findings, seconds)
+        trial = _Trial.at(evidence, _place(evidence, findings[order[0]]), _planes(evidence, findings), many)
+        yield clock.at(1)
+        as_it_is = trial.error(trial.patch.recorded())
+        costs: list[float | None] = [None] * len(findings)
+        for done, k in enumerate(order):
+            yield clock.at(2 + done)
+            own, factor = trial, trial.factor(findings[k])
+            if factor > 1 / SHOWN:
+                planes = _planes(evidence, findings[k : k + 1])
+                own = _Trial.at(evidence, _place(evidence, findings[k]), planes, many)
+                factor = own.factor(findings[k])
+            costs[k] = own.cost(findings[k], factor)
+    except (InputError, EnergyError):  # a camera that is computed for the patterns but not for a patch
+        return Costs(None, None, (None,) * len(findings))
+    yield clock.at(len(findings) + 2)
+    return Costs(trial.clean, as_it_is, tuple(costs))
+
+
+def scene(shape: tuple[int, int, int], seed: int = 0, density: float = 1 / POINTS) -> F8:
+    """Return the fixed scene ``(nz, Y, X)``: points, and a smooth part of as much energy."""
+    rng = np.random.default_rng(seed)
+    nz, rows, columns = shape
+    count = max(3, round(density * rows * columns))
+    sharp = points(shape, [(z, *rng.integers(0, (rows, columns)).tolist()) for z in range(nz) for _ in range(count)])
+    y, x = np.mgrid[:rows, :columns]
+    waves = [np.cos(2 * np.pi * y / rows * (1 + z) + z) + np.cos(2 * np.pi * x / columns + 2 * z) for z in range(nz)]
+    smooth = 1.0 + 0.4 * np.stack(waves)
+    return sharp + smooth * float(np.linalg.norm(sharp) / np.linalg.norm(smooth))
+
+
+def difference(volume: F8, reference: F8) -> float:
+    """Return the norm of ``volume - reference`` over that of ``reference``; brightness as a whole counts nothing."""
+    power = float((volume * volume).sum())
+    scale = float((volume * reference).sum()) / power if power > 0 else 0.0
+    return float(np.linalg.norm(scale * volume - reference) / np.linalg.norm(reference))
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A patch with what its scene is reconstructed to: without noise, and with it."""
+
+    patch: Patch
+    shape: tuple[int, int, int]
+    image_shape: tuple[int, int]
+    image: F4
+    reference: F8
+    clean: float
+    sample: Patch | None
+
+    @classmethod
+    def at(cls, evidence: Evidence, place: tuple[int, int], planes: list[int], many: int | None) -> _Trial:
+        period, many = evidence.plan.period, MOST if many is None else many
+        # all of the period of fewer planes: a part of it is less like the whole
+        while len(planes) > 1 and many < len(planes) * period[0] * period[1]:
+            planes = planes[:-1]
+        planes = sorted(planes)
+        block = _block(period, many // len(planes))
+        whole = block == period and len(planes) == evidence.plan.shape[0]
+        first = [
+            0 if b == n else int(np.clip(p - b // 2, 0, n - b)) for p, b, n in zip(place, block, period, strict=True)
+        ]
+        y, x = (f + np.arange(b) for f, b in zip(first, block, strict=True))
+        index = np.stack([a.ravel() for a in np.meshgrid(planes, y, x, indexing="ij")], 1).astype(np.intp)
+        side = tuple(-(-SIDE_PX // b) * b for b in block)
+        cutout = (2 * side[0] - 1, 2 * side[1] - 1)
+        patch = patch_of(evidence, index, cutout)
+        sample = None
+        if not whole:
+            every = np.linspace(0, len(evidence) - 1, min(SAMPLE, len(evidence))).astype(int)
+            sample = patch_of(evidence, evidence.index[every], cutout)
+        bare = cls(patch, (len(planes), *block), (side[0], side[1]), patch.light[0], np.zeros(()), 0.0, sample)
+        image = bare.projector(patch.light).forward(scene((len(planes), *bare.image_shape)))
+        bare = replace(bare, image=image)
+        bare = replace(bare, reference=bare.volume(patch.light))
+        return replace(bare, clean=difference(bare.volume(patch.light + patch.noise), bare.reference))
+
+    def projector(self, patterns: F4) -> Projector:
+        return Projector(PSFMatrix(patterns.reshape(*self.shape, *patterns.shape[1:])), self.image_shape)
+
+    def volume(self, patterns: F4) -> F8:
+        found: F8 = richardson_lucy(self.projector(patterns), self.image, ITERATIONS).volume.astype(np.float64)
+        return found
+
+    def error(self, light: F4) -> float:
+        """Return the error of a reconstruction with patterns of this light and H's noise."""
+        try:
+            return difference(self.volume(light + self.patch.noise), self.reference)
+        except InputError:  # so little light in sum that nothing can be reconstructed
+            return 1.0
+
+    def factor(self, finding: Finding) -> float:
+        """Return how much stronger a fault is all over H than in this patch, as a ratio of powers."""
+        if finding.put_in is None:
+            return 1.0
+        if finding.extent is not None:
+            here = len(_within(finding.positions, self.patch.index)) / len(self.patch.index)
+            return finding.extent / here if here else np.inf
+        if self.sample is None:
+            return 1.0
+        own = _power(self.patch, finding)
+        return _power(self.sample, finding) / own if own > 0 else np.inf
+
+    def cost(self, finding: Finding, factor: float) -> float | None:
+        if finding.put_in is None or not np.isfinite(factor):
+            return None
+        beyond = max(0.0, self.error(finding.put_in(self.patch)) ** 2 - self.clean**2)
+        return float(np.sqrt(self.clean**2 + factor * beyond) - self.clean)
+
+
+def _power(patch: Patch, finding: Finding) -> float:
+    assert finding.put_in is not None
+    change = np.square(finding.put_in(patch) - patch.light).sum(dtype=np.float64)
+    return float(change / max(1e-300, np.square(patch.light).sum(dtype=np.float64)))
+
+
+def _within(positions: NDArray[np.intp], index: NDArray[np.intp]) -> list[tuple[int, ...]]:
+    inside = set(map(tuple, index.tolist()))
+    return [p for p in map(tuple, positions.tolist()) if p in inside]
+
+
+def _planes(evidence: Evidence, findings: Sequence[Finding]) -> list[int]:
+    """Return the planes that findings concern most, then others spread over H."""
+    nz = evidence.plan.shape[0]
+    if nz <= PLANES:
+        return list(range(nz))
+    votes = np.zeros(nz)
+    for one in findings:
+        own, counts = np.unique(one.positions[:, 0], return_counts=True)
+        votes[own] += one.share * counts / max(1, counts.sum())
+    wanted = [int(z) for z in np.argsort(-votes, kind="stable")[: PLANES - 1] if votes[z] > 0]
+    for z in np.rint(np.linspace(0, nz - 1, PLANES)).astype(int).tolist():
+        if len(wanted) < PLANES and z not in wanted:
+            wanted.append(z)
+    return wanted
+
+
+def _place(evidence: Evidence, finding: Finding) -> tuple[int, int]:
+    """Return the position (y, x) about which a finding shows most."""
+    ny, nx = evidence.plan.period
+    if finding.extent is not None:
+        y, x = finding.positions[len(finding.positions) // 2, 1:].tolist()
+        return y, x
+    if len(finding.pixels):
+        # cutouts about a pixel hold it in their middle
+        row, column = np.median(finding.pixels, axis=0) - (np.array(evidence.plan.cutout) - 1) / 2
+        return int(np.clip(row, 0, ny - 1)), int(np.clip(column, 0, nx - 1))
+    return ny // 2, nx // 2
+
+
+def _affordable(evidence: Evidence, findings: Sequence[Finding], seconds: float) -> int:
+    """Return for how many positions there is time, by what a few more take."""
+    some = evidence.index[evidence.index[:, 0] == evidence.index[0, 0]][:TRIED]
+    _put_in(evidence, some[:1], findings)  # tables
+    took = []
+    for part in (some[: len(some) // 4], some):
+        start = time.perf_counter()
+        _put_in(evidence, part, findings)
+        took.append(time.perf_counter() - start)
+    each = (took[1] - took[0]) / (len(some) - len(some) // 4)
+    return int(np.clip(seconds / max(each, 1e-4), FEWEST, MOST))
+
+
+def _put_in(evidence: Evidence, index: NDArray[np.intp], findings: Sequence[Finding]) -> None:
+    patch = patch_of(evidence, index, (2 * SIDE_PX - 1, 2 * SIDE_PX - 1))
+    for one in findings:
+        if one.put_in is not None:
+            one.put_in(patch)
+
+
+def _block(period: tuple[int, int], many: int) -> tuple[int, int]:
+    """Return rows and columns of a block of at most so many positions, as square as the period allows."""
+    ny, nx = period
+    if many >= ny * nx:
+        return period
+    rows = min(ny, max(1, int(np.sqrt(many))))
+    columns = min(nx, max(1, many // rows))
+    return min(ny, max(1, many // columns)), columns

@@ -1,0 +1,51 @@
+"""``lfcal bench faults``: what is put in is what is measured; cameras without a fault raise no alarm."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from lfcal.bench import faults
+from lfcal.bench._fault_list import FAULTS, Injected
+from lfcal.bench._fault_recordings import CAMERAS, Recording
+from tests.bench.test_commands import Bench, bench
+
+__all__ = ["bench"]
+
+
+def test_a_fault_is_tried_with_its_costs(bench: Bench) -> None:
+    number = next(k for k, one in enumerate(FAULTS) if one.name == "offsets of columns")
+    part = ("--cameras", "bench", "--first", number, "--faults", 1, "--strengths", "3", "--patterns", 24)
+    found = json.loads(bench("faults", *part, "--json"))
+    (one,) = found["faults"]
+    assert one["fault"] == "offsets of columns" and one["strength"] == 15 and one["rank"] == 1
+    assert one["true"] / 2 < one["told"] < 2 * one["true"]
+    assert (found["dear"], found["first_or_second"], found["named"], found["within_2"]) == (1, 1, 1, 1)
+
+
+def test_cameras_without_a_fault(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(faults, "CLEAN", 2)
+    found = bench.json("faults", "--clean", "--patterns", 24)
+    assert [one["camera"] for one in found["cameras"]] == ["bench", "bench, 1 % PRNU"]
+    assert found["bad"] == 0
+
+
+def test_what_it_is_asked_for_is_checked(bench: Bench) -> None:
+    assert "some of bench, r29-like" in bench("faults", "--cameras", "none", code=2)
+    assert "some of 1, 2, 3" in bench("faults", "--strengths", "4", code=2)
+
+
+def test_there_are_enough_faults_each_with_its_own_name() -> None:
+    assert len(FAULTS) >= 60 and len({one.name for one in FAULTS}) == len(FAULTS)
+    assert len(CAMERAS) == 4
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda one: one.name)
+def test_every_fault_changes_a_recording(fault: Injected) -> None:
+    recording = Recording(CAMERAS["bench"]())
+    values = fault.put_in(recording, fault.strengths[2])
+    assert values.shape == recording.plan.shape and np.isfinite(values).all()
+    assert not np.allclose(values, recording.clean())

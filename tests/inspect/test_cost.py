@@ -1,0 +1,135 @@
+"""What a fault costs on a patch of H is what it costs a large reconstruction; no fault costs nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from lfcal.bench._fault_costs import TrueCost
+from lfcal.inspect import Finding, iter_search
+from lfcal.inspect.cost import Costs, difference, iter_costs, scene
+from lfcal.progress import drain
+from tests.inspect.common import PEAK, Values, added, clean, compressed, evidence_of, light, noisy, plan, scaled, sensor
+from tests.inspect.test_stage_faults import displaced, grid
+
+rows = (np.arange(plan().period[0]) % 2)[:, None]
+
+
+def line(base: float, value: float, axis: int = 1) -> Values:
+    image = sensor(base)
+    image[(25, slice(None)) if axis == 0 else (slice(None), 25)] = value
+    return image
+
+
+def mosaic() -> Values:
+    image = sensor(1.0)
+    image[::2, ::2], image[1::2, 1::2] = 0.6, 0.5
+    return image
+
+
+def spot() -> Values:
+    image = sensor(0.0)
+    image[20, 33] = 0.3 * PEAK
+    return image
+
+
+def faded(by: float) -> Values:
+    ny, nx = plan().period
+    come = (np.arange(ny * nx).reshape(ny, nx) / (ny * nx))[None, :, :, None, None]
+    return noisy((light() * (1 - by * come)).astype(np.float32))
+
+
+def moved_halfway() -> Values:
+    values = clean()
+    values[1] = np.roll(values[1], 1, axis=3)
+    return values
+
+
+def bent(power: float) -> Values:
+    values = clean()
+    return (np.sign(values) * PEAK * (np.abs(values) / PEAK) ** power).astype(np.float32)
+
+
+def offsets() -> Values:
+    return sensor(0.0) + np.random.default_rng(1).normal(0, 6, (len(sensor(0)), 1)).astype(np.float32)
+
+
+y, x = grid()
+KINDS: dict[str, Callable[[], Values]] = {
+    "dead_line": lambda: noisy(scaled(light(), line(1.0, 0.0))),
+    "hot_line": lambda: added(clean(), line(0.0, 0.02 * PEAK)),
+    "line_offsets": lambda: added(clean(), offsets()),
+    "bad_pixels": lambda: added(clean(), spot()),
+    "mosaic": lambda: noisy(scaled(light(), mosaic())),
+    "not_linear": lambda: bent(1.2),
+    "compression": lambda: compressed(clean(), 75),
+    "lamp": lambda: faded(0.2),
+    "depth_label": lambda: clean()[::-1].copy(),
+    "frame_shift": moved_halfway,
+    "stage_axes": lambda: displaced(0.03 * y, 0.03 * x),
+    "backlash": lambda: displaced(0 * y, np.where(rows == 1, 0.25, -0.25) + 0 * y),
+    "jitter": lambda: displaced(*np.random.default_rng(5).normal(0, 0.1, (2, *plan().period))),
+}
+SHORT = ("dead_line", "lamp", "depth_label")
+
+
+@cache
+def truth() -> TrueCost:
+    return TrueCost(light(), clean())
+
+
+def costs_of(values: Values) -> tuple[tuple[Finding, ...], Costs]:
+    found, cleaned = drain(iter_search(evidence_of(values)))
+    return found, drain(iter_costs(cleaned, found, None))
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in SHORT else pytest.param(name, marks=pytest.mark.long) for name in KINDS]
+)
+def test_costs_are_those_of_a_large_reconstruction(name: str) -> None:
+    values = KINDS[name]()
+    found, costs = costs_of(values)
+    told = {one.name: cost for one, cost in zip(found, costs.costs, strict=True)}[name]
+    true = truth().cost(values)
+    assert told is not None and true > 0.01 and true / 2 < told < 2 * true, (told, true)
+    assert costs.clean is not None and costs.as_it_is is not None
+    assert truth().clean / 2 < costs.clean or name == "compression", "of which noise is none"
+    assert costs.as_it_is - costs.clean > 0.5 * true
+
+
+def test_two_faults_have_each_its_cost() -> None:
+    found, costs = costs_of(scaled(faded(0.2), line(1.0, 0.0)))
+    told = dict(zip((one.name for one in found), costs.costs, strict=True))
+    alone, fading = (truth().cost(KINDS[name]()) for name in ("dead_line", "lamp"))
+    assert told["dead_line"] == pytest.approx(alone, rel=0.5) and told["lamp"] == pytest.approx(fading, rel=0.5)
+
+
+def test_no_finding_costs_nothing_and_one_that_nothing_is_known_of_has_no_cost() -> None:
+    evidence = evidence_of(clean())
+    assert drain(iter_costs(evidence, (), None)) == Costs(None, None, ())
+    (one,), cleaned = drain(iter_search(evidence_of(faded(0.2))))
+    costs = drain(iter_costs(cleaned, (replace(one, put_in=None),), 0.01))
+    assert costs.costs == (None,) and costs.clean is not None
+
+
+def test_costs_are_the_same_each_time() -> None:
+    (one,), cleaned = drain(iter_search(evidence_of(faded(0.2))))
+    assert drain(iter_costs(cleaned, (one,), None)) == drain(iter_costs(cleaned, (one,), None))
+
+
+def test_a_part_of_the_period_tells_about_the_same() -> None:
+    (one,), cleaned = drain(iter_search(evidence_of(noisy(scaled(light(), line(1.0, 0.7))))))
+    (whole,), (part,) = (drain(iter_costs(cleaned, (one,), seconds)).costs for seconds in (None, 1e-6))
+    assert whole is not None and part is not None and whole / 3 < part < 3 * whole
+
+
+def test_the_scene_and_its_difference() -> None:
+    one = scene((2, 40, 50))
+    assert one.shape == (2, 40, 50) and one.min() > 0 and np.array_equal(one, scene((2, 40, 50)))
+    assert difference(3 * one, one) == pytest.approx(0, abs=1e-12), "brightness as a whole is none"
+    other = one + np.random.default_rng(0).normal(0, 0.1 * np.sqrt(np.mean(one**2)), one.shape)
+    assert difference(other, one) == pytest.approx(0.1, rel=0.05)
