@@ -66,7 +66,7 @@ class PlaneModel:
         self._sampling = replace(sampling, margin_px=max(sampling.margin_px, margin))
         self._planned = np.zeros((*scene.period, 2)) if scene.offsets_um is None else np.array(scene.offsets_um)
         self._middle = (np.array(scene.period) - 1) / 2
-        self._scale = setup.stage_scale
+        self._scale, self._aside = setup.stage_scale, np.array(setup.aside_px)
         source = max(max(abs(s.rows), abs(s.columns)) for s in self._samples)
         self._reach = (REACH_PX + source) * self._pixel
         self._engines: dict[float, PlaneEngine] = {}
@@ -79,7 +79,7 @@ class PlaneModel:
         Displacements are pixels on the sensor, beside what the setup's stage does.
         """
         out = np.zeros((len(places), *self._scene.cutout), np.float32)
-        moved = offsets_px + self._scale * (places - self._middle)
+        moved = offsets_px + self._aside + self._scale * (places - self._middle)
         for layer in _once_each(places):
             for sample in self._samples:
                 at = moved[layer] + np.array([sample.rows, sample.columns])
