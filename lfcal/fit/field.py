@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.fit import check_stage, groups_of, iter_retrieved, problem_of
@@ -70,16 +70,15 @@ class FieldFit:
         return self.first.effects
 
     def setup_at(self, plan: ScanPlan) -> Setup:
-        """Return the setup of a scan anywhere, its sources and planes where they were planned."""
+        """Return the setup of a scan anywhere: sources where they were planned, planes as of the first region."""
         first = self.first.setup
-        shared = np.mean([fit.setup.depth_errors_um for fit in self.fits.values()], axis=0)
-        depths = np.interp(plan.depths_um, *_rising(self.first.planned.depths_um, shared))
+        depths = np.interp(plan.depths_um, *_rising(self.first.planned.depths_um, first.depth_errors_um))
         return replace(first, depth_errors_um=tuple(map(float, depths)), aside_px=(0.0, 0.0), stage_scale=0.0)
 
     def fit_at(self, plan: ScanPlan) -> Fit:
-        """Return the fit as it is at another place of the field: `Fit.model` is H there.
+        """Return the fit as it is elsewhere in the field: `Fit.model` is H there, in the mean light of all regions.
 
-        The light is the mean of all regions. Cameras are those of the fit, whatever the plan's.
+        The camera is that of the fit, whatever the plan's.
         """
         gains = np.mean([fit.levels.gains for fit in self.fits.values()], axis=0)
         light = np.interp(plan.depths_um, *_rising(self.first.planned.depths_um, gains))
@@ -118,7 +117,7 @@ def _rate(name: str, n: int, m: int, own: FieldAberrations | None, field_um: tup
     return next((waves for a, b, waves in alone.terms_at(field_um) if (a, b) == (n, m)), 0.0)
 
 
-def _rising(depths: Sequence[float], values: F8) -> tuple[F8, F8]:
+def _rising(depths: Sequence[float], values: ArrayLike) -> tuple[F8, F8]:
     order = np.argsort(depths)
     return np.asarray(depths, np.float64)[order], np.asarray(values, np.float64)[order]
 

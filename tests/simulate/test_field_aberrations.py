@@ -34,6 +34,10 @@ def test_light_at_a_place_is_that_of_its_wavefront(anchor: tuple[float, float]) 
     )
     found, plain = responses(plan, (*BASE, LAW)), responses(plan, BASE)
     assert difference(found, responses(plan, (*BASE, Zernike(terms)))) < 1e-5
+    # a wavefront on the axis adds to it, term by term
+    both = responses(plan, (*BASE, Zernike(((3, 1, 0.1), (4, 0, -0.1))), LAW))
+    summed = tuple((n, m, w + {(3, 1): 0.1, (4, 0): -0.1}.get((n, m), 0.0)) for n, m, w in terms)
+    assert difference(both, responses(plan, (*BASE, Zernike(summed)))) < 1e-5
     assert difference(found, plain) > 0.05
 
 

@@ -214,7 +214,14 @@ class FieldAberrations(SceneEffect):
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the wavefront of its place in the field; none where there is nothing."""
         terms = self.terms_at(outlook.field_um)
-        return replace(scene, wavefront=scene.wavefront + terms, lenslet_diffraction=True) if terms else scene
+        if not terms:
+            return scene
+        # one term of each order: how steep a wavefront may be is reckoned term by term
+        total = {(n, m): waves for n, m, waves in terms}
+        for n, m, waves in scene.wavefront:
+            total[n, m] = total.get((n, m), 0.0) + waves
+        found = tuple((n, m, waves) for (n, m), waves in total.items())
+        return replace(scene, wavefront=found, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
         """Return the seconds of the table of the aberrated field."""
