@@ -100,7 +100,7 @@ def command(
     from lfcal.cli.cameras import load_camera
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.fit_check import Asked, check_h
-    from lfcal.cli.fit_field import fit_regions, names_of
+    from lfcal.cli.fit_field import fit_regions
     from lfcal.cli.fit_source import SOME, Reading, is_matrix, open_upright, parse_noise, read_patterns
     from lfcal.cli.fit_validate import (
         VALIDATION,
@@ -113,9 +113,7 @@ def command(
         withheld_points,
     )
     from lfcal.cli.orientation import check_choice
-    from lfcal.cli.outputs import check_outputs
     from lfcal.fit import iter_fit_camera
-    from lfcal.fit.field_files import field_outputs
     from lfcal.fit.files import fit_dict
     from lfcal.fit.setup import called_for, with_given
     from lfcal.fit.writing import MODEL, iter_write_fit
@@ -160,7 +158,7 @@ def command(
         one_by_one = {"--hybrid": hybrid, "--validate": validate or validate_on, "--object": known_object or scene}
         if asked_for := next((name for name, said in one_by_one.items() if said), None):
             raise InputError.expected(asked_for, "one SOURCE", f"{len(sources)}", "fit regions without it")
-        check_outputs(field_outputs(out, names_of(sources)), *sources, camera, plan, dark, white, force=force)
+        _check_regions(out, sources, camera, plan, dark, white, no_h=no_h, force=force)
         recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
         start = load_camera(camera) if camera else None
         how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
@@ -233,6 +231,20 @@ def _check_before(out: Path, *inputs: Path | str | None, more: Sequence[str] = (
     matrix = out / MODEL
     if no_h and matrix.exists():
         raise InputError.expected(str(matrix), "no H with --no-h", "one of an earlier fit", "choose another folder")
+
+
+def _check_regions(out: Path, sources: Sequence[Path], *inputs: Path | str | None, no_h: bool, force: bool) -> None:
+    """Raise where an output of several regions cannot be written, is an input, exists, or lies beside another fit's."""
+    from lfcal.cli.fit_field import names_of
+    from lfcal.cli.outputs import check_outputs
+    from lfcal.fit.field_files import field_outputs
+    from lfcal.fit.writing import MODEL, NUMBERS
+
+    names = names_of(sources)
+    check_outputs(field_outputs(out, names), *sources, *inputs, force=force)
+    others = [out / MODEL, out / NUMBERS, *([out / name / MODEL for name in names] if no_h else [])]
+    if there := next((path for path in others if path.exists()), None):
+        raise InputError.expected(str(out), "no fit of another camera", str(there), "choose another folder")
 
 
 def _show(fit: Fit, out: Path, written: list[Path], summary: HybridSummary | None) -> None:

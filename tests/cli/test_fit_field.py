@@ -70,6 +70,9 @@ def test_regions_are_fitted_as_one_camera(place: Path, lfcal: Lfcal) -> None:
     assert Camera.from_json((place / "fit" / "camera.json").read_text()).name == camera().name
     again = lfcal("fit", "centre.h5", "edge.h5", "--unknowns", "field_wavefront")
     assert again.code == 2 and "exists; add --force" in again.err
+    # H of these regions does not stay beside another camera
+    bare = lfcal("fit", "centre.h5", "edge.h5", "--no-h", "--force")
+    assert bare.code == 2 and "no fit of another camera" in bare.err
 
 
 @pytest.mark.parametrize(
