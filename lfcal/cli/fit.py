@@ -32,7 +32,7 @@ def command(
     sources: list[Path] = typer.Argument(
         metavar="SOURCE...",
         help="H file (.h5), of which only recorded positions are used; or a recorded session, a folder of frames, or "
-        "one file of many frames. With --check one new frame or more.",
+        "one file of many frames. Several are regions of the field of one camera. With --check new frames.",
     ),
     *,
     camera: str = typer.Option("", "--camera", help="Preset or camera file to start from; H's or the plan's own."),
@@ -91,14 +91,16 @@ def command(
 ) -> None:
     """Find the camera that explains measured patterns: gap, focal lengths, iris, aberrations; and H without noise.
 
-    Writes camera.json, effects.json, H.h5, fit.json and report/ into a folder. With --check it says whether an old H
-    still holds; exit code 1: it does not, or the frames do not tell.
+    Writes camera.json, effects.json, H.h5, fit.json and report/ into a folder. Several sources are regions of the field
+    of one camera: how its wavefront changes over the field is found too, and each has a folder of its own. With --check
+    it says whether an old H still holds; exit code 1: it does not, or the frames do not tell.
 
-    Example: `lfcal fit H.h5 -o fit/`; `lfcal fit --check old.h5 frame.tif`
+    Example: `lfcal fit H.h5 -o fit/`; `lfcal fit centre.h5 edge.h5 corner.h5`; `lfcal fit --check old.h5 frame.tif`
     """
     from lfcal.cli.cameras import load_camera
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.fit_check import Asked, check_h
+    from lfcal.cli.fit_field import fit_regions
     from lfcal.cli.fit_source import SOME, Reading, is_matrix, open_upright, parse_noise, read_patterns
     from lfcal.cli.fit_validate import (
         VALIDATION,
@@ -147,13 +149,21 @@ def command(
         return
     if limit is not None:
         raise InputError.expected("--limit", "--check H with it", "none", "leave it out, or name the H to check")
-    if len(sources) > 1:
-        raise InputError.expected("SOURCE", "one", f"{len(sources)}", "fit one at a time; --check takes several frames")
     source = sources[0]
     if hybrid and no_h:
         raise InputError.expected("--hybrid", "an H to write", "--no-h", "leave one of them out")
     groups = unknowns if unknowns == "auto" else _groups(unknowns)
     chosen = parse_effects(effects)
+    if len(sources) > 1:
+        one_by_one = {"--hybrid": hybrid, "--validate": validate or validate_on, "--object": known_object or scene}
+        if asked_for := next((name for name, said in one_by_one.items() if said), None):
+            raise InputError.expected(asked_for, "one SOURCE", f"{len(sources)}", "fit regions without it")
+        _check_regions(out, sources, camera, plan, dark, white, no_h=no_h, force=force)
+        recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
+        start = load_camera(camera) if camera else None
+        how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
+        fit_regions(sources, how, groups, chosen if effects else None, out, with_h=not no_h, workers=workers, json=json)
+        return
     if (known_object is None) != (scene is None) or (known_object and no_h):
         got = "without H" if no_h else "one of them"
         raise InputError.expected("--object", "a frame, its --scene, and H", got, "give all of them, or none")
@@ -221,6 +231,20 @@ def _check_before(out: Path, *inputs: Path | str | None, more: Sequence[str] = (
     matrix = out / MODEL
     if no_h and matrix.exists():
         raise InputError.expected(str(matrix), "no H with --no-h", "one of an earlier fit", "choose another folder")
+
+
+def _check_regions(out: Path, sources: Sequence[Path], *inputs: Path | str | None, no_h: bool, force: bool) -> None:
+    """Raise where an output of several regions cannot be written, is an input, exists, or lies beside another fit's."""
+    from lfcal.cli.fit_field import names_of
+    from lfcal.cli.outputs import check_outputs
+    from lfcal.fit.field_files import field_outputs
+    from lfcal.fit.writing import MODEL, NUMBERS
+
+    names = names_of(sources)
+    check_outputs(field_outputs(out, names), *sources, *inputs, force=force)
+    others = [out / MODEL, out / NUMBERS, *([out / name / MODEL for name in names] if no_h else [])]
+    if there := next((path for path in others if path.exists()), None):
+        raise InputError.expected(str(out), "no fit of another camera", str(there), "choose another folder")
 
 
 def _show(fit: Fit, out: Path, written: list[Path], summary: HybridSummary | None) -> None:

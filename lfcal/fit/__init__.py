@@ -10,6 +10,7 @@
 - ``convergence``: what each round of a fit leaves
 - ``judge``: chi² and the model's error; ``summary``, ``result``: what was found and how sure it is
 - ``fit``: all of it in order
+- ``regional``, ``field``, ``field_files``: one camera from several regions of the field, its wavefront over it
 - ``design``: which positions to record next; ``information``: what patterns tell; ``earlier``: a fit to go on from
 - ``files``: camera, effects, numbers and H as files; ``writing``: all of them in a folder
 - ``drawing``, ``report``: a fit in pictures and as a page; ``design_drawing``: expected errors

@@ -145,6 +145,7 @@ def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
     if correlations.shape != (len(found), len(found)) or not np.isfinite([*values, *sigmas, *correlations.flat]).all():
         wanted = f"{len(found)} parameters with their correlations"
         raise FileFormatError.expected(f"{place / 'fit.json'}", wanted, "others", "fit again")
+    aside = data.get("aside_px", (0.0, 0.0))
     return Earlier(
         Setup(
             camera,
@@ -152,6 +153,7 @@ def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
             tuple(one.effect or effect_from(one.name, {}) for one in read_entries(place / "effects.json")),
             tuple(float(v) for v in data["depth_errors_um"]),
             float(data["stage_scale"]),
+            (float(aside[0]), float(aside[1])),
         ),
         tuple(str(name) for name in data["groups"]),
         tuple(str(one["name"]) for one in found),

@@ -66,7 +66,8 @@ def behind(matrix: PSFMatrix, index: NDArray[np.intp]) -> Behind | None:
         plan = plan_of(matrix)
         if plan is None:
             return None
-        setup = Setup(plan.camera, _effects(matrix), _depth_errors(matrix.provenance, matrix.shape[0]))
+        errors, aside = _depth_errors(matrix.provenance, matrix.shape[0]), _aside(matrix.provenance)
+        setup = Setup(plan.camera, _effects(matrix), errors, aside_px=aside)
         light = predict(setup, plan, index, np.zeros((len(index), 2)), Fineness.coarse)
     except (InputError, EnergyError):  # a description that no engine computes tells nothing of H
         return None
@@ -107,6 +108,14 @@ def _depth_errors(provenance: Mapping[str, Any], planes: int) -> tuple[float, ..
     said = fit.get("depth_errors_um") if isinstance(fit, Mapping) else None
     good = isinstance(said, list) and len(said) == planes and all(isinstance(v, int | float) for v in said)
     return tuple(float(v) for v in said) if good and said is not None else (0.0,) * planes
+
+
+def _aside(provenance: Mapping[str, Any]) -> tuple[float, float]:
+    """Return how far all sources lay beside their places on the sensor, as a fit of several regions says."""
+    fit = provenance.get("fit")
+    said = fit.get("aside_px") if isinstance(fit, Mapping) else None
+    good = isinstance(said, list) and len(said) == 2 and all(isinstance(v, int | float) and abs(v) < 1e3 for v in said)
+    return (float(said[0]), float(said[1])) if good and said is not None else (0.0, 0.0)
 
 
 class Expected:

@@ -97,6 +97,7 @@ def fit_dict(fit: Fit) -> dict[str, Any]:
             "depths_um": fit.planned.depths_um,
             "depth_errors_um": fit.setup.depth_errors_um,
             "stage_scale": fit.setup.stage_scale,
+            "aside_px": fit.setup.aside_px,
             "gains": fit.levels.gains,
             "planes_without_patterns": fit.unseen,
             "backgrounds": fit.levels.backgrounds,

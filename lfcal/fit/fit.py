@@ -40,7 +40,7 @@ from lfcal.progress import Work, drain
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects.base import Effect
 
-__all__ = ["fit_camera", "iter_fit_camera"]
+__all__ = ["check_stage", "fit_camera", "groups_of", "iter_fit_camera", "iter_retrieved", "problem_of"]
 
 
 def iter_fit_camera(
@@ -62,19 +62,50 @@ def iter_fit_camera(
         measured = replace(measured, plan=replace(measured.plan, camera=camera))
     check_light(measured)
     check_described(measured)
-    core, candidates = _groups(unknowns)
+    core, candidates = groups_of(unknowns)
     setup = Setup(
         measured.plan.camera,
         called_for(measured.plan) if effects is None else tuple(effects),
         (0.0,) * measured.plan.shape[0],
     )
-    _check_stage(stage)
+    check_stage(stage)
     if not isinstance(unknowns, str):
         check_groups(setup, measured.plan, core)
     problem = problem_of(measured, setup, (*core, *candidates), workers)
+    finished = yield from iter_retrieved(problem, core, candidates, stage=stage)
+    problem, point, groups, columns, found = finished
+    return summarised(problem, point, columns, groups=groups, tried=candidates, outliers=found)[0]
+
+
+def iter_retrieved(
+    problem: Problem,
+    core: Sequence[str],
+    candidates: Sequence[str],
+    *,
+    stage: str | float,
+    start: NDArray[np.float64] | None = None,
+) -> Work[Finished]:
+    """Return the best point of a problem; ``core`` groups are fitted, of the ``candidates`` those that help.
+
+    Parameters
+    ----------
+    problem
+        With the unknowns of all of them.
+    core, candidates
+        Names of groups.
+    stage
+        As of `fit_camera`.
+    start
+        A vector nearer than the description; None starts from that.
+
+    Raises
+    ------
+    InputError
+        If the patterns are not of such a camera.
+    """
     core = tuple(group.name for group in problem.vector.groups if group.name in core)
     tell = rounds()
-    point = yield from as_described(problem, core, tell)
+    point = yield from as_described(problem, core, tell, start=start)
     if misfit(problem, point) > STRANGE:
         yield from asked(problem, core)
     point, groups = yield from _approached(problem, point, core, candidates, tell=tell)
@@ -82,9 +113,7 @@ def iter_fit_camera(
         # much is left that no unknown explains: something may be otherwise than it is described
         yield from asked(problem, core)
     check_explained(problem, point)
-    finished = yield from _finished(problem, point, groups, core, candidates, stage=stage, tell=tell)
-    problem, point, groups, columns, found = finished
-    return summarised(problem, point, columns, groups=groups, tried=candidates, outliers=found)
+    return (yield from _finished(problem, point, groups, core, candidates, stage=stage, tell=tell))
 
 
 def fit_camera(
@@ -129,10 +158,11 @@ def fit_camera(
 
 def problem_of(measured: Measured, setup: Setup, groups: Sequence[str], workers: int | None = None) -> Problem:
     """Return the problem of fitting ``groups`` of unknowns about a setup."""
-    return Problem(measured, Vector(setup, Frame.of(measured.plan), groups), workers)
+    frame = Frame.over(measured.plans) if len(measured.plans) > 1 else Frame.of(measured.plan)
+    return Problem(measured, Vector(setup, frame, groups), workers)
 
 
-def _groups(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def groups_of(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the groups that are fitted, and those that are tried."""
     if isinstance(unknowns, str):
         if unknowns != "auto":
@@ -146,7 +176,8 @@ def _groups(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, 
     return found, ()
 
 
-def _check_stage(stage: str | float) -> None:
+def check_stage(stage: str | float) -> None:
+    """Raise `InputError` unless ``stage`` is an rms of sources beside their places, or ``"auto"``."""
     if stage != "auto":
         check_number("rms of sources beside their places (px)", stage, at_least=0, at_most=5, remedy="or 'auto'")
 

@@ -21,6 +21,9 @@ NEAR = 2
 INSIDE = 0.5
 """Share of a cutout that must lie on the frame, and carry a measurement."""
 
+ABOVE = 4.0
+"""Standard deviations of dark pixels above which there is light."""
+
 
 @dataclass(frozen=True, eq=False)
 class NewFrame:
@@ -159,7 +162,11 @@ def _middle_of_light(frame: NewFrame, cutout: tuple[int, int]) -> tuple[int, int
     values = np.where(np.isfinite(frame.values), frame.values, 0.0).astype(np.float64)
     if frame.valid is not None:
         values[~frame.valid] = 0.0
-    values = np.maximum(values - np.median(values), 0.0)
+    values -= np.median(values)
+    # what is positive of the noise of all dark pixels would outweigh dim light, and draw the middle aside
+    noise = float(np.median(np.abs(values))) / 0.6745
+    bright = np.maximum(values - ABOVE * noise, 0.0)
+    values = bright if bright.any() else np.maximum(values, 0.0)
     mean = uniform_filter(values, cutout, mode="constant")
     # the middle of all light in the brightest window: the window itself is flat about its best place
     row, column = np.unravel_index(int(mean.argmax()), mean.shape)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,7 +71,8 @@ class Measured:
             raise InputError.expected(
                 "patterns", "on the sensor's own pixels", "on resampled ones", "assemble them without resampling"
             )
-        _check_inside(self.index, self.plan.shape[:3])
+        for plan, own, _ in self.parts():
+            _check_inside(self.index[own], plan.shape[:3])
         if not np.isfinite(self.patterns[self.valid]).all():
             raise InputError.expected("patterns", "finite values", "NaN or infinity", "leave these pixels out")
         good = np.isfinite(self.noise).all() and (self.noise >= 0).all() and (self.noise.sum(1) > 0).all()
@@ -84,6 +85,26 @@ class Measured:
     def __len__(self) -> int:
         """Return the number of patterns."""
         return len(self.index)
+
+    @property
+    def level(self) -> NDArray[np.intp]:
+        """Of which light and background each pattern ``(n,)`` is: those of its plane."""
+        found: NDArray[np.intp] = self.index[:, 0]
+        return found
+
+    @property
+    def levels(self) -> int:
+        """How many there are."""
+        return self.plan.shape[0]
+
+    @property
+    def plans(self) -> tuple[ScanPlan, ...]:
+        """The plan of each region of the field: here of one."""
+        return (self.plan,)
+
+    def parts(self) -> Iterator[tuple[ScanPlan, NDArray[np.intp], int]]:
+        """Yield the plan of each region of the field, which patterns are of it, and its number: here one of all."""
+        yield self.plan, np.arange(len(self.index)), 0
 
     def of(self, keep: NDArray[np.bool_]) -> Measured:
         """Return the patterns that are kept."""

@@ -14,7 +14,6 @@ from lfcal.progress import Clock, Work
 from lfcal.simulate.accuracy.sampling import grid_margin
 from lfcal.simulate.engines.base import Displaceable, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.engines.extent import SWITCH
 from lfcal.simulate.response import PlaneResponse, at_wavelength, filtered
 from lfcal.threads import for_each_chunk, worker_count
 
@@ -39,7 +38,7 @@ class Fineness:
 
 
 LEFT_OUT = {Fineness.coarse: 0.015, Fineness.fine: 0.006, Fineness.finest: 0.003}
-"""Share of the light that may lie outside a grid's margin in a microscope, or near a main lens's native plane."""
+"""Share of the light that may lie outside a grid's margin; coarse patterns of a main lens keep the usual one."""
 
 
 class PlaneModel:
@@ -62,14 +61,12 @@ class PlaneModel:
         self._halo = max(response.halo, 1)
         rows, columns = plan.cutout
         scene = replace(response.scene, cutout=(rows + 2 * self._halo, columns + 2 * self._halo))
-        # the iris's shadow of a main lens has an edge; a focus has none
-        focused = scene.objective is not None or scene.fresnel_number < SWITCH
-        margin = grid_margin(scene, LEFT_OUT.get(sampling, 1.0)) if focused else 0
+        margin = grid_margin(scene, LEFT_OUT.get(sampling, 1.0))
         self._pixel = scene.pixel_um
         self._sampling = replace(sampling, margin_px=max(sampling.margin_px, margin))
         self._planned = np.zeros((*scene.period, 2)) if scene.offsets_um is None else np.array(scene.offsets_um)
         self._middle = (np.array(scene.period) - 1) / 2
-        self._scale = setup.stage_scale
+        self._scale, self._aside = setup.stage_scale, np.array(setup.aside_px)
         source = max(max(abs(s.rows), abs(s.columns)) for s in self._samples)
         self._reach = (REACH_PX + source) * self._pixel
         self._engines: dict[float, PlaneEngine] = {}
@@ -82,7 +79,7 @@ class PlaneModel:
         Displacements are pixels on the sensor, beside what the setup's stage does.
         """
         out = np.zeros((len(places), *self._scene.cutout), np.float32)
-        moved = offsets_px + self._scale * (places - self._middle)
+        moved = offsets_px + self._aside + self._scale * (places - self._middle)
         for layer in _once_each(places):
             for sample in self._samples:
                 at = moved[layer] + np.array([sample.rows, sample.columns])

@@ -32,8 +32,10 @@ def outliers_of(problem: Problem, point: Point) -> tuple[NDArray[np.bool_], tupl
     # half of the patterns are no outliers: then the model is wrong
     if far.sum() > 0.25 * len(far):
         far[:] = False
+    measured = problem.measured
+    regions = measured.level // measured.plan.shape[0]
     found = [
-        Outlier(int(z), int(y), int(x), f"chi² {own:.3g} where the others have {middle:.3g}")
-        for (z, y, x), own in zip(problem.measured.index[far], chi2[far], strict=True)
+        Outlier(int(z), int(y), int(x), f"chi² {own:.3g} where the others have {middle:.3g}", int(region))
+        for (z, y, x), own, region in zip(measured.index[far], chi2[far], regions[far], strict=True)
     ]
     return far, tuple(found)

@@ -16,7 +16,7 @@ from lfcal.errors import InputError
 from lfcal.fit.setup import Setup
 from lfcal.registry import Registry
 
-__all__ = ["GROUP", "GROUPS", "Frame", "Group", "Unknown", "Vector", "find_groups"]
+__all__ = ["GROUP", "GROUPS", "Frame", "Group", "Unknown", "Vector", "field_of", "find_groups"]
 
 GROUP = "lfcal.unknowns"
 """Entry point group of groups of unknowns of other distributions."""
@@ -33,19 +33,36 @@ class Frame:
     reach_px
         Half the cutout: the lever of what turns or grows (pixels).
     middle_um
-        The scanned cell's middle (x, y) from the sensor's centre (µm).
+        The scanned cell's middle (x, y) from the sensor's centre (µm); of several regions the mean of theirs.
+    fields_um
+        Of several regions of the field the middle (x, y) of each; empty of one.
     """
 
     planes: int
     reach_px: float
     middle_um: tuple[float, float] = (0.0, 0.0)
+    fields_um: tuple[tuple[float, float], ...] = ()
 
     @classmethod
     def of(cls, plan: ScanPlan) -> Frame:
         """Return what of ``plan`` unknowns need."""
-        middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
-        y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
-        return cls(plan.shape[0], max(plan.cutout) / 2, (float(x), float(y)))
+        return cls(plan.shape[0], max(plan.cutout) / 2, field_of(plan))
+
+    @classmethod
+    def over(cls, plans: Sequence[ScanPlan]) -> Frame:
+        """Return what of the plans of several regions unknowns need: the lever is half the way between them."""
+        fields = np.array([field_of(plan) for plan in plans])
+        middle = fields.mean(0)
+        far = float(np.hypot(*(fields - middle).T).max()) / plans[0].camera.sensor.pixel_um
+        reach = max(plans[0].cutout) / 2 + far
+        return cls(plans[0].shape[0], reach, (float(middle[0]), float(middle[1])), tuple(map(tuple, fields.tolist())))
+
+
+def field_of(plan: ScanPlan) -> tuple[float, float]:
+    """Return the middle (x, y) of a scanned region from the sensor's centre (µm)."""
+    middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
+    y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
+    return float(x), float(y)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,6 +214,15 @@ class Vector:
     def values(self, u: NDArray[np.float64]) -> dict[str, float]:
         """Return the values of all unknowns by name."""
         return {one.name: one.value(float(v)) for one, v in zip(self.unknowns, u, strict=True)}
+
+    def changes(self, u: NDArray[np.float64]) -> dict[str, float]:
+        """Return by how much each unknown is beside its start, by name."""
+        return {one.name: one.value(float(v)) - one.start for one, v in zip(self.unknowns, u, strict=True)}
+
+    def at(self, changes: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the vector at which unknowns are ``changes`` beside their start; those without a change are at it."""
+        u = np.array([changes.get(one.name, 0.0) / one.scale for one in self.unknowns])
+        return self.clipped(np.where([one.squared for one in self.unknowns], 0.0, u))
 
     def clipped(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the vector within the unknowns' bounds."""

@@ -76,7 +76,7 @@ class Problem:
     def __init__(self, measured: Measured, vector: Vector, workers: int | None = None) -> None:
         self.measured, self.vector = measured, vector
         self.workers = worker_count(workers)
-        self.planes = measured.index[:, 0]
+        self.planes = measured.level
         self.fitted = ~measured.left_out
 
     def with_measured(self, measured: Measured) -> Problem:
@@ -95,7 +95,9 @@ class Problem:
         measured = self.measured
         offsets = offsets_px + measured.places_px
         setup = self.vector.setup_at(u)
-        found = predict(setup, measured.plan, measured.index, offsets, sampling)
+        found = np.empty((len(measured), *measured.plan.cutout), np.float32)
+        for plan, own, k in measured.parts():
+            found[own] = predict(setup.of_region(k), plan, measured.index[own], offsets[own], sampling)
         return found.reshape(len(measured), -1)
 
     def point(

@@ -146,9 +146,16 @@ def check_explained(problem: Problem, point: Point) -> None:
         )
 
 
-def as_described(problem: Problem, core: Sequence[str], tell: Tell | None = None) -> Work[Point]:
-    """Return the fit of the unknowns ``core`` about the description."""
-    return (yield from _tried(problem, core, "as described", most=4, tell=tell))
+def as_described(
+    problem: Problem,
+    core: Sequence[str],
+    tell: Tell | None = None,
+    *,
+    start: NDArray[np.float64] | None = None,
+    note: str = "as described",
+) -> Work[Point]:
+    """Return the fit of the unknowns ``core`` about the description; ``start`` is a vector that is nearer."""
+    return (yield from _tried(problem, core, note, most=4, tell=tell, start=start))
 
 
 def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
@@ -187,10 +194,19 @@ def order_of_types(described: Camera, found: Camera) -> str:
     return ", ".join(map(str, best)) if far[best] < 0.5 * own else ""
 
 
-def _tried(problem: Problem, core: Sequence[str], note: str, *, most: int, tell: Tell | None = None) -> Work[Point]:
+def _tried(
+    problem: Problem,
+    core: Sequence[str],
+    note: str,
+    *,
+    most: int,
+    tell: Tell | None = None,
+    start: NDArray[np.float64] | None = None,
+) -> Work[Point]:
     which = problem.vector.of_groups(core).tolist()
     local = Local(np.zeros((len(problem.measured), 2)))
-    point = problem.point(np.zeros(len(problem.vector)), local, Fineness.coarse, doubtful=True)
+    u = np.zeros(len(problem.vector)) if start is None else start
+    point = problem.point(u, local, Fineness.coarse, doubtful=True)
     if tell is not None:
         yield tell(problem, point, note)
     point, _ = yield from descend(problem, point, which, note, most=most, enough=5e-3, tell=tell)

@@ -52,12 +52,13 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
-    """A pattern that was left out of the fit because it is not like the others."""
+    """A pattern that was left out of the fit because it is not like the others; ``region`` is its number."""
 
     z: int
     y: int
     x: int
     reason: str
+    region: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,6 +213,7 @@ class Fit:
         """What H of the fitted camera says of where it comes from, as plain JSON types."""
         fit = {"chi2": self.chi2, "error": self.left_out_error.value, "groups": list(self.groups)}
         fit |= {"depth_errors_um": list(self.setup.depth_errors_um), "patterns": len(self.residuals)}
+        fit |= {"aside_px": list(self.setup.aside_px)} if any(self.setup.aside_px) else {}
         fit |= {"gains": self.levels.gains.tolist(), "planes_without_patterns": list(self.unseen)}
         effects = [{"name": one.name, **plain(one)} for one in self.effects]
         return {"fit": fit, "effects": effects, "plan": self.setup.plan(self.planned).to_dict()}

@@ -23,12 +23,29 @@ from lfcal.simulate.effects import (
 from lfcal.simulate.effects.base import Effect, FrameEffect, MotionEffect
 from lfcal.simulate.staging import outlook_of
 
-__all__ = ["Setup", "called_for", "described_effects", "with_given"]
+__all__ = ["RegionPlace", "Setup", "called_for", "described_effects", "with_given"]
 
 SHOWN = 1e-3
 """Share of the image from which on light is computed as a vector field."""
 
 E = TypeVar("E", bound=Effect)
+
+
+@dataclass(frozen=True, slots=True)
+class RegionPlace:
+    """How a region's sources lie beside where they were planned.
+
+    Attributes
+    ----------
+    rows_px, columns_px
+        Displacement on the sensor (pixels).
+    farther_um
+        How much farther away its planes are than those of the scan (µm).
+    """
+
+    rows_px: float = 0.0
+    columns_px: float = 0.0
+    farther_um: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +62,31 @@ class Setup:
         How much farther away each plane is than planned (µm).
     stage_scale
         Length of the stage's steps over the planned ones, minus 1.
+    aside_px
+        Displacement (rows, columns) of all sources on the sensor from where they were planned (pixels).
+    regions
+        Of several regions of the field, what each has beside that; see `of_region`.
     """
 
     camera: Camera
     effects: tuple[Effect, ...]
     depth_errors_um: tuple[float, ...]
     stage_scale: float = 0.0
+    aside_px: tuple[float, float] = (0.0, 0.0)
+    regions: tuple[RegionPlace, ...] = ()
 
     def __post_init__(self) -> None:
         """Check every value."""
         check_number("stage scale", self.stage_scale, above=-0.5, below=0.5)
+
+    def of_region(self, k: int) -> Setup:
+        """Return the setup of one region alone."""
+        if k >= len(self.regions):
+            return self
+        own = self.regions[k]
+        depths = tuple(error + own.farther_um for error in self.depth_errors_um)
+        aside = (self.aside_px[0] + own.rows_px, self.aside_px[1] + own.columns_px)
+        return replace(self, depth_errors_um=depths, aside_px=aside, regions=())
 
     def plan(self, planned: ScanPlan) -> ScanPlan:
         """Return the plan with this camera; positions stay where they were planned on the sensor."""

@@ -48,7 +48,7 @@ def solve(matrix: F8, gradient: F8) -> F8:
 def shared_of(problem: Problem, which: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the places in the normal equations of unknowns ``which`` and of all gains and backgrounds."""
     k = len(problem.vector)
-    levels = np.arange(k, k + 2 * problem.measured.plan.shape[0])
+    levels = np.arange(k, k + 2 * problem.measured.levels)
     return np.concatenate([np.asarray(which, np.intp), levels])
 
 

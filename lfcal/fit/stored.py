@@ -106,13 +106,18 @@ def read_fit(folder: Path) -> StoredFit:
     # those without magnitudes are in the file as switched on
     given = tuple(entry.effect or effect_from(entry.name, {}) for entry in read_entries(folder / "effects.json"))
     try:
-        setup = Setup(camera, given, tuple(float(v) for v in found["depth_errors_um"]))
+        rows, columns = (float(v) for v in found.get("aside_px", (0.0, 0.0)))
+        depth_errors = tuple(float(v) for v in found["depth_errors_um"])
+        setup = Setup(camera, given, depth_errors, aside_px=(rows, columns))
         gains = np.array([float(v) for v in found["gains"]])
         fitted = {int(at[0]) for at in found["positions"]}
         depths = tuple(float(v) for v in found["depths_um"])
         period, anchor = (tuple(found["scan"][name]) for name in ("period", "anchor"))
         error = float(found["left_out_error"]["value"])
-        good = len(gains) == len(depths) == len(setup.depth_errors_um) and np.isfinite([*gains, *depths, error]).all()
+        good = (
+            len(gains) == len(depths) == len(setup.depth_errors_um)
+            and np.isfinite([*gains, *depths, error, rows, columns]).all()
+        )
         (ny, nx), (row, column) = (int(v) for v in period), (float(v) for v in anchor)
     except (KeyError, IndexError, TypeError, ValueError):
         good = False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from lfcal.fit.parameters import Unknown
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.questions import order_of_types
 from lfcal.fit.result import Fit, Outlier, Parameter
+from lfcal.fit.weighing import Levels
 
 __all__ = ["summarised", "unidentified"]
 
@@ -52,8 +54,8 @@ def summarised(
     groups: Sequence[str],
     tried: Sequence[str],
     outliers: tuple[Outlier, ...],
-) -> Fit:
-    """Return the fit at a point, with the last derivatives that were computed."""
+) -> tuple[Fit, ...]:
+    """Return the fit at a point, as it is in each region of the field, with the last derivatives that were computed."""
     vector = problem.vector
     which = vector.of_groups(groups)
     unknowns = [vector.unknowns[k] for k in which]
@@ -75,13 +77,13 @@ def summarised(
     }
     size = np.sqrt(np.maximum(np.diag(spread)[: len(which)], 1e-300))
     nt, ns = problem.measured.plan.cutout
-    places = [(int(z), int(y), int(x)) for z, y, x in problem.measured.index]
+    measured, nz = problem.measured, problem.measured.plan.shape[0]
     images = point.seen.residual.reshape(-1, nt, ns)
     setup = vector.setup_at(point.u)
-    order = order_of_types(problem.measured.plan.camera, setup.camera)
-    return Fit(
+    order = order_of_types(measured.plan.camera, setup.camera)
+    whole = Fit(
         setup=setup,
-        planned=problem.measured.plan,
+        planned=measured.plan,
         parameters=parameters,
         groups=tuple(groups),
         unhelpful=tuple(name for name in tried if name not in groups and vector.of_groups([name]).size),
@@ -93,6 +95,22 @@ def summarised(
         outliers=outliers,
         answers={"order of lens types": f"{order} of the description"} if order else {},
         spread=Spread(point.local.stage_px, point.local.lamp),
-        levels=point.levels.between(np.unique(problem.planes), problem.measured.plan.depths_um),
-        residuals=dict(zip(places, images, strict=True)),
+        levels=point.levels,
+        residuals={},
     )
+    found = []
+    for plan, own, k in measured.parts():
+        planes = slice(k * nz, (k + 1) * nz)
+        light = Levels(point.levels.gains[planes], point.levels.backgrounds[planes], point.levels.lamps[own])
+        places = [(int(z), int(y), int(x)) for z, y, x in measured.index[own]]
+        found.append(
+            replace(
+                whole,
+                setup=setup.of_region(k),
+                planned=plan,
+                outliers=tuple(one for one in outliers if one.region == k),
+                levels=light.between(np.unique(measured.index[own, 0]), plan.depths_um),
+                residuals=dict(zip(places, images[own], strict=True)),
+            )
+        )
+    return tuple(found)

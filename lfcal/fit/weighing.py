@@ -127,7 +127,7 @@ def levels_of(measured: Measured, model: F4, lamps: F8, *, doubtful: bool, error
     ``model`` ``(n, m)`` are predictions of unit gain. Patterns left out do not count.
     """
     data, valid = flat(measured)
-    planes, nz = measured.index[:, 0], measured.plan.shape[0]
+    planes, nz = measured.level, measured.levels
     gains, backgrounds = np.ones(nz), np.zeros(nz)
     for z in np.unique(planes).tolist():
         own = (planes == z) & ~measured.left_out
@@ -160,7 +160,7 @@ def weighed(
     ``inverse`` is 1/sigma where it is not the model's own: two models are compared by the same one.
     """
     data, valid = flat(measured)
-    planes = measured.index[:, 0]
+    planes = measured.level
     light = model * levels.factors(planes)[:, None].astype(np.float32)
     var = variance(measured, light, doubtful=doubtful, error=error)
     if inverse is None:

@@ -297,7 +297,7 @@ def test_the_catalogue_lacks_no_effect_and_follows_the_light() -> None:
     """An effect that its module forgets to name would never be planned."""
     own = {k.name for k in all_below(Effect) if k.__module__.startswith("lfcal.") and not inspect.isabstract(k)}
     names = CATALOGUE.names()
-    assert set(names) == own and len(own) == 44
+    assert set(names) == own and len(own) == 45
     way = ["lens_types", "iris_shape", "coma", "pixel_fill", "finite_source", "crosstalk", "stage_error", "cos4"]
     assert [names.index(n) for n in way] == sorted(names.index(n) for n in way)
     sensor = "stray_light colour_filter fixed_pattern dark_current shot_noise saturation read_noise quantisation"

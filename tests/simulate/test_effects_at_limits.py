@@ -18,6 +18,7 @@ from lfcal.simulate.effects import (
     CoverGlass,
     Distortion,
     Effect,
+    FieldAberrations,
     FieldCurvature,
     Ghost,
     LensletDispersion,
@@ -33,6 +34,7 @@ from tests.simulate.common import BASE, FAST, small_camera, small_plan
 
 EXTREMES: list[Effect] = [
     *(FieldCurvature(r) for r in (1.0, -1.0, 3e3, -3e3, 1e12)),
+    *(FieldAberrations(c, a, spherical=w) for c, a, w in ((1e-300, 0.0, 0.0), (-1.0, 0.5, 0.2))),
     *(Distortion(k, r) for k, r in ((0.5, 1.0), (-0.5, 1e9), (0.5, 1e4), (-0.01, 1e4))),
     *(ArrayTilt(a, b) for a, b in ((0.2, 0.2), (-0.2, 0.0), (0.0, -0.002))),
     *(AngularResponse(a) for a in (0.01, 1.57)),
@@ -44,6 +46,7 @@ EXTREMES: list[Effect] = [
 ]
 
 NOMINAL: dict[str, Effect] = {
+    "field_aberrations": FieldAberrations(0.0, 0.0),
     "field_curvature": FieldCurvature(1e300),
     "cover_glass": CoverGlass(0.0),
     "distortion": Distortion(0.0),

@@ -8,4 +8,5 @@
 - ``light``: size of the source, bandwidth
 - ``pixels``: crosstalk
 - ``stage``: length of the stage's steps
+- ``regions``: of several regions of the field, the wavefront over it, its curvature, places and depths of the sources
 """

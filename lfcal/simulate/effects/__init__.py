@@ -6,7 +6,7 @@ entry point group ``lfcal.effects`` (``docs/adding_an_effect.md``).
 - ``base``: what every effect is
 - ``outlook``: the a-priori numbers all estimates are built from
 - ``optics``: lens types, diffraction, the iris's shape, non-paraxial terms
-- ``aberrations``: spherical aberration, coma, any Zernike terms
+- ``aberrations``: spherical aberration, coma, any Zernike terms; how they change over the field
 - ``array_errors``: telecentricity; gap, rotation, pitch and tilt of the lenslet array
 - ``field``: cos^4 and mechanical vignetting
 - ``colour``: longitudinal colour, the lenslets' dispersion
@@ -32,7 +32,7 @@ from dataclasses import is_dataclass
 
 from lfcal.camera import preset
 from lfcal.registry import Registry
-from lfcal.simulate.effects.aberrations import Coma, Spherical, Zernike
+from lfcal.simulate.effects.aberrations import Coma, FieldAberrations, Spherical, Zernike
 from lfcal.simulate.effects.array_errors import ArrayRotation, ArrayTilt, LensletGap, PitchError, Telecentricity
 from lfcal.simulate.effects.base import (
     ActsOn,
@@ -99,6 +99,7 @@ __all__ = [
     "EngineSeconds",
     "Estimate",
     "ExactAngles",
+    "FieldAberrations",
     "FieldCurvature",
     "FiniteSource",
     "FixedPattern",

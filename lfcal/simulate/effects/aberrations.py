@@ -15,7 +15,7 @@ from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.pupil import Wavefront, check_wavefront, seidel
 from lfcal.simulate.scene import Scene
 
-__all__ = ["Coma", "Spherical", "Zernike"]
+__all__ = ["Coma", "FieldAberrations", "Spherical", "Zernike"]
 
 
 def _mean_shift(outlook: Outlook, rim_slope: float) -> float:
@@ -144,6 +144,91 @@ class Zernike(_Aberration):
         return self.terms
 
 
+@dataclass(frozen=True, slots=True)
+class FieldAberrations(SceneEffect):
+    """How the wavefront changes over the field, to third order, of a lens whose elements may be displaced or tilted.
+
+    With H the field point x + i y over ``radius_um``, coma is ``coma`` H, astigmatism ``astigmatism`` H² and what
+    displaced elements add, (``astigmatism_x`` + i ``astigmatism_y``) H, spherical aberration ``spherical`` |H|²; each a
+    Zernike term whose cosine is the real part and whose sine the imaginary part (Thompson 2005, eqs. 13 and 27). What
+    the wavefront has on the axis is given by `Zernike`, how the focus changes by `FieldCurvature`.
+
+    Attributes
+    ----------
+    coma
+        R_3^1 at ``radius_um`` along the field, value 1 at the pupil's rim (wavelengths).
+    astigmatism
+        R_2^2 there along the field.
+    astigmatism_y, astigmatism_x
+        R_2^2 that grows with the first power of the field.
+    spherical
+        R_4^0 there beyond that on the axis.
+    radius_um
+        Distance from the axis on the sensor at which these hold (µm).
+    """
+
+    coma: float = 0.1
+    astigmatism: float = 0.1
+    astigmatism_y: float = 0.0
+    astigmatism_x: float = 0.0
+    spherical: float = 0.0
+    radius_um: float = 10e3
+
+    name: ClassVar[str] = "field_aberrations"
+    units: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("coma", "astigmatism", "astigmatism_y", "astigmatism_x", "spherical"), "waves"
+    )
+    titles: ClassVar[Mapping[str, str]] = {
+        "astigmatism_y": "linear astigmatism, sine",
+        "astigmatism_x": "linear astigmatism, cosine",
+        "radius_um": "from the axis",
+    }
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"radius_um": (1.0, 1e9)}
+    title: ClassVar[str] = "aberrations over the field"
+    rank: ClassVar[int] = 73
+    deviation: ClassVar[bool] = True
+    needs_waves: ClassVar[bool] = True
+
+    def terms_at(self, field_um: tuple[float, float]) -> Wavefront:
+        """Return the Zernike terms at a point (y, x) from the axis on the sensor; those that are 0 are left out."""
+        y, x = field_um
+        at = complex(x, y) / self.radius_um
+        coma = self.coma * at
+        astigmatism = self.astigmatism * at**2 + complex(self.astigmatism_x, self.astigmatism_y) * at
+        found = (
+            (2, 2, astigmatism.real),
+            (2, -2, astigmatism.imag),
+            (3, 1, coma.real),
+            (3, -1, coma.imag),
+            (4, 0, self.spherical * abs(at) ** 2),
+        )
+        return tuple(term for term in found if term[2])
+
+    def estimate(self, outlook: Outlook) -> Estimate:
+        """Return the rms wavefront in the middle of the region, and the spot shift as of any wavefront."""
+        rms, slope = wavefront_rms(self.terms_at(outlook.field_um))
+        return Estimate(
+            rms, "waves rms", outlook.moved(_mean_shift(outlook, 0.75 * slope)), "shift 2 Nw * 0.75 |grad W| lambda/v"
+        )
+
+    def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
+        """Return the scene with the wavefront of its place in the field; none where there is nothing."""
+        terms = self.terms_at(outlook.field_um)
+        if not terms:
+            return scene
+        # one term of each order: how steep a wavefront may be is reckoned term by term
+        total = {(n, m): waves for n, m, waves in terms}
+        for n, m, waves in scene.wavefront:
+            total[n, m] = total.get((n, m), 0.0) + waves
+        found = tuple((n, m, waves) for (n, m), waves in total.items())
+        return replace(scene, wavefront=found, lenslet_diffraction=True)
+
+    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
+        """Return the seconds of the table of the aberrated field."""
+        del outlook
+        return engine.fringes
+
+
 def wavefront_rms(terms: Wavefront) -> tuple[float, float]:
     """Return the rms of a wavefront about its mean and of its gradient per radius (waves), by quadrature."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
@@ -172,5 +257,5 @@ def _radial(n: int, m: int) -> np.polynomial.Polynomial:
     return np.polynomial.Polynomial(coefficients)
 
 
-EFFECTS = (Spherical, Coma, Zernike)
+EFFECTS = (Spherical, Coma, Zernike, FieldAberrations)
 """What the catalogue takes from this module; the same in every module of effects."""

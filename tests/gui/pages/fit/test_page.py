@@ -320,7 +320,10 @@ def test_groups_that_the_camera_lacks_are_grey_with_their_reason(page: Page, qtb
         choices.groups.item(k).data(Qt.ItemDataRole.UserRole): choices.groups.item(k) for k in range(len(group_rows()))
     }
     grey = {name for name, item in rows.items() if not item.flags() & Qt.ItemFlag.ItemIsEnabled}
-    assert grey == {"cats_eye", "depths", "specimen"}
+    # an H is of one region of the field
+    over_the_field = {"field_curvature", "field_wavefront", "region_depths", "region_places"}
+    assert grey == {"cats_eye", "depths", "specimen", *over_the_field}
+    assert "several regions of the field" in rows["field_wavefront"].toolTip()
     assert rows["depths"].text() == "depth of each plane\nneeds two planes or more"
     assert rows["depths"].toolTip().endswith("needs two planes or more")
     # one that was chosen for another camera neither shows as chosen, nor is it fitted

@@ -1,0 +1,251 @@
+"""A camera retrieved from patterns of several regions of the field: one camera, its wavefront from place to place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.camera import Camera, ScanPlan
+from lfcal.fit.fit import check_stage, groups_of, iter_retrieved, problem_of
+from lfcal.fit.lacking import check_groups
+from lfcal.fit.measured import Measured
+from lfcal.fit.parameters import Frame, Vector, field_of
+from lfcal.fit.problem import Problem
+from lfcal.fit.questions import as_described, check_described, check_light
+from lfcal.fit.regional import Regional, regional_of
+from lfcal.fit.result import Fit
+from lfcal.fit.setup import Setup, called_for
+from lfcal.fit.summary import summarised
+from lfcal.progress import Work, drain
+from lfcal.simulate.effects import FieldAberrations, Zernike
+from lfcal.simulate.effects.base import Effect
+
+__all__ = ["OVER_THE_FIELD", "FieldFit", "Term", "fit_field", "iter_fit_field"]
+
+OVER_THE_FIELD = ("pitch", "region_places")
+"""Groups that are always fitted of several regions: over the field a small error of the pitch is pixels."""
+
+F8 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """A Zernike term of the wavefront at a place in the field, with its standard deviation (waves at the rim)."""
+
+    n: int
+    m: int
+    waves: float
+    sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class FieldFit:
+    """One camera from several regions of the field.
+
+    Attributes
+    ----------
+    fits
+        The fit as it is in each region, by name: camera, effects, parameters and chi² are those of all, patterns, light
+        and places of sources are the region's own.
+    """
+
+    fits: Mapping[str, Fit]
+
+    @property
+    def first(self) -> Fit:
+        """The first region's."""
+        return next(iter(self.fits.values()))
+
+    @property
+    def camera(self) -> Camera:
+        """The camera as found."""
+        return self.first.camera
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects as found: simulated with them, every place of the field has its own wavefront."""
+        return self.first.effects
+
+    def setup_at(self, plan: ScanPlan) -> Setup:
+        """Return the setup of a scan anywhere: sources where they were planned, planes as of the first region."""
+        first = self.first.setup
+        depths = np.interp(plan.depths_um, *_rising(self.first.planned.depths_um, first.depth_errors_um))
+        return replace(first, depth_errors_um=tuple(map(float, depths)), aside_px=(0.0, 0.0), stage_scale=0.0)
+
+    def fit_at(self, plan: ScanPlan) -> Fit:
+        """Return the fit as it is elsewhere in the field: `Fit.model` is H there, in the mean light of all regions.
+
+        The camera is that of the fit, whatever the plan's.
+        """
+        gains = np.mean([fit.levels.gains for fit in self.fits.values()], axis=0)
+        light = np.interp(plan.depths_um, *_rising(self.first.planned.depths_um, gains))
+        levels = replace(self.first.levels, gains=light, backgrounds=np.zeros(len(light)), lamps=np.zeros(0))
+        planned = replace(plan, camera=self.first.planned.camera)
+        setup = self.setup_at(plan)
+        return replace(self.first, setup=setup, planned=planned, levels=levels, residuals={}, outliers=())
+
+    def wavefront_at(self, field_um: tuple[float, float]) -> tuple[Term, ...]:
+        """Return the wavefront at a place (x, y) from the axis on the sensor (µm), each term with its sigma."""
+        x, y = field_um
+        names = list(self.first.parameters)
+        sigmas = np.array([one.sigma for one in self.first.parameters.values()])
+        spread = np.outer(sigmas, sigmas) * self.first.correlations
+        own = next((e for e in self.effects if isinstance(e, FieldAberrations)), None)
+        axis = next((e for e in self.effects if isinstance(e, Zernike)), Zernike())
+        total: dict[tuple[int, int], float] = {}
+        for n, m, waves in (*axis.terms, *(own.terms_at((y, x)) if own is not None else ())):
+            total[n, m] = total.get((n, m), 0.0) + waves
+        found = []
+        for (n, m), waves in sorted(total.items()):
+            by = np.array([_rate(name, n, m, own, (y, x)) for name in names])
+            found.append(Term(n, m, waves, float(np.sqrt(max(0.0, by @ spread @ by)))))
+        return tuple(found)
+
+
+def _rate(name: str, n: int, m: int, own: FieldAberrations | None, field_um: tuple[float, float]) -> float:
+    """Return the derivative of a term at a place by a parameter: terms are linear in all of them."""
+    if name == (f"zernike_{n}_{m}" if m >= 0 else f"zernike_{n}_m{-m}"):
+        return 1.0
+    key = name.removeprefix("field_")
+    if own is None or key == name or key not in ("coma", "astigmatism", "astigmatism_y", "astigmatism_x", "spherical"):
+        return 0.0
+    none = {"coma": 0.0, "astigmatism": 0.0, "astigmatism_y": 0.0, "astigmatism_x": 0.0, "spherical": 0.0}
+    alone = FieldAberrations(**(none | {key: 1.0}), radius_um=own.radius_um)
+    return next((waves for a, b, waves in alone.terms_at(field_um) if (a, b) == (n, m)), 0.0)
+
+
+def _rising(depths: Sequence[float], values: ArrayLike) -> tuple[F8, F8]:
+    order = np.argsort(depths)
+    return np.asarray(depths, np.float64)[order], np.asarray(values, np.float64)[order]
+
+
+def iter_fit_field(
+    patterns: Mapping[str, Measured],
+    camera: Camera | None = None,
+    unknowns: str | Sequence[str] = "auto",
+    *,
+    effects: Sequence[Effect] | None = None,
+    stage: str | float = "auto",
+    workers: int | None = None,
+) -> Work[FieldFit]:
+    """Fit as `fit_field`; yields progress in derivatives, and closing it stops the fit."""
+    measured = regional_of(patterns, camera)
+    check_stage(stage)
+    core, candidates = groups_of(unknowns)
+    core = tuple(dict.fromkeys((*core, *OVER_THE_FIELD)))
+    candidates = tuple(name for name in candidates if name not in core)
+    setup = Setup(
+        measured.plan.camera,
+        called_for(measured.plan) if effects is None else tuple(effects),
+        (0.0,) * measured.plan.shape[0],
+    )
+    check_groups(setup, measured.plan, core, Frame.over(measured.plans))
+    for k in range(len(measured.regions)):
+        check_light(measured.of_region(k))
+    check_described(measured)
+    problem = problem_of(measured, setup, (*core, *candidates), workers)
+    start = yield from _nearby(measured, problem, setup, [name for name in core if name in ALONE], workers)
+    finished = yield from iter_retrieved(problem, core, candidates, stage=stage, start=start)
+    problem, point, groups, columns, outliers = finished
+    found = summarised(problem, point, columns, groups=groups, tried=candidates, outliers=outliers)
+    names = [measured.regions[k].name for _, _, k in problem.measured.parts()]
+    return FieldFit(dict(zip(names, found, strict=True)))
+
+
+def fit_field(
+    patterns: Mapping[str, Measured],
+    camera: Camera | None = None,
+    unknowns: str | Sequence[str] = "auto",
+    *,
+    effects: Sequence[Effect] | None = None,
+    stage: str | float = "auto",
+    workers: int | None = None,
+) -> FieldFit:
+    """Return the one camera that explains patterns of several regions of the field.
+
+    Its numbers are the same in all regions; the wavefront changes from one to the other by the group
+    ``field_wavefront``, the image's distance by ``field_curvature``. Light, background, and where the sources were are
+    each region's own.
+
+    Parameters
+    ----------
+    patterns
+        Those of each region, by its name; where it lies on the sensor is what their plans' anchors say.
+    camera
+        The camera as described, where the fit starts; None takes that of the first region.
+    unknowns, effects, stage, workers
+        As of `fit_camera`; pitch and places of the sources are always found.
+
+    Raises
+    ------
+    InputError
+        If the regions are not of one camera, or the patterns not of such a camera, or too few.
+    """
+    return drain(iter_fit_field(patterns, camera, unknowns, effects=effects, stage=stage, workers=workers))
+
+
+# -- where a fit of all regions starts -----------------------------------------------------------------------
+
+ALONE = ("geometry", "focal_lengths", "iris")
+"""Groups that each region is fitted with by itself, for the start."""
+
+
+def _nearby(measured: Regional, problem: Problem, setup: Setup, groups: Sequence[str], workers: int | None) -> Work[F8]:
+    """Return a vector from which the fit of all regions finds its way.
+
+    A small turn of the array, or error of its pitch, displaces it by pixels over the field: farther than a fit finds
+    back. So each region is fitted by itself, nearest to the first one first, from where those before it have the array;
+    turn, growth and displacement that explain where it lies in all of them are the start.
+    """
+    if "geometry" not in groups:
+        return np.zeros(len(problem.vector))
+    fields = np.array([field_of(plan) for plan in measured.plans])
+    order = np.argsort(np.hypot(*(fields - fields[0]).T), kind="stable")
+    seen: list[_Laid] = []
+    found: list[dict[str, float]] = []
+    for k in order.tolist():
+        own = measured.of_region(k)
+        alone = Problem(own, Vector(setup, Frame.of(own.plan), groups), workers)
+        start = alone.vector.at(_changes(seen, fields[k], setup)) if seen else None
+        note = f"region {measured.regions[k].name}"
+        point = yield from as_described(alone, groups, start=start, note=note)
+        changes = alone.vector.changes(point.u)
+        found.append(changes)
+        aside = np.array([changes["offset_x_um"], changes["offset_y_um"]])
+        seen.append(_Laid(fields[k], aside, changes["rotation_rad"]))
+    mean = {name: float(np.mean([one[name] for one in found])) for name in found[0]}
+    return problem.vector.at(mean | _changes(seen, np.array(problem.vector.frame.middle_um), setup))
+
+
+@dataclass(frozen=True, eq=False)
+class _Laid:
+    """How the array lies beside its description in a region: at a place (x, y) displaced (µm), and turned."""
+
+    place: F8
+    aside: F8
+    turn: float
+
+
+TURN_RAD, GROWTH, ASIDE_UM = 5e-4, 2e-3, 1.0
+"""How well a region by itself tells the turn, how well a pitch is known, how well a region tells its displacement."""
+
+
+def _changes(seen: Sequence[_Laid], place: F8, setup: Setup) -> dict[str, float]:
+    """Return turn, growth and displacement at a ``place`` (x, y) of the array that lies so where it was seen."""
+    rows, wanted = [[0.0, 0.0, 0.0, 1 / GROWTH]], [0.0]
+    for one in seen:
+        x, y = one.place / ASIDE_UM
+        rows += [[1 / ASIDE_UM, 0.0, -y, x], [0.0, 1 / ASIDE_UM, x, y], [0.0, 0.0, 1 / TURN_RAD, 0.0]]
+        wanted += [*(one.aside / ASIDE_UM), one.turn / TURN_RAD]
+    scale = np.array([1.0, 1.0, TURN_RAD, GROWTH])
+    right, down, turn, grow = np.linalg.lstsq(np.array(rows) * scale, np.array(wanted), rcond=None)[0] * scale
+    x, y = place
+    return {
+        "offset_x_um": float(right - turn * y + grow * x),
+        "offset_y_um": float(down + turn * x + grow * y),
+        "rotation_rad": float(turn),
+        "pitch_um": float(grow * setup.camera.lattice.pitch_um),
+    }

@@ -1,0 +1,106 @@
+"""A fit of several regions of the field as files: camera and effects of all, wavefronts, a folder for each region."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from lfcal.fit.field import FieldFit
+from lfcal.fit.files import effects_text, fit_dict, json_text, measured_camera, write_text
+from lfcal.fit.measured import Measured
+from lfcal.fit.parameters import field_of
+from lfcal.fit.writing import CAMERA, EFFECTS, fit_outputs, iter_write_fit
+from lfcal.plain import plain
+from lfcal.progress import Work
+
+__all__ = ["FIELD", "FORMAT", "field_dict", "field_outputs", "iter_write_field"]
+
+FIELD = "field.json"
+FORMAT = "lfcal-fit-field"
+VERSION = 1
+
+OF_ALL = (
+    *("camera", "verdict", "complete", "chi2", "left_out_error", "parameters", "correlations", "groups"),
+    *("unhelpful", "held", "unidentified", "answers", "spread", "depths_um"),
+)
+"""What of a region's numbers is that of all."""
+
+
+def field_outputs(folder: Path, names: Iterable[str]) -> list[Path]:
+    """Return all files that a fit of regions in ``folder`` consists of."""
+    files = [folder / name for name in (CAMERA, EFFECTS, FIELD)]
+    return [*files, *(path for name in names for path in fit_outputs(folder / name))]
+
+
+def field_dict(fit: FieldFit) -> dict[str, Any]:
+    """Return what was found of all regions as plain JSON types; lengths in µm, angles in radians."""
+    whole = fit_dict(fit.first)
+    regions = []
+    for name, own in fit.fits.items():
+        at = field_of(own.planned)
+        regions.append(
+            {
+                "name": name,
+                "field_um": at,
+                "anchor": own.planned.anchor,
+                "patterns": len(own.residuals),
+                "aside_px": own.setup.aside_px,
+                "depth_errors_um": own.setup.depth_errors_um,
+                "gains": own.levels.gains,
+                "wavefront": fit.wavefront_at(at),
+                "outliers": own.outliers,
+            }
+        )
+    found: dict[str, Any] = plain(
+        {"format": FORMAT, "version": VERSION, **{key: whole[key] for key in OF_ALL}, "regions": regions}
+    )
+    return found
+
+
+def iter_write_field(
+    fit: FieldFit,
+    patterns: Mapping[str, Measured],
+    folder: Path,
+    known: Mapping[str, Mapping[str, Any]],
+    *,
+    with_h: bool = True,
+    workers: int | None = None,
+) -> Work[list[Path]]:
+    """Write everything that a fit of regions makes; ``field.json`` comes last: where it is, all of it is.
+
+    Parameters
+    ----------
+    fit, patterns
+        What was found, and in which patterns of each region.
+    folder
+        Made where it is not there yet; each region has a folder of its own in it, as of a fit of that region alone.
+    known
+        What is known of the source of each region's patterns, as plain JSON types.
+    with_h
+        Whether H of each region is computed and written.
+    workers
+        Threads; None takes every processor.
+
+    Raises
+    ------
+    StorageError
+        If a file cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written: list[Path] = []
+    for name, own in fit.fits.items():
+        # outliers are in no fit
+        work = iter_write_fit(own, patterns[name], folder / name, known[name], with_h=with_h, workers=workers)
+        written += (yield from work).files
+    numbers = field_dict(fit) | {"fitted": datetime.now(UTC).isoformat(timespec="seconds")}
+    texts = {
+        CAMERA: measured_camera(fit.first).to_json(),
+        EFFECTS: effects_text(fit.first),
+        FIELD: json_text(numbers),
+    }
+    for name, text in texts.items():
+        write_text(folder / name, text)
+        written.append(folder / name)
+    return written

@@ -1,0 +1,154 @@
+"""Several regions of the field: how the wavefront changes from one to the other, and where their sources were."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+from lfcal.camera import MainLens
+from lfcal.fit.groups.depths import depth_scale
+from lfcal.fit.parameters import Frame, Group, Unknown
+from lfcal.fit.setup import RegionPlace, Setup
+from lfcal.simulate.effects import FieldAberrations, FieldCurvature
+
+__all__ = ["Curvature", "Depths", "FieldWavefront", "Places"]
+
+NEEDS = "patterns of several regions of the field"
+BESIDE_PX = 1.0
+"""How well a stage is known to bring the source to another region, beforehand."""
+
+SHOWS_UM = 20.0
+"""Change of the image's distance at the farthest region that shows."""
+
+
+def farthest_um(frame: Frame) -> float:
+    """Return how far the farthest region is from the axis (µm), at least a pixel or so."""
+    return max([10.0, *(math.hypot(*at) for at in frame.fields_um)])
+
+
+class FieldWavefront(Group):
+    """Coma, astigmatism and spherical aberration over the field, by their laws of third order."""
+
+    name = "field_wavefront"
+    title = "how the wavefront changes over the field"
+    rank = 51
+    needs = f"a main lens, and {NEEDS}"
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return the coefficients at the farthest region (waves); the linear astigmatism needs three regions."""
+        if len(frame.fields_um) < 2 or not isinstance(setup.camera.optics, MainLens):
+            return ()
+        start = self._start(setup, frame)
+        names = ["coma", "astigmatism", "spherical"]
+        names += ["astigmatism_y", "astigmatism_x"] if len(frame.fields_um) > 2 else []
+        held = "the wavefront's terms beside these are those on the axis"
+        return tuple(
+            Unknown(f"field_{name}", self.name, "waves", getattr(start, name), 0.1, None, -20.0, 20.0, gauge=held)
+            for name in names
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with these; where all are 0 there is no such effect."""
+        found = {name.removeprefix("field_"): value for name, value in values.items()}
+        if not any(found.values()):
+            return replace(setup, effects=tuple(e for e in setup.effects if not isinstance(e, FieldAberrations)))
+        return setup.with_effect(replace(self._start(setup, frame), **found))
+
+    def _start(self, setup: Setup, frame: Frame) -> FieldAberrations:
+        """Return what the setup has, at the farthest region's distance."""
+        own, radius = setup.effect(FieldAberrations), farthest_um(frame)
+        if own is None:
+            return FieldAberrations(0.0, 0.0, radius_um=radius)
+        by = radius / own.radius_um
+        return FieldAberrations(
+            own.coma * by,
+            own.astigmatism * by**2,
+            own.astigmatism_y * by,
+            own.astigmatism_x * by,
+            own.spherical * by**2,
+            radius,
+        )
+
+
+class Curvature(Group):
+    """Field curvature: the image surface of a plane."""
+
+    name = "field_curvature"
+    title = "curvature of the field"
+    rank = 44
+    needs = NEEDS
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return how much farther the image of the farthest region lies (µm)."""
+        if len(frame.fields_um) < 2:
+            return ()
+        own, far = setup.effect(FieldCurvature), farthest_um(frame)
+        start = 0.0 if own is None else far**2 / (2 * own.radius_um)
+        scale = min(SHOWS_UM, 0.02 * setup.camera.lattice.gap_um)
+        return (Unknown("field_sag_um", self.name, "µm", start, scale, None, -1e4, 1e4),)
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with this curvature; a flat field has no effect."""
+        sag = values["field_sag_um"]
+        if sag == 0:
+            return replace(setup, effects=tuple(e for e in setup.effects if not isinstance(e, FieldCurvature)))
+        return setup.with_effect(FieldCurvature(farthest_um(frame) ** 2 / (2 * sag)))
+
+
+class Places(Group):
+    """Where the sources of each further region were, beside those of the first."""
+
+    name = "region_places"
+    title = "places of the regions' sources"
+    rank = 16
+    needs = NEEDS
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return a displacement on the sensor of every region but the first."""
+        del setup
+        held = "sources of the first region are where they were planned"
+        return tuple(
+            Unknown(f"region_{k}_{axis}_px", self.name, "px", 0.0, 0.2, BESIDE_PX, -20.0, 20.0, gauge=held)
+            for k in range(1, len(frame.fields_um))
+            for axis in "yx"
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with the sources there."""
+        found = [
+            replace(own, rows_px=values.get(f"region_{k}_y_px", 0.0), columns_px=values.get(f"region_{k}_x_px", 0.0))
+            for k, own in enumerate(_regions(setup, frame))
+        ]
+        return replace(setup, regions=tuple(found))
+
+
+class Depths(Group):
+    """How far away the planes of each further region were, beside those of the first."""
+
+    name = "region_depths"
+    title = "distances of the regions' planes"
+    rank = 46
+    needs = NEEDS
+
+    def unknowns(self, setup: Setup, frame: Frame) -> tuple[Unknown, ...]:
+        """Return what is added to all depths of every region but the first: a stage that is not square."""
+        scale = depth_scale(setup.camera)
+        return tuple(
+            Unknown(f"region_{k}_farther_um", self.name, "µm", 0.0, scale) for k in range(1, len(frame.fields_um))
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: Frame) -> Setup:
+        """Return the setup with the planes there."""
+        found = [
+            replace(own, farther_um=values.get(f"region_{k}_farther_um", 0.0))
+            for k, own in enumerate(_regions(setup, frame))
+        ]
+        return replace(setup, regions=tuple(found))
+
+
+def _regions(setup: Setup, frame: Frame) -> tuple[RegionPlace, ...]:
+    return setup.regions or (RegionPlace(),) * len(frame.fields_um)
+
+
+GROUPS = (Curvature(), FieldWavefront(), Places(), Depths())

@@ -1,0 +1,194 @@
+"""One camera from several regions of the field: what changes from place to place, and how sure that is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lfcal.errors import InputError
+from lfcal.fit import fit_camera
+from lfcal.fit.field import FieldFit, _changes, _Laid, fit_field
+from lfcal.fit.fit import problem_of
+from lfcal.fit.model import Fineness, predict
+from lfcal.fit.normal import Local
+from lfcal.fit.parameters import Frame, Vector, field_of
+from lfcal.fit.regional import Regional, regional_of
+from lfcal.fit.setup import RegionPlace, Setup, described_effects
+from lfcal.fit.summary import summarised
+from lfcal.progress import drain
+from lfcal.simulate.effects import FieldAberrations, FieldCurvature
+from tests.fit.field_common import ANCHORS, LAW, ON_AXIS, camera, plan_at, recorded, true_setup, unlike
+
+PLACES = (RegionPlace(), RegionPlace(0.2, -0.1), RegionPlace(-0.1, 0.15))
+WAVES = ("geometry", "focal_lengths", "iris", "wavefront")
+THREE = ("centre", "edge", "corner")
+FRAME = Frame.over([plan_at(name) for name in THREE])
+
+
+def few(count: int = 4) -> Regional:
+    rng = np.random.default_rng(0)
+    true = true_setup(PLACES)
+    return regional_of({name: recorded(true, name, count, rng, cutout=15) for name in THREE})
+
+
+def described(planes: int = 2) -> Setup:
+    return Setup(camera(), described_effects(camera()), (0.0,) * planes)
+
+
+def test_predictions_are_those_of_each_region_by_itself() -> None:
+    measured = few()
+    problem = problem_of(measured, described(), ("geometry", "field_wavefront", "region_places"), 1)
+    names = [one.name for one in problem.vector.unknowns]
+    u = np.zeros(len(names))
+    for name, value in {"field_coma": 2.0, "region_1_y_px": 1.0, "region_2_x_px": -0.5}.items():
+        u[names.index(name)] = value
+    offsets = np.random.default_rng(1).normal(0, 0.1, (len(measured), 2))
+    found = problem.model(u, offsets, Fineness.coarse).reshape(-1, 15, 15)
+    setup = problem.vector.setup_at(u)
+    places = [(0.0, 0.0), (0.2, 0.0), (0.0, -0.1)]
+    for k, name in enumerate(THREE):
+        own = measured.region == k
+        alone = replace(setup, regions=())
+        moved = offsets[own] + places[k]
+        wanted = predict(alone, plan_at(name, 15), measured.index[own], moved, Fineness.coarse)
+        np.testing.assert_allclose(found[own], wanted, atol=1e-6 * wanted.max())
+    # light and background are each region's and plane's own
+    light = np.array([100.0, 200.0, 400.0])[measured.region, None, None] * found
+    own = replace(measured, patterns=light.astype(np.float32) + 3)
+    point = problem_of(own, setup, ("geometry",), 1).point(np.zeros(4), Local(offsets), Fineness.coarse)
+    np.testing.assert_allclose(point.levels.gains, np.repeat([100.0, 200.0, 400.0], 2), rtol=1e-3)
+    np.testing.assert_allclose(point.levels.backgrounds, 3, atol=0.01)
+
+
+def test_unknowns_over_the_field_are_effects_of_the_simulator() -> None:
+    vector = Vector(described(), FRAME, ("field_wavefront", "field_curvature", "region_places", "region_depths"))
+    assert vector.setup_at(np.zeros(len(vector))).effects == described().effects
+    changes = {"field_coma": 0.2, "field_astigmatism_x": -0.1, "field_sag_um": 5.0, "region_2_farther_um": 30.0}
+    setup = vector.setup_at(vector.at(changes))
+    far = max(np.hypot(*at) for at in FRAME.fields_um)
+    assert setup.effect(FieldAberrations) == FieldAberrations(0.2, 0.0, 0.0, -0.1, 0.0, far)
+    curved = setup.effect(FieldCurvature)
+    assert curved is not None and far**2 / (2 * curved.radius_um) == pytest.approx(5.0)
+    assert setup.of_region(2).depth_errors_um == (30.0, 30.0) and setup.of_region(0).depth_errors_um == (0.0, 0.0)
+    # a setup that has them already starts there
+    again = Vector(setup, FRAME, ("field_wavefront", "field_curvature"))
+    assert again.setup_at(np.zeros(len(again))).effect(FieldAberrations) == setup.effect(FieldAberrations)
+    # one region, or two, do not tell all of it
+    one, two = (Frame.of(plan_at("edge")), Frame.over([plan_at("centre"), plan_at("edge")]))
+    assert len(Vector(described(), one, ("field_wavefront", "region_places"))) == 0
+    names = [u.name for u in Vector(described(), two, ("field_wavefront",)).unknowns]
+    assert names == ["field_coma", "field_astigmatism", "field_spherical"]
+
+
+def test_where_the_array_lies_is_told_from_where_it_was_seen() -> None:
+    """A turn of a milliradian and a growth of 2e-4 displace it by pixels over the field."""
+    turn, grow, places = 1e-3, 2e-4, np.array(FRAME.fields_um)
+    aside = [np.array([1.0 - turn * y + grow * x, -2.0 + turn * x + grow * y]) for x, y in places]
+    seen = [_Laid(at, by, turn + 2e-4) for at, by in zip(places, aside, strict=True)]
+    first = _changes(seen[:1], places[1], described())
+    assert abs(first["offset_y_um"] - aside[1][1]) < 0.4 * abs(aside[1][1] - aside[0][1])
+    every = _changes(seen, np.array([300.0, -4000.0]), described())
+    # each region by itself tells the turn by 2e-4 too large; where they lie says otherwise
+    assert every["rotation_rad"] == pytest.approx(turn, abs=1e-4)
+    assert every["pitch_um"] == pytest.approx(grow * camera().lattice.pitch_um, rel=0.1)
+    wanted = (1.0 + turn * 4000 + grow * 300, -2.0 + turn * 300 - grow * 4000)
+    assert (every["offset_x_um"], every["offset_y_um"]) == pytest.approx(wanted, abs=0.5)
+
+
+def test_regions_that_do_not_belong_together_are_refused() -> None:
+    rng = np.random.default_rng(0)
+    own = recorded(true_setup(), "edge", 3, rng, cutout=15)
+    with pytest.raises(InputError, match="two or more"):
+        regional_of({"edge": own})
+    with pytest.raises(InputError, match=r"region 'b': expected 30 px or more from 'a', got 0 px"):
+        regional_of({"a": own, "b": own})
+    for wrong, what in (({"cutout": 17}, "pixels of a pattern"), ({"cutout": 15, "depths": (2.2, 2.8)}, "depths")):
+        with pytest.raises(InputError, match=f"region 'far', {what}"):
+            regional_of({"edge": own, "far": recorded(true_setup(), "far", 3, rng, **wrong)})
+
+
+@pytest.mark.long
+def test_the_wavefront_over_the_field_is_found() -> None:
+    """Coma that grows with the field, astigmatism with its square: also where no pattern was recorded."""
+    rng = np.random.default_rng(3)
+    true = true_setup(PLACES)
+    patterns = {name: recorded(true, name, 16, rng) for name in THREE}
+    fit = fit_field(patterns, unknowns=(*WAVES, "field_wavefront"), workers=1)
+    first = fit.first
+    assert first.complete and not first.outliers, first.verdict
+    radius = np.hypot(*FRAME.fields_um[2])
+    by = radius / LAW.radius_um
+    wanted = {
+        "field_coma": LAW.coma * by,
+        "field_astigmatism": LAW.astigmatism * by**2,
+        "field_astigmatism_y": LAW.astigmatism_y * by,
+        "field_astigmatism_x": LAW.astigmatism_x * by,
+        "field_spherical": 0.0,
+        "zernike_4_0": 0.15,
+        "zernike_3_1": 0.05,
+        "zernike_2_2": -0.08,
+        "region_1_y_px": 0.2,
+        "region_2_x_px": 0.15,
+        "gap_um": true.camera.lattice.gap_um,
+    }
+    for name, value in wanted.items():
+        own = first.parameters[name]
+        assert abs(own.value - value) < 4 * own.sigma, (name, own, value)
+        assert own.sigma < 0.05 or own.unit != "waves"
+    far = plan_at("far")
+    elsewhere = unlike(true_setup(), fit.setup_at(far), far)
+    inside = {name: unlike(true.of_region(k), fit.fits[name].setup, plan_at(name)) for k, name in enumerate(THREE)}
+    print(f"in its regions {inside}, elsewhere {elsewhere:.4f}, described {unlike(true_setup(), described(), far):.3f}")
+    assert max(inside.values()) < 5e-3 and elsewhere < 0.01
+    # the wavefront at a place is what the law has there, within its sigma
+    place = field_of(far)
+    said = {(t.n, t.m): t for t in fit.wavefront_at(place)}
+    law = {t[:2]: t[2] for t in LAW.terms_at(place[::-1])}
+    for (n, m), term in said.items():
+        axis = next((w for a, b, w in ON_AXIS.terms if (a, b) == (n, m)), 0.0)
+        assert abs(term.waves - law.get((n, m), 0.0) - axis) < 4 * term.sigma < 0.3
+    # one wavefront for all of the field is named for what it is
+    naive = fit_field(patterns, unknowns=WAVES, workers=1)
+    left = unlike(true_setup(), naive.setup_at(far), far)
+    print(f"one wavefront for all: {naive.first.verdict}, elsewhere {left:.4f}")
+    assert not naive.first.complete and left > 5 * elsewhere
+    # and so is a fit of the middle alone, taken elsewhere
+    alone = fit_camera(patterns["centre"], unknowns=WAVES, workers=1)
+    assert unlike(true_setup(), replace(alone.setup, stage_scale=0.0), far) > 5 * elsewhere
+
+
+@pytest.mark.long
+def test_only_what_changes_over_the_field_is_fitted() -> None:
+    """With groups that are found: the law where there is one, nothing where there is none."""
+    rng = np.random.default_rng(4)
+    for law in (LAW, None):
+        true = true_setup(PLACES)
+        if law is None:
+            true = replace(true, effects=tuple(e for e in true.effects if e != LAW))
+        patterns = {name: recorded(true, name, 16, rng) for name in THREE}
+        fit: FieldFit = fit_field(patterns, workers=1)
+        print(fit.first.groups, fit.first.verdict)
+        assert ("field_wavefront" in fit.first.groups) == (law is not None)
+        assert fit.first.complete and "field_curvature" in fit.first.unhelpful
+
+
+def test_h_of_another_place_is_that_of_its_wavefront() -> None:
+    measured = few(3)
+    problem = problem_of(measured, described(), ("pitch",), 1)
+    assert problem.vector.frame == Frame.over(measured.plans)
+    point = problem.point(np.zeros(1), Local(np.zeros((len(measured), 2))), Fineness.coarse)
+    columns = drain(problem.columns(point, [0], "", own=False))
+    fits = summarised(problem, point, columns, groups=("pitch",), tried=(), outliers=())
+    fit = FieldFit(dict(zip(THREE, fits, strict=True)))
+    assert [len(own.residuals) for own in fits] == [3, 3, 3] and fits[2].planned == plan_at("corner", 15)
+    law = replace(fit.first.setup, effects=(*fit.effects, LAW), aside_px=(0.3, 0.0))
+    told = FieldFit({name: replace(own, setup=law) for name, own in fit.fits.items()})
+    plan = replace(plan_at("far", 15), period=(2, 3))
+    at = told.fit_at(plan)
+    H = at.model(workers=1)
+    alone = replace(law, aside_px=(0.0, 0.0))
+    wanted = predict(alone, plan, np.array([[1, 1, 2]]), np.zeros((1, 2)), Fineness.finest)[0]
+    np.testing.assert_allclose(H[1, 1, 2], at.levels.gains[1] * wanted, atol=1e-4 * float(np.max(H[1, 1, 2])))
+    assert H.anchor == ANCHORS["far"] and H.period == (2, 3)
