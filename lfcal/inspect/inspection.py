@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from lfcal.fit.setup import Setup
@@ -30,6 +31,10 @@ COST_OF = 0.25
 
 EXPLAINED = 0.06
 """Share of the light that a camera may be off by, with all faults taken out, for these to be believed."""
+
+KINDS, LARGE = 3, 0.02
+"""Different faults, each of that share of the light at least, beyond which a camera that does not explain the patterns
+as they are is likelier than all of them at once."""
 
 MEASURED = frozenset(
     {
@@ -212,16 +217,25 @@ def iter_inspection(
         return Inspection(quality, (), 0, 0.0, evidence.reason, 0.0)
     assert isinstance(evidence, Evidence)
     found, cleaned = yield from iter_search(evidence)
-    if cleaned.misfit > EXPLAINED:
+    misfit = _unexplained(evidence, cleaned, found)
+    if misfit is not None:
         # what an unsuitable model leaves looks like any fault
         sure = tuple(one for one in found if not one.fault.needs_camera)
         costs = yield from iter_costs(cleaned, sure, COST_OF * seconds if patterns is None else None)
         sure = tuple(replace(one, cost=cost) for one, cost in zip(sure, costs.costs, strict=True))
-        why = f"its camera leaves {format_share(cleaned.misfit)} of the light unexplained"
+        why = f"its camera leaves {format_share(misfit)} of the light unexplained"
         why += "; find the true one with lfcal fit, and name it" if setup is None else ""
-        return Inspection(quality, sure, 0, cleaned.misfit, why, evidence.seconds)
+        return Inspection(quality, sure, 0, misfit, why, evidence.seconds)
     costs = yield from iter_costs(cleaned, found, COST_OF * seconds if patterns is None else None)
     found = tuple(replace(one, cost=cost) for one, cost in zip(found, costs.costs, strict=True))
     ranked = tuple(sorted(found, key=worst_first))
     took = time.perf_counter() - start
     return Inspection(quality, ranked, len(evidence), cleaned.misfit, "", took, costs.clean, costs.as_it_is)
+
+
+def _unexplained(evidence: Evidence, cleaned: Evidence, found: Sequence[Finding]) -> float | None:
+    """Return the share of the light that the camera does not explain; None where it does."""
+    if cleaned.misfit > EXPLAINED:
+        return cleaned.misfit
+    kinds = {one.name for one in found if one.fault.needs_camera and one.share >= LARGE}
+    return evidence.misfit if evidence.misfit > EXPLAINED and len(kinds) > KINDS else None

@@ -15,13 +15,28 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lfcal.bench._fault_optics import blurred_type, shadow
+from lfcal.bench._fault_scan import mirrored
 from lfcal.figures import LINES, draw_image, figure
 from lfcal.files import replace_whole
 from lfcal.inspect import FAULTS, Evidence, Fault, Finding, iter_search
 from lfcal.progress import drain
 from lfcal.psf.quality import METRICS
 from lfcal.units import format_share
-from tests.inspect.common import PEAK, Values, added, clean, compressed, evidence_of, light, noisy, plan, scaled, sensor
+from tests.inspect.common import (
+    PEAK,
+    Values,
+    added,
+    clean,
+    compressed,
+    evidence_of,
+    light,
+    noisy,
+    plan,
+    recording,
+    scaled,
+    sensor,
+)
 from tests.inspect.test_stage_faults import displaced, grid
 
 if TYPE_CHECKING:
@@ -152,6 +167,31 @@ def _type() -> Values:
 
 
 INJECTIONS: dict[str, Injection] = {
+    "saturated": Injection(
+        "the sensor is full at half of the brightest light",
+        "light of the brightest samples missing beside the camera, at one common value",
+        lambda: np.minimum(clean(), np.float32(0.5 * PEAK)),
+    ),
+    "background": Injection(
+        "2 % of the peak is added to every sample",
+        "what samples have where the camera has no light",
+        lambda: added(clean(), sensor(0.02 * PEAK)),
+    ),
+    "order": Injection(
+        "the columns of both planes are stored in reverse",
+        "patterns that fit the camera at other positions, by one rule for all",
+        lambda: mirrored(1)(recording(), 2),
+    ),
+    "pupil": Injection(
+        "a blade of the iris hides what lies beyond 0.7 of its radius on one side",
+        "light missing at the same side of every pattern's shadow",
+        lambda: shadow(straight=True)(recording(), 0.3),
+    ),
+    "type_focus": Injection(
+        "the focal length of one lens type is 15 % too long",
+        "what is left over behind the lenslets of one type, as a change of their focus",
+        lambda: blurred_type(recording(), 0.15),
+    ),
     "compression": Injection(
         "every frame is stored as a JPEG of 8 bits and quality 75",
         "neighbours across blocks of 8 x 8 pixels differ more than those within",

@@ -26,6 +26,9 @@ BESIDE = 24 << 20
 TRIED, GRID_JUDGE = 2, 3
 """Steps that are tried until one settles a plane, as a rule, and which on a grid judges others."""
 
+FAST = 2.5
+"""F-number below which windows and coarse grids may all fall short, and the finest grid judges another."""
+
 FAINT = 0.01
 """Share of the light under which a cutout's errors are large beside what it sees: any step may be tried."""
 
@@ -97,13 +100,14 @@ def _plane_bytes(
         return BESIDE + filtered + engine_bytes(scene, steps[first], workers)
     # what was settled on stays while a finer step is made, or the one that judges it
     tried = steps[first:] if _seen(scene) < FAINT else steps[first : first + TRIED]
-    grids = [step for step in steps if step.level == "grid"][:GRID_JUDGE]
+    fast = scene.f_number < FAST
+    grids = [step for step in steps if step.level == "grid"][: GRID_JUDGE + fast]
     others = [*tried, *grids[-1:]]
     return (
         BESIDE
         + filtered
         + max(engine_bytes(scene, step, workers) for step in others)
-        + engine_bytes(scene, tried[0], workers)
+        + max(engine_bytes(scene, step, workers) for step in tried[: max(1, len(tried) - 1)])
     )
 
 

@@ -35,6 +35,9 @@ FINER_GRID = ((2, 0.75), (2, 0.45), (3, 0.8))
 GRID_JUDGE = 0.003
 """Error of the grid by which windows are judged, at most."""
 
+OF_WINDOWS = 1.5
+"""What windows may err by over what they are expected to."""
+
 STUCK = 0.8
 """Share of the error left by the step before from which on it is the engine's own, and no sampling lowers it."""
 
@@ -100,9 +103,9 @@ def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) ->
         steps += steps_for(scene, "reference")
     first = next((k for k, step in enumerate(steps) if step.expected <= share), len(steps) - 1)
     settled: Settled | None = None
-    stuck = False
+    stuck = summed = False
     for step in steps[first:]:
-        if stuck and step.level == level:
+        if (stuck and step.level == level) or (summed and step in judge.summed):
             continue
         try:
             found = judge.measured(step, settled)
@@ -111,6 +114,7 @@ def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) ->
                 raise
             break  # a grid too large: what was reached before is what there is
         stuck = judge.by_reference and settled is not None and found.error > STUCK * settled.error
+        summed = summed or judge.is_summing(step, found.error, share)
         if settled is None or found.error < settled.error:
             settled = found
         del found  # its tables make room for the next
@@ -164,6 +168,18 @@ class _Judge:
         small = self._reference_side() <= LARGEST_GRID
         self.by_reference = level == "wave" and not self._on_grid and scene.exact_rays and small
         self._known: dict[tuple[str, Sampling], Responses] = {}
+
+    @property
+    def summed(self) -> tuple[Step, ...]:
+        """The steps that add intensities of neighbouring lenslets, where fields can be added on a grid."""
+        return tuple(s for s in self.steps if s.level == "wave" and not s.sampling.coherent) if self._on_grid else ()
+
+    def is_summing(self, step: Step, error: float, share: float) -> bool:
+        """Return whether intensities that are added are what keeps a step from ``share``: its windows are the rest."""
+        if step not in self.summed:
+            return False
+        windows = OF_WINDOWS * (step.expected - self.summed[-1].expected)
+        return error - windows > share
 
     def _reference_side(self) -> float:
         """Return about the side of the reference's coarsest grid."""

@@ -246,16 +246,28 @@ def zoom_of(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: t
 
 
 def aperture_tables(
-    scene: Scene, dx: float, reach: float, bend: float, level: float, dtype: type, *, kind: int = 0
+    scene: Scene,
+    dx: float,
+    reach: float,
+    bend: float,
+    level: float,
+    dtype: type,
+    *,
+    kind: int = 0,
+    fine: int | None = None,
 ) -> Aperture:
-    """Return a lens type's tables, ``level`` high: then the square of the transform is energy per pixel's area."""
+    """Return a lens type's tables, ``level`` high: then the square of the transform is energy per pixel's area.
+
+    ``fine`` are the samples of a cell's table to one of ``dx``; None takes as many as are exact between them.
+    """
     if scene.aperture == "circle":
         m, step = disc_table(scene.clear_radius_um, dx, reach)
         r2, quartic = step * np.arange(m.size), scene.quartic(kind)
         value = level * m * np.exp(1j * r2 * (bend + quartic * r2))
         parts = value.real.astype(dtype), value.imag.astype(dtype)
         return Aperture(*parts, step, np.zeros((0, 0), dtype), 1.0, bend, quartic)
-    table, step = polygon_table(aperture_outline(scene), dx, reach / math.sqrt(2))  # a square, not the disc about it
+    # a square, not the disc about it
+    table, step = polygon_table(aperture_outline(scene), dx, reach / math.sqrt(2), fine)
     none: Array = np.zeros(2, dtype)
     return Aperture(none, none, 1.0, (level * table).astype(dtype), step, bend, scene.quartic(kind))
 

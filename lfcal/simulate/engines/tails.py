@@ -36,6 +36,9 @@ __all__ = ["Tail", "tail_of"]
 
 F4 = NDArray[np.float32]
 
+FINE = 2
+"""Samples of a cell's table to one of the aperture: the lenslet lies on them."""
+
 NODES = 2.2
 """Nodes per pixel of the wide window, over the band of the intensity: 2 hold it, whatever the rule of the others."""
 
@@ -88,7 +91,7 @@ def tail_of(scene: Scene, sampling: Sampling, lens: LensTable, kind: int) -> Tai
     half = math.ceil(radius / dx) + RING
     level, dtype = dx * dx * px / spread, lens.field.re.dtype
     aperture = aperture_tables(
-        scene, dx, (half + 1) * dx * math.sqrt(2), lens.aperture.bend, level, dtype.type, kind=kind
+        scene, dx, (half + 1) * dx * math.sqrt(2), lens.aperture.bend, level, dtype.type, kind=kind, fine=FINE
     )
     rule = fitted_rule(max(2, math.ceil(NODES * band)), band)
     zoom = zoom_of(rule, width, px, 2 * math.pi / spread * dx * np.arange(half + 1), dtype.type)
