@@ -1,7 +1,7 @@
 """Model H with what was measured beyond it: less noise than the recorded patterns, nearer to them than the model.
 
 Of every recorded pattern what belongs to it alone, the lamp's brightness and the source beside its place, is taken out
-first, for H has neither. Where residuals are noise the hybrid is the model.
+first where it matters, for H has neither. Where residuals are noise the hybrid is the model.
 """
 
 from __future__ import annotations

@@ -135,12 +135,14 @@ def _iter_take_own(fit: Fitted, data: PlaneData, z: int, workers: int | None) ->
 
     A pattern's own is what its neighbours do not share: what they share the model lacks. Yields progress in patterns.
     """
-    spread = fit.spread
-    used = np.flatnonzero([spread.lamp, spread.stage_px, spread.stage_px])
     places = np.argwhere(data.recorded)
-    if not used.size or len(places) <= NEIGHBOURS:
+    if len(places) <= NEIGHBOURS:
         return
-    plane = PlaneModel(fit.ideal_places, fit.planned, z, Fineness.finest) if spread.stage_px > 0 else None
+    lamp, stage = _matter(fit, data, places)
+    used = np.flatnonzero([lamp, stage, stage])
+    if not used.size:
+        return
+    plane = PlaneModel(fit.ideal_places, fit.planned, z, Fineness.finest) if stage else None
     gain, count = np.float32(fit.levels.gains[z]), worker_count(workers)
     beyond = np.square(model_uncertainty(data.model, max(fit.left_out_error.value, 1e-3)))
     values, errors = np.empty((len(places), used.size)), np.empty((len(places), used.size))
@@ -184,6 +186,21 @@ def _iter_take_own(fit: Fitted, data: PlaneData, z: int, workers: int | None) ->
             for_each_chunk(lambda a, b, at=first, go=work: go(at + a, at + b), last - first, count)  # type: ignore[misc]
             yield clock.at(turn * len(places) + last)
 
+
+def _matter(fit: Fitted, data: PlaneData, places: NDArray[np.intp]) -> tuple[bool, bool]:
+    """Return whether lamp and stage change patterns by more than what the model lacks may look like them."""
+    some = data.model[tuple(places[:: max(1, len(places) // SOME)].T)].astype(np.float64)
+    slope = math.sqrt(sum(float(np.square(np.gradient(some, axis=axis)).sum()) for axis in (1, 2)) / 2)
+    per_px = slope / max(math.sqrt(float(np.square(some).sum())), 1e-300)
+    least = LIKE_OWN * fit.left_out_error.value
+    return fit.spread.lamp > least, fit.spread.stage_px * per_px > least
+
+
+SOME = 20
+"""Patterns that tell how much a displacement changes one."""
+
+LIKE_OWN = 0.5
+"""Share of the model's error that lamp or displacements must make for them to be taken out."""
 
 STEP_PX = 0.05
 """Step of a source's displacement (pixels)."""
