@@ -46,7 +46,9 @@ def misfit(left: F4, light: F4, valid: Flags, noise: F4) -> float:
     """Return the share of the light (relative L2) that is left beside noise, of the pattern in the middle."""
     beside = np.where(valid, np.square(left) - noise, 0.0).sum((1, 2), dtype=np.float64)
     power = np.where(valid, np.square(light), 0.0).sum((1, 2), dtype=np.float64)
-    return math.sqrt(max(0.0, float(np.median(beside / np.maximum(power, 1e-300)))))
+    # of a pattern that should have no light nothing is explained
+    share = np.divide(beside, power, out=np.ones_like(beside), where=power > 0)
+    return math.sqrt(max(0.0, float(np.median(share))))
 
 
 def start_of(data: F4, valid: Flags) -> F4:

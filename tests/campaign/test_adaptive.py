@@ -47,7 +47,7 @@ def rig(place: Path, **more: str) -> Iterator[Rig]:
     place.mkdir(exist_ok=True)
     effects.write_text(entries_json(Entry(one, one.name, {}, "on") for one in described_effects(camera)))
     true = replace(camera, lattice=replace(camera.lattice, gap_um=GAP * camera.lattice.gap_um))
-    with open_rig(replace(PLAN, camera=true), "sim", {"optics": "wave", "effects": str(effects), **more}) as found:
+    with open_rig(replace(PLAN, camera=true), "sim", {"optics": "grid", "effects": str(effects), **more}) as found:
         yield found
 
 

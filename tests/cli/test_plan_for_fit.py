@@ -18,7 +18,7 @@ from tests.fit.common import small_camera
 
 Lfcal = Callable[..., Run]
 SOME = "geometry,iris"
-SIMULATED = ("--option", "optics=wave", "--option", "effects=effects.json", "--no-check-stage")
+SIMULATED = ("--option", "optics=grid", "--option", "effects=effects.json", "--no-check-stage")
 
 
 @pytest.fixture

@@ -54,7 +54,9 @@ def test_every_metric_is_on_paper(H: PSFMatrix, quality: QualityReport) -> None:
 
 def test_faults_come_with_picture_and_remedy(H: PSFMatrix, quality: QualityReport) -> None:
     picture = pictures(H, quality, None, None)[0]().png
-    faults = tuple(ToldFault(f"fault {k}", "so much", f"{k} %", "Do this.", picture, "shown") for k in (9, 5, 2, 1))
+    faults = tuple(
+        ToldFault(f"fault {k}", "so much", f"{k} %", "0.01 → 0.02", "Do this.", picture, "shown") for k in (9, 5, 2, 1)
+    )
     settled = {quality.metrics[0].key: "fault 9"}
     beside = Beside("This PSF should not be used.", "bad", "all compared", faults, settled)
     content = blocks(H, quality, [], beside)

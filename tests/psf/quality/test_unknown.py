@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from lfcal.inspect import Inspection
 from lfcal.plain import plain
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import METRICS, UNKNOWN, Limits, Metric, MetricSpec, QualityReport, Reading, inspect
@@ -85,9 +86,9 @@ def test_unknown_is_unknown_in_json(report: QualityReport) -> None:
 
 
 def test_unknown_is_unknown_for_people(report: QualityReport, tmp_path_factory: pytest.TempPathFactory) -> None:
-    from gui.pages.quality.model import rows_of
+    from gui.pages.quality.model import metric_rows
 
-    rows = {row.key: row for row in rows_of(report)}
+    rows = {row.key: row for row in metric_rows(Inspection(report, (), 0, 0.0, "no camera is known", 0.0))}
     assert (rows["saturation"].value, rows["saturation"].merit, rows["saturation"].cost) == ("unknown", "unknown", "–")
     assert "unknown" in report.verdict and report.merit == "good"
     folder = tmp_path_factory.mktemp("report")
