@@ -275,10 +275,9 @@ def test_the_keyboard_suffices(page: Any, qtbot: QtBot) -> None:
         assert given(page).override("coma") == choice
         idle(page.context.jobs, qtbot)
         assert table.selected == "coma" and table.setting_box("coma").currentData() == choice
-    qtbot.keyClick(table, Qt.Key.Key_Down)
-    assert table.selected == "zernike"
-    qtbot.keyClick(table, Qt.Key.Key_Down)
-    assert table.selected == "chromatic_focus"
+    for below in ("zernike", "field_aberrations", "chromatic_focus"):
+        qtbot.keyClick(table, Qt.Key.Key_Down)
+        assert table.selected == below
     qtbot.keyClick(table, Qt.Key.Key_Return)
     editor = page.panel.effect.form.editors["rate"]
     assert page.focusWidget() is editor.edit
