@@ -46,9 +46,11 @@ def misfit(left: F4, light: F4, valid: Flags, noise: F4) -> float:
     """Return the share of the light (relative L2) that is left beside noise, of the pattern in the middle."""
     beside = np.where(valid, np.square(left) - noise, 0.0).sum((1, 2), dtype=np.float64)
     power = np.where(valid, np.square(light), 0.0).sum((1, 2), dtype=np.float64)
-    # of a pattern that should have no light nothing is explained; one that is masked whole tells nothing
-    none = (beside > 0).astype(np.float64)
-    share = np.divide(beside, power, out=none, where=power > 0)
+    seen = valid.any((1, 2))  # what is masked whole tells nothing
+    if not seen.any():
+        return 0.0
+    # of a pattern that should have no light nothing is explained
+    share = np.divide(beside, power, out=np.ones_like(beside), where=power > 0)[seen]
     return math.sqrt(max(0.0, float(np.median(share))))
 
 

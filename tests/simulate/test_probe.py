@@ -174,3 +174,19 @@ def test_what_nothing_judges_is_as_much_better_as_steps_are() -> None:
     before = probe.Settled(None, judge.steps[-2].level, judge.steps[-2].sampling, 1.0)  # type: ignore[arg-type]
     assert judge._improved(last, before) == pytest.approx(last.expected / judge.steps[-2].expected)
     assert judge._improved(last, None) == last.expected
+
+
+def test_windows_that_fail_by_adding_intensities_give_way_to_the_grid(monkeypatch: MonkeyPatch) -> None:
+    scene = camera_scene(3.0, cutout=(41, 41))
+    steps = steps_for(scene, "wave")
+    tried: list[Step] = []
+    measured = probe._Judge.measured
+
+    def far_off(self: probe._Judge, step: Step, before: probe.Settled | None = None) -> probe.Settled:
+        tried.append(step)
+        found = measured(self, step, before)
+        return replace(found, error=0.5) if step.level == "wave" else found
+
+    monkeypatch.setattr(probe._Judge, "measured", far_off)
+    assert settle(scene, "wave", steps[0].expected).level == "grid"
+    assert [step.level for step in tried] == ["wave", "grid"] and steps[1].level == "wave"
