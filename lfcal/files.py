@@ -20,6 +20,7 @@ __all__ = [
     "check_other_file",
     "check_regular",
     "check_writable",
+    "only_writer",
     "read_text",
     "replace_whole",
     "require_space",
@@ -137,7 +138,7 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     with storage_errors(target):
         mode = stat.S_IMODE(target.stat().st_mode) if target.exists() else None
         target.parent.mkdir(parents=True, exist_ok=True)
-        with _only_writer(target) as alone:
+        with only_writer(target) as alone:
             _sweep(target, alone=alone)
             part = target.with_name(f".{target.name}.{os.getpid()}.part")
             try:
@@ -154,7 +155,7 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 @contextmanager
-def _only_writer(target: Path) -> Iterator[bool]:
+def only_writer(target: Path) -> Iterator[bool]:
     """Keep other writers of ``target`` out by a lock beside it; yield whether this file system keeps locks."""
     path = target.with_name(f".{target.name}.lock")
     descriptor = _locked(path, target)

@@ -15,12 +15,15 @@ __all__ = [
     "CompressionOption",
     "CutoutOption",
     "DepthsOption",
+    "ExecutorOption",
     "FolderOption",
     "ForceOption",
     "GainOption",
     "JsonOption",
     "MatrixArgument",
     "PresetOption",
+    "ResumeOption",
+    "SchedulerOption",
     "VirtualDepthsOption",
     "WorkersOption",
 ]
@@ -47,6 +50,25 @@ WorkersOption: TypeAlias = Annotated[
     typer.Option("--workers", min=1, callback=_bound, help="Threads; LFCAL_WORKERS or every processor by default."),
 ]
 """Threads of everything a command computes: its own, and those of the libraries it calls."""
+
+ExecutorOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--executor",
+        help="Who does it: threads (of this process), processes, or dask; long work is done in units by any of them.",
+    ),
+]
+"""By whom units of long work are done; see `lfcal.work`."""
+
+SchedulerOption: TypeAlias = Annotated[
+    str, typer.Option("--scheduler", help="With --executor dask: address of a scheduler that runs already.")
+]
+"""A cluster in place of this machine."""
+
+ResumeOption: TypeAlias = Annotated[
+    bool, typer.Option("--resume", help="Go on with what an earlier run left, after a kill or a power cut.")
+]
+"""What is done is not done again."""
 
 ForceOption: TypeAlias = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
 """Without it a command that would replace a file ends before its work begins; see `lfcal.cli.outputs`."""

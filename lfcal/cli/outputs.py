@@ -15,7 +15,7 @@ from pathlib import Path
 from lfcal.errors import InputError
 from lfcal.files import check_writable
 
-__all__ = ["TABLES", "check_output", "check_outputs"]
+__all__ = ["TABLES", "check_output", "check_outputs", "files_of"]
 
 TABLES = frozenset({".csv", ".tsv", ".txt", ".dat", ".json"})
 """Suffixes of manifests and plans, which are read from a folder with its frames."""
@@ -45,7 +45,7 @@ def check_outputs(outs: Iterable[Path], *inputs: Path | str | None, force: bool)
     taken: set[tuple[int, int]] = set()
     # Only a file that is there can be an input.
     if any(out.exists() for out in files):
-        taken = {found for source in inputs for path in _files_of(source) if (found := _identity(path))}
+        taken = {found for source in inputs for path in files_of(source) if (found := _identity(path))}
     for out in files:
         if _identity(out) in taken:
             raise InputError.expected("output", "another file than the input", str(out), "choose another name")
@@ -62,7 +62,7 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return None
 
 
-def _files_of(source: Path | str | None) -> list[Path]:
+def files_of(source: Path | str | None) -> list[Path]:
     """Return an input file, or what commands read of an input folder: its frames, tables and recordings."""
     if source is None or not str(source):
         return []

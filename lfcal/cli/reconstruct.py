@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -11,25 +11,30 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.cli.options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli.options import (
+    ExecutorOption,
+    ForceOption,
+    JsonOption,
+    ResumeOption,
+    SchedulerOption,
+    WorkersOption,
+)
+from lfcal.cli.reconstruct_frames import Cleaner, FrameFile, cleaner, frames_of
+from lfcal.cli.runs import run_choice, run_kept
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lfcal.cli.reconstruct_units import Settings
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.resample import Resampling
     from lfcal.reconstruct.series import FrameResult
     from lfcal.reconstruct.solvers.choice import SolverChoice
     from lfcal.reconstruct.solvers.records import Reconstruction
+    from lfcal.work import RunChoice
 
-Reader = Callable[[], "NDArray[Any]"]
-"""Reads a frame when its turn comes."""
-
-Save = Callable[[str, "Reconstruction"], None]
-"""Takes the name of a frame, and the volume behind it."""
-
-Cleaner = Callable[["NDArray[Any]"], "NDArray[Any]"]
-"""What is done to a frame before it is reconstructed."""
+Save = Callable[[str, "NDArray[Any]", Mapping[str, Any]], None]
+"""Takes the name of a frame, the volume behind it, and what is known of it."""
 
 
 def register(app: typer.Typer) -> None:
@@ -77,6 +82,9 @@ def command(
         None, "--memory", help="Most memory for projections (GB); half of what is free."
     ),
     workers: WorkersOption = None,
+    executor: ExecutorOption = "",
+    scheduler: SchedulerOption = "",
+    resume: ResumeOption = False,
     forecast: bool = typer.Option(False, "--forecast", help="Say what it will cost, and stop."),
     force: ForceOption = False,
     json: JsonOption = False,
@@ -87,6 +95,7 @@ def command(
     """
     from lfcal.cli.outputs import check_outputs
     from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, view_of
+    from lfcal.cli.reconstruct_units import Settings
     from lfcal.psf import open_psf
     from lfcal.psf.voxels import voxel_um
     from lfcal.reconstruct.projectors.projector import Projector
@@ -98,7 +107,7 @@ def command(
     check_lattice(lattice, resample=resample)
     choice = SolverChoice(solver, iterations, background, read_noise, saturation, strength, subsets, tolerance)
     source = _source(frame, batch, wanted=out is not None or forecast)
-    task = _Task(list(_frames(source)), choice, warm, json)
+    task = _Task(frames_of(source), choice, warm, json)
     targets = {} if forecast or out is None else _targets(task, out, suffix if batch else None)
     check_outputs(dict.fromkeys(targets.values()), psf, source, dark, white, lattice, force=force)
     with open_psf(psf) as H:
@@ -117,8 +126,16 @@ def command(
         if forecast or out is None:
             _show_forecast(P, choice, len(task.frames), json)
             return
+        shared = Settings(psf, dark, white, lattice, resample, anchor, method, double, threshold)
+        seconds = P.forecast().chosen.prepare_s + len(task.frames) * choice.iterations * P.forecast().chosen.pair_s
+        run = run_choice(
+            out, executor, scheduler, workers, resume=resume, force=force, seconds=seconds, units="frame by frame"
+        )
         with _saving(P, voxel_um(H), targets, {"psf": psf.name, **task.details(P)}) as save:
-            results = _solve(task, P, _cleaner(dark, white, view), view, save)
+            if run is None:
+                results = _solve(task, P, cleaner(dark, white, view), view, save)
+            else:
+                results = _solve_in_units(task, P, shared, out, run, save)
     _show_results(P, results, targets, json)
 
 
@@ -129,10 +146,10 @@ class _Task:
     Raises
     ------
     InputError
-        If two frames have the same name, or a warm start is asked of a solver that knows none.
+        If a warm start is asked of a solver that knows none.
     """
 
-    frames: list[tuple[str, Reader]]
+    frames: list[FrameFile]
     choice: SolverChoice
     warm: bool
     quiet: bool
@@ -142,12 +159,11 @@ class _Task:
 
         if self.warm:
             check_warm(self.choice)
-        _check_names([name for name, _ in self.frames])
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the first frame, as recorded."""
-        rows, columns = self.frames[0][1]().shape
+        rows, columns = self.frames[0].read().shape
         return rows, columns
 
     def details(self, P: Projector) -> dict[str, Any]:
@@ -161,13 +177,41 @@ def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, s
     from lfcal.reconstruct.series import iter_series
 
     weights = None if view is None else view.inside(task.shape)
-    frames = [(name, partial(_cleaned, read, clean)) for name, read in task.frames]
-    work = iter_series(P, frames, len(frames), task.choice, save, weights=weights, warm=task.warm)
+    frames = [(frame.name, partial(_cleaned, frame, clean)) for frame in task.frames]
+
+    def take(name: str, result: Reconstruction) -> None:
+        save(name, result.volume, {"notes": result.notes, "residual": result.history[-1].residual})
+
+    work = iter_series(P, frames, len(frames), task.choice, take, weights=weights, warm=task.warm)
     # The forecast goes to standard error, before the wait that it is about.
     if not task.quiet:
         report(str(P.forecast()))
     run_work(P.iter_prepare(), quiet=task.quiet)
     return run_work(work, quiet=task.quiet)
+
+
+def _solve_in_units(
+    task: _Task, P: Projector, shared: Settings, out: Path, run: RunChoice, save: Save
+) -> tuple[FrameResult, ...]:
+    """Reconstruct frame by frame, each volume in a file that stays until all are there; then save them."""
+    from lfcal.cli.reconstruct_units import frame_units, iter_collect
+    from lfcal.errors import InputError
+    from lfcal.threads import worker_count
+    from lfcal.work import iter_made
+
+    if task.warm and run.executor != "threads":
+        raise InputError.expected("--warm", "--executor threads", run.executor, "each frame needs the one before it")
+    # each process has an H of its own
+    share = 1 if run.executor == "threads" else worker_count(run.workers)
+    hints = {"projection": P.method, "memory": P.memory_limit // share}
+    units = frame_units(task.frames, shared, task.choice, out, hints, warm=task.warm)
+    results: list[FrameResult] = []
+    names = [frame.name for frame in task.frames]
+    made = iter_made(
+        units, out, run, partial(iter_collect, names=names, save=save, results=results), title=f"volumes of {out.name}"
+    )
+    run_kept(made, out, quiet=task.quiet)
+    return tuple(results)
 
 
 def _list_solvers() -> None:
@@ -184,7 +228,7 @@ def _targets(task: _Task, out: Path, suffix: str | None) -> dict[str, Path]:
     """Return the file of each frame's volume: ``out`` for all, or one each in the folder ``out`` with ``suffix``."""
     from lfcal.reconstruct.volumes import check_suffix
 
-    return {name: check_suffix(out if suffix is None else out / f"{name}{suffix}") for name, _ in task.frames}
+    return {f.name: check_suffix(out if suffix is None else out / f"{f.name}{suffix}") for f in task.frames}
 
 
 @contextmanager
@@ -199,12 +243,13 @@ def _saving(
     if len(files) == 1 and len(targets) > 1:
         facts = VolumeFacts(depths, voxel, {**details, "frames": list(targets)})
         with write_volumes(files[0], (len(targets), *P.volume_shape), facts) as add:
-            yield lambda _, result: add(result.volume)
+            yield lambda _, volume, known: add(volume)
         return
 
-    def save(name: str, result: Reconstruction) -> None:
-        more = {**details, "frame": name, "notes": result.notes, "residual": result.history[-1].residual}
-        save_volume(targets[name], result.volume, depths_um=depths, voxel_um=voxel, details=more)
+    def save(name: str, volume: NDArray[Any], known: Mapping[str, Any]) -> None:
+        save_volume(
+            targets[name], volume, depths_um=depths, voxel_um=voxel, details={**details, "frame": name, **known}
+        )
 
     yield save
 
@@ -234,57 +279,8 @@ def _source(frame: Path | None, batch: Path | None, *, wanted: bool) -> Path:
     return source
 
 
-def _check_names(names: list[str]) -> None:
-    from lfcal.errors import InputError
-
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InputError.expected("names of the frames", "each once", f"{twice} twice", "rename one of them")
-
-
-def _frames(path: Path) -> Iterator[tuple[str, Reader]]:
-    """Yield name and reader of every page of an image file or of the images of a folder, in natural order."""
-    from lfcal.errors import InputError
-    from lfcal.frames.formats.opening import image_suffixes, open_image, read_image
-    from lfcal.frames.positions import natural_key
-
-    files = [path]
-    if path.is_dir():
-        names = sorted((p.name for p in path.iterdir() if p.suffix.lower() in image_suffixes()), key=natural_key)
-        files = [path / name for name in names]
-    if not files:
-        raise InputError.expected(f"frames in {path}", "at least one image", "none", "check the folder")
-    for file in files:
-        # Opened for the number of pages alone; each page is read when its turn comes.
-        image = open_image(file)
-        image.close()
-        for page in range(image.pages):
-            name = file.stem if image.pages == 1 else f"{file.stem}_{page:04d}"
-            yield name, partial(read_image, file, page)
-
-
-def _cleaner(dark: Path | None, white: Path | None, view: Resampling | None) -> Cleaner:
-    """Return what is done to each frame: dark, white, resampling."""
-    import numpy as np
-
-    from lfcal.frames import CorrectionChain, Dark, White
-    from lfcal.frames.corrections.recipe import read_average
-
-    level = read_average(dark) if dark else None
-    steps: list[Any] = [] if level is None else [Dark(level)]
-    if white:
-        steps.append(White(read_average(white), 0.0 if level is None else level))
-    chain = CorrectionChain(tuple(steps))
-
-    def clean(frame: NDArray[Any]) -> NDArray[Any]:
-        done = chain.apply(frame) if steps else np.asarray(frame, np.float32)
-        return done if view is None else view.apply(done)
-
-    return clean
-
-
-def _cleaned(read: Reader, clean: Cleaner) -> NDArray[Any]:
-    return clean(read())
+def _cleaned(frame: FrameFile, clean: Cleaner) -> NDArray[Any]:
+    return clean(frame.read())
 
 
 def _show_forecast(P: Any, choice: Any, frames: int, json: bool) -> None:

@@ -11,9 +11,20 @@ import typer
 
 from lfcal.checks import check_number
 from lfcal.cli.console import print_json, print_table, report, run_work
-from lfcal.cli.options import CutoutOption, DepthsOption, ForceOption, JsonOption, VirtualDepthsOption, WorkersOption
+from lfcal.cli.options import (
+    CutoutOption,
+    DepthsOption,
+    ExecutorOption,
+    ForceOption,
+    JsonOption,
+    ResumeOption,
+    SchedulerOption,
+    VirtualDepthsOption,
+    WorkersOption,
+)
 from lfcal.cli.outputs import check_output
 from lfcal.cli.planned import planned_scan
+from lfcal.cli.runs import run_choice, run_kept
 from lfcal.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,6 +32,7 @@ if TYPE_CHECKING:
     from lfcal.progress import Work
     from lfcal.psf import PSFMatrix
     from lfcal.simulate import EffectSelection
+    from lfcal.work import RunChoice
 
 __all__ = ["register"]
 
@@ -49,6 +61,9 @@ def command(
     seed: int = typer.Option(0, help="Seed of noise and stage errors in frames."),
     peak: float = typer.Option(0.8, help="Share of the full well that the brightest pixel reaches in frames."),
     workers: WorkersOption = None,
+    executor: ExecutorOption = "",
+    scheduler: SchedulerOption = "",
+    resume: ResumeOption = False,
     progressive: bool = typer.Option(
         False,
         "--progressive",
@@ -86,12 +101,17 @@ def command(
         raise InputError("output: give -o H.h5 for the matrix or --frames DIR for a session, or --plan-only")
     if progressive and out is None:
         raise InputError("--progressive: expected a matrix, got frames; frames are made once, leave it out")
+    in_units = executor or scheduler or resume
+    if in_units and (progressive or out is None):
+        other = "--progressive" if progressive else "--frames"
+        raise InputError(f"{other}: expected no --executor, --scheduler or --resume, got one; leave one of them out")
     for row in found.rows:
         if row.setting == "on" and not row.on:  # what was asked for by name is not left out without a word
             report(f"note: {row.name}: {row.reason}")
     task = _Task(planned, found, level, tolerance, json)
     if out is not None:
-        made = _write_h(task, out, workers, choose if progressive else None)
+        runner = _Runner(out, executor, scheduler, workers, resume, force)
+        made = _write_h(task, runner, choose if progressive else None)
     else:
         assert frames is not None
         made = _write_frames(task, frames, seed, peak)
@@ -150,21 +170,46 @@ def _show(found: EffectSelection, planned: ScanPlan, json: bool) -> None:
     )
 
 
-def _write_h(
-    task: _Task, out: Path, workers: int | None, choose: Callable[[float], EffectSelection] | None
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class _Runner:
+    """Where H goes, and who computes it."""
+
+    out: Path
+    executor: str
+    scheduler: str
+    workers: int | None
+    resume: bool
+    force: bool
+
+    def choice(self, seconds: float) -> RunChoice | None:
+        return run_choice(
+            self.out,
+            self.executor,
+            self.scheduler,
+            self.workers,
+            resume=self.resume,
+            force=self.force,
+            seconds=seconds,
+        )
+
+
+def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelection] | None) -> dict[str, Any]:
     from lfcal.simulate import predict_bytes, predict_seconds
     from lfcal.units import format_bytes, format_seconds
 
-    plan = task.planned
+    plan, out, workers = task.planned, runner.out, runner.workers
     predicted = predict_seconds(plan, task.found, task.level, tolerance=task.tolerance)
     # Told before the work begins, while there is still time to choose a larger tolerance.
     if not task.quiet:
         most = predict_bytes(plan, task.found, task.level, tolerance=task.tolerance, to_file=True, workers=workers)
         report(f"about {format_seconds(predicted)} of processor time ahead, at most {format_bytes(most)} of memory")
     whole: list[str] = []
+    run = None if choose is not None else runner.choice(predicted)
     try:
-        matrix = run_work(_simulation(task, out, workers, choose, whole), quiet=task.quiet)
+        if run is not None:
+            matrix = run_kept(_in_units(task, out, run), out, quiet=task.quiet)
+        else:
+            matrix = run_work(_simulation(task, out, workers, choose, whole), quiet=task.quiet)
     except BaseException:
         if whole:
             report(f"kept: {whole[-1]}")
@@ -183,6 +228,23 @@ def _write_h(
         "predicted_seconds": predicted,
         "effects": [e.name for e in task.found.effects],
     }
+
+
+def _in_units(task: _Task, out: Path, run: RunChoice) -> Work[Any]:
+    """Return the work of writing H plane by plane, in files that stay until all are there."""
+    from lfcal.simulate.units import iter_simulate_units
+
+    plan = task.planned
+    return iter_simulate_units(
+        plan.camera,
+        plan,
+        task.found,
+        task.level,
+        run=run,
+        tolerance=task.tolerance,
+        out=out,
+        provenance={"plan": plan.to_dict()},
+    )
 
 
 def _simulation(

@@ -6,7 +6,19 @@ from pathlib import Path
 
 import typer
 
-from lfcal.cli.options import CompressionOption, ForceOption, JsonOption, MatrixArgument, WorkersOption
+from lfcal.cli.options import (
+    CompressionOption,
+    ExecutorOption,
+    ForceOption,
+    JsonOption,
+    MatrixArgument,
+    ResumeOption,
+    SchedulerOption,
+    WorkersOption,
+)
+
+RATE = 150e6
+"""Bytes of H that are read, transposed and written in a second of processor time, about."""
 
 
 def register(app: typer.Typer) -> None:
@@ -21,6 +33,9 @@ def command(
     method: str = typer.Option("exact", help="'exact', or 'paper' for the published loop with its unwritten border."),
     compression: CompressionOption = "gzip",
     workers: WorkersOption = None,
+    executor: ExecutorOption = "",
+    scheduler: SchedulerOption = "",
+    resume: ResumeOption = False,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -32,8 +47,10 @@ def command(
 
     from lfcal.cli.console import print_json, report_dark, run_work
     from lfcal.cli.outputs import check_output
+    from lfcal.cli.runs import run_choice, run_kept
     from lfcal.psf.opening import open_psf
     from lfcal.psf.transpose_file import iter_transpose_file
+    from lfcal.psf.transpose_units import iter_transpose_units
     from lfcal.units import format_bytes, format_seconds
 
     check_output(out, source, force=force)
@@ -41,10 +58,18 @@ def command(
     with open_psf(source) as matrix:
         dark = report_dark(matrix)
         # File to file by planes: H may be far larger than the memory.
-        run_work(iter_transpose_file(matrix, out, method=method, compression=compression, workers=workers), quiet=json)
+        ahead = matrix.nbytes / RATE
+        run = run_choice(out, executor, scheduler, workers, resume=resume, force=force, seconds=ahead)
+        if run is None:
+            work = iter_transpose_file(matrix, out, method=method, compression=compression, workers=workers)
+            run_work(work, quiet=json)
+        else:
+            work = iter_transpose_units(matrix, out, run=run, method=method, compression=compression)
+            run_kept(work, out, quiet=json)
         shape, nbytes = matrix.shape, matrix.nbytes
+        made = "H" if matrix.is_transposed and method == "exact" else "HT"
     seconds = time.perf_counter() - start
     if json:
         print_json({"out": out, "shape": shape, "bytes": nbytes, "seconds": seconds, "method": method, "dark": dark})
     else:
-        typer.echo(f"{out}: HT {shape}, {format_bytes(nbytes)} transposed ({method}) in {format_seconds(seconds)}")
+        typer.echo(f"{out}: {made} {shape}, {format_bytes(nbytes)} transposed ({method}) in {format_seconds(seconds)}")

@@ -23,7 +23,7 @@ from lfcal.h5.dataset import H5Data
 from lfcal.h5.filters import encode_chunk
 from lfcal.threads import worker_count
 
-__all__ = ["chunk_pipeline", "parallel_read", "parallel_write"]
+__all__ = ["chunk_pipeline", "copy_plane", "parallel_read", "parallel_write"]
 
 _BATCH_BYTES = 1 << 19  # chunks are handed to threads in batches of about this size
 
@@ -164,6 +164,25 @@ def parallel_read(data: H5Data, z: int, *, out: NDArray[Any] | None = None, work
     for _ in _in_threads(decode, _batches(np.ndindex(ny, nx), _batch_size(data)), worker_count(workers)):
         pass
     return plane
+
+
+def copy_plane(source: H5Data, dataset: Any, z: int) -> None:
+    """Copy the chunks of the only plane of ``source`` to plane ``z`` of an open h5py dataset, coded as they are.
+
+    Raises
+    ------
+    InputError
+        If the two are not stored alike.
+    """
+    plist = dataset.id.get_create_plist()
+    filters = tuple(int(plist.get_filter(k)[0]) for k in range(plist.get_nfilters()))
+    theirs = (source.dtype, source.chunks, source.filters)
+    if theirs != (dataset.dtype, tuple(dataset.chunks), filters) or source.table is None:
+        raise InputError.expected(source.where, f"{dataset.dtype} stored as the others", str(theirs), "write it anew")
+    for y, x in np.ndindex(*source.shape[1:3]):
+        stored = source.table.stored((0, y, x, 0, 0))
+        if stored is not None:
+            dataset.id.write_direct_chunk((z, y, x, 0, 0), stored[1], stored[0])
 
 
 def _in_threads(function: Any, batches: Iterator[Any], workers: int) -> Iterator[Any]:

@@ -17,14 +17,23 @@ from numpy.typing import NDArray
 from lfcal import __version__
 from lfcal.axes import AXES
 from lfcal.errors import InputError
-from lfcal.psf.chunk_codec import parallel_write
+from lfcal.h5.dataset import H5Data
+from lfcal.psf.chunk_codec import copy_plane, parallel_write
 from lfcal.psf.facts import Facts, stacked
 from lfcal.threads import for_each_chunk
 
 if TYPE_CHECKING:
     from lfcal.camera import Camera
 
-__all__ = ["CENTRE_RULE", "COMPRESSIONS", "STORED_TYPES", "MatrixGroup", "MatrixHeader", "plane_checksum"]
+__all__ = [
+    "CENTRE_RULE",
+    "COMPRESSIONS",
+    "STORED_TYPES",
+    "MatrixGroup",
+    "MatrixHeader",
+    "StoredPlane",
+    "plane_checksum",
+]
 
 CENTRE_RULE = "(n - 1) // 2"
 UNCERTAINTY_STEPS = 65535
@@ -56,6 +65,38 @@ class MatrixHeader:
             raise InputError.expected("compression", " or ".join(COMPRESSIONS), self.compression, "choose one of these")
         if self.depths.shape != self.shape[:1]:
             raise InputError.expected("depths", f"{self.shape[0]} values", self.depths.shape, "one per plane")
+
+
+@dataclass(frozen=True, eq=False)
+class StoredPlane:
+    """The only plane of an H file, as it is stored.
+
+    Attributes
+    ----------
+    data
+        ``(1, ny, nx, nt, ns)`` in chunks of a pattern each.
+    scale, offset
+        Value = stored * scale + offset.
+    sums
+        Depth-plane sum ``(nt, ns)``.
+    used, checksum, error
+        As the file states them.
+    facts
+        Of its positions; the error is not among them.
+    uncertainty, uncertainty_scale
+        Standard deviations of its entries in steps of the scale; None: none are stated.
+    """
+
+    data: H5Data
+    scale: float
+    offset: float
+    sums: NDArray[np.float64]
+    used: NDArray[np.int32]
+    checksum: int
+    error: float
+    facts: Facts
+    uncertainty: H5Data | None = None
+    uncertainty_scale: float = 1.0
 
 
 class MatrixGroup:
@@ -149,6 +190,23 @@ class MatrixGroup:
 
         parallel_write(self._uncertainty, z, plane, convert=rounded, workers=self._header.workers)
         self._uncertain[z], self._uncertainty_scale[z] = True, scale
+
+    def adopt_plane(self, z: int, stored: StoredPlane) -> None:
+        """Take plane ``z`` over as another file has it: its bytes are neither unpacked nor rounded again."""
+        if stored.data.shape[1:] != self._header.shape[1:] or self._written[z]:
+            raise InputError.expected(
+                f"plane {z}", f"{self._header.shape[1:]} once", stored.data.shape, "write it anew"
+            )
+        copy_plane(stored.data, self._data, z)
+        self._scale[z], self._offset[z] = stored.scale, stored.offset
+        self._sums[z], self._used[z], self._error[z] = stored.sums, stored.used, stored.error
+        self._checksum[z], self._facts[z] = stored.checksum, stored.facts
+        if stored.uncertainty is not None:
+            if self._uncertainty is None:
+                self._uncertainty = self._create_dataset("uncertainty", np.dtype(np.uint16))
+            copy_plane(stored.uncertainty, self._uncertainty, z)
+            self._uncertain[z], self._uncertainty_scale[z] = True, stored.uncertainty_scale
+        self._written[z] = True
 
     def _complete_uncertainty(self) -> None:
         if self._uncertainty is None:

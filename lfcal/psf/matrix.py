@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import operator
 import threading
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, cast
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -14,6 +13,7 @@ from lfcal.axes import check_psf_shape
 from lfcal.errors import InputError
 from lfcal.h5.dataset import H5Data
 from lfcal.psf.facts import Facts, Origin, fitting, unpack_valid
+from lfcal.psf.indexing import in_range, resolved
 from lfcal.psf.planes import ArrayPlanes, DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 
 if TYPE_CHECKING:
@@ -110,6 +110,35 @@ class PSFMatrix:
         self._lock = threading.Lock()
         self._other: PSFMatrix | None = None
         self._is_transposed = transposed
+        self._opened: Callable[[], PSFMatrix] | None = None
+
+    def opened_by(self, again: Callable[[], PSFMatrix]) -> PSFMatrix:
+        """Note how it is opened again from its file, in another process, too; return it."""
+        self._opened = again
+        return self
+
+    def __reduce__(self) -> Any:
+        """Travel to another process as the path to open again; an array in memory as its values.
+
+        Raises
+        ------
+        InputError
+            For a dataset or memory map that was opened by hand: it would travel by value, or not at all.
+        """
+        if self._opened is not None:
+            return _turned, (self._opened, self._is_transposed)
+        for planes in (self._planes, self._uncertainty):
+            stored = None if planes is None else _stored(planes)
+            array = getattr(stored, "array", None)
+            if planes is not None and (not isinstance(array, np.ndarray) or isinstance(array, np.memmap)):
+                raise InputError.expected(
+                    "H for another process",
+                    "a file opened by open_psf, or an array",
+                    type(stored).__name__,
+                    "open it so",
+                )
+        left = {"_lock", "_other", "_sums", "_apertures"}
+        return _rebuilt, ({key: value for key, value in self.__dict__.items() if key not in left},)
 
     # -- what it is ------------------------------------------------------------------------------------
     @property
@@ -250,10 +279,7 @@ class PSFMatrix:
 
     def _stored(self) -> Planes:
         """Return the planes as they are stored, before scales, transposes and another code's order."""
-        planes = self._planes
-        while (base := getattr(planes, "base", None)) is not None:
-            planes = base
-        return planes
+        return _stored(self._planes)
 
     @property
     def is_transposed(self) -> bool:
@@ -288,14 +314,14 @@ class PSFMatrix:
 
     def plane(self, z: int) -> NDArray[Any]:
         """Return plane ``z`` as ``(ny, nx, nt, ns)``, read-only: it may be a view of the original."""
-        return _read_only(self._planes.plane(_in_range(z, 0, self._shape[0])))
+        return _read_only(self._planes.plane(in_range(z, 0, self._shape[0])))
 
     def depth_sum(self, z: int) -> NDArray[np.float64]:
         """Return the sum of plane ``z`` over all positions, ``(nt, ns)``: the aperture seen from that depth.
 
         Computed once, kept, and read-only; the sum of the transposed matrix is the same turned by 180 degrees.
         """
-        z = _in_range(z, 0, self._shape[0])
+        z = in_range(z, 0, self._shape[0])
         if z not in self._sums:
             if self._other is not None and z in self._other._sums:
                 self._sums[z] = self._other._sums[z][::-1, ::-1]
@@ -307,7 +333,7 @@ class PSFMatrix:
 
     def aperture(self, z: int) -> Aperture:
         """Return the iris fitted to the depth-plane sum of plane ``z`` (see `lfcal.psf.aperture`)."""
-        z = _in_range(z, 0, self._shape[0])
+        z = in_range(z, 0, self._shape[0])
         if z not in self._apertures:
             from lfcal.psf.aperture import fit_aperture, footprint_px
 
@@ -321,7 +347,7 @@ class PSFMatrix:
 
     def __getitem__(self, key: Any) -> Any:
         """Return the selected values, by numpy's rules for integers, slices and ellipsis."""
-        index = _resolve(key, self._shape)
+        index = resolved(key, self._shape)
         z, y, x = index[:3]
         if isinstance(z, int):
             return self._from_plane(z, y, x, index[3:])
@@ -380,6 +406,23 @@ class PSFMatrix:
         return f"<{name} (z, y, x, t, s) = {self._shape}, {self.dtype}{camera}>"
 
 
+def _stored(planes: Planes) -> Planes:
+    while (base := getattr(planes, "base", None)) is not None:
+        planes = base
+    return planes
+
+
+def _turned(again: Callable[[], PSFMatrix], transposed: bool) -> PSFMatrix:
+    matrix = again()
+    return matrix if matrix.is_transposed == transposed else matrix.T
+
+
+def _rebuilt(state: dict[str, Any]) -> PSFMatrix:
+    matrix = PSFMatrix.__new__(PSFMatrix)
+    matrix.__dict__.update(state, _lock=threading.Lock(), _other=None, _sums={}, _apertures={})
+    return matrix
+
+
 def _read_only(values: NDArray[Any]) -> NDArray[Any]:
     """Return a view that cannot be written through: kept planes and users' arrays stay as they are."""
     view = values.view()
@@ -401,33 +444,3 @@ def _as_planes(data: Any) -> Planes:
     if array.dtype.kind not in "iufcb":
         raise InputError.expected("PSF matrix", "numbers", f"dtype {array.dtype}", "convert it to numbers")
     return ArrayPlanes(array)
-
-
-def _in_range(value: int, axis: int, n: int) -> int:
-    index = operator.index(value)
-    if not -n <= index < n:
-        raise IndexError(f"index {index} is out of range for axis {axis} ({'zyxts'[axis]}) with {n} entries")
-    return index % n
-
-
-def _resolve(key: Any, shape: tuple[int, ...]) -> tuple[int | slice, ...]:
-    """Return ``key`` as one integer or slice per axis."""
-    parts = list(key) if isinstance(key, tuple) else [key]
-    holes = [k for k, part in enumerate(parts) if part is Ellipsis]
-    if len(holes) > 1:
-        raise IndexError("an index can only have a single ellipsis ('...')")
-    if len(parts) - len(holes) > len(shape):
-        raise IndexError(f"too many indices: a PSF matrix has 5 axes (z, y, x, t, s), {len(parts)} were given")
-    at = holes[0] if holes else len(parts)
-    fill: Iterable[Any] = [slice(None)] * (len(shape) - (len(parts) - len(holes)))
-    full = [*parts[:at], *fill, *parts[at + len(holes) :]]
-    return tuple(_axis_index(part, axis, n) for axis, (part, n) in enumerate(zip(full, shape, strict=True)))
-
-
-def _axis_index(part: Any, axis: int, n: int) -> int | slice:
-    if isinstance(part, slice):
-        return part
-    # a bool has __index__ in Python, but numpy takes it for a mask
-    if isinstance(part, bool | np.bool_) or not hasattr(part, "__index__"):
-        raise IndexError("a PSF matrix takes integers, slices and an ellipsis; read what you need, then use numpy")
-    return _in_range(cast(int, part), axis, n)

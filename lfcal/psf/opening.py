@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 from lfcal.psf.store import FORMAT, REGIONS, VERSION
 
-__all__ = ["open_psf", "opening_notes", "regions_of"]
+__all__ = ["facts_in", "open_psf", "opening_notes", "regions_of", "scaling_of"]
 
 
 VERSIONS = (1, VERSION)
@@ -63,7 +64,7 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
         raise FileFormatError.expected(
             str(source), "real numbers", f"{matrix.dtype}", "store the intensity, |amplitude|²"
         )
-    return matrix
+    return matrix.opened_by(partial(open_psf, os.path.abspath(source), region=region))
 
 
 def _open(source: Path, region: str, check: bool) -> PSFMatrix:
@@ -141,7 +142,7 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
     camera = attributes.text("camera")
     provenance = _provenance(file, attributes)
     sums = f"{prefix}depth_sum"
-    scale, offset = _scaling(data, shape[0])
+    scale, offset = scaling_of(data, shape[0])
     anchor = attributes.numbers("anchor", (2,))
     return PSFMatrix(
         data,
@@ -150,7 +151,7 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
         anchor=(0.0, 0.0) if anchor is None else (float(anchor[0]), float(anchor[1])),
         scale=scale,
         offset=offset,
-        facts=_facts(file, prefix, shape, provenance),
+        facts=facts_in(file, prefix, shape, provenance),
         uncertainty=_uncertainty(file, prefix, data),
         depth_sums=file.values(sums, (shape[0], *shape[3:]), finite=True) if sums in file else None,
         region=attributes.text("region", ""),
@@ -169,7 +170,7 @@ def _depths(file: H5File, prefix: str, planes: int) -> NDArray[np.float64]:
     return depths
 
 
-def _scaling(data: H5Data, planes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def scaling_of(data: H5Data, planes: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return scale and offset, one number or one per plane; every stored value must stay a finite float32."""
     given = (data.attributes.numbers(name, (1, planes)) for name in ("scale", "offset"))
     scale, offset = (np.full(1, default) if v is None else v for v, default in zip(given, (1.0, 0.0), strict=True))
@@ -206,7 +207,7 @@ _KINDS = {"recorded": "iu", "saturated": "iu", "noise": "f", "spread": "f", "val
 """Kinds of numbers of each fact, as numpy's ``dtype.kind``."""
 
 
-def _facts(file: H5File, prefix: str, shape: tuple[int, ...], provenance: Mapping[str, Any]) -> Facts:
+def facts_in(file: H5File, prefix: str, shape: tuple[int, ...], provenance: Mapping[str, Any]) -> Facts:
     """Return what the file says of its positions."""
     names = [entry.name for entry in fields(Facts) if prefix + entry.name in file]
     found = {name: file.values(prefix + name, kinds=_KINDS[name]) for name in names}
@@ -226,7 +227,7 @@ def _uncertainty(file: H5File, prefix: str, data: H5Data) -> Planes | None:
         raise FileFormatError.expected(
             found.where, f"integers {data.shape}", f"{found.dtype} {found.shape}", "take the file from its source again"
         )
-    scale, _ = _scaling(found, data.shape[0])
+    scale, _ = scaling_of(found, data.shape[0])
     return ScaledPlanes(DatasetPlanes(found), np.broadcast_to(scale, data.shape[0]), np.zeros(data.shape[0]))
 
 

@@ -20,7 +20,7 @@ from lfcal.h5.writing import new_h5
 from lfcal.progress import Clock, Work, drain
 from lfcal.psf.chunk_codec import chunk_pipeline, parallel_write
 from lfcal.psf.facts import Facts
-from lfcal.psf.layout import STORED_TYPES, MatrixGroup, MatrixHeader
+from lfcal.psf.layout import STORED_TYPES, MatrixGroup, MatrixHeader, StoredPlane
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.nexus import mark_default_plot
 
@@ -142,6 +142,10 @@ class PSFWriter:
         self._matrix.write_plane(z, plane, facts)
         if uncertainty is not None:
             self._matrix.write_uncertainty(z, uncertainty)
+
+    def adopt_plane(self, z: int, stored: StoredPlane) -> None:
+        """Take plane ``z`` over as another file has it, byte for byte; see `lfcal.psf.joining`."""
+        self._matrix.adopt_plane(z, stored)
 
     def note(self, provenance: Mapping[str, Any]) -> None:
         """Keep more provenance, known only after the planes were."""

@@ -26,7 +26,7 @@ from lfcal.simulate.staging import outlook_of
 from lfcal.threads import worker_count
 from lfcal.units import format_bytes
 
-__all__ = ["Budget", "Simulation", "budgeted", "iter_simulate_psf", "simulate_psf"]
+__all__ = ["Budget", "PlaneTask", "Simulation", "budgeted", "iter_simulate_psf", "simulate_psf"]
 
 MEMORY_LIMIT = 6 << 30
 """Largest H that is built in memory (bytes); a file has no such limit."""
@@ -88,6 +88,44 @@ def describe(effects: Iterable[Effect]) -> list[dict[str, Any]]:
     return [{"name": e.name, **dataclasses.asdict(e)} for e in effects]  # type: ignore[call-overload]
 
 
+@dataclass(frozen=True)
+class PlaneTask:
+    """One plane of an H, and all that decides its values.
+
+    Attributes
+    ----------
+    plan, z
+        The plan and the number of the plane.
+    effects
+        Those that are on at this plane.
+    level, sampling
+        As in `simulate_psf`.
+    tolerance
+        Relative L1 error that the computation may have.
+    left_out
+        The error of effects that are left out, as estimated.
+    """
+
+    plan: ScanPlan
+    z: int
+    effects: tuple[Effect, ...]
+    level: str
+    tolerance: float
+    left_out: float
+    sampling: Sampling | None
+
+    def compute(self, out: NDArray[np.float32], workers: int | None) -> Work[float]:
+        """Compute the plane into ``out`` ``(ny, nx, nt, ns)``, zeroed; return its whole error."""
+        response = PlaneResponse(
+            self.plan, self.z, self.effects, level=self.level, tolerance=self.tolerance, sampling=self.sampling
+        )
+        name = f"simulate plane {self.z + 1} of {self.plan.shape[0]}"
+        yield from _plane(out, response, name, worker_count(workers))
+        outlook, rays = outlook_of(self.plan, self.z), response.level == "geometric"
+        lost = sum(e.estimate(outlook).error for e in self.effects if rays and e.needs_waves)
+        return response.reached + self.left_out + lost
+
+
 class Simulation:
     """What computes the planes of one H.
 
@@ -117,13 +155,12 @@ class Simulation:
 
         That is what is left out, as estimated, and the computation, as measured.
         """
+        return (yield from self.task(z).compute(out, self.workers))
+
+    def task(self, z: int) -> PlaneTask:
+        """Return all that plane ``z`` is computed from."""
         chosen, share = self.budget.at(self.plan.depths_um[z])
-        response = PlaneResponse(self.plan, z, chosen, level=self.level, tolerance=share, sampling=self.sampling)
-        name = f"simulate plane {z + 1} of {self.plan.shape[0]}"
-        yield from _plane(out, response, name, worker_count(self.workers))
-        outlook, rays = outlook_of(self.plan, z), response.level == "geometric"
-        lost = sum(e.estimate(outlook).error for e in chosen if rays and e.needs_waves)
-        return response.reached + (self.budget.tolerance - share) + lost
+        return PlaneTask(self.plan, z, chosen, self.level, share, self.budget.tolerance - share, self.sampling)
 
     def provenance(self) -> dict[str, Any]:
         """Return what H can be simulated again from."""
@@ -276,9 +313,9 @@ def _check_plan(camera: Camera, plan: ScanPlan) -> None:
 def _plane(out: NDArray[np.float32], response: PlaneResponse, name: str, workers: int) -> Iterable[Progress]:
     """Compute one plane into ``out`` ``(ny, nx, nt, ns)``, zeroed; yield progress."""
     ny, nx = out.shape[:2]
-    # Whole rounds of all threads, so that none waits at the end of a block.
-    rounds = BLOCK_BYTES // max(1, out[0].nbytes) // workers
-    block = min(ny, max(1, rounds) * workers)
+    # Whatever the number of threads: rows of a block mirror each other, and another block is other rounding. An even
+    # number, for they come in pairs.
+    block = min(ny, max(2, BLOCK_BYTES // max(1, out[0].nbytes) // 2 * 2))
     clock = Clock(name, ny * response.runs)
     yield clock.at(0)
     for done in response.accumulate(out, np.arange(ny), np.arange(nx), block=block, workers=workers):

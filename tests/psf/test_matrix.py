@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -183,3 +185,46 @@ def test_facts_are_checked() -> None:
         PSFMatrix(H, saturated=np.zeros((1, 2)))
     assert PSFMatrix(H).saturated is None and PSFMatrix(H).variance(0, 0, 0) is None
     assert PSFMatrix(H).valid(0, 0, 0).all()
+
+
+# -- to another process ------------------------------------------------------------------------------------
+def test_what_is_in_a_file_travels_as_its_path(tmp_path: Path) -> None:
+    values = random_matrix()
+    save(PSFMatrix(values, camera=preset("bench"), provenance={"from": "a test"}), tmp_path / "H.h5")
+    np.save(tmp_path / "H.npy", values)
+    for name in ("H.h5", "H.npy"):
+        with open_psf(tmp_path / name) as H:
+            H.plane(0)  # a plane in hand stays at home
+            for matrix in (H, H.T, H.T.T):
+                said = pickle.dumps(matrix)
+                assert len(said) < 1000
+                with pickle.loads(said) as other:
+                    np.testing.assert_array_equal(other[:], matrix[:])
+                    assert (other.camera, other.provenance) == (H.camera, H.provenance)
+                    assert other.is_transposed == matrix.is_transposed and other.T.T is other
+    save(PSFMatrix(values).T, tmp_path / "HT.h5")
+    with open_psf(tmp_path / "HT.h5") as HT, pickle.loads(pickle.dumps(HT.T)) as other:
+        np.testing.assert_array_equal(other[:], values)
+        assert not other.is_transposed
+
+
+def test_what_is_in_memory_travels_by_value() -> None:
+    values = random_matrix()
+    whole = PSFMatrix(values, depths=[1, 2, 4], scale=2.0, recorded=np.ones(SHAPE[:3]), uncertainty=values)
+    for matrix in (whole, whole.T):
+        matrix.depth_sum(1)
+        other = pickle.loads(pickle.dumps(matrix))
+        np.testing.assert_array_equal(other[:], matrix[:])
+        np.testing.assert_array_equal(other.depth_sum(1), matrix.depth_sum(1))
+        assert other.depths.tolist() == [1, 2, 4] and other.T.T is other
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(whole)).uncertainty(0, 1, 2), values[0, 1, 2])
+
+
+def test_open_data_of_nobody_do_not_travel(tmp_path: Path) -> None:
+    """A memory map would travel by value, gigabytes of it, and an open dataset not at all."""
+    np.save(tmp_path / "H.npy", random_matrix())
+    with pytest.raises(InputError, match=r"opened by open_psf"):
+        pickle.dumps(PSFMatrix(np.load(tmp_path / "H.npy", mmap_mode="r")))
+    save(PSFMatrix(random_matrix()), tmp_path / "H.h5")
+    with h5py.File(tmp_path / "H.h5") as file, pytest.raises(InputError, match=r"opened by open_psf"):
+        pickle.dumps(PSFMatrix(file["H"]).T)

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import pickle
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfcal.errors import InputError
-from lfcal.psf import PSFMatrix, transpose
+from lfcal.psf import PSFMatrix, open_psf, save, transpose
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.projectors.forecast import METHODS
 from lfcal.reconstruct.projectors.polyphase import Polyphase
@@ -193,3 +196,19 @@ def test_arrays_that_do_not_fit_are_refused():
     H[0, 1, 1, 2, 2] = np.nan
     with pytest.raises(InputError, match="plane 0"):
         Projector(H, (9, 9)).prepare()
+
+
+def test_it_travels_as_what_it_is_made_of(tmp_path: Path) -> None:
+    values = np.random.default_rng(1).random((2, 3, 4, 5, 5)).astype(np.float32)
+    save(PSFMatrix(values, anchor=(2.0, 1.0)), tmp_path / "H.h5")
+    image = np.random.default_rng(2).random((20, 23))
+    phases = np.ones((3, 4), bool)
+    phases[0] = False
+    with open_psf(tmp_path / "H.h5") as H:
+        for how in ({}, {"dtype": np.float64, "phases": phases}, {"threshold": 0.9, "anchor": (5, 6)}):
+            P = Projector(H, image.shape, **how).prepare()  # type: ignore[arg-type]
+            said = pickle.dumps(P)
+            assert len(said) < 10_000
+            other = pickle.loads(said)
+            assert repr(other) == repr(P)
+            np.testing.assert_array_equal(other.adjoint(image), P.adjoint(image))

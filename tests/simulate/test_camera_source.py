@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -220,3 +221,17 @@ def test_other_peaks_and_seeds_are_refused() -> None:
         with pytest.raises(InputError):
             SimulatedCamera(plan, **options)  # type: ignore[arg-type]
     assert preset("bench").name == plan.camera.name
+
+
+def test_it_travels_as_what_it_is_made_of() -> None:
+    """What is planned by itself, what is given by hand, and one that has frames in hand already."""
+    plan = replace(ScanPlan.for_camera(small_camera(), virtual_depths=[3.0, 4.0], cutout=31), period=(2, 2))
+    first = SimulatedCamera(plan, seed=5, peak=0.6, tolerance=0.1)
+    wanted = first.read(3)
+    said = pickle.dumps(first)
+    assert len(said) < 10_000
+    other = pickle.loads(said)
+    np.testing.assert_array_equal(other.read(3), wanted)
+    assert other.metadata == first.metadata
+    given = SimulatedCamera(plan, first.effects[:2], level="geometric", seed=6)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(given)).read(0), given.read(0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -124,6 +125,11 @@ class Projector:
         return self._engine.name
 
     @property
+    def memory_limit(self) -> int:
+        """Bytes a projection may use."""
+        return self._limit
+
+    @property
     def rounding(self) -> float:
         """Error of a projected value relative to the largest one; smaller values are not to be divided by."""
         return self._engine.rounding
@@ -171,6 +177,18 @@ class Projector:
             workers=self._workers,
             phases=phases,
         )
+
+    def __reduce__(self) -> Any:
+        """Travel to another process as what it is made of again: H as it travels, and the settings."""
+        settings: dict[str, Any] = {
+            "dtype": self.dtype,
+            "threshold": self._reader.threshold,
+            "memory_limit": self._limit,
+            "workers": self._workers,
+            "phases": self._phases,
+        }
+        made = partial(Projector, self._reader.H, self.image_shape, self._grid.anchor, self.method, **settings)
+        return made, ()
 
     def iter_prepare(self) -> Work[None]:
         """Prepare all planes that can be kept; else the first projection does."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
-from functools import cached_property
+from dataclasses import replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,14 @@ class SimulatedCamera(Frames):
         self._rows: OrderedDict[tuple[int, int], NDArray[np.float32]] = OrderedDict()
         self._lock = threading.RLock()
         self._white: NDArray[np.float32] | None = None
+
+    def __reduce__(self) -> Any:
+        """Travel to another process as what it is made of again; frames depend on their index and the seed alone."""
+        chosen: EffectsLike = self.effects
+        if self.budget.selection is not None:  # what is off does not matter there
+            chosen = replace(self.budget.selection, rows=tuple(row for row in self.budget.selection.rows if row.on))
+        settings: dict[str, Any] = {"level": self.level, "tolerance": self.tolerance, "sampling": self.sampling}
+        return partial(SimulatedCamera, self.plan, chosen, **settings, peak=self.peak, seed=self.seed), ()
 
     # -- frame source ------------------------------------------------------------------------------------
     @property

@@ -1,0 +1,195 @@
+"""Volumes of a series in units of a frame each: many at a time, and whole after a kill."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lfcal.cli.outputs import files_of
+from lfcal.cli.reconstruct_frames import FrameFile
+from lfcal.work import Unit, parts_folder
+from lfcal.work.unit import file_name
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lfcal.progress import Work
+    from lfcal.psf import PSFMatrix
+    from lfcal.reconstruct.projectors.projector import Projector
+    from lfcal.reconstruct.resample import Resampling
+    from lfcal.reconstruct.series import FrameResult
+    from lfcal.reconstruct.solvers.choice import SolverChoice
+
+__all__ = ["Settings", "do_frame", "frame_units", "iter_collect"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What all frames of a series have in common: the options of ``lfcal reconstruct``, by its words."""
+
+    psf: Path
+    dark: Path | None
+    white: Path | None
+    lattice: Path | None
+    resample: bool
+    anchor: str
+    method: str
+    double: bool
+    threshold: float
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The files among them; of a folder its images."""
+        found = (self.psf, self.dark, self.white, self.lattice)
+        return tuple(os.path.abspath(file) for path in found for file in sorted(files_of(path)))
+
+    def plain(self) -> dict[str, Any]:
+        """Return them as plain JSON types, paths absolute."""
+        found = asdict(self)
+        return {key: os.path.abspath(value) if isinstance(value, Path) else value for key, value in found.items()}
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Settings:
+        """Return what `plain` gave."""
+        paths = {key: None if values[key] is None else Path(values[key]) for key in ("psf", "dark", "white", "lattice")}
+        return cls(**{**values, **paths})
+
+
+def frame_units(
+    frames: Sequence[FrameFile],
+    settings: Settings,
+    choice: SolverChoice,
+    out: Path,
+    hints: Mapping[str, Any],
+    *,
+    warm: bool,
+) -> list[Unit]:
+    """Return a unit for each frame; with ``warm`` each begins with the volume of the one before it.
+
+    ``hints`` are the method of projection that is quickest here, and the memory it may use.
+    """
+    shared = {"settings": settings.plain(), "choice": asdict(choice)}
+    units: list[Unit] = []
+    before = ""
+    for frame in frames:
+        own = {"name": frame.name, "file": os.path.abspath(frame.file), "page": frame.page, "initial": before}
+        unit = Unit(
+            f"frame {frame.name}",
+            f"{__name__}:{do_frame.__name__}",
+            shared | own,
+            (*settings.inputs, os.path.abspath(frame.file)),
+            hints=hints,
+        )
+        units.append(unit)
+        if warm:
+            # its name holds the fingerprint of what it began with, and so on to the first frame
+            before = os.path.abspath(parts_folder(out) / file_name(unit, unit.fingerprint()))
+    return units
+
+
+def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
+    """Reconstruct one frame into a volume file of its own: the task of a unit."""
+    from lfcal.frames.formats.opening import read_image
+    from lfcal.reconstruct.solvers.choice import SolverChoice, iter_reconstruct
+    from lfcal.reconstruct.volumes import load_volume, save_volume
+
+    began = time.perf_counter()
+    image = read_image(Path(arguments["file"]), arguments["page"])
+    settings = Settings.of(arguments["settings"])
+    tool = _tool_for(settings, image.shape, arguments["projection"], arguments["memory"], workers)
+    initial = load_volume(arguments["initial"]) if arguments["initial"] else None
+    yield from tool.projector.iter_prepare()
+    choice = SolverChoice(**arguments["choice"])
+    weights = None if tool.view is None else tool.view.inside(image.shape)
+    result = yield from iter_reconstruct(tool.projector, tool.clean(image), choice, weights=weights, initial=initial)
+    last = result.history[-1]
+    details = {
+        "iterations": last.iteration,
+        "residual": last.residual,
+        "seconds": time.perf_counter() - began,
+        "notes": result.notes,
+    }
+    save_volume(out, result.volume, details=details)
+
+
+@dataclass(frozen=True)
+class _Tool:
+    """What the frames of a series share, made once in each process."""
+
+    key: tuple[Any, ...]
+    matrix: PSFMatrix
+    projector: Projector
+    view: Resampling | None
+    clean: Callable[[NDArray[Any]], NDArray[Any]]
+
+
+class _Held:
+    """The tool of the last series that this process worked on: an H may take most of the memory."""
+
+    tool: _Tool | None = None
+    lock = threading.Lock()
+
+
+def _tool_for(settings: Settings, shape: tuple[int, ...], method: str, memory: int, workers: int) -> _Tool:
+    stamps = tuple(os.stat(path).st_mtime_ns for path in settings.inputs)
+    key = (json.dumps(settings.plain(), sort_keys=True), stamps, shape, method, memory, workers)
+    with _Held.lock:
+        if _Held.tool is None or _Held.tool.key != key:
+            if _Held.tool is not None:
+                _Held.tool.matrix.close()
+                _Held.tool = None
+            _Held.tool = _made(settings, shape, (method, memory, workers), key)
+        return _Held.tool
+
+
+def _made(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int], key: tuple[Any, ...]) -> _Tool:
+    from lfcal.cli.reconstruct_frames import cleaner
+    from lfcal.cli.reconstruct_grid import anchor_of, view_of
+    from lfcal.psf import open_psf
+    from lfcal.reconstruct.projectors.projector import Projector
+
+    matrix = open_psf(settings.psf)
+    try:
+        view = view_of(matrix, settings.white, settings.lattice) if settings.resample else None
+        projector = Projector(
+            matrix,
+            (shape[0], shape[1]) if view is None else view.shape,
+            anchor_of(settings.anchor, view, matrix),
+            how[0],
+            dtype="float64" if settings.double else "float32",
+            threshold=settings.threshold,
+            memory_limit=how[1],
+            workers=how[2],
+        )
+        return _Tool(key, matrix, projector, view, cleaner(settings.dark, settings.white, view))
+    except BaseException:
+        matrix.close()
+        raise
+
+
+def iter_collect(
+    parts: Sequence[Path],
+    names: Sequence[str],
+    save: Callable[[str, NDArray[Any], Mapping[str, Any]], None],
+    results: list[FrameResult],
+) -> Work[None]:
+    """Hand the volume of each frame to ``save`` with what is known of it; note in ``results`` how each went."""
+    from lfcal.h5.file import H5File
+    from lfcal.progress import Clock
+    from lfcal.reconstruct.series import FrameResult
+    from lfcal.reconstruct.volumes import load_volume
+
+    clock = Clock("write volumes", len(parts))
+    for k, (part, name) in enumerate(zip(parts, names, strict=True)):
+        with H5File(part) as file:
+            known = json.loads(file.attributes().text("details", "{}"))
+        notes = tuple(known["notes"])
+        save(name, load_volume(part), {"notes": notes, "residual": known["residual"]})
+        results.append(FrameResult(name, known["iterations"], known["residual"], known["seconds"], notes))
+        yield clock.at(k + 1)

@@ -1,0 +1,83 @@
+"""Long work in units, as several commands offer it: by whom, and after a kill."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from lfcal.cli.console import report, run_work
+from lfcal.errors import LfcalError
+
+if TYPE_CHECKING:
+    from lfcal.progress import Work
+    from lfcal.work import RunChoice
+
+__all__ = ["LONG", "run_choice", "run_kept"]
+
+R = TypeVar("R")
+
+LONG = 60.0
+"""Seconds of processor time from which on work is done in units without being asked: a kill loses one of them."""
+
+
+def run_choice(
+    out: Path,
+    executor: str,
+    scheduler: str,
+    workers: int | None,
+    *,
+    resume: bool,
+    force: bool,
+    seconds: float = 0.0,
+    units: str = "plane by plane",
+) -> RunChoice | None:
+    """Return how to run work in units, or None where it is short and nobody asked for it.
+
+    Parameters
+    ----------
+    out
+        What the work makes.
+    executor, scheduler, workers, resume, force
+        As given; an empty ``executor`` was not.
+    seconds
+        That it takes by forecast (processor time).
+    units
+        What the units are, for people.
+
+    Raises
+    ------
+    InputError
+        If these do not go together, or an earlier run left something and neither of them says what becomes of it.
+    """
+    from lfcal.work import RunChoice, parts_folder
+    from lfcal.work.runs import check_begun
+
+    folder = parts_folder(out)
+    asked = bool(executor or scheduler or resume)
+    choice = RunChoice(
+        executor or ("dask" if scheduler else "threads"),
+        workers,
+        scheduler,
+        "resume" if resume else "discard" if force else "refuse",
+    )
+    check_begun(folder, resume=choice.begun != "refuse")
+    if not (asked or seconds > LONG or folder.exists()):
+        return None
+    if not asked and seconds > LONG:
+        report(f"kept {units} in {folder.name}: --resume goes on after a stop")
+    return choice
+
+
+def run_kept(work: Work[R], out: Path, *, quiet: bool) -> R:
+    """Drain work in units with a progress bar; where it ends early, say what is kept of it."""
+    from lfcal.work import parts_folder, read_run
+
+    try:
+        return run_work(work, quiet=quiet)
+    except BaseException:
+        folder = parts_folder(out)
+        with suppress(LfcalError):  # it may have ended before it began
+            state = read_run(folder)
+            report(f"kept: {state.count('done')} of {len(state.units)} units in {folder}; --resume goes on with them")
+        raise

@@ -1,0 +1,69 @@
+"""Planes that were written one file each, joined to one H file: their bytes are copied as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from lfcal.errors import FileFormatError
+from lfcal.h5.file import H5File
+from lfcal.progress import Clock, Work
+from lfcal.psf.layout import StoredPlane
+from lfcal.psf.opening import facts_in, scaling_of
+from lfcal.psf.store import PSFWriter
+
+__all__ = ["iter_join"]
+
+
+def iter_join(parts: Sequence[Path], writer: PSFWriter) -> Work[None]:
+    """Fill an H file from files of one plane each, in order; the file is whole at the end.
+
+    Parameters
+    ----------
+    parts
+        H files of one plane each, with the writer's stored type and compression.
+    writer
+        Not yet entered; its facts of the whole matrix are its own, those of the planes are the parts'.
+
+    Raises
+    ------
+    FileFormatError, StorageError
+        If a part is damaged or not there.
+    InputError
+        If a part does not fit.
+    """
+    clock = Clock("join planes", len(parts))
+    with writer:
+        yield clock.at(0)
+        for z, path in enumerate(parts):
+            with H5File(path) as file:
+                writer.adopt_plane(z, _stored(file))
+            yield clock.at(z + 1)
+
+
+def _stored(file: H5File) -> StoredPlane:
+    data = file.dataset("H")
+    if data.ndim != 5 or data.shape[0] != 1:
+        raise FileFormatError.expected(data.where, "one plane", data.shape, "remove it and begin again")
+    shape = data.shape
+    scale, offset = scaling_of(data, 1)
+    facts = facts_in(file, "", (1, shape[1], shape[2], shape[3], shape[4]), {})
+    uncertainty, steps = None, 1.0
+    if "uncertainty" in file:
+        uncertainty = file.dataset("uncertainty")
+        steps = float(scaling_of(uncertainty, 1)[0][0])
+    return StoredPlane(
+        data,
+        float(scale[0]),
+        float(offset[0]),
+        file.values("depth_sum", (1, *shape[3:]), finite=True)[0].astype(np.float64),
+        file.values("used_window", (1, 4), kinds="i")[0].astype(np.int32),
+        int(file.values("checksum", (1,), kinds="u")[0]),
+        float(file.values("error", (1,), kinds="f")[0]),
+        replace(facts, error=None).plane(0),
+        uncertainty,
+        steps,
+    )

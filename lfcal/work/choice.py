@@ -1,0 +1,97 @@
+"""How a long piece of work is run: by whom, and what becomes of an earlier run of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lfcal.checks import check_choice
+from lfcal.errors import InputError
+from lfcal.progress import Work
+from lfcal.work.executors import EXECUTORS
+from lfcal.work.executors.base import Executor
+from lfcal.work.runs import check_begun, discard, iter_run, parts_folder
+from lfcal.work.unit import Unit
+
+__all__ = ["BEGUN", "RunChoice", "iter_made"]
+
+BEGUN = ("refuse", "resume", "discard")
+
+
+@dataclass(frozen=True)
+class RunChoice:
+    """By whom units are done, and what becomes of those that an earlier run left.
+
+    Attributes
+    ----------
+    executor
+        One of `EXECUTORS`.
+    workers
+        Threads or processes; None: every processor this process may use.
+    address
+        Of a scheduler that runs already (``tcp://host:8786``); empty: a local one is started.
+    begun
+        Where an earlier run left something: ``"refuse"``, ``"resume"`` or ``"discard"``.
+
+    Raises
+    ------
+    InputError
+        If there is no such executor, or an address is given to one that takes none.
+    """
+
+    executor: str = "threads"
+    workers: int | None = None
+    address: str = ""
+    begun: str = "refuse"
+
+    def __post_init__(self) -> None:
+        """Check that these go together."""
+        check_choice("an earlier run", self.begun, BEGUN)
+        if not EXECUTORS.get(self.executor).addressed and self.address:
+            able = " or ".join(kind.name for kind in EXECUTORS if kind.addressed)
+            raise InputError.expected("scheduler", f"an executor that has one ({able})", self.executor, "leave it out")
+
+    def make(self) -> Executor:
+        """Return the executor, not yet started."""
+        return EXECUTORS.get(self.executor).make(self.workers, self.address)
+
+
+def iter_made(
+    units: Sequence[Unit],
+    out: str | os.PathLike[str],
+    run: RunChoice,
+    join: Callable[[tuple[Path, ...]], Work[None]],
+    *,
+    title: str,
+) -> Work[None]:
+    """Do units and join their files to ``out``; yields progress over both.
+
+    Until ``out`` is whole the units' files lie in `parts_folder`; a run that was stopped or killed goes on from them.
+
+    Parameters
+    ----------
+    units, title
+        As in `iter_run`.
+    out
+        What is made of them.
+    run
+        By whom, and what becomes of an earlier run.
+    join
+        Makes ``out`` of the units' files, in order, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If an earlier run left something and ``run`` does not say what becomes of it.
+    LfcalError
+        As `iter_run`, and what ``join`` raises.
+    """
+    folder = parts_folder(out)
+    check_begun(folder, resume=run.begun != "refuse")
+    if run.begun == "discard":
+        discard(folder)
+    parts = yield from iter_run(units, folder, run.make(), title=title)
+    yield from join(parts)
+    discard(folder)

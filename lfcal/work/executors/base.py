@@ -1,0 +1,115 @@
+"""What an executor is, and what it tells of the units it was given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol, Self
+
+from lfcal.work.unit import Job
+
+__all__ = ["Ended", "Event", "Executor", "ExecutorKind", "What"]
+
+
+class What(Enum):
+    """What happened to a unit."""
+
+    STARTED = "started"
+    ADVANCED = "advanced"
+    DONE = "done"
+    FAILED = "failed"
+    """Its task raised; it would again."""
+    LOST = "lost"
+    """Its worker ended, or its file was held by another program: it may be tried again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """News of one unit.
+
+    Attributes
+    ----------
+    job
+        Which.
+    what
+        What happened.
+    worker
+        Who does it, for people.
+    share
+        Of the unit that is done, in [0, 1].
+    stage
+        What is being done, for people.
+    seconds
+        That the unit took, where the worker says it.
+    error
+        Of `What.FAILED` and `What.LOST`.
+    """
+
+    job: Job
+    what: What
+    worker: str = ""
+    share: float = 0.0
+    stage: str = ""
+    seconds: float | None = None
+    error: Exception | None = None
+
+
+Ended = (What.DONE, What.FAILED, What.LOST)
+"""After these the executor knows the unit no longer."""
+
+
+class Executor(Protocol):
+    """Does units, several at a time or one after the other. A context: at its end whatever is under way is stopped.
+
+    Attributes
+    ----------
+    name
+        As in `ExecutorKind`.
+    workers
+        Units or threads at work at a time.
+    place
+        Where its workers can be watched, an address; empty where they cannot.
+    """
+
+    name: str
+    workers: int
+    place: str
+
+    def __enter__(self) -> Self:
+        """Start."""
+        ...
+
+    def __exit__(self, *error: object) -> None:
+        """Stop everything that is under way; nothing half-written stays."""
+        ...
+
+    def submit(self, job: Job) -> None:
+        """Take a unit; it is begun when a worker is free."""
+        ...
+
+    def events(self) -> list[Event]:
+        """Return what happened since the last call; waits a moment for something to happen."""
+        ...
+
+
+@dataclass(frozen=True)
+class ExecutorKind:
+    """An executor by name.
+
+    Attributes
+    ----------
+    name
+        What ``--executor`` calls it.
+    title
+        What it is, in a line.
+    make
+        Makes one of ``workers`` (None: what this machine has) at an ``address`` (empty: none is given).
+    addressed
+        Whether it takes an address.
+    """
+
+    name: str
+    title: str
+    make: Callable[[int | None, str], Executor]
+    addressed: bool = False

@@ -1,0 +1,119 @@
+"""Units on workers of dask.distributed: a cluster of this machine, or one whose scheduler runs already."""
+
+from __future__ import annotations
+
+import itertools
+import queue
+import time
+from contextlib import ExitStack
+from typing import Any, Self
+
+from lfcal.errors import InputError, LfcalError
+from lfcal.threads import bounded_threads, worker_count
+from lfcal.work.executors.base import Event, ExecutorKind, What
+from lfcal.work.executors.processes import MOMENT, WorkerLost, news
+from lfcal.work.unit import Job
+
+__all__ = ["EXECUTOR", "Dask", "do"]
+
+REACHED = 20.0
+"""Seconds within which a scheduler has to answer."""
+
+
+def do(job: Job) -> tuple[str, str, float, Exception | None]:
+    """Do a unit on a worker; return what happened, the worker's address, seconds, and the error there was."""
+    from distributed import get_worker
+
+    here, began = str(get_worker().address), time.perf_counter()
+    try:
+        with bounded_threads(1):
+            for _ in job.steps(1):
+                pass
+    except Exception as error:
+        what, told = news(error)
+        return what.value, here, time.perf_counter() - began, told
+    return What.DONE.value, here, time.perf_counter() - began, None
+
+
+class Dask:
+    """See `lfcal.work.executors.base.Executor`.
+
+    Only records of paths travel, never values: parts must lie on a disk that all workers see.
+
+    Raises
+    ------
+    InputError
+        If dask.distributed is not installed, or no scheduler answers at the address.
+    """
+
+    name = "dask"
+
+    def __init__(self, workers: int | None = None, address: str = "") -> None:
+        try:
+            import distributed
+        except ImportError:
+            raise InputError("dask.distributed is not installed; pip install 'lfcal[cluster]'") from None
+        self._library: Any = distributed
+        self.workers, self.address, self.place = worker_count(workers), address, ""
+        self._stack = ExitStack()
+        self._client: Any = None
+        self._news: queue.SimpleQueue[tuple[Job, Any]] = queue.SimpleQueue()
+        self._begun: list[Job] = []
+        self._count = itertools.count()
+
+    def __enter__(self) -> Self:
+        """Start a local cluster of single threads, or find the scheduler."""
+        with self._stack as stack:
+            if self.address:
+                try:
+                    client = self._library.Client(self.address, timeout=REACHED, set_as_default=False)
+                except (OSError, ValueError) as error:
+                    said = type(error).__name__
+                    raise InputError.expected(
+                        "scheduler", f"an answer from {self.address} within {REACHED:g} s", said, "check the address"
+                    ) from error
+            else:
+                cluster = self._library.LocalCluster(
+                    n_workers=self.workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", memory_limit=0
+                )
+                stack.callback(cluster.close)
+                client = self._library.Client(cluster, set_as_default=False)
+            stack.callback(client.close)
+            self._client, self.place = client, str(client.dashboard_link)
+            if self.address:
+                self.workers = max(1, len(client.scheduler_info()["workers"]))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Take back what was not begun, and end the local cluster."""
+        self._stack.close()
+
+    def submit(self, job: Job) -> None:
+        """Take a unit."""
+        future = self._client.submit(do, job, pure=False, key=f"{job.unit.name}-{next(self._count)}-{job.out}")
+        future.add_done_callback(lambda done: self._news.put((job, done)))
+        self._begun.append(job)
+
+    def events(self) -> list[Event]:
+        """Return what happened since the last call."""
+        found = [Event(job, What.STARTED, "cluster") for job in self._begun]
+        self._begun.clear()
+        try:
+            found.append(self._ended(*self._news.get(timeout=0 if found else MOMENT)))
+        except queue.Empty:
+            pass
+        return found
+
+    def _ended(self, job: Job, future: Any) -> Event:
+        if future.status == "finished":
+            what, worker, seconds, error = future.result()
+            return Event(job, What(what), worker, seconds=seconds, error=error)
+        reason = future.exception() if future.status == "error" else None
+        if isinstance(reason, LfcalError):
+            return Event(job, What.FAILED, error=reason)
+        said = type(reason).__name__ if reason is not None else future.status
+        return Event(job, What.LOST, error=WorkerLost(f"its worker ended ({said})"))
+
+
+EXECUTOR = ExecutorKind("dask", "workers of dask.distributed, here or on a cluster", Dask, addressed=True)

@@ -1,0 +1,169 @@
+"""Units in processes of their own, one thread each: what one of them does to itself does not touch the others."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections import deque
+from contextlib import suppress
+from multiprocessing.connection import Connection, wait
+from typing import Any, Self
+
+from lfcal.errors import LfcalError, StorageError
+from lfcal.threads import bounded_threads, worker_count
+from lfcal.work.executors.base import Event, ExecutorKind, What
+from lfcal.work.unit import Job
+
+__all__ = ["EXECUTOR", "Processes", "WorkerLost", "news"]
+
+MOMENT = 0.2
+"""Seconds that `Processes.events` waits at most, and between two reports of progress of a unit."""
+
+
+class WorkerLost(LfcalError):
+    """A worker ended before its unit was done: killed, or out of memory."""
+
+
+class TaskFailed(LfcalError):
+    """A task raised what is no message for people: a defect, told with where it arose."""
+
+
+def news(error: Exception) -> tuple[What, Exception]:
+    """Return what an error of a task means, and the error in a form that travels between processes."""
+    if isinstance(error, StorageError):  # another program may be writing the file, or a disk be full for a while
+        return What.LOST, error
+    if isinstance(error, LfcalError):
+        return What.FAILED, error
+    trace, where = error.__traceback__, ""
+    while trace is not None:
+        where, trace = f"{os.path.basename(trace.tb_frame.f_code.co_filename)}:{trace.tb_lineno}", trace.tb_next
+    return What.FAILED, TaskFailed(f"{type(error).__name__} at {where}: {error}")
+
+
+def _serve(link: Connection) -> None:
+    """Do the units that come through ``link``, until it is closed; the main function of a worker."""
+    # Ctrl-C reaches every process of a terminal: it is for the first alone, which ends the others
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with bounded_threads(1), suppress(EOFError, BrokenPipeError):
+        while True:
+            job: Job = link.recv()
+            last = 0.0
+            try:
+                for record in job.steps(1):
+                    now = time.monotonic()
+                    if now - last >= MOMENT:
+                        last = now
+                        link.send((What.ADVANCED, record.fraction, record.stage, None))
+            except Exception as error:
+                what, told = news(error)
+                link.send((what, 0.0, "", told))
+            else:
+                link.send((What.DONE, 1.0, "", None))
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+class _Worker:
+    """One process, and the unit that it has."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.link, theirs = context.Pipe()
+        self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        self.process.start()
+        theirs.close()
+        self.job: Job | None = None
+
+    @property
+    def name(self) -> str:
+        return f"process {self.process.pid}"
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.join()
+        self.link.close()
+
+
+class Processes:
+    """See `lfcal.work.executors.base.Executor`; a worker that ends is replaced, and its unit told as lost."""
+
+    name, place = "processes", ""
+
+    def __init__(self, workers: int | None = None) -> None:
+        self.workers = worker_count(workers)
+        self._waiting: deque[Job] = deque()
+        self._team: list[_Worker] = []
+
+    def __enter__(self) -> Self:
+        """Start; processes are made when there is something for them to do."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """End the processes; what they were writing is swept up by whoever writes it next."""
+        self._waiting.clear()
+        while self._team:
+            self._team.pop().end()
+
+    def submit(self, job: Job) -> None:
+        """Take a unit."""
+        self._waiting.append(job)
+
+    def events(self) -> list[Event]:
+        """Return what happened since the last call."""
+        found = self._begin()
+        busy = {worker.link: worker for worker in self._team if worker.job is not None}
+        for link in wait(list(busy), timeout=0 if found else MOMENT):
+            assert isinstance(link, Connection)
+            found.append(self._heard(busy[link]))
+        return found
+
+    def _begin(self) -> list[Event]:
+        """Give waiting units to idle workers."""
+        found = []
+        idle = deque(worker for worker in self._team if worker.job is None)
+        while self._waiting and (idle or len(self._team) < self.workers):
+            worker = idle.popleft() if idle else _Worker()
+            if worker not in self._team:
+                self._team.append(worker)
+            try:
+                worker.link.send(self._waiting[0])
+            except OSError:  # it ended while it was idle
+                self._replace(worker)
+                continue
+            worker.job = self._waiting.popleft()
+            found.append(Event(worker.job, What.STARTED, worker.name))
+        return found
+
+    def _heard(self, worker: _Worker) -> Event:
+        job = worker.job
+        assert job is not None
+        try:
+            message: Any = worker.link.recv()
+        except (EOFError, OSError):
+            code = self._replace(worker)
+            how = f"signal {-code}" if code < 0 else f"exit code {code}"
+            return Event(job, What.LOST, worker.name, error=WorkerLost(f"its process ended ({how})"))
+        what, share, stage, error = message
+        if what is not What.ADVANCED:
+            worker.job = None
+        return Event(job, what, worker.name, share, stage, error=error)
+
+    def _replace(self, worker: _Worker) -> int:
+        """Let go of a worker that ended; return its exit code."""
+        self._team.remove(worker)
+        worker.process.join(1.0)
+        code = worker.process.exitcode
+        worker.end()
+        return -signal.SIGKILL if code is None else code
+
+
+EXECUTOR = ExecutorKind("processes", "as many planes at a time as there are processes", lambda n, _: Processes(n))

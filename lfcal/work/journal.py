@@ -1,0 +1,188 @@
+"""What a run did and does: one line of JSON for each thing that happens, read by `lfcal status` and the window.
+
+What is done is told by the units' files, not by the journal: it is for people, and may end in half a line.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TextIO
+
+from lfcal.checks import check_number
+from lfcal.errors import InputError, LfcalError
+from lfcal.files import read_text, storage_errors
+from lfcal.system import is_alive
+
+__all__ = ["JOURNAL", "Journal", "RunState", "UnitState", "read_run"]
+
+JOURNAL = "run.jsonl"
+
+
+class Journal:
+    """Append what happens to the journal of a run."""
+
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+
+    @classmethod
+    @contextmanager
+    def open(cls, folder: Path) -> Iterator[Journal]:
+        """Give the journal of a folder, made where there is none."""
+        path = folder / JOURNAL
+        with storage_errors(path), path.open("a", encoding="utf-8") as file:
+            if file.tell() and not path.read_bytes().endswith(b"\n"):
+                file.write("\n")  # the last writer was killed in the middle of a line
+            yield cls(file)
+
+    def note(self, event: str, **values: Any) -> None:
+        """Write one line."""
+        self._file.write(json.dumps({"at": round(time.time(), 3), "event": event, **values}) + "\n")
+        self._file.flush()
+
+    def begin(self, title: str, units: Iterable[str], executor: str, workers: int, place: str) -> None:
+        """Write what is to be done, and by whom."""
+        here = {"process": os.getpid(), "host": socket.gethostname()}
+        self.note("begin", title=title, units=list(units), executor=executor, workers=workers, place=place, **here)
+
+
+@dataclass(frozen=True)
+class UnitState:
+    """Where one unit stands.
+
+    Attributes
+    ----------
+    name
+        The unit's.
+    state
+        ``"waiting"``, ``"under way"``, ``"done"`` or ``"failed"``.
+    attempts
+        How often it was begun in this run.
+    seconds
+        It took, or takes so far; NaN where it was not begun, or done by an earlier run.
+    worker
+        Who does it or did it.
+    reason
+        Why it failed, or had to be begun again.
+    """
+
+    name: str
+    state: str = "waiting"
+    attempts: int = 0
+    seconds: float = float("nan")
+    worker: str = ""
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class RunState:
+    """Where a run stands.
+
+    Attributes
+    ----------
+    title
+        What it makes.
+    units
+        Of the run, in order.
+    executor, workers, place
+        Who works, how many, and where they can be watched.
+    running
+        Whether its process is alive, as far as this machine can tell.
+    """
+
+    title: str
+    units: tuple[UnitState, ...]
+    executor: str
+    workers: int
+    place: str
+    running: bool
+
+    def count(self, state: str) -> int:
+        """Return how many units are in a state."""
+        return sum(unit.state == state for unit in self.units)
+
+    @property
+    def eta_seconds(self) -> float | None:
+        """Seconds to the end by what units took, or None while there is nothing to go by."""
+        took = [u.seconds for u in self.units if u.state == "done" and u.seconds == u.seconds]
+        if not took:
+            return None
+        at_a_time = 1 if self.executor == "threads" else self.workers
+        left = sum(u.state in ("waiting", "under way") for u in self.units)
+        return left * sum(took) / len(took) / at_a_time
+
+
+def read_run(folder: Path, now: float | None = None) -> RunState:
+    """Return where the run in ``folder`` stands.
+
+    Raises
+    ------
+    InputError
+        If no run was begun there.
+    """
+    now = time.time() if now is None else now
+    try:
+        lines = read_text(folder / JOURNAL).splitlines()
+    except LfcalError as error:
+        raise InputError.expected(str(folder), "the folder of a run", "none", "name the file it makes") from error
+    begun: dict[str, Any] | None = None
+    states: dict[str, UnitState] = {}
+    starts: dict[str, float] = {}
+    ended = False
+    for record in _records(lines):
+        if record["event"] == "begin":
+            begun, ended, starts = record, False, {}
+            states = {name: UnitState(name) for name in record["units"]}
+        elif record["event"] in ("end", "stopped"):
+            ended = True
+        elif (name := record.get("unit")) in states:
+            states[name] = _after(states[name], record, starts)
+    if begun is None:
+        raise InputError.expected(str(folder), "the folder of a run", "one without a beginning", "begin it again")
+    running = not ended and begun["host"] == socket.gethostname() and is_alive(begun["process"])
+    for name, state in states.items():
+        if state.state == "under way":
+            # nobody is at it any longer where the run has ended
+            states[name] = replace(state, seconds=now - starts[name]) if running else replace(state, state="waiting")
+    fields = (begun["executor"], begun["workers"], begun["place"])
+    return RunState(begun["title"], tuple(states.values()), *fields, running)
+
+
+def _after(state: UnitState, record: dict[str, Any], starts: dict[str, float]) -> UnitState:
+    """Return the state of a unit after what one line says."""
+    event, at = record["event"], float(record["at"])
+    worker = str(record.get("worker") or state.worker)
+    if event == "started":
+        starts[state.name] = at
+        return replace(state, state="under way", attempts=state.attempts + 1, worker=worker)
+    if event == "kept":  # of an earlier run
+        return replace(state, state="done")
+    said = record.get("seconds")
+    seconds = float(said) if isinstance(said, int | float) else at - starts.get(state.name, at)
+    if event == "done":
+        return replace(state, state="done", seconds=seconds, worker=worker)
+    reason = str(record.get("reason", ""))
+    return replace(state, state="failed" if event == "failed" else "waiting", seconds=seconds, reason=reason)
+
+
+def _records(lines: list[str]) -> Iterator[dict[str, Any]]:
+    """Yield the lines that are whole."""
+    for line in lines:
+        try:
+            record = json.loads(line)
+            check_number("time", record["at"])
+        except (ValueError, KeyError, TypeError, LfcalError):
+            continue
+        if isinstance(record.get("event"), str) and (record["event"] != "begin" or _whole(record)):
+            yield record
+
+
+def _whole(begun: dict[str, Any]) -> bool:
+    kinds = {"title": str, "units": list, "executor": str, "workers": int, "place": str, "process": int, "host": str}
+    return all(isinstance(begun.get(key), kind) for key, kind in kinds.items())

@@ -1,0 +1,200 @@
+"""Units through an executor: what is done already is left out, what is lost is tried again."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from lfcal.errors import InputError, StorageError
+from lfcal.files import only_writer, storage_errors
+from lfcal.progress import Progress, Work
+from lfcal.work.executors.base import Ended, Event, Executor, What
+from lfcal.work.journal import JOURNAL, Journal, read_run
+from lfcal.work.unit import Job, Unit, file_name
+
+__all__ = ["check_begun", "discard", "iter_run", "parts_folder"]
+
+ATTEMPTS = 4
+"""Times that a unit is begun before it is given up, where its worker ends before it does."""
+
+PAUSE = 1.0
+"""Seconds before a unit is begun again whose file could not be written; twice as long each time."""
+
+
+def parts_folder(out: str | os.PathLike[str]) -> Path:
+    """Return the folder beside ``out`` in which the files of its units lie until it is whole."""
+    path = Path(out)
+    return path.with_name(f"{path.name}.parts")
+
+
+def check_begun(folder: Path, *, resume: bool) -> None:
+    """Raise `InputError` where an earlier run left something in ``folder`` and nobody said what becomes of it."""
+    if resume or not (folder / JOURNAL).exists():
+        return
+    state = read_run(folder)
+    raise InputError(
+        f"{folder}: an earlier run left {state.count('done')} of {len(state.units)} units; "
+        "--resume goes on with them, --force begins anew"
+    )
+
+
+def discard(folder: Path) -> None:
+    """Remove a run's folder and all that is in it; raises `StorageError` where another program works in it."""
+    if not folder.exists():
+        return
+    with only_writer(folder):
+        shutil.rmtree(folder, ignore_errors=True)
+    if folder.exists():
+        raise StorageError(f"{folder}: cannot be removed; remove it by hand")
+
+
+def iter_run(
+    units: Sequence[Unit], folder: Path, executor: Executor, *, title: str = "", attempts: int = ATTEMPTS
+) -> Work[tuple[Path, ...]]:
+    """Do what is not done of ``units``; yields progress over all of them.
+
+    A unit is done when its file is in ``folder`` under a name that holds its fingerprint: a run that was killed goes on
+    where it was, and one with other inputs or settings begins anew. Files of other fingerprints are removed.
+
+    Parameters
+    ----------
+    units
+        What is to be done; no two have the same name.
+    folder
+        Where their files go, made where it is not there. One run at a time works in it.
+    executor
+        Who does them; started and stopped here.
+    title
+        What they make, for people.
+    attempts
+        How often a unit is begun whose worker ends before it does.
+
+    Returns
+    -------
+    tuple of Path
+        The file of each unit, in order.
+
+    Raises
+    ------
+    StorageError
+        If another run works in the folder.
+    LfcalError
+        What a unit raised, or `WorkerLost` where its workers ended again and again. What other units made stays.
+    """
+    twice = [name for name, count in Counter(unit.name for unit in units).items() if count > 1]
+    if twice:
+        raise InputError.expected("units", "a name for each", f"{twice[0]} twice", "rename one")
+    with storage_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    with only_writer(folder):
+        jobs = [
+            Job(k, unit, str(folder.absolute() / file_name(unit, unit.fingerprint()))) for k, unit in enumerate(units)
+        ]
+        _sweep(folder, {Path(job.out).name for job in jobs})
+        with Journal.open(folder) as journal, executor:
+            journal.begin(title, [u.name for u in units], executor.name, executor.workers, executor.place)
+            yield from _Run(jobs, executor, journal, attempts).steps()
+    return tuple(Path(job.out) for job in jobs)
+
+
+def _sweep(folder: Path, wanted: set[str]) -> None:
+    """Remove the files of other inputs and settings."""
+    for path in folder.iterdir():
+        if path.is_file() and path.name != JOURNAL and path.name not in wanted and not path.name.startswith("."):
+            with suppress(OSError):
+                path.unlink()
+
+
+class _Run:
+    """The state of a run while it lasts."""
+
+    def __init__(self, jobs: list[Job], executor: Executor, journal: Journal, attempts: int) -> None:
+        self.jobs, self.executor, self.journal, self.attempts = jobs, executor, journal, attempts
+        self.shares = [0.0] * len(jobs)
+        self.tries: Counter[int] = Counter()
+        self.open: set[int] = set()
+        self.later: list[tuple[float, Job]] = []
+        self.stage = ""
+
+    def steps(self) -> Work[None]:
+        began = time.perf_counter()
+        for job in self.jobs:
+            if Path(job.out).exists():
+                self.shares[job.number] = 1.0
+                self.journal.note("kept", unit=job.unit.name)
+            else:
+                self.open.add(job.number)
+                self.executor.submit(job)
+        kept = sum(self.shares)
+        try:
+            while self.open:
+                self._submit_due()
+                events = self.executor.events()
+                for event in events:
+                    self._heard(event)
+                    yield self._progress(event, began, kept)
+                if not events:  # a window that stops the work is heard here
+                    yield self._progress(None, began, kept)
+        except BaseException:
+            self.journal.note("stopped")
+            raise
+        self.journal.note("end")
+
+    def _submit_due(self) -> None:
+        """Give back to the executor what was lost a while ago."""
+        now = time.monotonic()
+        if self.later and len(self.later) == len(self.open) and all(at > now for at, _ in self.later):
+            time.sleep(PAUSE / 4)  # nothing else is under way
+        for due in [due for due in self.later if due[0] <= now]:
+            self.later.remove(due)
+            self.executor.submit(due[1])
+
+    def _progress(self, event: Event | None, began: float, kept: float) -> Progress:
+        done, total = sum(self.shares), len(self.jobs)
+        if event is not None:
+            self.stage = event.stage or event.job.unit.name
+        # in thousandths: a run of few long units moves, too; seconds of what an earlier run did are not this one's
+        lasted = time.perf_counter() - began
+        whole = sum(share == 1.0 for share in self.shares)
+        fair = lasted * done / (done - kept) if done > kept else lasted
+        note = f"{whole} of {total} done" + (f"; {kept:.0f} by an earlier run" if kept else "")
+        return Progress(round(1000 * done), 1000 * total, self.stage, fair, note)
+
+    def _heard(self, event: Event) -> None:
+        job, number = event.job, event.job.number
+        if event.what is What.STARTED:
+            self.tries[number] += 1
+        elif event.what is What.ADVANCED:
+            self.shares[number] = min(event.share, 0.999)  # whole when its file is there
+            return
+        told = {} if event.seconds is None else {"seconds": event.seconds}
+        reason = {} if event.error is None else {"reason": str(event.error)}
+        self.journal.note(event.what.value, unit=job.unit.name, worker=event.worker, **told, **reason)
+        if event.what in Ended:
+            self.shares[number] = float(event.what is What.DONE)
+        if event.what is What.DONE:
+            self.open.remove(number)
+        elif event.what is What.FAILED:
+            assert event.error is not None
+            raise event.error
+        elif event.what is What.LOST:
+            if self.tries[number] >= self.attempts:
+                self.journal.note("failed", unit=job.unit.name, **reason)
+                raise _given_up(event, self.attempts)
+            pause = PAUSE * 2 ** (self.tries[number] - 1) if isinstance(event.error, StorageError) else 0.0
+            self.later.append((time.monotonic() + pause, job))
+
+
+def _given_up(event: Event, attempts: int) -> Exception:
+    error = event.error
+    assert error is not None
+    if isinstance(error, StorageError):
+        return error
+    return type(error)(
+        f"{event.job.unit.name}: {error} in each of {attempts} attempts; memory may be short: use fewer workers"
+    )

@@ -1,0 +1,110 @@
+"""A unit of work: a small record that any process of any machine can act upon."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lfcal import __version__
+from lfcal.errors import InputError
+from lfcal.files import storage_errors
+from lfcal.plain import plain
+from lfcal.progress import Work
+
+__all__ = ["Job", "Task", "Unit"]
+
+Task = Callable[[Mapping[str, Any], Path, int], Work[None]]
+"""Does a unit: its arguments, the file to write whole or not at all, and how many threads it may use."""
+
+DIGITS = 16
+"""Of a fingerprint; 64 bits tell the units of any run apart."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What is to be done, in paths and plain values, never arrays or open files.
+
+    Attributes
+    ----------
+    name
+        For people, and of its file: unique within a run.
+    task
+        The function that does it, a `Task`: ``"package.module:function"``.
+    arguments
+        What it is given, plain JSON types.
+    inputs
+        Files that it reads.
+    suffix
+        Ending of the file that it writes.
+    hints
+        Further arguments that do not change the result but for rounding, and are not in the fingerprint: memory to use.
+    """
+
+    name: str
+    task: str
+    arguments: Mapping[str, Any]
+    inputs: tuple[str, ...] = ()
+    suffix: str = ".h5"
+    hints: Mapping[str, Any] = field(default_factory=dict)
+
+    def fingerprint(self) -> str:
+        """Return what tells this unit's result from that of other inputs, settings, or another lfcal.
+
+        Raises
+        ------
+        StorageError
+            If an input is not there.
+        """
+        stamps = []
+        for name in self.inputs:
+            path = Path(name)
+            with storage_errors(path):
+                found = path.stat()
+            stamps.append([os.fspath(path.absolute()), found.st_size, found.st_mtime_ns])
+        said = {"lfcal": __version__, "task": self.task, "arguments": plain(self.arguments), "inputs": stamps}
+        text = json.dumps(said, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+
+    def function(self) -> Task:
+        """Return the function that does it."""
+        module, _, name = self.task.partition(":")
+        found: Task = getattr(importlib.import_module(module), name)
+        return found
+
+
+@dataclass(frozen=True)
+class Job:
+    """A unit on its way: its number in the run, and the file it has to write.
+
+    Attributes
+    ----------
+    number
+        Counted from 0.
+    unit
+        What is to be done.
+    out
+        Its file, whose name holds the fingerprint: it is there when the unit is done.
+    """
+
+    number: int
+    unit: Unit
+    out: str
+
+    def steps(self, workers: int) -> Work[None]:
+        """Do it with so many threads; yields progress, and closing it stops."""
+        path = Path(self.out)
+        yield from self.unit.function()({**self.unit.arguments, **self.unit.hints}, path, workers)
+        if not path.exists():
+            raise InputError.expected(f"unit {self.unit.name}", f"the file {path.name}", "none", "mend its task")
+
+
+def file_name(unit: Unit, fingerprint: str) -> str:
+    """Return the name of a unit's file."""
+    plain_name = "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "-" for c in unit.name)
+    return f"{plain_name}.{fingerprint}{unit.suffix}"

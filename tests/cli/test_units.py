@@ -1,0 +1,197 @@
+"""Long work in units on the command line: the same files by every executor, resumed after a stop, and its status."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from lfcal.progress import drain
+from lfcal.psf import PSFMatrix, open_psf, save
+from lfcal.reconstruct.volumes import load_volume
+from lfcal.work import iter_run, parts_folder
+from lfcal.work.executors.threads import Threads
+from tests.cli.conftest import Run, small_plan
+from tests.psf.test_joining import contents
+from tests.reconstruct.oracles import lenslet_psf
+from tests.work.tasks import unit
+
+Lfcal = Callable[..., Run]
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder, the current one, with a scan plan, an H and three frames."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "plan.json").write_text(small_plan().to_json())
+    H = lenslet_psf(2, 5, 15).astype(np.float32)
+    save(PSFMatrix(H, anchor=(1.0, 2.0), depths=(-5.0, 5.0)), tmp_path / "H.h5")
+    frames = np.random.default_rng(0).poisson(50.0, (3, 30, 31)).astype(np.uint16)
+    tifffile.imwrite(tmp_path / "frames.tif", frames, photometric="minisblack")
+    return tmp_path
+
+
+def interrupted(out: Path) -> None:
+    """Leave what a run that was stopped leaves: one of its two units done."""
+    folder = parts_folder(out)
+    units = [unit("plane 0"), unit("plane 1", "refuse")]
+    with pytest.raises(ValueError, match="open the shutter"):
+        drain(iter_run(units, folder, Threads(1), title=f"make {out.name}"))
+
+
+def said(path: Path) -> Any:
+    """Return what a volume says of how it was made."""
+    with tifffile.TiffFile(path) as file:
+        assert file.imagej_metadata is not None
+        return json.loads(file.imagej_metadata["lfcal"])
+
+
+@pytest.mark.parametrize("executor", ["threads", "processes"])
+def test_simulate(lfcal: Lfcal, place: Path, executor: str) -> None:
+    words = ("simulate", "plan.json", "--level", "geometric", "-o")
+    assert lfcal(*words, "one.h5").code == 0
+    run = lfcal(*words, "two.h5", "--executor", executor, "--workers", 2)
+    assert run.code == 0 and "written: two.h5" in run.out
+    assert contents(place / "one.h5") == contents(place / "two.h5")
+    assert not parts_folder(place / "two.h5").exists()
+
+
+@pytest.mark.parametrize("method", ["exact", "paper"])
+def test_transpose(lfcal: Lfcal, place: Path, method: str) -> None:
+    words = ("transpose", "H.h5", "--method", method, "-o")
+    assert lfcal(*words, "one.h5").code == 0
+    run = lfcal(*words, "two.h5", "--executor", "threads")
+    assert run.code == 0 and "two.h5: HT (2, " in run.out
+    assert contents(place / "one.h5") == contents(place / "two.h5")
+    back = lfcal("transpose", "two.h5", "-o", "H2.h5", "--executor", "threads")
+    assert back.code == 0
+    if method == "exact":
+        assert "H2.h5: H (2, " in back.out
+        with open_psf(place / "H.h5") as H, open_psf(place / "H2.h5") as H2:
+            np.testing.assert_array_equal(H2[:], H[:])
+
+
+@pytest.mark.parametrize("warm", [False, True])
+@pytest.mark.parametrize("executor", ["threads", "processes"])
+def test_reconstruct(lfcal: Lfcal, place: Path, executor: str, warm: bool) -> None:
+    more = ("--warm",) if warm else ()
+    words = ("reconstruct", "H.h5", "--batch", "frames.tif", "-n", 3, "--workers", 1, *more, "-o")
+    assert lfcal(*words, "one").code == 0
+    run = lfcal(*words, "two", "--executor", executor)
+    if warm and executor == "processes":
+        assert run.code == 2 and "each frame needs the one before it" in run.err
+        return
+    assert run.code == 0 and run.out.count("3 iterations") == 3
+    for name in ("frames_0000.tif", "frames_0001.tif", "frames_0002.tif"):
+        one, two = (place / folder / name for folder in ("one", "two"))
+        np.testing.assert_array_equal(load_volume(one), load_volume(two))
+        assert said(one) == said(two)
+    assert not (place / "two.parts").exists()
+
+
+def test_all_volumes_in_one_file(lfcal: Lfcal, place: Path) -> None:
+    words = ("reconstruct", "H.h5", "frames.tif", "-n", 2, "--workers", 1, "-o")
+    assert lfcal(*words, "one.tif").code == 0
+    assert lfcal(*words, "two.tif", "--executor", "threads").code == 0
+    np.testing.assert_array_equal(tifffile.imread(place / "one.tif"), tifffile.imread(place / "two.tif"))
+
+
+@pytest.mark.parametrize(
+    ("command", "out"),
+    [
+        ("simulate plan.json --level geometric -o out.h5", "out.h5"),
+        ("transpose H.h5 -o out.h5", "out.h5"),
+        ("reconstruct H.h5 --batch frames.tif -n 1 -o out", "out"),
+    ],
+)
+def test_what_an_earlier_run_left(lfcal: Lfcal, place: Path, command: str, out: str) -> None:
+    words = command.split()
+    interrupted(place / out)
+    refused = lfcal(*words)
+    assert refused.code == 2 and "left 1 of 2 units; --resume goes on with them, --force begins anew" in refused.err
+    status = lfcal("status", out)
+    assert status.code == 0 and f"make {out}: 1 of 2 units done; not running" in status.out
+    assert "open the shutter" in status.out and "--resume" in status.out
+    assert lfcal(*words, "--resume").code == 0
+    assert not parts_folder(place / out).exists()
+    interrupted(place / out)
+    assert lfcal(*words, "--force").code == 0
+    assert not parts_folder(place / out).exists()
+
+
+def test_a_refusal_says_what_is_kept(lfcal: Lfcal, place: Path) -> None:
+    """The third frame is damaged: what the first two made stays, and mending it goes on from there."""
+    (place / "frames").mkdir()
+    for k in range(3):
+        tifffile.imwrite(place / "frames" / f"t{k}.tif", np.full((30, 31), 50 + k, np.uint16))
+    damaged = place / "frames" / "t2.tif"
+    whole = damaged.read_bytes()
+    tifffile.imwrite(damaged, np.full((30, 30), 50, np.uint16))
+    words = (
+        "reconstruct",
+        "H.h5",
+        "--batch",
+        "frames",
+        "-n",
+        1,
+        "--solver",
+        "rl",
+        "-o",
+        "out",
+        "--executor",
+        "threads",
+    )
+    dark = np.full((30, 31), 10, np.uint16)
+    tifffile.imwrite(place / "dark.tif", dark)
+    stopped = lfcal(*words, "--dark", "dark.tif")
+    assert stopped.code == 2 and "kept: 2 of 3 units in out.parts; --resume goes on with them" in stopped.err
+    damaged.write_bytes(whole)
+    assert lfcal(*words, "--dark", "dark.tif", "--resume").code == 0
+    assert sorted(path.name for path in (place / "out").iterdir()) == ["t0.tif", "t1.tif", "t2.tif"]
+
+
+def test_long_work_is_kept_without_being_asked(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lfcal.cli.runs.LONG", 0.0)
+    run = lfcal("simulate", "plan.json", "--level", "geometric", "-o", "out.h5")
+    assert run.code == 0 and "kept plane by plane in out.h5.parts: --resume goes on after a stop" in run.err
+
+
+def test_choices_that_do_not_go_together(lfcal: Lfcal, place: Path) -> None:
+    simulate = ("simulate", "plan.json", "--level", "geometric")
+    for words, said in (
+        ((*simulate, "-o", "out.h5", "--executor", "magic"), "dask or processes or threads"),
+        ((*simulate, "-o", "out.h5", "--executor", "threads", "--scheduler", "tcp://a:1"), "one that has"),
+        ((*simulate, "-o", "out.h5", "--progressive", "--resume"), "leave one of them out"),
+        ((*simulate, "--frames", "frames", "--executor", "threads"), "leave one of them out"),
+    ):
+        run = lfcal(*words)
+        assert run.code == 2 and run.err.count("\n") <= 2, run.err
+        assert said in run.err or "an executor that has one (dask)" in run.err
+    for command in ("transpose", "reconstruct"):
+        more = ("H.h5", "frames.tif") if command == "reconstruct" else ("H.h5",)
+        run = lfcal(command, *more, "-o", "o.h5", "--executor", "processes", "--scheduler", "tcp://a:1")
+        assert run.code == 2 and "an executor that has one (dask)" in run.err
+    assert not (place / "out.h5.parts").exists()
+
+
+def test_status_of_what_is_whole_running_or_nothing(lfcal: Lfcal, place: Path) -> None:
+    whole = lfcal("status", "H.h5")
+    assert whole.code == 0 and "is whole" in whole.out
+    assert lfcal("status", "H.h5", "--json").json == {"path": "H.h5", "whole": True}
+    nothing = lfcal("status", "none.h5")
+    assert nothing.code == 2 and "name the file it makes" in nothing.err
+    work = iter_run([unit("a"), unit("b", "endless", begun=str(place / "begun"))], place / "V.parts", Threads(1))
+    for _ in work:
+        if (place / "begun").exists():
+            break
+    running = lfcal("status", "V", "--json").json
+    assert isinstance(running, dict) and running["running"] and running["done"] == 1
+    assert [one["state"] for one in running["units"]] == ["done", "under way"]
+    shown = lfcal("status", place / "V.parts").out
+    assert "1 of 2 units done; threads, 1 at work" in shown and "under way" in shown
+    work.close()

@@ -1,0 +1,179 @@
+"""H in units of a plane: the file of one process to the last bit, whoever computes it and whatever is killed."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lfcal.camera import ScanPlan
+from lfcal.errors import InputError
+from lfcal.progress import drain
+from lfcal.simulate import simulate_psf
+from lfcal.simulate.effects import CATALOGUE
+from lfcal.simulate.effects.described import effect_from
+from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.simulate import Simulation, describe
+from lfcal.simulate.units import iter_simulate_units, unit_of
+from lfcal.work import RunChoice, parts_folder
+from tests.psf.test_joining import contents
+from tests.simulate.common import small_camera
+
+
+@pytest.fixture(scope="module")
+def plan() -> ScanPlan:
+    whole = ScanPlan.for_camera(small_camera(), virtual_depths=[2.5, 3.0, 4.0], cutout=31)
+    return replace(whole, period=(4, 3))
+
+
+@pytest.fixture(scope="module")
+def direct(plan: ScanPlan, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """H file of one process."""
+    path = tmp_path_factory.mktemp("direct") / "H.h5"
+    simulate_psf(plan.camera, plan, tolerance=0.1, out=path, workers=2).close()
+    return contents(path)
+
+
+@pytest.mark.parametrize("executor", ["threads", "processes"])
+def test_bit_for_bit(plan: ScanPlan, direct: dict[str, Any], tmp_path: Path, executor: str) -> None:
+    out = tmp_path / "H.h5"
+    run = RunChoice(executor, workers=2)
+    drain(iter_simulate_units(plan.camera, plan, run=run, tolerance=0.1, out=out)).close()
+    assert contents(out) == direct
+    assert not parts_folder(out).exists()
+
+
+def test_what_an_earlier_run_left(plan: ScanPlan, direct: dict[str, Any], tmp_path: Path) -> None:
+    out = tmp_path / "H.h5"
+
+    def work(begun: str, tolerance: float = 0.1) -> Any:
+        run = RunChoice("threads", 1, begun=begun)
+        return iter_simulate_units(plan.camera, plan, run=run, tolerance=tolerance, out=out)
+
+    first = work("refuse")
+    for record in first:
+        if record.note.startswith("1 of"):
+            break
+    first.close()
+    folder = parts_folder(out)
+    kept = next(folder.glob("*.h5"))
+    stamp = kept.stat().st_mtime_ns
+    with pytest.raises(InputError, match="left 1 of 3 units; --resume"):
+        drain(work("refuse"))
+    again = work("resume")
+    next(again)
+    assert kept.stat().st_mtime_ns == stamp
+    again.close()
+    drain(work("resume")).close()
+    assert contents(out) == direct
+    # planes of another tolerance are none of this run
+    second = work("refuse", 0.2)
+    for record in second:
+        if record.note.startswith("1 of"):
+            break
+    second.close()
+    drain(work("resume")).close()
+    assert contents(out) == direct
+
+
+@pytest.mark.parametrize("name", CATALOGUE.names())
+def test_effects_travel_as_text(name: str, plan: ScanPlan) -> None:
+    effect = CATALOGUE.get(name)()
+    told = json.loads(json.dumps(describe([effect])[0]))
+    assert effect_from(told.pop("name"), told) == effect
+
+
+def test_a_unit_is_small_and_tells_settings_apart(plan: ScanPlan) -> None:
+    stored: Mapping[str, str] = {"dtype": "float32", "compression": "gzip"}
+
+    def unit(z: int = 0, tolerance: float = 0.1, level: str = "auto", sampling: Sampling | None = None) -> Any:
+        work = Simulation(plan.camera, plan, "auto", level, tolerance, sampling, None)
+        return unit_of(work.task(z), stored)
+
+    first = unit()
+    assert len(pickle.dumps(first)) < 10_000
+    others = [unit(1), unit(tolerance=0.11), unit(level="grid"), unit(sampling=Sampling(nodes_per_px=6))]
+    assert len({first.fingerprint(), *(other.fingerprint() for other in others)}) == 5
+    assert unit().fingerprint() == first.fingerprint()
+
+
+def test_an_effect_of_nobody_cannot_travel(plan: ScanPlan, tmp_path: Path) -> None:
+    kind: Any = CATALOGUE.get("defocus") if "defocus" in CATALOGUE else CATALOGUE.get(CATALOGUE.names()[0])
+
+    @dataclass(frozen=True)
+    class Own(kind):  # type: ignore[misc]
+        pass
+
+    run = RunChoice("threads", 1)
+    with pytest.raises(InputError, match="one of the catalogue"):
+        drain(iter_simulate_units(plan.camera, plan, [Own()], run=run, out=tmp_path / "H.h5"))
+    assert dataclasses.is_dataclass(Own)
+    assert not list(tmp_path.iterdir())
+
+
+# -- kills -----------------------------------------------------------------------------------------------
+def command(plan: Path, out: Path, executor: str) -> list[str]:
+    said = f"simulate {plan} --tolerance 0.1 -o {out} --executor {executor} --workers 2 --resume"
+    return [sys.executable, "-m", "lfcal", *said.split()]
+
+
+def killed_until_whole(plan: Path, out: Path, executor: str, kills: int) -> int:
+    """Kill the run, or one of its workers, at ever other moments, then let it end; return how often it was killed."""
+    done = 0
+    for k in range(kills):
+        run = subprocess.Popen(command(plan, out, executor), stderr=subprocess.PIPE, start_new_session=True)
+        folder = parts_folder(out)
+        journal = folder / "run.jsonl"
+        before = journal.stat().st_size if journal.exists() else 0
+        # by what has happened, never by the clock: so many lines of the journal after the beginning
+        while run.poll() is None and not _lines(journal, before, 2 + k % 4):
+            time.sleep(0.005)
+        if run.poll() is None:
+            os.kill(run.pid, signal.SIGKILL)
+            done += 1
+        run.communicate()
+        if out.exists():
+            out.unlink()
+    last = subprocess.run(command(plan, out, executor), capture_output=True, text=True, check=False)
+    assert last.returncode == 0, last.stderr
+    return done
+
+
+def _lines(journal: Path, since: int, wanted: int) -> bool:
+    return journal.exists() and journal.read_bytes()[since:].count(b"\n") >= wanted
+
+
+@pytest.mark.parametrize(
+    ("executor", "kills"),
+    [
+        ("processes", 2),
+        pytest.param("threads", 10, marks=pytest.mark.long),
+        pytest.param("processes", 10, marks=pytest.mark.long),
+        pytest.param("dask", 10, marks=pytest.mark.long),
+    ],
+)
+def test_killed_again_and_again(
+    plan: ScanPlan, direct: dict[str, Any], tmp_path: Path, executor: str, kills: int
+) -> None:
+    if executor == "dask":
+        pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    path, out = tmp_path / "plan.json", tmp_path / "H.h5"
+    path.write_text(plan.to_json())
+    assert killed_until_whole(path, out, executor, kills) > 0
+    found = contents(out)
+    # what the command knows beside: the plan, as text in the provenance
+    assert {k: v for k, v in found.items() if k != "@provenance"} == {
+        k: v for k, v in direct.items() if k != "@provenance"
+    }
+    assert not [entry for entry in tmp_path.iterdir() if entry.name not in ("plan.json", "H.h5")]

@@ -1,0 +1,74 @@
+"""Units on dask.distributed: the same files, whatever happens to a worker."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lfcal.errors import InputError
+from lfcal.progress import drain
+from lfcal.work import RunChoice, iter_run, read_run
+from lfcal.work.executors.dask import Dask
+from lfcal.work.executors.threads import Threads
+from tests.work.tasks import unit
+
+distributed: Any = pytest.importorskip("distributed", reason="dask.distributed is not installed")
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """Address of a scheduler that runs already, with two workers."""
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, memory_limit=0) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_the_same_files_as_in_one_process(scheduler: str, tmp_path: Path) -> None:
+    units = [unit(f"plane {k}", text=f"{k}") for k in range(5)]
+    here = drain(iter_run(units, tmp_path / "here", Threads(1)))
+    there = drain(iter_run(units, tmp_path / "there", Dask(None, scheduler)))
+    assert [part.name for part in here] == [part.name for part in there]
+    assert [part.read_text() for part in there] == list("01234")
+    state = read_run(tmp_path / "there")
+    assert (state.executor, state.workers, state.count("done")) == ("dask", 2, 5)
+    assert all(u.worker.startswith("tcp://") and u.seconds >= 0 for u in state.units)
+
+
+def test_a_worker_that_is_killed(scheduler: str, tmp_path: Path) -> None:
+    seen = tmp_path / "seen"
+    units = [unit(f"plane {k}", text=f"{k}", seen=str(seen)) for k in range(3)]
+    units[1] = unit("plane 1", "die", text="1", times=2, marks=str(tmp_path / "marks"), seen=str(seen))
+    parts = drain(iter_run(units, tmp_path / "run", Dask(None, scheduler)))
+    assert [part.read_text() for part in parts] == list("012")
+    # one thread each: there is a worker for every processor
+    assert {tuple(line.split()[1:]) for line in seen.read_text().splitlines()} == {("1", "1")}
+
+
+def test_what_a_unit_refuses_is_told(scheduler: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="open the shutter"):
+        drain(iter_run([unit("a", "refuse")], tmp_path / "run", Dask(None, scheduler)))
+
+
+def test_a_cluster_of_this_machine(tmp_path: Path) -> None:
+    parts = drain(iter_run([unit("a", text="a")], tmp_path / "run", Dask(1)))
+    assert parts[0].read_text() == "a"
+
+
+def test_nobody_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lfcal.work.executors.dask.REACHED", 0.3)
+    with pytest.raises(InputError, match=r"an answer from tcp://127\.0\.0\.1:9"):
+        drain(iter_run([unit("a")], tmp_path / "run", Dask(None, "tcp://127.0.0.1:9")))
+
+
+def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install 'lfcal\[cluster\]'"):
+        Dask(1)
+
+
+def test_an_address_is_for_dask_alone() -> None:
+    with pytest.raises(InputError, match=r"an executor that has one \(dask\), got processes"):
+        RunChoice("processes", address="tcp://127.0.0.1:8786")

@@ -1,0 +1,211 @@
+"""Runs: what is done is left out, what is lost is tried again, and nothing half-written stays."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from lfcal.errors import InputError, StorageError
+from lfcal.files import only_writer
+from lfcal.progress import drain
+from lfcal.work import iter_run, read_run
+from lfcal.work.executors.processes import Processes, TaskFailed, WorkerLost
+from lfcal.work.executors.threads import Threads
+from lfcal.work.journal import JOURNAL
+from lfcal.work.runs import check_begun, discard
+from tests.work.tasks import unit
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path / "H.h5.parts"
+
+
+def texts(parts: tuple[Path, ...]) -> list[str]:
+    return [part.read_text() for part in parts]
+
+
+def done(seen: Path) -> int:
+    return len(seen.read_text().splitlines()) if seen.exists() else 0
+
+
+def test_units_in_order_and_progress_over_all(folder: Path) -> None:
+    records = []
+    units = [unit(f"plane {k}", text=f"{k}") for k in range(5)]
+    parts = drain(iter_run(units, folder, Threads(2)), records.append)
+    assert texts(parts) == list("01234")
+    fractions = [record.fraction for record in records]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1.0
+    assert records[-1].note == "5 of 5 done"
+
+
+def test_what_is_done_is_not_done_again(folder: Path, tmp_path: Path) -> None:
+    seen = tmp_path / "seen"
+    units = [unit(f"plane {k}", seen=str(seen)) for k in range(3)]
+    first = drain(iter_run(units, folder, Threads(1)))
+    first[1].unlink()
+    assert drain(iter_run(units, folder, Threads(1))) == first
+    assert done(seen) == 4
+
+
+def test_other_settings_begin_anew_and_sweep_what_was(folder: Path) -> None:
+    drain(iter_run([unit("a", text="old"), unit("b", text="b")], folder, Threads(1)))
+    parts = drain(iter_run([unit("a", text="new"), unit("b", text="b")], folder, Threads(1)))
+    assert texts(parts) == ["new", "b"]
+    assert {path.name for path in folder.iterdir()} == {JOURNAL, *(part.name for part in parts)}
+
+
+def test_another_run_in_the_same_folder_is_refused(folder: Path) -> None:
+    folder.mkdir()
+    with only_writer(folder), pytest.raises(StorageError, match="another program is writing"):
+        drain(iter_run([unit("a")], folder, Threads(1)))
+
+
+def test_a_refusal_ends_the_run_and_keeps_the_rest(folder: Path) -> None:
+    with pytest.raises(InputError, match="open the shutter"):
+        drain(iter_run([unit("a"), unit("b", "refuse"), unit("c")], folder, Threads(1)))
+    state = read_run(folder)
+    assert [u.state for u in state.units] == ["done", "failed", "waiting"]
+    assert "open the shutter" in state.units[1].reason
+    assert not state.running
+
+
+def test_a_task_that_writes_nothing_is_a_fault(folder: Path) -> None:
+    with pytest.raises(InputError, match="expected the file"):
+        drain(iter_run([unit("a", "forget")], folder, Threads(1)))
+
+
+def test_two_units_of_one_name(folder: Path) -> None:
+    with pytest.raises(InputError, match="a name for each"):
+        drain(iter_run([unit("a"), unit("a", text="y")], folder, Threads(1)))
+
+
+def test_closing_stops_and_leaves_nothing_half_written(folder: Path, tmp_path: Path) -> None:
+    work = iter_run([unit("a"), unit("b", "endless", begun=str(tmp_path / "begun"))], folder, Threads(1))
+    for _ in work:
+        if (tmp_path / "begun").exists():
+            break
+    work.close()
+    assert [path.suffix for path in folder.iterdir() if path.name != JOURNAL] == [".txt"]
+    assert [u.state for u in read_run(folder).units] == ["done", "waiting"]
+
+
+# -- processes -------------------------------------------------------------------------------------------
+
+
+def test_processes_replace_those_that_are_killed(folder: Path, tmp_path: Path) -> None:
+    seen = tmp_path / "seen"
+    units = [unit(f"plane {k}", text=f"{k}", seen=str(seen)) for k in range(4)]
+    units[1] = unit("plane 1", "die", text="1", times=2, marks=str(tmp_path / "marks"), seen=str(seen))
+    parts = drain(iter_run(units, folder, Processes(2)))
+    assert texts(parts) == list("0123")
+    lines = [line.split() for line in seen.read_text().splitlines()]
+    assert len(lines) == 4
+    assert {(threads, told) for _, threads, told in lines} == {("1", "1")}
+    state = read_run(folder).units[1]
+    assert (state.state, state.attempts) == ("done", 3)
+    assert {path.name for path in folder.iterdir()} == {JOURNAL, *(part.name for part in parts)}
+
+
+def test_a_unit_whose_worker_always_ends_is_given_up(folder: Path, tmp_path: Path) -> None:
+    units = [unit("plane 0", "die", times=9, marks=str(tmp_path / "marks"))]
+    with pytest.raises(WorkerLost, match=r"plane 0: its process ended \(signal 9\) in each of 2 attempts"):
+        drain(iter_run(units, folder, Processes(1), attempts=2))
+    assert read_run(folder).units[0].state == "failed"
+
+
+def test_faults_in_processes_are_told(folder: Path) -> None:
+    with pytest.raises(InputError, match="open the shutter"):
+        drain(iter_run([unit("a", "refuse")], folder, Processes(1)))
+    with pytest.raises(TaskFailed, match=r"ZeroDivisionError at tasks\.py:\d+: one by nothing"):
+        drain(iter_run([unit("a", "stumble")], folder, Processes(1)))
+
+
+def test_a_file_that_another_program_holds_is_tried_again(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lfcal.work.runs.PAUSE", 0.01)
+    parts = drain(iter_run([unit("a", "busy_file", marks=str(tmp_path / "marks"))], folder, Processes(1)))
+    assert texts(parts) == ["x"]
+
+
+def test_closing_ends_the_processes(folder: Path, tmp_path: Path) -> None:
+    from lfcal.system import is_alive
+
+    begun = tmp_path / "begun"
+    work = iter_run([unit("b", "endless", begun=str(begun))], folder, Processes(1))
+    for _ in work:
+        if begun.exists() and begun.read_text():
+            break
+    work.close()
+    assert not is_alive(int(begun.read_text()))
+    parts = drain(iter_run([unit("b", text="whole")], folder, Threads(1)))
+    assert texts(parts) == ["whole"]
+
+
+# -- what an earlier run left ------------------------------------------------------------------------------
+def test_what_an_earlier_run_left_is_asked_about(folder: Path) -> None:
+    check_begun(folder, resume=False)
+    with pytest.raises(InputError):
+        drain(iter_run([unit("a"), unit("b", "refuse")], folder, Threads(1)))
+    with pytest.raises(InputError, match="left 1 of 2 units; --resume goes on with them, --force begins anew"):
+        check_begun(folder, resume=False)
+    check_begun(folder, resume=True)
+    discard(folder)
+    check_begun(folder, resume=False)
+    discard(folder)
+
+
+# -- the journal -----------------------------------------------------------------------------------------
+def test_a_journal_that_ends_in_half_a_line(folder: Path) -> None:
+    drain(iter_run([unit("a"), unit("b")], folder, Threads(1)))
+    path = folder / JOURNAL
+    whole = path.read_text()
+    path.write_text(whole[: whole.rindex("{") + 9])
+    assert [u.state for u in read_run(folder).units] == ["done", "done"]
+    # the next run begins a line of its own
+    drain(iter_run([unit("a"), unit("b"), unit("c")], folder, Threads(1), title="H"))
+    state = read_run(folder)
+    assert (state.title, [u.name for u in state.units]) == ("H", ["a", "b", "c"])
+    assert Counter(u.state for u in state.units) == {"done": 3}
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "no json\n", '{"at": 1, "event": "begin"}\n', "[1]\n", '{"at": "x", "event": 3}\n'],
+    ids=["empty", "text", "lacking", "list", "kinds"],
+)
+def test_a_journal_that_is_none(folder: Path, text: str) -> None:
+    folder.mkdir()
+    (folder / JOURNAL).write_text(text)
+    with pytest.raises(InputError, match="the folder of a run"):
+        read_run(folder)
+
+
+def test_seconds_and_what_is_left(folder: Path) -> None:
+    folder.mkdir()
+    begin = {"title": "H", "units": ["a", "b", "c", "d"], "executor": "processes", "workers": 2, "place": ""}
+    lines = [
+        {"at": 0, "event": "begin", **begin, "process": 1, "host": "elsewhere"},
+        {"at": 1, "event": "started", "unit": "a", "worker": "process 7"},
+        {"at": 2, "event": "started", "unit": "b", "worker": "process 8"},
+        {"at": 11, "event": "done", "unit": "a"},
+        {"at": 12, "event": "lost", "unit": "b", "reason": "its process ended"},
+        {"at": 13, "event": "started", "unit": "b", "worker": "process 9"},
+        {"at": 14, "event": "done", "unit": "a unit of nobody"},
+    ]
+    (folder / JOURNAL).write_text("".join(json.dumps(line) + "\n" for line in lines))
+    state = read_run(folder)
+    assert not state.running  # its machine is another one
+    assert [(u.state, u.attempts, u.worker) for u in state.units] == [
+        ("done", 1, "process 7"),
+        ("waiting", 2, "process 9"),
+        ("waiting", 0, ""),
+        ("waiting", 0, ""),
+    ]
+    assert state.units[0].seconds == 10
+    assert state.eta_seconds == 3 * 10 / 2
