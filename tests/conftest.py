@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import zlib
+from collections import defaultdict
+
 import pytest
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--long", action="store_true", help="run the tests that take minutes, too")
+    parser.addoption("--long", action="store_true", help="run the tests that take minutes, and every variant of others")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -15,4 +18,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     skip = pytest.mark.skip(reason="takes minutes; run with --long")
     for item in items:
         if "long" in item.keywords:
+            item.add_marker(skip)
+    leave_out_variants([item for item in items if "long" not in item.keywords])
+
+
+def leave_out_variants(items: list[pytest.Item]) -> None:
+    """Of tests marked ``few(n)`` skip all but n variants: always the same ones, picked from all over the list."""
+    variants: dict[str, list[pytest.Item]] = defaultdict(list)
+    for item in items:
+        if item.get_closest_marker("few"):
+            variants[item.nodeid.partition("[")[0]].append(item)
+    skip = pytest.mark.skip(reason="one variant of many; run with --long")
+    for found in variants.values():
+        marker = found[0].get_closest_marker("few")
+        assert marker is not None
+        # by a checksum of their names: neighbours in a list are alike
+        for item in sorted(found, key=lambda one: zlib.crc32(one.nodeid.encode()))[marker.args[0] :]:
             item.add_marker(skip)

@@ -72,6 +72,7 @@ def test_acquire(bench: Bench, tmp_path: Path) -> None:
     bench("acquire", "--folder", tmp_path / "nowhere", code=2)
 
 
+@pytest.mark.long
 def test_aperture(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(aperture, "BLADES", (6,))
     monkeypatch.setattr(aperture, "CURVATURES", (0.0,))

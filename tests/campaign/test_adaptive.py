@@ -92,6 +92,7 @@ def test_after_a_crash_it_goes_on_from_what_is_recorded(tmp_path: Path) -> None:
     assert all(np.array_equal(after[p], before[p]) for p in before), "what was recorded stays"
 
 
+@pytest.mark.long
 def test_it_is_stopped_between_positions_and_during_fits(tmp_path: Path) -> None:
     control = Control()
     found = adapted(tmp_path, control=control, seen=lambda _: control.stop())
@@ -105,6 +106,7 @@ def test_it_is_stopped_between_positions_and_during_fits(tmp_path: Path) -> None
     assert again.how == "used up" and again.outcome.how == "complete" and len(again.steps) == 1
 
 
+@pytest.mark.long
 def test_a_model_that_does_not_suffice_ends_it(whole: tuple[Path, Adapted, list[AdaptiveStep]]) -> None:
     """Focal lengths that are none of the unknowns: the gap alone does not explain the patterns."""
     place, _, _ = whole

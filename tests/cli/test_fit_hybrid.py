@@ -117,6 +117,7 @@ def test_a_fit_of_something_else_fills_nothing(lfcal: Lfcal, place: Path, scan: 
     assert run.code == 2 and "nowhere" in run.err.splitlines()[-1]
 
 
+@pytest.mark.long
 def test_h_is_the_hybrid_of_all_that_was_recorded(lfcal: Lfcal, place: Path) -> None:
     """A pattern more that the model lacks at each position; all are used, though few are fitted."""
     data = few_patterns()

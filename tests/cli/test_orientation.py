@@ -58,6 +58,7 @@ def arguments(folder: Path, out: Path, *more: object) -> tuple[object, ...]:
     )
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["rot90", "mirror x", "transpose"])
 def test_turned_frames_are_named_refused_and_turned_on_request(
     lfcal: Callable[..., Run], tmp_path: Path, straight: Path, scan: tuple[np.ndarray, list[str]], name: str

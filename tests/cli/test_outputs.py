@@ -76,6 +76,7 @@ def test_every_command_that_takes_an_output_takes_force() -> None:
     } == set(COMMANDS)
 
 
+@pytest.mark.few(16)
 @pytest.mark.parametrize("name", WRITERS)
 def test_what_exists_is_replaced_with_force_alone(lfcal: Lfcal, place: Path, name: str) -> None:
     writer = WRITERS[name]

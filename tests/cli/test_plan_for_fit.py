@@ -47,6 +47,7 @@ def planned(lfcal: Lfcal, *more: str) -> Run:
     )
 
 
+@pytest.mark.long
 def test_positions_are_chosen_recorded_and_fitted(lfcal: Lfcal, place: Path) -> None:
     run = planned(lfcal, "-o", "plan.json", "--list", "list.json", "--draw", "curve.png", "--unknowns", SOME)
     assert run.code == 0 and "8 positions to fit, 2 kept aside" in run.out and "the whole scan instead: 627" in run.out
@@ -114,6 +115,7 @@ def test_errors_below_that_of_the_computation_are_named(lfcal: Lfcal, place: Pat
     assert "itself errs" not in planned(lfcal, "--unknowns", SOME, "--full", "0.1").err
 
 
+@pytest.mark.long
 def test_all_positions_of_such_a_session_can_be_thinned(lfcal: Lfcal, place: Path) -> None:
     assert planned(lfcal, "-o", "plan.json", "--list", "list.json").code == 0
     assert lfcal("acquire", "plan.json", "--positions", "list.json", "-o", "s", *SIMULATED).code == 0
@@ -123,6 +125,7 @@ def test_all_positions_of_such_a_session_can_be_thinned(lfcal: Lfcal, place: Pat
     assert found["patterns"] == 6 and found["left_out_error"]["patterns"] == 1
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize(
     ("words", "what"),
     [

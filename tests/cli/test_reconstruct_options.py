@@ -55,6 +55,7 @@ CASES: dict[str, tuple[tuple[object, ...], dict[str, Any], dict[str, Any]]] = {
 }
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("case", CASES)
 def test_the_volume_is_that_of_the_library(lfcal: Callable[..., Run], folder: Path, tmp_path: Path, case: str) -> None:
     options, projector, choice = CASES[case]

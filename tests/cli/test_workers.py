@@ -40,7 +40,17 @@ COMPUTING = (
     ("demo",),
     *(("multiplex", name) for name in ("compare", "demosaic", "views", "search", "filters", "figures")),
 )
-IDLE = {("plan",), ("trend",), ("doctor",), ("verify",), ("multiplex",), ("multiplex", "show"), ("bench",), ()}
+IDLE = {
+    ("plan",),
+    ("status",),
+    ("trend",),
+    ("doctor",),
+    ("verify",),
+    ("multiplex",),
+    ("multiplex", "show"),
+    ("bench",),
+    (),
+}
 IDLE |= {("camera",), *(("camera", name) for name in ("new", "import", "show"))}
 """They compute nothing that takes time, or are groups; of the benchmarks, those that compare threads take them."""
 
@@ -71,6 +81,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return sizes
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("how", ["--workers", WORKERS])
 @pytest.mark.parametrize("name", ["transpose", "export mat", "reconstruct npy", "white", "camera sensor"])
 def test_pools_and_libraries_keep_to_it(

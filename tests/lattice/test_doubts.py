@@ -37,6 +37,7 @@ WHITE: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("name", WHITE)
 def test_white_images_of_all_sorts_are_not_doubted(name: str) -> None:
     truth = draw_white(SHAPE, dark=0.0, **WHITE[name])
@@ -66,6 +67,7 @@ def test_the_rim_of_the_light_bends_no_straight_lattice(light: Any, seed: int) -
     assert np.hypot(*truth.errors(fit.centres_px(q, r)).T).max() < 0.05
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("kind", "seed"), [("hexagonal", 0), ("hexagonal", 2), ("square", 0), ("square", 4)])
 def test_a_beam_s_bell_draws_no_lenslet_to_its_middle(kind: str, seed: int) -> None:
     """Light that falls to two percent in the corners: a polynomial of it would fall too fast or too slowly there."""

@@ -38,12 +38,14 @@ def check(fit: LatticeFit, truth: WhiteFrame, tolerance: float) -> None:
     assert truth.distance_to_lattice(fit.origin_px) < 0.05
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("name", FRAMES)
 def test_the_lattice_is_found_without_a_nominal_pitch(name: str) -> None:
     truth = draw_white(**FRAMES[name])
     check(fit_lattice(truth.frame), truth, 0.005)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 @pytest.mark.parametrize("wrong", [0.97, 1.03])
 def test_a_nominal_pitch_wrong_by_three_percent_will_do(kind: str, wrong: float) -> None:
@@ -51,6 +53,7 @@ def test_a_nominal_pitch_wrong_by_three_percent_will_do(kind: str, wrong: float)
     check(fit_lattice(truth.frame, pitch_px=wrong * 15.4, kind=kind), truth, 0.002)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])
 @pytest.mark.parametrize("rotation", [0.0, 0.002])
 @pytest.mark.parametrize("offset", [(0.1, -0.4), (0.3, 0.35)])
@@ -97,6 +100,7 @@ def test_measured_centres_lie_on_the_lattice_and_indices_are_consistent() -> Non
     assert tuple(fit.index[np.argmin(distances)]) == (0, 0)
 
 
+@pytest.mark.long
 def test_a_dark_frame_or_level_is_subtracted() -> None:
     truth = draw_white(dark=3000.0, seed=2)
     plain = fit_lattice(truth.frame)
@@ -113,6 +117,7 @@ def test_one_thread_and_several_agree() -> None:
     assert np.allclose(one.measured_px, three.measured_px, equal_nan=True)
 
 
+@pytest.mark.few(1)
 @needs_real
 @pytest.mark.parametrize("nominal", [None, 15.385, 15.385 * 1.03, 15.385 * 0.97])
 def test_the_real_microscope(nominal: float | None) -> None:

@@ -187,6 +187,7 @@ def test_the_papers_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPat
         assert cv2.imread(str(path)).std() > 5
 
 
+@pytest.mark.long
 def test_the_seed_of_the_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     from lfcal.cli import multiplex_figures as pictures
 
@@ -201,6 +202,7 @@ def test_the_seed_of_the_figures(lfcal, tmp_path: Path, monkeypatch: pytest.Monk
     assert np.array_equal(a, b) and not np.array_equal(a, c)
 
 
+@pytest.mark.long
 def test_figure_3_of_a_raw_frame(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     from lfcal.cli import multiplex_figures as pictures
 

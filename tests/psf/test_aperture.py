@@ -54,6 +54,7 @@ def test_rows_and_columns_of_the_centre_are_not_confused():
     assert found.centre == pytest.approx((truth.centre[0], truth.centre[1] - 6), abs=0.05)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("blades", "curvature", "snr"), [(5, 0.0, 1.0), (9, 0.0, 1.0), (7, 0.3, 2.0), (9, 0.6, 2.0), (10, 0.6, 5.0)]
 )
@@ -64,6 +65,7 @@ def test_blades_are_counted_in_noise(blades, curvature, snr):
         assert outcome.centre_px < (0.9 if snr < 2 else 0.4)
 
 
+@pytest.mark.long
 def test_nothing_confident_is_wrong_far_below_the_noise():
     for number in range(2):
         for blades in (5, 11):
@@ -80,6 +82,7 @@ def test_vignetting_and_ellipticity_are_measured():
     assert abs(found.ellipse_axis_rad) % math.pi == pytest.approx(math.pi / 2, abs=0.15)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("snr", [5, 20, 100])
 def test_a_circle_is_told_as_round(snr):
     image, truth = synthetic(16, 1.0, 6, side=151, disturbance=Disturbance(1 / snr))
@@ -93,6 +96,7 @@ def test_a_circle_is_told_as_round(snr):
     assert math.dist(found.centre, truth.centre) < 1
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("pattern", ["square", "hexagonal", "random"])
 @pytest.mark.parametrize("pitch", [26.0, 40.0])
 @pytest.mark.parametrize("ripple", [0.02, 0.08])
@@ -106,6 +110,7 @@ def test_ripple_on_a_round_stop_makes_no_blades(pattern, pitch, ripple):
         assert found.ripple == pytest.approx(0.5 * ripple, rel=0.3)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("pattern", ["square", "hexagonal", "random"])
 def test_ripple_hides_no_blades(pattern):
     image, _ = synthetic(9, 0.3, 12, side=187, disturbance=Disturbance(0.005, ripple=0.08, pattern=pattern))
@@ -124,6 +129,7 @@ def test_the_blur_of_the_edge_is_not_taken_for_curved_blades(radius):
     assert found.curvature < 2 * found.curvature_sigma < 0.2
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("stuck", "out"), [(2, -0.2), (6, 0.08), (0, -0.08)])
 def test_a_stuck_blade_is_named_with_how_far(stuck, out):
     disturbance, fault = Disturbance(0.5), Fault(stuck, out)
@@ -165,6 +171,7 @@ def test_a_cat_eye_is_told_and_its_outline_drawn():
     assert np.ptp(column) == pytest.approx(2 * 49, abs=1)
 
 
+@pytest.mark.long
 def test_an_outline_of_no_known_iris_is_refused():
     rows, columns = np.indices((151, 151)) - 75.0
     angle = np.arctan2(rows, columns)

@@ -170,6 +170,7 @@ def _run(lfcal: Callable[..., Run], folder: Path, command: str) -> Run:  # noqa:
     return run
 
 
+@pytest.mark.few(15)
 @pytest.mark.parametrize("case", REFUSED)
 def test_every_command_refuses(case: str, folder: Path, lfcal: Callable[..., Run]) -> None:  # noqa: F811
     with h5py.File(folder / "H.h5", "r+") as file:
@@ -178,6 +179,7 @@ def test_every_command_refuses(case: str, folder: Path, lfcal: Callable[..., Run
     assert set(codes.values()) == {2}, codes
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("case", DARK)
 def test_values_without_light_are_reported(case: str, folder: Path, lfcal: Callable[..., Run]) -> None:  # noqa: F811
     with h5py.File(folder / "H.h5", "r+") as file:
@@ -189,6 +191,7 @@ def test_values_without_light_are_reported(case: str, folder: Path, lfcal: Calla
         _run(lfcal, folder, command)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_good_file_is_accepted(command: str, folder: Path, lfcal: Callable[..., Run]) -> None:  # noqa: F811
     assert _run(lfcal, folder, command).code == 0

@@ -39,6 +39,7 @@ def session(
     return np.asarray(matrix[0, 0, 0]), stated
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("interpolation", "drift", "repeats", "white"),
     [

@@ -63,6 +63,7 @@ def test_sessions_without_control_frames_or_of_another_H_are_refused(
         control_frames(Path("session"), H)
 
 
+@pytest.mark.long
 def test_the_page_shows_the_tiling_where_it_was_measured(H: PSFMatrix, tmp_path: Path) -> None:
     frames, places = np.asarray(H[0, 1:2, 2]), np.array([[45.0, 54.0]])
     page = report(H, tmp_path / "with", controls={0: (frames, places)})

@@ -35,6 +35,7 @@ def problem(name, rng):
     return H, image, anchor, rng.standard_normal((planes, *image)), rng.standard_normal(image)
 
 
+@pytest.mark.few(16)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", CASES)
 def test_pair_is_the_dense_matrix_and_its_transpose(name, method):

@@ -59,6 +59,7 @@ def test_it_is_small_and_16_bit() -> None:
     assert frame.dtype == np.uint16 and frame.max() < 4095, "nothing saturated"
 
 
+@pytest.mark.long
 def test_the_recorded_session_is_what_its_script_records(script: ModuleType, tmp_path: Path) -> None:
     """Recorded anew for a few positions: the camera's noise belongs to the order of exposures, not to the clock."""
     plan = script.recorded_plan()

@@ -27,6 +27,7 @@ def edge_plan(v: float) -> ScanPlan:
     return small_plan(v, small_camera(160, 3000), anchor=(70.0, 2800.0))
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("v", [4.0, -3.0, 2.2, 0.5])
 @pytest.mark.parametrize("edge", [False, True])
 def test_estimate_is_honest(v: float, edge: bool) -> None:
@@ -45,6 +46,7 @@ def test_the_response_is_half_at_its_angle() -> None:
     assert effect.slope(outlook)[1] == pytest.approx(math.sin(math.atan(outlook.field_um[1] / b)), rel=1e-4)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("v", "accept", "share"),
     [

@@ -28,6 +28,7 @@ def edge_plan(v: float) -> ScanPlan:
     return small_plan(v, small_camera(160, 3000), anchor=(70.0, 2800.0))
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("v", [4.0, -3.0, 2.2, 0.5])
 @pytest.mark.parametrize("tilt", [(0.0, 1e-3), (4e-3, -3e-3)])
 def test_estimate_is_honest(v: float, tilt: tuple[float, float]) -> None:
@@ -36,6 +37,7 @@ def test_estimate_is_honest(v: float, tilt: tuple[float, float]) -> None:
     assert 0.5 * measured <= effect.estimate(outlook_of(plan, 0)).error <= 2 * measured
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("v", [4.0, -3.0])
 def test_estimate_on_the_axis_is_that_of_the_lenslets_between(v: float) -> None:
     plan, effect = small_plan(v, small_camera(300, 300)), ArrayTilt(0.05, 0.0)
@@ -97,6 +99,7 @@ def test_windows_follow_it_in_part(exact: bool) -> None:
     assert relative_error(by_windows[1], by_grid[1]) < relative_error(by_windows[0], by_grid[0]) + 0.5 * effect
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("v", [3.0, 0.3])
 @pytest.mark.parametrize("exact", [False, True])
 def test_the_grid_follows_it_as_the_reference_does(v: float, exact: bool) -> None:

@@ -115,6 +115,7 @@ def truth_of(name: str, z_um: float) -> np.ndarray:
     return np.stack([fields.response(scene, scene.source_um(y, x), (y, x)) for y, x in PLACES])
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("level", ["grid", "debye"])
 @pytest.mark.parametrize(("name", "z_um"), DEPTHS)
 def test_the_error_that_is_stated_is_the_one_there_is(name: str, z_um: float, level: str) -> None:
@@ -127,6 +128,7 @@ def test_the_error_that_is_stated_is_the_one_there_is(name: str, z_um: float, le
         assert error < 3 * response.reached + 1e-4
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("name", "z_um"), DEPTHS)
 def test_patterns_of_a_fit(name: str, z_um: float) -> None:
     """Grids that ended five pixels beyond the shadow lost the light of a focus: 1 to 2 % off at any fineness."""

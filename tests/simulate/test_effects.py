@@ -113,6 +113,7 @@ def without() -> dict[float, np.ndarray]:
 CASES = [(v, e) for v in SCENES[:2] for e in EVERYWHERE] + SOMEWHERE
 
 
+@pytest.mark.few(16)
 @pytest.mark.parametrize(("v", "effect"), CASES, ids=[f"{v:g}-{label(e)}" for v, e in CASES])
 def test_estimate_is_honest(
     plans: dict[float, ScanPlan], without: dict[float, np.ndarray], v: float, effect: Effect
@@ -127,6 +128,7 @@ def test_estimate_is_honest(
     assert 0.5 * measured <= estimate.error <= 2 * measured, (measured, estimate)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("v", "width"), [(4.0, 0.02), (2.2, 0.1)])
 def test_bandwidth_estimate(plans: dict[float, ScanPlan], v: float, width: float) -> None:
     """Measured with the lenslets' fields added: their interference is the first to be washed out."""
@@ -148,6 +150,7 @@ MICROSCOPE: list[Effect] = [
 ]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("effect", MICROSCOPE, ids=label)
 def test_microscope_estimates(effect: Effect) -> None:
     plan = ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[25.0])

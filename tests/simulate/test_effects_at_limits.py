@@ -68,6 +68,7 @@ def plan_at(v: float, side: bool) -> ScanPlan:
     return small_plan(v, small_camera(160, 8000), anchor=(70.0, 7900.0), cutout=31)
 
 
+@pytest.mark.few(10)
 @pytest.mark.parametrize(
     "side", [pytest.param(False, id="axis", marks=pytest.mark.long), pytest.param(True, id="edge")]
 )
@@ -86,6 +87,7 @@ def test_extremes_are_computed_or_refused(effect: Effect, side: bool) -> None:
             assert found.sum(dtype=np.float64) <= 1.005
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", sorted(NOMINAL))
 def test_an_effect_that_is_not_called_for_costs_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not planned, not asked; and of no size, the engines do the same work, call by call, on the same scene."""

@@ -14,6 +14,7 @@ from lfcal.simulate.staging import outlook_of
 from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("v", [4.0, -3.0, 2.2])
 @pytest.mark.parametrize("share", [0.02, -0.1])
 def test_estimate_of_nonlinearity(v: float, share: float) -> None:

@@ -51,6 +51,7 @@ def thrown(scene: Scene, y_um: float, x_um: float, rays: int = 200_000) -> np.nd
     return image
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("v", [4.0, -2.5, 0.3, 0.0])
 def test_spots_against_random_rays(v):
     scene = scene_of(preset("bench"), virtual_depth=v, cutout=(57, 57), iris=Iris(7, 0.3, 0.2))

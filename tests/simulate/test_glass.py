@@ -21,6 +21,7 @@ from tests.simulate.common import BASE, difference, responses, small_plan, switc
 from tests.simulate.scenes import camera_scene, relative_error
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("v", [4.0, -3.0, 2.2, 0.5])
 @pytest.mark.parametrize("glass", [CoverGlass(10.0), CoverGlass(40.0, 1.8, 0.5)], ids=repr)
 def test_estimate_is_honest(v: float, glass: CoverGlass) -> None:

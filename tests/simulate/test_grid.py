@@ -29,6 +29,7 @@ def both(scene: Scene, at: tuple[float, float] = AT) -> tuple[np.ndarray, np.nda
     return found, ReferencePlane(scene, JUDGE).point(*at)
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize(
     "v", [4.0, 0.0, 0.4, *(pytest.param(v, marks=pytest.mark.long) for v in (-0.7, 1.2, -3.0, 2.0))]
 )
@@ -38,6 +39,7 @@ def test_it_converges_to_the_reference(v: float, exact: bool) -> None:
     assert relative_error(*both(scene)) < 0.0015
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     "changes",
     [
@@ -61,6 +63,7 @@ def test_what_a_scene_may_have_is_in_it(changes: dict) -> None:
     assert relative_error(plain, both(scene)[1]) > 0.004
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("per_px", [4, 5])
 def test_a_source_between_pixels(per_px: int) -> None:
     """Even and odd numbers of samples lie differently about a pixel's middle."""

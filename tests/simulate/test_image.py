@@ -25,6 +25,7 @@ def far_plan(v: float = 4.0, **options: object) -> ScanPlan:
     return small_plan(v, small_camera(160, 6000), anchor=(70.0, 5700.0), **options)
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("v", [4.0, -3.0, 2.2, 0.5])
 @pytest.mark.parametrize(
     "effect", [FieldCurvature(-900e3), FieldCurvature(500e3), Distortion(-0.0003), Distortion(0.001)]
@@ -67,6 +68,7 @@ def test_a_curved_field_of_a_microscope_is_another_depth() -> None:
     assert difference(responses(plans[1], base), responses(plans[0], (*base, FieldCurvature(radius)))) < 1e-4
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("level", ["geometric", "wave", "reference"])
 def test_distortion_puts_every_source_in_its_own_place(level: str) -> None:
     """Against single points at k h³ from the axis, h reckoned anew for each; windows of the others are cut out."""
@@ -110,6 +112,7 @@ def test_distorted_frames_hold_the_light_where_h_has_it() -> None:
         assert difference(h, window) < 5e-3
 
 
+@pytest.mark.long
 def test_displaced_sources_light_all_their_lenslets() -> None:
     """A small cutout needs few lenslets; for a source far beside it they are others."""
     scene = camera_scene(20.0, cutout=(9, 9))

@@ -30,6 +30,7 @@ def measured() -> Ladder:
     return ladder(plan.camera, plan, 0.05, positions=2, samplings=COARSE_TO_FINE)
 
 
+@pytest.mark.long
 def test_finer_samplings_come_closer_to_the_reference(measured: Ladder) -> None:
     errors = {r.label: r.error for r in measured.rungs}
     assert errors["geometric"] > 0.2

@@ -24,6 +24,7 @@ from tests.simulate.common import BASE, FAST, difference, small_camera, small_pl
 from tests.simulate.scenes import camera_scene, microscope_scene, relative_error
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("v", [4.0, -3.0, 2.2, 0.5])
 @pytest.mark.parametrize("lenslets", [((0, 0, 0.0),), ((1, 0, 0.5), (0, 1, 0.2))])
 def test_estimate_is_honest(v: float, lenslets: Any) -> None:
@@ -35,6 +36,7 @@ def test_estimate_is_honest(v: float, lenslets: Any) -> None:
     assert 0.5 * measured <= effect.estimate(outlook_of(plan, 0)).error <= 2 * measured
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("v", [4.0, -3.0, 2.2, 0.5])
 @pytest.mark.parametrize("waves", [0.05, -0.25, 1.0])
 def test_estimate_of_aberrated_lenslets(v: float, waves: float) -> None:
@@ -55,6 +57,7 @@ ENGINES = {
 }
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("level", sorted(ENGINES))
 @pytest.mark.parametrize("aperture", ["circle", "cell"])
 def test_what_a_lenslet_does_not_pass_is_what_it_would_have_made(level: str, aperture: str) -> None:
@@ -87,6 +90,7 @@ def test_fields_are_as_much_weaker_as_the_light() -> None:
     assert relative_error(plain, reference) > 0.2
 
 
+@pytest.mark.long
 def test_the_microscope_takes_the_path_over_lenslets() -> None:
     scene = microscope_scene(8.0, cutout=(21, 21))
     defect = replace(scene, defects=((0, 0, 0.0), (0, 1, 0.5)))
@@ -180,6 +184,7 @@ def test_aberrated_lenslets_keep_their_glass_in_other_light() -> None:
     assert not isinstance(debye_plane(microscope_scene(lenslet_waves=0.5)), DebyePlane)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("level", ["wave", "grid"])
 def test_each_lens_type_has_its_own_aberration(level: str) -> None:
     """Of one lens type alone: its light is that of an array in which all lenslets are aberrated as it is."""

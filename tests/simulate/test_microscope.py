@@ -89,6 +89,7 @@ def test_paraxial_limit_is_the_focus_integral():
     assert np.abs(found / found.max() - wanted / wanted.max()).max() < 5e-4
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("z", "position"), [(0.0, (0, 0)), (0.0, (4, 4)), (6.0, (2, 3)), (-9.0, (0, 1))])
 def test_against_the_converged_reference(z, position):
     scene = microscope_scene(z, cutout=(51, 51))
@@ -220,6 +221,7 @@ def test_a_tolerance_that_no_sampling_keeps_is_told_by_what_is_reached() -> None
     assert 1e-9 < response.reached < 1e-3
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("objective", "lenslet", "z"),
     [
@@ -245,6 +247,7 @@ def test_other_objectives_and_lenslets_keep_the_tolerance(objective, lenslet, z)
         assert 0 < found.sum() <= 1.005
 
 
+@pytest.mark.long
 def test_arrays_off_the_separable_path_keep_the_tolerance() -> None:
     """Windows of 20 px around each lenslet left 1.4 % of a hexagonal microscope's response out, at any nodes."""
     camera = preset("lfm_60x12")

@@ -60,6 +60,7 @@ def measured(plan: ScanPlan, effect: VectorialPupil | IndexMismatch, base: tuple
     return min(2.0, relative_error(np.stack(off), np.stack(on))), effect.estimate(outlook).error
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(("magnification", "na", "index", "lenslet", "z"), PLANES)
 def test_estimate_of_the_vector_field(magnification, na, index, lenslet, z):
     plan = ScanPlan.for_camera(small_camera(magnification, na, index, lenslet), depths_um=[z], cutout=75)
@@ -67,6 +68,7 @@ def test_estimate_of_the_vector_field(magnification, na, index, lenslet, z):
     assert 0.5 * estimate <= found <= 2 * estimate
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("objective", "lenslet", "mismatch", "z"),
     [

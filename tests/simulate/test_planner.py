@@ -284,6 +284,7 @@ def test_an_effect_that_is_off_costs_nothing() -> None:
     assert PlaneResponse(plan, 0, (Bandwidth(0.02),), level="geometric").runs == 1, "rays have no colour"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("v", "tolerance"), [(4.0, 0.03), (4.0, 0.12), (-3.0, 0.05)])
 def test_planned_simulation_lies_within_the_tolerance_of_everything(v: float, tolerance: float) -> None:
     plan = small_plan(v)

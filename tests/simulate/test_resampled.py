@@ -31,6 +31,7 @@ def from_frames(source: SimulatedCamera, cut: Cutout, position: tuple[int, int])
     return Gatherer(source, infos, cut).cut(index).values / source.counts_per_unit(0)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("name", "side", "options", "cubic"),
     [
@@ -95,6 +96,7 @@ def propagated(plan: ScanPlan, z: int, y: int, x: int, per: int) -> np.ndarray:
     return light[top : top + nt * per, left : left + ns * per].reshape(nt, per, ns, per).sum(axis=(1, 3))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("name", "z"), [("lfm_20x05", -12.0), ("lfm_60x12", -1.5), ("lfm_60x12", 2.0)])
 def test_against_one_large_transform(name: str, z: float) -> None:
     plan = ScanPlan.for_camera(cropped(preset(name), 120), depths_um=[z], cutout=61, resample=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.wave import WavePlane
@@ -30,6 +31,7 @@ def test_aberrations_keep_their_path_lengths() -> None:
     np.testing.assert_allclose(back.wavefront, scene.wavefront)
 
 
+@pytest.mark.long
 def test_a_path_is_more_waves_of_blue_light_on_the_sensor() -> None:
     """The response in blue is that of a wavefront of as many more waves, written by hand."""
     scene = camera_scene(4.0, wavefront=((4, 0, 2.0), (2, 2, -0.5)), cutout=(31, 31))

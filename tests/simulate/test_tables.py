@@ -31,6 +31,7 @@ def test_a_list_of_lit_samples_is_not_made() -> None:
     assert peak < 4 * energy.size  # two whole numbers for each were 16
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "scene",
     [

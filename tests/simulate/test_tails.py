@@ -39,6 +39,7 @@ def point(scene: Scene, sampling: Sampling) -> np.ndarray:
     return WavePlane(scene, sampling).point(*AT).astype(np.float64)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("scene", [camera_scene(4.0, cutout=(91, 91)), square_scene()], ids=["round", "square"])
 def test_narrow_windows_have_the_light_of_wide_ones(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     narrow, wide = point(scene, NARROW), point(scene, WIDE)
@@ -58,6 +59,7 @@ def test_against_the_grid_they_do_most_of_what_wide_windows_do(monkeypatch: pyte
     assert narrow - wide < 0.45 * (cut - wide)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("change", [{"pixel_fill": 0.7}, {"accept": (4.0, 0.0, 0.0)}], ids=["fill", "angles"])
 def test_pixels_take_their_share_of_tails(change: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     scene = camera_scene(4.0, cutout=(91, 91), **change)

@@ -72,6 +72,7 @@ def test_dipoles_on_the_array_against_sums_over_the_pupil(na, index, specimen, z
     assert np.abs(scalar - wanted).max() > 1e-2 * wanted.max()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("z", "na", "specimen", "position"),
     [(0.0, 0.8, None, (2, 3)), (0.0, 0.8, Specimen(WATER, 1.0), (7, 1))],
@@ -85,6 +86,7 @@ def test_responses_against_sums_over_the_pupil(z, na, specimen, position):
     assert relative_error(scalar, wanted) > 0.015
 
 
+@pytest.mark.long
 def test_the_sum_keeps_the_symmetries_of_the_array():
     """Mirrored and transposed responses against the reference, which computes each for itself."""
     lattice = LensletLattice("square", 144.0, 1440.0, (LensType(1440.0),))
@@ -185,6 +187,7 @@ def test_light_beyond_total_reflection_fades_with_the_depth():
     assert dark[0] > 0.3 and 0.1 < dark[1] < 0.2 and dark[2] < 0.01
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("index", [WATER, 1.4 * (1 - 1e-6), 1.4, 1.4 * (1 + 1e-6), 1.5179])
 @pytest.mark.parametrize(("depth", "z"), [(0.0, 0.0), (0.0, 1e-12), (20.0, -20.0), (100.0, 50.0)])
 def test_indices_about_the_aperture_converge(index, depth, z):

@@ -42,6 +42,7 @@ def test_workers_do_not_change_the_sum() -> None:
     assert np.array_equal(light_field(g, PSFMatrix(h), workers=1), light_field(g, PSFMatrix(h), workers=4))
 
 
+@pytest.mark.long
 def test_a_plan_is_simulated_through_the_same_h() -> None:
     camera = small_camera()
     plan = replace(ScanPlan.for_camera(camera, virtual_depths=[4.0, 3.0], cutout=31), period=(19, 33))

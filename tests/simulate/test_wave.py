@@ -28,6 +28,7 @@ def at_both(scene, sampling=FINE, y=2 * PIXEL, x=-3 * PIXEL, samples=4.0):
     return WavePlane(scene, sampling).point(y, x), ReferencePlane(scene, Sampling(samples)).point(y, x)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(("v", "bound"), [(3.0, 0.02), (1.15, 0.02), (-2.0, 0.02), (0.0, 0.01), (-0.5, 0.03)])
 def test_against_the_reference(v, bound):
     found, wanted = at_both(camera_scene(v, cutout=(61, 61)))
@@ -64,6 +65,7 @@ def test_default_sampling_is_good_to_a_few_percent():
     assert relative_error(found, wanted) < 0.05
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "change",
     [

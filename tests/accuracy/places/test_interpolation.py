@@ -10,6 +10,7 @@ from lfcal.accuracy.places import interpolation
 from lfcal.camera import ScanPlan, preset
 
 
+@pytest.mark.long
 def test_moved_by_whole_pixels_nothing_is_lost(subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lattice, source and cutout move the same way, or the pattern would be another."""
     monkeypatch.setattr(interpolation, "SHIFTS", ((2.0, -1.0),))

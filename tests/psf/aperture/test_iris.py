@@ -32,6 +32,7 @@ def planes(blades, curvature, noise, sides, turns=None):
     ]
 
 
+@pytest.mark.long
 def test_planes_that_are_unclear_alone_decide_together():
     sides = [False, True, False, True]
     seen = planes(9, 0.6, 0.5, sides)

@@ -22,6 +22,7 @@ def of_frames(name: str, moves: np.ndarray | None = None) -> QualityReport:
     return inspect(assemble_plan(ArraySource(delivered, places), PLAN, None, AssemblySettings(pad=True)).matrix)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("name", "words"),
     [
@@ -46,6 +47,7 @@ def test_the_first_line_names_it(name: str, words: str) -> None:
         assert report[key].merit == "unknown"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("gain", [0.0, 0.9, 1.15], ids=["standing still", "short steps", "long steps"])
 def test_wrong_steps_are_not_taken_for_turned_frames(gain: float) -> None:
     assert "mirrored" not in of_frames("as is", gain * np.eye(2))["scan_order"].detail
