@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfcal.cli.reconstruct_units import Settings
+    from lfcal.reconstruct.metric import MetricGrid
     from lfcal.reconstruct.projectors.projector import Projector
     from lfcal.reconstruct.resample import Resampling
     from lfcal.reconstruct.series import FrameResult
@@ -77,6 +78,12 @@ def command(
     subsets: int | None = typer.Option(None, "--subsets", help="Subsets of osem; view blocks per axis of phase-space."),
     tolerance: float = typer.Option(0.0, "--tolerance", min=0, help="Stop when the relative change falls below."),
     warm: bool = typer.Option(False, "--warm", help="With --batch: start each frame from the last volume."),
+    voxel: str = typer.Option(
+        "",
+        "--voxel",
+        help="Write all planes with voxels of one size: a number of µm, or auto, the smallest of them. Behind a main "
+        "lens each plane has its own; by default they are written pixel by pixel.",
+    ),
     double: bool = typer.Option(False, "--double", help="Compute in double precision."),
     memory: float | None = typer.Option(
         None, "--memory", help="Most memory for projections (GB); half of what is free."
@@ -94,7 +101,7 @@ def command(
     Example: `lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30`
     """
     from lfcal.cli.outputs import check_outputs
-    from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, view_of
+    from lfcal.cli.reconstruct_grid import anchor_of, check_grid, check_lattice, grid_of, view_of
     from lfcal.cli.reconstruct_units import Settings
     from lfcal.psf import open_psf
     from lfcal.psf.voxels import voxel_um
@@ -113,10 +120,11 @@ def command(
     with open_psf(psf) as H:
         view = view_of(H, white, lattice) if resample else None
         check_grid(H, task.shape, resample=resample)
+        at = anchor_of(anchor, view, H)
         P = Projector(
             H,
             task.shape if view is None else view.shape,
-            anchor_of(anchor, view, H),
+            at,
             method,
             dtype="float64" if double else "float32",
             threshold=threshold,
@@ -131,12 +139,15 @@ def command(
         run = run_choice(
             out, executor, scheduler, workers, resume=resume, force=force, seconds=seconds, units="frame by frame"
         )
-        with _saving(P, voxel_um(H), targets, {"psf": psf.name, **task.details(P)}) as save:
+        grid = grid_of(voxel, H, P.image_shape, at)
+        shape = P.volume_shape if grid is None else (len(H), *grid.shape)
+        sides = voxel_um(H) if grid is None else (grid.voxel_um, grid.voxel_um)
+        with _saving(P, sides, targets, {"psf": psf.name, **task.details(P)}, grid) as save:
             if run is None:
                 results = _solve(task, P, cleaner(dark, white, view), view, save)
             else:
                 results = _solve_in_units(task, P, shared, out, run, save)
-    _show_results(P, results, targets, json)
+    _show_results(P, shape, results, targets, json)
 
 
 @dataclass(frozen=True)
@@ -233,28 +244,41 @@ def _targets(task: _Task, out: Path, suffix: str | None) -> dict[str, Path]:
 
 @contextmanager
 def _saving(
-    P: Projector, voxel: tuple[float, float] | None, targets: dict[str, Path], details: dict[str, Any]
+    P: Projector,
+    voxel: tuple[float, float] | None,
+    targets: dict[str, Path],
+    details: dict[str, Any],
+    grid: MetricGrid | None = None,
 ) -> Iterator[Save]:
     """Give what saves the volume of a frame: into its own file, or into one file that holds them all."""
     from lfcal.reconstruct.volumes import VolumeFacts, save_volume, write_volumes
 
     depths = P.depths if P.camera is not None else None
+    shape = P.volume_shape
+    if grid is not None:
+        shape = (shape[0], *grid.shape)
+        details = {**details, "voxel_um": grid.voxel_um, "origin_um": grid.origin_um}
+
+    def placed(volume: NDArray[Any]) -> NDArray[Any]:
+        return volume if grid is None else grid.apply(volume)
+
     files = list(dict.fromkeys(targets.values()))
     if len(files) == 1 and len(targets) > 1:
         facts = VolumeFacts(depths, voxel, {**details, "frames": list(targets)})
-        with write_volumes(files[0], (len(targets), *P.volume_shape), facts) as add:
-            yield lambda _, volume, known: add(volume)
+        with write_volumes(files[0], (len(targets), *shape), facts) as add:
+            yield lambda _, volume, known: add(placed(volume))
         return
 
     def save(name: str, volume: NDArray[Any], known: Mapping[str, Any]) -> None:
-        save_volume(
-            targets[name], volume, depths_um=depths, voxel_um=voxel, details={**details, "frame": name, **known}
-        )
+        more = {**details, "frame": name, **known}
+        save_volume(targets[name], placed(volume), depths_um=depths, voxel_um=voxel, details=more)
 
     yield save
 
 
-def _show_results(P: Projector, results: tuple[FrameResult, ...], targets: dict[str, Path], json: bool) -> None:
+def _show_results(
+    P: Projector, shape: tuple[int, ...], results: tuple[FrameResult, ...], targets: dict[str, Path], json: bool
+) -> None:
     from lfcal.cli.console import print_json
 
     if json:
@@ -262,7 +286,7 @@ def _show_results(P: Projector, results: tuple[FrameResult, ...], targets: dict[
         print_json({"method": P.method, "forecast": str(P.forecast()), "volumes": files})
         return
     for result in results:
-        _show(result, targets[result.name], P.volume_shape)
+        _show(result, targets[result.name], shape)
 
 
 def _source(frame: Path | None, batch: Path | None, *, wanted: bool) -> Path:

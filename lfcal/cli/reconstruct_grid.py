@@ -13,9 +13,27 @@ if TYPE_CHECKING:
     from lfcal.camera import Camera
     from lfcal.lattice.fit import LatticeFit
     from lfcal.psf import PSFMatrix
+    from lfcal.reconstruct.metric import MetricGrid
     from lfcal.reconstruct.resample import Resampling
 
-__all__ = ["anchor_of", "check_grid", "check_lattice", "view_of"]
+__all__ = ["anchor_of", "check_grid", "check_lattice", "grid_of", "view_of"]
+
+
+def grid_of(text: str, H: PSFMatrix, shape: tuple[int, int], anchor: tuple[float, float] | None) -> MetricGrid | None:
+    """Return the grid that ``--voxel`` asks for, ``auto`` or a number of µm; None: none.
+
+    ``shape`` and ``anchor`` are those of the images, the anchor None where it is H's own.
+    """
+    from lfcal.errors import InputError
+    from lfcal.reconstruct.metric import MetricGrid
+
+    if not text:
+        return None
+    try:
+        side = None if text == "auto" else float(text)
+    except ValueError:
+        raise InputError.expected("--voxel", "a number of µm, or auto", repr(text), "correct it") from None
+    return MetricGrid.for_matrix(H, shape, anchor, side)
 
 
 def check_grid(H: PSFMatrix, shape: tuple[int, int], *, resample: bool) -> None:

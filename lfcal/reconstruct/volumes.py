@@ -138,7 +138,9 @@ def _tiff(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[
     import tifffile
 
     axes = "TZYX"[-len(shape) :]
-    metadata: dict[str, Any] = {"axes": axes, "unit": "um", "lfcal": json.dumps(facts.details)}
+    # ImageJ knows one spacing: where each plane lies is told beside it
+    depths = {} if facts.depths_um is None else {"depths_um": [float(z) for z in facts.depths_um]}
+    metadata: dict[str, Any] = {"axes": axes, "unit": "um", "lfcal": json.dumps({**facts.details, **depths})}
     if facts.depths_um is not None and len(facts.depths_um) > 1:
         # ImageJ takes one spacing for the whole stack: the mean where planes are uneven
         metadata["spacing"] = float(np.abs(np.diff(facts.depths_um)).mean())

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.camera import ScanPlan, preset
 from lfcal.cli import main
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct import Projector
@@ -135,3 +136,28 @@ def test_bad_input_is_one_line_and_code_2(files, run, monkeypatch, arguments, me
     assert code == 2
     assert message in err and len(err.strip().splitlines()) == 1
     assert not (files[0] / "v.tif").exists()
+
+
+def test_all_planes_with_voxels_of_one_size(run, tmp_path):
+    camera = preset("bench")
+    plan = ScanPlan.for_camera(camera, virtual_depths=[3.0, 6.0], cutout=15)
+    H = lenslet_psf(2, 5, 15).astype(np.float32)
+    save(PSFMatrix(H, camera=camera, depths=plan.depths_um, anchor=(1.0, 2.0)), tmp_path / "H.h5")
+    tifffile.imwrite(tmp_path / "f.tif", np.random.default_rng(0).poisson(50, (30, 31)).astype(np.uint16))
+    common = (tmp_path / "H.h5", tmp_path / "f.tif", "-n", 2)
+    assert run(*common, "-o", tmp_path / "plain.h5")[0] == 0
+    code, out, _ = run(*common, "-o", tmp_path / "metric.h5", "--voxel", "auto")
+    assert code == 0
+    plain, metric = (load_volume(tmp_path / name) for name in ("plain.h5", "metric.h5"))
+    assert metric.shape[1] > plain.shape[1] and f"volume {metric.shape}" in out
+    np.testing.assert_allclose(metric.sum((1, 2)), plain.sum((1, 2)), rtol=1e-4)
+    small = min(camera.step_um(float(z)) for z in plan.depths_um)
+    with h5py.File(tmp_path / "metric.h5") as file:
+        assert file.attrs["voxel_um"] == pytest.approx([small, small])
+        said = json.loads(file.attrs["details"])
+        assert said["voxel_um"] == pytest.approx(small) and len(said["origin_um"]) == 2
+    tifffile.imwrite(tmp_path / "g.tif", np.full((2, 30, 31), 50, np.uint16), photometric="minisblack")
+    assert run(tmp_path / "H.h5", tmp_path / "g.tif", "-n", 1, "-o", tmp_path / "s.tif", "--voxel", 500)[0] == 0
+    assert tifffile.imread(tmp_path / "s.tif").shape[:2] == (2, 2)
+    code, _, err = run(*common, "-o", tmp_path / "x.h5", "--voxel", "large")
+    assert code == 2 and "a number of µm, or auto" in err
