@@ -194,17 +194,17 @@ class _Runner:
 
 
 def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelection] | None) -> dict[str, Any]:
-    from lfcal.simulate import predict_bytes, predict_seconds
+    from lfcal.simulate import predict_seconds
     from lfcal.units import format_bytes, format_seconds
 
     plan, out, workers = task.planned, runner.out, runner.workers
     predicted = predict_seconds(plan, task.found, task.level, tolerance=task.tolerance)
+    run = None if choose is not None else runner.choice(predicted)
     # Told before the work begins, while there is still time to choose a larger tolerance.
     if not task.quiet:
-        most = predict_bytes(plan, task.found, task.level, tolerance=task.tolerance, to_file=True, workers=workers)
+        most = _memory(task, run, workers)
         report(f"about {format_seconds(predicted)} of processor time ahead, at most {format_bytes(most)} of memory")
     whole: list[str] = []
-    run = None if choose is not None else runner.choice(predicted)
     try:
         if run is not None:
             matrix = run_kept(_in_units(task, out, run), out, quiet=task.quiet)
@@ -228,6 +228,18 @@ def _write_h(task: _Task, runner: _Runner, choose: Callable[[float], EffectSelec
         "predicted_seconds": predicted,
         "effects": [e.name for e in task.found.effects],
     }
+
+
+def _memory(task: _Task, run: RunChoice | None, workers: int | None) -> int:
+    """Return the bytes that all processes together take at most."""
+    from lfcal.simulate import predict_bytes
+    from lfcal.threads import worker_count
+
+    alone = run is None or run.executor == "threads"
+    # each process has a plane and engines of its own
+    threads, processes = (workers, 1) if alone else (1, worker_count(workers))
+    plan, tolerance = task.planned, task.tolerance
+    return processes * predict_bytes(plan, task.found, task.level, tolerance=tolerance, to_file=True, workers=threads)
 
 
 def _in_units(task: _Task, out: Path, run: RunChoice) -> Work[Any]:

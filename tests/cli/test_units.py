@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -159,6 +160,18 @@ def test_long_work_is_kept_without_being_asked(lfcal: Lfcal, place: Path, monkey
     monkeypatch.setattr("lfcal.cli.runs.LONG", 0.0)
     run = lfcal("simulate", "plan.json", "--level", "geometric", "-o", "out.h5")
     assert run.code == 0 and "kept plane by plane in out.h5.parts: --resume goes on after a stop" in run.err
+
+
+def test_memory_is_that_of_all_processes(lfcal: Lfcal, place: Path) -> None:
+    def told(*more: object) -> float:
+        run = lfcal("simulate", "plan.json", "--level", "geometric", "-o", "out.h5", "--force", *more)
+        found = re.search(r"at most ([\d.]+) MB of memory", run.err)
+        assert run.code == 0 and found is not None, run.err
+        return float(found[1])
+
+    one = told("--workers", 1)
+    assert told("--executor", "threads", "--workers", 1) == one
+    assert told("--executor", "processes", "--workers", 2) == pytest.approx(2 * one, rel=0.05)
 
 
 def test_choices_that_do_not_go_together(lfcal: Lfcal, place: Path) -> None:

@@ -22,6 +22,9 @@ __all__ = ["EXECUTOR", "Processes", "WorkerLost", "news"]
 MOMENT = 0.2
 """Seconds that `Processes.events` waits at most, and between two reports of progress of a unit."""
 
+KILLED = -9
+"""Exit code of a process that was killed, as the system of most workers has it."""
+
 
 class WorkerLost(LfcalError):
     """A worker ended before its unit was done: killed, or out of memory."""
@@ -163,7 +166,7 @@ class Processes:
         worker.process.join(1.0)
         code = worker.process.exitcode
         worker.end()
-        return -signal.SIGKILL if code is None else code
+        return KILLED if code is None else code
 
 
 EXECUTOR = ExecutorKind("processes", "as many planes at a time as there are processes", lambda n, _: Processes(n))
