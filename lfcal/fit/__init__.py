@@ -14,8 +14,8 @@
 - ``design``: which positions to record next; ``information``: what patterns tell; ``earlier``: a fit to go on from
 - ``files``: camera, effects, numbers and H as files; ``writing``: all of them in a folder
 - ``drawing``, ``report``: a fit in pictures and as a page; ``design_drawing``: expected errors
-- ``locate``, ``frame_noise``, ``expected``, ``compared``, ``suspects``, ``holds``: whether an old H
-  still holds, from new frames
+- ``locate``, ``frame_noise``, ``expected``, ``compared``, ``suspects``, ``followed``, ``holds``: whether an
+  old H still holds, from new frames
 - ``dated``, ``trend``: fits of a camera over months
 - ``leftover_size``, ``leftover_field``, ``leftover``: what patterns show beyond the model, smooth over neighbours
 - ``fitted``, ``hybrid_patterns``, ``hybrid``: model H with it, and the uncertainty of every entry
