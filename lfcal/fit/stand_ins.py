@@ -17,7 +17,7 @@ __all__ = ["stand_ins", "standing_in"]
 
 F8 = NDArray[np.float64]
 
-WIDER = 4.0
+WIDER = 8.0
 """How many times larger the standard deviation of what was found would be, for it to be named."""
 
 NAMED = 3
