@@ -149,7 +149,8 @@ def draw_field(fit: FieldFit, path: str | os.PathLike[str]) -> None:
             for name, own in fit.fits.items():
                 x, y = (value / 1e3 for value in field_of(own.planned))
                 panel.plot(x, y, "o", color=COLOURS["accent"], markerfacecolor="white", markersize=6)
-                panel.annotate(name, (x, y), xytext=(5, 5), textcoords="offset points", fontsize=8)
+                label = panel.annotate(name, (x, y), xytext=(5, 5), textcoords="offset points", fontsize=8)
+                label.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1})
             panel.set(xlim=(-columns / 2, columns / 2), ylim=(rows / 2, -rows / 2), aspect="equal")
             panel.set(xlabel="x on the sensor (mm)", ylabel="y on the sensor (mm)")
             panel.grid(visible=False)
