@@ -100,7 +100,7 @@ def command(
     from lfcal.cli.cameras import load_camera
     from lfcal.cli.console import print_json, run_work
     from lfcal.cli.fit_check import Asked, check_h
-    from lfcal.cli.fit_field import fit_regions
+    from lfcal.cli.fit_field import Regions, fit_regions
     from lfcal.cli.fit_source import SOME, Reading, is_matrix, open_upright, parse_noise, read_patterns
     from lfcal.cli.fit_validate import (
         VALIDATION,
@@ -155,14 +155,17 @@ def command(
     groups = unknowns if unknowns == "auto" else _groups(unknowns)
     chosen = parse_effects(effects)
     if len(sources) > 1:
-        one_by_one = {"--hybrid": hybrid, "--validate": validate or validate_on, "--object": known_object or scene}
-        if asked_for := next((name for name, said in one_by_one.items() if said), None):
-            raise InputError.expected(asked_for, "one SOURCE", f"{len(sources)}", "fit regions without it")
-        _check_regions(out, sources, camera, plan, dark, white, no_h=no_h, force=force)
+        if known_object or scene:
+            # H of a region is one period: an object lies in all of the field
+            raise InputError.expected("--object", "one SOURCE", f"{len(sources)}", "fit regions without it")
+        wanted = Regions(hybrid=hybrid, validate=validate, validate_on=validate_on)
+        made = wanted.outputs(out, sources)
+        _check_regions(out, sources, camera, plan, dark, white, validate_on, more=made, no_h=no_h, force=force)
         recipe = CorrectionRecipe(dark=dark, black_level=black_level, white=white or "")
         start = load_camera(camera) if camera else None
         how = Reading(start, positions, parse_noise(noise), plan, recipe, orientation)
-        fit_regions(sources, how, groups, chosen if effects else None, out, with_h=not no_h, workers=workers, json=json)
+        begin = chosen if effects else None
+        fit_regions(sources, how, groups, begin, out, wanted, with_h=not no_h, workers=workers, json=json)
         return
     if (known_object is None) != (scene is None) or (known_object and no_h):
         got = "without H" if no_h else "one of them"
@@ -233,7 +236,14 @@ def _check_before(out: Path, *inputs: Path | str | None, more: Sequence[str] = (
         raise InputError.expected(str(matrix), "no H with --no-h", "one of an earlier fit", "choose another folder")
 
 
-def _check_regions(out: Path, sources: Sequence[Path], *inputs: Path | str | None, no_h: bool, force: bool) -> None:
+def _check_regions(
+    out: Path,
+    sources: Sequence[Path],
+    *inputs: Path | str | None,
+    more: Sequence[Path] = (),
+    no_h: bool,
+    force: bool,
+) -> None:
     """Raise where an output of several regions cannot be written, is an input, exists, or lies beside another fit's."""
     from lfcal.cli.fit_field import names_of
     from lfcal.cli.outputs import check_outputs
@@ -241,7 +251,7 @@ def _check_regions(out: Path, sources: Sequence[Path], *inputs: Path | str | Non
     from lfcal.fit.writing import MODEL, NUMBERS
 
     names = names_of(sources)
-    check_outputs(field_outputs(out, names), *sources, *inputs, force=force)
+    check_outputs([*field_outputs(out, names), *more], *sources, *inputs, force=force)
     others = [out / MODEL, out / NUMBERS, *([out / name / MODEL for name in names] if no_h else [])]
     if there := next((path for path in others if path.exists()), None):
         raise InputError.expected(str(out), "no fit of another camera", str(there), "choose another folder")

@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lfcal.fit.field import FieldFit
+from lfcal.fit.field_report import field_report_files, iter_field_report
 from lfcal.fit.files import effects_text, fit_dict, json_text, measured_camera, write_text
+from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.measured import Measured
 from lfcal.fit.parameters import field_of
-from lfcal.fit.writing import CAMERA, EFFECTS, fit_outputs, iter_write_fit
+from lfcal.fit.result import Fit
+from lfcal.fit.writing import CAMERA, EFFECTS, REPORT, fit_outputs, iter_write_fit
 from lfcal.plain import plain
 from lfcal.progress import Work
+from lfcal.psf import PSFMatrix
 
-__all__ = ["FIELD", "FORMAT", "field_dict", "field_outputs", "iter_write_field"]
+__all__ = ["FIELD", "FORMAT", "WrittenField", "field_dict", "field_outputs", "iter_write_field"]
 
 FIELD = "field.json"
 FORMAT = "lfcal-fit-field"
@@ -28,9 +32,17 @@ OF_ALL = (
 """What of a region's numbers is that of all."""
 
 
+class WrittenField(NamedTuple):
+    """Files of a fit of regions, and what each hybrid H has beyond the model."""
+
+    files: list[Path]
+    hybrids: dict[str, HybridSummary]
+
+
 def field_outputs(folder: Path, names: Iterable[str]) -> list[Path]:
     """Return all files that a fit of regions in ``folder`` consists of."""
     files = [folder / name for name in (CAMERA, EFFECTS, FIELD)]
+    files += field_report_files(folder / REPORT)
     return [*files, *(path for name in names for path in fit_outputs(folder / name))]
 
 
@@ -51,6 +63,7 @@ def field_dict(fit: FieldFit) -> dict[str, Any]:
                 "gains": own.levels.gains,
                 "wavefront": fit.wavefront_at(at),
                 "outliers": own.outliers,
+                **_here(own),
             }
         )
     found: dict[str, Any] = plain(
@@ -59,15 +72,26 @@ def field_dict(fit: FieldFit) -> dict[str, Any]:
     return found
 
 
+def _here(own: Fit) -> dict[str, Any]:
+    """Return how well the fit does in a region."""
+    if own.here is None:
+        return {}
+    error = own.here.error
+    found = {"known": error.known, "value": error.value, "sigma": error.sigma, "limit": error.limit}
+    return {"chi2": own.here.chi_square.lit, "error": found}
+
+
 def iter_write_field(
     fit: FieldFit,
     patterns: Mapping[str, Measured],
     folder: Path,
     known: Mapping[str, Mapping[str, Any]],
     *,
+    hybrids: Mapping[str, PSFMatrix | Measured] | None = None,
+    noise: tuple[float, float] | None = None,
     with_h: bool = True,
     workers: int | None = None,
-) -> Work[list[Path]]:
+) -> Work[WrittenField]:
     """Write everything that a fit of regions makes; ``field.json`` comes last: where it is, all of it is.
 
     Parameters
@@ -78,6 +102,9 @@ def iter_write_field(
         Made where it is not there yet; each region has a folder of its own in it, as of a fit of that region alone.
     known
         What is known of the source of each region's patterns, as plain JSON types.
+    hybrids, noise
+        The patterns of which each region's H is the hybrid, and their noise where they do not state it; None: H is the
+        model.
     with_h
         Whether H of each region is computed and written.
     workers
@@ -90,10 +117,24 @@ def iter_write_field(
     """
     folder.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
+    summaries: dict[str, HybridSummary] = {}
     for name, own in fit.fits.items():
         # outliers are in no fit
-        work = iter_write_fit(own, patterns[name], folder / name, known[name], with_h=with_h, workers=workers)
-        written += (yield from work).files
+        work = iter_write_fit(
+            own,
+            patterns[name],
+            folder / name,
+            known[name],
+            patterns=None if hybrids is None else hybrids[name],
+            noise=noise,
+            with_h=with_h,
+            workers=workers,
+        )
+        files, summary = yield from work
+        written += files
+        if summary is not None:
+            summaries[name] = summary
+    written.append((yield from iter_field_report(fit, folder / REPORT, summaries)))
     numbers = field_dict(fit) | {"fitted": datetime.now(UTC).isoformat(timespec="seconds")}
     texts = {
         CAMERA: measured_camera(fit.first).to_json(),
@@ -103,4 +144,4 @@ def iter_write_field(
     for name, text in texts.items():
         write_text(folder / name, text)
         written.append(folder / name)
-    return written
+    return WrittenField(written, summaries)

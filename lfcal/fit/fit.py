@@ -246,9 +246,9 @@ def _finished(
         point = problem.point(u, point.local, Fineness.finest, lamps=point.levels.lamps)
     else:
         point = problem.point(point.u, point.local, Fineness.finest, lamps=point.levels.lamps)
-    point, columns = yield from descend(
-        problem, point, which, "finest", most=3, columns=columns, enough=1e-4, tell=tell
-    )
+    point, found = yield from descend(problem, point, which, "finest", most=3, columns=columns, enough=1e-4, tell=tell)
+    # derivatives by what was tried are those of the round before
+    columns = found.beside(columns, which)
     return problem, own_steps(problem, point, columns, problem.measured.left_out), groups, columns, outliers
 
 

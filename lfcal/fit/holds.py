@@ -13,6 +13,7 @@ from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.fit.compared import Compared, compared_with
 from lfcal.fit.expected import Behind, Expected, behind
+from lfcal.fit.followed import followed
 from lfcal.fit.frame_noise import DARK, noises_of
 from lfcal.fit.judge import ChiSquare, ModelError
 from lfcal.fit.locate import Found, NewFrame, find_source
@@ -245,7 +246,8 @@ def _suspects(compared: Sequence[Compared], camera: Behind) -> tuple[Suspect, ..
         np.stack([getattr(one, name) for one in some]).reshape(n, -1) for name in ("values", "weight", "noise")
     )
     nuisance = np.concatenate([flat, np.ones_like(flat), moved], axis=1)
-    return held_against(changes, Left(values - flat[:, 0], flat[:, 0], noise, weight, nuisance))
+    left = Left(values - flat[:, 0], flat[:, 0], noise, weight, nuisance)
+    return followed(held_against(changes, left), camera, index[chosen], offsets, changes, left)
 
 
 def _judged(

@@ -14,7 +14,7 @@ from lfcal.fit.solver import shared_of, with_prior
 from lfcal.fit.weighing import Weighed, flat, variance
 from lfcal.units import format_share
 
-__all__ = ["INCOMPLETE", "ChiSquare", "ModelError", "chi_square", "covariance", "left_out_error"]
+__all__ = ["INCOMPLETE", "ChiSquare", "ModelError", "chi_square", "covariance", "eliminated", "left_out_error"]
 
 INCOMPLETE = 5.0
 """Standard deviations by which chi² lies above 1 where the model does not suffice."""
@@ -125,9 +125,13 @@ def covariance(problem: Problem, point: Point, columns: Columns, which: NDArray[
     matrix, _ = with_prior(problem, normal, point.u)
     used, k = shared_of(problem, which), len(which)
     found = _inverse(matrix[np.ix_(used, used)])
-    data = normal.matrix[np.ix_(used, used)]
-    alone: F8 = data[:k, :k] - data[:k, k:] @ _inverse(data[k:, k:]) @ data[k:, :k]
-    return found, alone
+    return found, eliminated(normal.matrix[np.ix_(used, used)], k)
+
+
+def eliminated(matrix: F8, k: int) -> F8:
+    """Return the matrix of the first ``k`` unknowns, with all others eliminated."""
+    found: F8 = matrix[:k, :k] - matrix[:k, k:] @ _inverse(matrix[k:, k:]) @ matrix[k:, :k]
+    return found
 
 
 def _inverse(matrix: F8) -> F8:
@@ -137,13 +141,22 @@ def _inverse(matrix: F8) -> F8:
     return found
 
 
-def left_out_error(problem: Problem, point: Point, columns: Columns, which: NDArray[np.intp], spread: F8) -> ModelError:
+def left_out_error(
+    problem: Problem,
+    point: Point,
+    columns: Columns,
+    which: NDArray[np.intp],
+    spread: F8,
+    among: NDArray[np.bool_] | None = None,
+) -> ModelError:
     """Return the error of the model from left-out patterns; ``spread`` is the covariance of what is shared.
 
+    ``among`` are the patterns that are asked for, all by default: where none of them was left out, all of them count.
     The squares of their residuals have the noise's variance beside the error's: E[(d - m)² - v] = error².
     """
     measured = problem.measured
-    aside = measured.left_out if measured.left_out.any() else problem.fitted
+    some = np.ones(len(measured), np.bool_) if among is None else among
+    aside = measured.left_out & some if (measured.left_out & some).any() else problem.fitted & some
     part, planes = measured.of(aside), problem.planes[aside]
     data, valid = flat(part)
     light = point.model[aside] * point.levels.factors(problem.planes)[aside, None]

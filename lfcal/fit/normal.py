@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,12 @@ class Columns:
 
     shared: F4
     own: F4 | None = None
+
+    def beside(self, others: Columns, which: Sequence[int]) -> Columns:
+        """Return these derivatives by the unknowns ``which``, and by all other unknowns those of ``others``."""
+        shared = others.shared.copy()
+        shared[list(which)] = self.shared[list(which)]
+        return Columns(shared, self.own)
 
 
 @dataclass(frozen=True, eq=False)

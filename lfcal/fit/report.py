@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import base64
-import html
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from lfcal import __version__
 from lfcal.files import replace_whole
 from lfcal.fit.drawing import Leftover, draw_leftover, draw_parameters, draw_patterns, leftover_of
 from lfcal.fit.measured import Measured
+from lfcal.fit.page import PAGE, add_section, page_of, paragraphs, picture_of, section_of, table_of, text_of
 from lfcal.fit.result import Fit
 from lfcal.progress import Clock, Work
-from lfcal.psf.report.style import stylesheet
 
-__all__ = ["add_picture", "iter_fit_report", "report_files"]
+__all__ = ["add_picture", "iter_fit_report", "limits", "parameters", "report_files"]
 
-PAGE = "index.html"
 PICTURES = ("patterns.png", "leftover.png", "parameters.png")
 CAPTIONS = (
     "Measured, model, and residual in standard deviations of the noise; from the best explained pattern to the worst.",
     "Mean square of the residuals over the cutout; chi² of each position, plane, and of the pixels behind each type.",
     "How far each parameter is from the description, in its own standard deviations.",
 )
-POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 
 def report_files(folder: Path) -> list[Path]:
@@ -66,36 +61,24 @@ def iter_fit_report(
 
 def add_picture(folder: Path, title: str, words: str, picture: Path, caption: str) -> None:
     """Add a section with a picture, and ``words`` above it, to the end of the report in ``folder``."""
-    page = folder / PAGE
-    body, footer, rest = page.read_text(encoding="utf-8").rpartition("\n<footer>")
-    more = _section(title, f"<p>{_text(words[0].upper() + words[1:])}</p>{_figure(picture.read_bytes(), caption)}")
-    with replace_whole(page) as part:
-        part.write_text(f"{body}\n{more}{footer}{rest}", encoding="utf-8")
+    add_section(folder, section_of(title, paragraphs([words]) + picture_of(picture.read_bytes(), caption)))
 
 
 def _page(fit: Fit, left: Leftover, drawn: dict[str, bytes], source: str, notes: Sequence[str]) -> str:
     title = f"{source or fit.camera.name}: the optics from {len(left.index)} patterns"
-    patterns, leftover, parameters = (
-        _figure(content, caption) for content, caption in zip(drawn.values(), CAPTIONS, strict=True)
+    patterns, leftover, drawing = (
+        picture_of(content, caption) for content, caption in zip(drawn.values(), CAPTIONS, strict=True)
     )
-    more = "".join(f"<p>{_text(one[0].upper() + one[1:])}</p>" for one in notes)
+    more = paragraphs(notes)
     merit = "good" if fit.complete else "bad"
     body = [
-        f'<section class="verdict {merit}">{_text(_sentence(fit))}<p>{_text(_rest(fit))}</p>{more}</section>',
-        _section("Parameters", _parameters(fit) + parameters),
-        _section("Patterns", patterns),
-        _section("What is left over", _chi2(left) + leftover),
-        _section("What is held, and what this scan does not tell", _limits(fit)),
+        f'<section class="verdict {merit}">{text_of(_sentence(fit))}<p>{text_of(_rest(fit))}</p>{more}</section>',
+        section_of("Parameters", parameters(fit) + drawing),
+        section_of("Patterns", patterns),
+        section_of("What is left over", _chi2(left) + leftover),
+        section_of("What is held, and what this scan does not tell", limits(fit)),
     ]
-    return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-        f'<meta name="viewport" content="width=device-width"><title>{_text(title)}</title>'
-        f"<style>{stylesheet()}</style></head>\n<body><main>\n<header><h1>{_text(title)}</h1>"
-        f"<p>{_text(fit.camera.name)}</p></header>\n"
-        + "\n".join(body)
-        + f"\n<footer>lfcal {_text(__version__)}</footer></main></body></html>\n"
-    )
+    return page_of(title, fit.camera.name, body)
 
 
 def _sentence(fit: Fit) -> str:
@@ -110,45 +93,27 @@ def _rest(fit: Fit) -> str:
     )
 
 
-def _text(value: object) -> str:
-    return html.escape(str(value))
-
-
-def _section(title: str, body: str) -> str:
-    return f"<section><h2>{_text(title)}</h2>\n{body}</section>"
-
-
-def _figure(content: bytes, caption: str) -> str:
-    data = base64.b64encode(content).decode("ascii")
-    words = _text(caption)
-    return f'<figure><img alt="{words}" src="data:image/png;base64,{data}"><figcaption>{words}</figcaption></figure>\n'
-
-
-def _table(headers: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    head = "".join(f"<th>{_text(one)}</th>" for one in headers)
-    body = "\n".join("<tr>" + "".join(f"<td>{_text(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table>\n"
-
-
-def _parameters(fit: Fit) -> str:
+def parameters(fit: Fit) -> str:
+    """Return the table of what was found."""
     rows = [
         (one.name, f"{one.value:.6g} ± {one.sigma:.2g}", f"{one.start:.6g}", one.unit, one.group)
         for one in fit.parameters.values()
     ]
-    return _table(("parameter", "found", "described", "unit", "group"), rows)
+    return table_of(("parameter", "found", "described", "unit", "group"), rows)
 
 
 def _chi2(left: Leftover) -> str:
     rows = [(f"plane {z}", f"{value:.3f}") for z, value in enumerate(left.by_plane) if value == value]
     rows += [(f"lens type {k}", f"{value:.3f}") for k, value in enumerate(left.by_type) if value == value]
-    return _table(("", "χ²"), rows)
+    return table_of(("", "χ²"), rows)
 
 
-def _limits(fit: Fit) -> str:
+def limits(fit: Fit) -> str:
+    """Return the table of what is held, and of what the scan does not tell."""
     rows = [("held", one) for one in fit.held]
     rows += [("not told apart", one) for one in fit.unidentified]
     rows += [("tried, did not help", one) for one in fit.unhelpful]
     rows += [(name, answer) for name, answer in fit.answers.items()]
     rows += [("not measured", fit.unseen_words)] if fit.unseen else []
     rows += [(f"left out: ({one.z}, {one.y}, {one.x})", one.reason) for one in fit.outliers]
-    return _table(("", ""), rows) if rows else "<p>Nothing.</p>"
+    return table_of(("", ""), rows) if rows else "<p>Nothing.</p>"

@@ -25,7 +25,7 @@ from lfcal.progress import Work, drain
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects.base import Effect
 
-__all__ = ["Fit", "Outlier", "Parameter"]
+__all__ = ["Fit", "InRegion", "Outlier", "Parameter"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +61,14 @@ class Outlier:
     region: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class InRegion:
+    """How well a fit of several regions does in one of them: chi² and error of the patterns there."""
+
+    chi_square: ChiSquare
+    error: ModelError
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """A camera retrieved from measured patterns.
@@ -84,7 +92,8 @@ class Fit:
     held
         What is held, so that the parameters mean something.
     unidentified
-        Combinations of parameters that this scan does not tell apart.
+        Combinations of parameters that this scan does not tell apart, and what was tried and is held, for which others
+        stand in: with it found too they would be much less sure.
     outliers
         Patterns that were left out with a reason.
     answers
@@ -95,6 +104,8 @@ class Fit:
         Measured minus predicted in sigmas ``(nt, ns)`` by position (z, y, x).
     levels
         Gain and background of each plane; of planes without a pattern the gain is that between their neighbours.
+    here
+        Of a fit of several regions of the field: how well it does in this one.
     """
 
     setup: Setup
@@ -112,6 +123,7 @@ class Fit:
     spread: Spread
     levels: Levels = field(repr=False)
     residuals: Mapping[tuple[int, int, int], NDArray[np.float32]] = field(repr=False)
+    here: InRegion | None = None
 
     @property
     def camera(self) -> Camera:

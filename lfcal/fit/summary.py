@@ -15,7 +15,8 @@ from lfcal.fit.nuisance import Spread
 from lfcal.fit.parameters import Unknown
 from lfcal.fit.problem import Point, Problem
 from lfcal.fit.questions import order_of_types
-from lfcal.fit.result import Fit, Outlier, Parameter
+from lfcal.fit.result import Fit, InRegion, Outlier, Parameter
+from lfcal.fit.stand_ins import standing_in
 from lfcal.fit.weighing import Levels
 
 __all__ = ["summarised", "unidentified"]
@@ -91,7 +92,7 @@ def summarised(
         left_out_error=left_out_error(problem, point, columns, which, grown**2 * spread),
         correlations=spread[: len(which), : len(which)] / np.outer(size, size),
         held=tuple(dict.fromkeys(one.gauge for one in unknowns if one.gauge)),
-        unidentified=unidentified(unknowns, data),
+        unidentified=(*unidentified(unknowns, data), *standing_in(problem, point, columns, which)),
         outliers=outliers,
         answers={"order of lens types": f"{order} of the description"} if order else {},
         spread=Spread(point.local.stage_px, point.local.lamp),
@@ -103,6 +104,15 @@ def summarised(
         planes = slice(k * nz, (k + 1) * nz)
         light = Levels(point.levels.gains[planes], point.levels.backgrounds[planes], point.levels.lamps[own])
         places = [(int(z), int(y), int(x)) for z, y, x in measured.index[own]]
+        here = None
+        if len(measured.plans) > 1:
+            among = np.zeros(len(measured), np.bool_)
+            among[own] = True
+            fitted = among & problem.fitted
+            # each region has its part of what all of them found
+            share = round(len(which) * fitted.sum() / max(1, problem.fitted.sum()))
+            error = left_out_error(problem, point, columns, which, grown**2 * spread, among)
+            here = InRegion(chi_square(point, fitted, share), error)
         found.append(
             replace(
                 whole,
@@ -111,6 +121,7 @@ def summarised(
                 outliers=tuple(one for one in outliers if one.region == k),
                 levels=light.between(np.unique(measured.index[own, 0]), plan.depths_um),
                 residuals=dict(zip(places, images[own], strict=True)),
+                here=here,
             )
         )
     return tuple(found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from lfcal.fit.parameters import GROUPS, Frame, Unknown, Vector
 from lfcal.fit.problem import STEP
 from lfcal.simulate.engines.base import EnergyError
 
-__all__ = ["Changes", "Left", "Suspect", "changes_of", "held_against"]
+__all__ = ["Changes", "Left", "Suspect", "changes_of", "held_against", "shows", "sorted_suspects"]
 
 F8 = NDArray[np.float64]
 
@@ -77,6 +78,8 @@ class Changes:
         Derivatives ``(k, n, nt, ns)``.
     start
         The patterns ``(n, nt, ns)``.
+    vector, which
+        All unknowns, and the place among them of each column's.
     """
 
     names: tuple[str, ...]
@@ -85,6 +88,8 @@ class Changes:
     units: tuple[str, ...]
     columns: F8
     start: F8
+    vector: Vector
+    which: tuple[int, ...]
 
     def in_units_of(self, light: F8) -> Changes:
         """Return the same for patterns ``(n, nt, ns)`` of another gain each."""
@@ -99,7 +104,7 @@ def changes_of(camera: Behind, index: NDArray[np.intp], offsets_px: F8) -> Chang
     vector = Vector(camera.setup, Frame.of(plan), groups)
     titles = {group.name: group.title for group in GROUPS}
     start = predict(camera.setup, plan, index, offsets_px, Fineness.coarse).astype(np.float64)
-    used, columns = [], []
+    used, columns, which = [], [], []
     for k, one in enumerate(vector.unknowns):
         for step in (STEP, -STEP):
             u = np.zeros(len(vector))
@@ -111,12 +116,13 @@ def changes_of(camera: Behind, index: NDArray[np.intp], offsets_px: F8) -> Chang
             except (InputError, EnergyError):
                 continue
             used.append(one)
+            which.append(k)
             columns.append((moved - start) / step)
             break
     names = tuple(APART.get(one.name, titles[one.group]) for one in used)
     told = [_in_words(one, camera.setup.camera.sensor.pixel_um) for one in used]
     unknowns, scales, units = (tuple(column) for column in zip(*told, strict=True))
-    return Changes(names, unknowns, scales, units, np.array(columns), start)
+    return Changes(names, unknowns, scales, units, np.array(columns), start, vector, tuple(which))
 
 
 def _in_words(one: Unknown, pixel_um: float) -> tuple[str, float, str]:
@@ -166,7 +172,17 @@ def held_against(changes: Changes, left: Left) -> tuple[Suspect, ...]:
     for name in dict.fromkeys(changes.names):
         own = [k for k, one in enumerate(changes.names) if one == name]
         found.append(_one(changes, own, columns[own], residual, left))
+    return sorted_suspects(found)
+
+
+def sorted_suspects(found: Sequence[Suspect]) -> tuple[Suspect, ...]:
+    """Return suspects, the one that explains the frames best first; each unknown must gain something."""
     return tuple(sorted(found, key=lambda one: 2 * len(one.values) - one.gained))
+
+
+def shows(gained: float, unknowns: int) -> bool:
+    """Return whether a change of so many unknowns gains more than noise does."""
+    return gained > unknowns + SHOWS * math.sqrt(2.0 * unknowns) + SHOWS
 
 
 def _one(changes: Changes, own: list[int], x: F8, residual: F8, left: Left) -> Suspect:
@@ -199,5 +215,5 @@ def _one(changes: Changes, own: list[int], x: F8, residual: F8, left: Left) -> S
         math.sqrt(made * grown / power),
         math.sqrt(max(0.0, squares) / power),
         gained / grown,
-        gained / grown > len(own) + SHOWS * math.sqrt(2.0 * len(own)) + SHOWS,
+        shows(gained / grown, len(own)),
     )

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -26,6 +28,7 @@ Lfcal = Callable[..., Run]
 LAW = FieldAberrations(0.4, 0.0, radius_um=7e3)
 
 
+@cache
 def region(name: str) -> PSFMatrix:
     """Return an H of eight positions, seven of them recorded, of a camera with coma over the field."""
     plan = ScanPlan.for_camera(camera(), virtual_depths=(2.2,), cutout=15, anchor=ANCHORS[name])
@@ -75,19 +78,67 @@ def test_regions_are_fitted_as_one_camera(place: Path, lfcal: Lfcal) -> None:
     assert bare.code == 2 and "no fit of another camera" in bare.err
 
 
+def test_hybrid_and_validation_are_each_regions_own(place: Path, lfcal: Lfcal) -> None:
+    save(region("corner"), place / "there.h5")
+    words = ("--unknowns", "field_wavefront", "--positions", "4", "--hybrid", "--validate", "--validate-on", "there.h5")
+    run = lfcal("fit", "centre.h5", "edge.h5", *words, "--workers", "1", "--json")
+    assert not run.code, run.err
+    told = json.loads(run.out)
+    assert set(told["hybrid"]) == {"centre", "edge"} and set(told["validation"]) == {"centre", "edge", "there"}
+    for name in ("centre", "edge"):
+        folder = place / "fit" / name
+        with open_psf(folder / "H.h5") as H, open_psf(place / f"{name}.h5") as measured:
+            # of an H all recorded patterns are in it, not those alone that were fitted
+            assert (
+                (H.recorded == measured.recorded).all() and H.facts.origin is not None and H.uncertainty(0, 0, 0).any()
+            )
+        found = json.loads((folder / "validation.json").read_text())
+        assert len(found["points"]) == 3 and found == told["validation"][name] | {"source": f"{name}.h5"}
+        assert "Points that were not fitted" in (folder / "report" / "index.html").read_text()
+    # at a place that no fit saw the law's wavefront predicts, one period taken as the other does not
+    there = json.loads((place / "fit" / "validation.json").read_text())
+    assert len(there["points"]) == 4
+    off, periodic = (there["errors"][how]["all"] for how in ("camera", "periodic"))
+    assert periodic["known"] and (off["value"] if off["known"] else off["limit"]) < 0.3 * periodic["value"]
+
+
+def test_the_field_as_a_whole_has_a_page(place: Path, lfcal: Lfcal) -> None:
+    run = lfcal("fit", "centre.h5", "edge.h5", "--unknowns", "field_wavefront", "--no-h", "--workers", "1")
+    assert not run.code and "error of the model" in run.out
+    page = (place / "fit" / "report" / "index.html").read_text()
+    found = json.loads((place / "fit" / "field.json").read_text())
+    for one in found["regions"]:
+        # how well it does there, which the mean of all hides
+        assert 0.5 < one["chi2"] < 1.6 and one["error"]["limit"] > 0
+        x, y = one["field_um"]
+        assert f"<td>{one['name']}</td><td>{x / 1e3:.2f}, {y / 1e3:.2f}</td><td>7</td>" in page
+        down, right = one["aside_px"]
+        assert f"{down:+.3f}, {right:+.3f}" in page
+        for term in one["wavefront"]:
+            assert f"{term['waves']:.3f} ± {term['sigma']:.2g}" in page
+    assert "<th>Z(3, 1)</th>" in page and "field_coma" in page
+    picture = cv2.imread(str(place / "fit" / "report" / "wavefront.png")).astype(int)
+    # wavefronts in red and blue beside white
+    apart = picture[..., 2] - picture[..., 0]
+    assert min(picture.shape[:2]) > 300 and (apart > 80).any() and (apart < -80).any()
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (("centre.h5", "centre.h5"), "SOURCE: expected regions of different names, got centre twice"),
         (("centre.h5", "other.h5"), "region 'other': expected 30 px or more from 'centre', got 0 px"),
-        (("centre.h5", "edge.h5", "--hybrid"), "--hybrid: expected one SOURCE, got 2"),
-        (("centre.h5", "edge.h5", "--validate"), "--validate: expected one SOURCE, got 2"),
+        (("centre.h5", "edge.h5", "--object", "o.tif", "--scene", "s.npy"), "--object: expected one SOURCE, got 2"),
+        (("centre.h5", "edge.h5", "--hybrid", "--no-h"), "--hybrid: expected an H to write, got --no-h"),
+        (("centre.h5", "report.h5"), "SOURCE: expected a region of another name, got report, the folder of all"),
+        (("centre.h5", "edge.h5", "--validate"), "centre.h5, recorded positions: expected some besides those fitted"),
         (("centre.h5", "--unknowns", "field_wavefront"), "which needs a main lens, and patterns of several regions"),
     ],
 )
 def test_what_is_no_set_of_regions_is_refused_in_a_line(
     place: Path, lfcal: Lfcal, words: tuple[str, ...], said: str
 ) -> None:
-    (place / "other.h5").write_bytes((place / "centre.h5").read_bytes())
+    for name in ("other", "report"):
+        (place / f"{name}.h5").write_bytes((place / "centre.h5").read_bytes())
     run = lfcal("fit", *words)
     assert run.code == 2 and said in run.err and not (place / "fit").exists()

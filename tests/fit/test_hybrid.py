@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,9 @@ from lfcal.errors import InputError
 from lfcal.fit import Fit, fit_camera, measured_of
 from lfcal.fit.files import iter_write_hybrid
 from lfcal.fit.hybrid import HybridSummary
+from lfcal.fit.hybrid_patterns import _matter
+from lfcal.fit.judge import ModelError
+from lfcal.fit.leftover_size import PlaneData
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.nuisance import Spread
 from lfcal.progress import drain
@@ -138,6 +141,32 @@ def test_what_belongs_to_single_patterns_is_no_part_of_it() -> None:
     H = replace(whole(), spread=Spread(0.03, 0.02)).hybrid(data, workers=1)
     assert off(np.asarray(H), ghost) < 0.6 * off(np.asarray(unaware), ghost)
     assert off(np.asarray(H), ghost) < 0.7 * off(np.asarray(whole().model(workers=1)), ghost)
+
+
+def test_what_the_model_lacks_is_not_taken_for_lamp_or_stage() -> None:
+    """They are taken out where they make half of the model's error or more: less may be the ghost's share of light."""
+    fit = replace(whole(), left_out_error=ModelError(0.016**2, 1e-6, 0.001, 5))
+    plane = np.asarray(fit.model(workers=1))[0]
+    own = np.ones(PLAN.period, bool)
+    data = PlaneData(plane, 0 * plane, np.ones_like(plane), own, True)
+    matters = partial(_matter, data=data, places=np.argwhere(own))
+    assert matters(replace(fit, spread=Spread(0.0, 0.007))) == (False, False)
+    assert matters(replace(fit, spread=Spread(0.0, 0.009))) == (True, False)
+    # a pixel of displacement changes a pattern by so much of its light
+    still, moved = (
+        predict(fit.ideal_places, PLAN, EVERY[::5], np.full((len(EVERY[::5]), 2), by), Fineness.fine)
+        for by in (0.0, 0.05)
+    )
+    per_px = off(moved, still) / 0.05 / np.sqrt(2)
+    assert matters(replace(fit, spread=Spread(0.004 / per_px, 0.0))) == (False, False)
+    assert matters(replace(fit, spread=Spread(0.016 / per_px, 0.0))) == (False, True)
+    # so a ghost stays whole where a fit took some of it for an unsteady lamp and displaced sources
+    ghost = scan(ghosted(light()))
+    steady, taken = (
+        np.asarray(replace(fit, spread=spread).hybrid(ghost, workers=1))
+        for spread in (Spread(0.0, 0.0), Spread(0.002 / per_px, 0.006))
+    )
+    np.testing.assert_array_equal(taken, steady)
 
 
 def test_patterns_that_were_fitted_do_as_well() -> None:
