@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QFileDialog
 from gui.context import Context
 from gui.jobs import Job, JobState
 from gui.models.project import ProjectState
+from gui.models.words import plane_words
 from gui.pages.acquire.after import Afterwards
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state, record_picture
@@ -272,7 +273,7 @@ class RecordTab(QObject):
     def _show_picture(self, picture: RecordPicture, z: int, depths: tuple[float, ...]) -> None:
         if z >= len(depths):
             return
-        words = f"Plane {z} of {len(depths)}: z = {format_length(depths[z])}" + (", complete" * picture.complete)
+        words = f"{plane_words(z, len(depths))}: z = {format_length(depths[z])}" + (", complete" * picture.complete)
         self.panel.show_picture(picture, words)
         if self.recorder is None:
             self.panel.show_status("Not recording.", "", picture.done / max(1, picture.total))

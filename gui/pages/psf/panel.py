@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
 
 from gui.models.display import COLOUR_MAPS, Display
 from gui.pages.psf.depth_strip import DepthStrip
-from gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, aperture_words
+from gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, aperture_words, pixel_words
 from gui.widgets.cards import card, choice_box
 from gui.widgets.image_view import ImageView
 from gui.widgets.period_map import PeriodMap
@@ -37,6 +37,7 @@ __all__ = ["PSFPanel"]
 
 SHOWN = (("measured", "measured"), ("reference", "reference"), ("difference", "difference"))
 SCALES = (("linear", "linear"), ("log", "log, 4 decades"), ("gamma", "gamma 0.5"))
+HOVER = "Hover a pixel to see the voxel pattern it belongs to; click to hold it."
 Levels = tuple[float, float] | None
 
 
@@ -63,6 +64,7 @@ class PSFPanel(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
+        self._unit = ""
         self._make_pictures()
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
@@ -176,17 +178,28 @@ class PSFPanel(QWidget):
         self.plane_slider.setEnabled(len(depths) > 1)
         self.strip.set_planes(depths)
         self.show_box.setEnabled(reference)
-        for view in (self.main_view, self.linked_view, self.sum_view):
-            view.set_value_label(unit)
-        self.profile.set_labels("pixel from the cutout's centre (px)", unit)
+        self.sum_view.set_value_label(unit)
+        self._show_unit(unit)
+
+    def _show_unit(self, unit: str) -> None:
+        """Name the unit of the pictures and of the profile; their axes are slow to draw."""
+        if unit != self._unit:
+            self._unit = unit
+            for view in (self.main_view, self.linked_view):
+                view.set_value_label(unit)
+            self.profile.set_labels("pixel from the cutout's centre (px)", unit)
 
     def show_intent(self, intent: PSFIntent, plane_words: str, position_words: str) -> None:
         """Show what was asked for."""
         self.plane_label.setText(plane_words)
         self.position_label.setText(position_words)
-        blocker = QSignalBlocker(self.plane_slider)
-        self.plane_slider.setValue(intent.z)
-        blocker.unblock()
+        for widget, show in (
+            (self.plane_slider, lambda: self.plane_slider.setValue(intent.z)),
+            (self.show_box, lambda: self.show_box.setCurrentIndex(self.show_box.findData(intent.show))),
+        ):
+            blocker = QSignalBlocker(widget)
+            show()
+            blocker.unblock()
         self.strip.set_current(intent.z)
         self.map.set_position(intent.y, intent.x)
         self.h_button.setChecked(not intent.transposed)
@@ -194,7 +207,6 @@ class PSFPanel(QWidget):
 
     def show_plane(self, loaded: PlaneData, recorded: NDArray[Any]) -> None:
         """Show what holds for a whole plane: energy of each position and whether it was recorded, depth sum."""
-        self.readout.setText("Hover a pixel to see the voxel pattern it belongs to; click to hold it.")
         self.map.set_values(loaded.energy, recorded)
         nt, ns = loaded.depth_sum.shape
         self.sum_view.set_image(loaded.depth_sum, name="depth_sum", origin=(-(nt // 2), -(ns // 2)))
@@ -202,8 +214,9 @@ class PSFPanel(QWidget):
         self.expected.setData([], [])
         self.aperture_text.setText("fitting the aperture …")
 
-    def show_picture(self, picture: PSFPicture, intent: PSFIntent, levels: Levels) -> None:
-        """Show the main and the linked picture; ``levels`` None: each fills the scale."""
+    def show_picture(self, picture: PSFPicture, intent: PSFIntent, levels: Levels, unit: str) -> None:
+        """Show the main and the linked picture with values in ``unit``; ``levels`` None: each fills the scale."""
+        self._show_unit(unit)
         for view, image, cursor in (
             (self.main_view, picture.main, picture.main_cursor),
             (self.linked_view, picture.linked, picture.linked_cursor),
@@ -212,6 +225,8 @@ class PSFPanel(QWidget):
                 view.set_signed(picture.signed, intent.display)
             view.set_image(image, name="psf", levels=levels)
             view.set_cursor(*(cursor or (None, None)))
+        words = HOVER if intent.pixel is None else pixel_words(picture, intent.pixel, unit)
+        self.readout.setText(words)
         self.main_title.setText(picture.main_title)
         self.linked_title.setText(picture.linked_title)
         self._show_profile(picture.main, intent, levels)
