@@ -37,7 +37,7 @@ def test_binning_keeps_every_point_source(step: int, dtype: str) -> None:
 
 
 def test_zero_light_is_dark_whatever_noise_takes_below_it() -> None:
-    """log is of the value, not of its distance to the lowest one: that drew zero counts in the middle of the scale."""
+    """Log is of the value, not of its distance to the lowest one: that drew zero counts in the middle of the scale."""
     values = np.array([[-20.0, 0.0, 1.0, 100.0, 10_000.0]])
     assert to_uint8(values, Display("log"), (-20.0, 10_000.0)).tolist() == [[0, 0, 0, 128, 255]]
     assert to_uint8(values, Display("gamma"), (-20.0, 10_000.0))[0, :2].tolist() == [0, 0]
