@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QByteArray, QSettings, QSize, Qt
+from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
 from PySide6.QtGui import QAction, QCloseEvent, QDragEnterEvent, QDropEvent, QKeySequence
 from PySide6.QtWidgets import (
     QApplication,
@@ -28,7 +28,7 @@ from gui.crash_dialog import open_folder
 from gui.help import about_text, cheat_sheet
 from gui.icons import icon_of
 from gui.job_panel import JobPanel
-from gui.jobs import Job, Jobs, JobState
+from gui.jobs import JOBS_S, Job, Jobs, JobState
 from gui.log import log_folder
 from gui.models.page import PAGES, PageSpec, PageState, available_pages, page_states
 from gui.models.project import Project, ProjectState
@@ -71,7 +71,7 @@ class MainWindow(QMainWindow):
         self.context = Context(project, self.jobs, self)
         self.files = ProjectFiles(project, self.jobs, folder, self)
         self._attention: set[str] = set()
-        self._stopped = False
+        self._stopped = self._leaving = self._overdue = False
         self._pages: dict[str, BasePage] = {}
         self.specs = tuple(available_pages() if pages is None else pages)
         self._build_centre()
@@ -307,13 +307,33 @@ class MainWindow(QMainWindow):
         self.log(f"no page takes {', '.join(Path(p).name for p in paths)}")
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Ask about unsaved work, keep the window's state, stop the threads."""
+        """Ask about unsaved work, keep the window's state, stop the threads: the window lives until jobs have ended."""
         if not self._stopped:
-            if not self.files.may_leave():
+            if not self._leaving and not self.files.may_leave():
+                event.ignore()
+                return
+            if self.jobs.running_pages() and not self._overdue:
+                self._leave_later()
                 event.ignore()
                 return
             self.shut_down(asked=True)
         event.accept()
+
+    def _leave_later(self) -> None:
+        """Close when the jobs, which were asked to stop, have cleaned up behind themselves."""
+        if self._leaving:
+            return
+        self._leaving = True
+        for widget in (self.menuBar(), self.centralWidget()):
+            widget.setEnabled(False)
+        self.log("stopping what is at work; the window closes when that is done")
+        self.jobs.finished.connect(lambda _: None if self.jobs.running_pages() else self.close())
+        QTimer.singleShot(int(1e3 * JOBS_S), self._leave_now)
+
+    def _leave_now(self) -> None:
+        """Close, whatever is still at work."""
+        self._overdue = True
+        self.close()
 
     def shut_down(self, *, asked: bool = False) -> None:
         """Stop timers, jobs and threads; keep the window's state, and what is not saved unless the user was ``asked``.
@@ -326,7 +346,7 @@ class MainWindow(QMainWindow):
         if self.settings is not None:
             self.settings.setValue("geometry", self.saveGeometry())
             self.settings.setValue("windowState", self.saveState())
-        self.jobs.close()
+        self.jobs.close(0.0 if self._overdue else JOBS_S)
         self.context.close()
         self.files.close(answered=asked)
 

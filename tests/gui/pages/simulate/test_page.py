@@ -10,6 +10,7 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 import gui.pages.simulate.page as simulate_page
+from gui.context import Context
 from gui.jobs import JobState
 from gui.pages.simulate.model import SimulateSettings, preview, tolerance_of
 from gui.pages.simulate.model_effects import Verdict, verdict_of
@@ -101,3 +102,11 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
     idle(window.jobs, qtbot)
     assert asked[0] == ((), "geometric"), "rays, which need no planner"
     assert all("vignetting" in names for names, _ in asked[1:]) and len(asked) > 1
+
+
+def test_without_a_plan_no_button_is_dead(open_page: Any, context: Context) -> None:
+    page = open_page("simulate")
+    for press in (page.simulate, page.simulate_frames, page.ladder):
+        page.notice.clear()
+        press()
+        assert "no scan plan" in page.notice.label.text()
