@@ -30,11 +30,14 @@ from gui.icons import icon_of
 from gui.job_panel import JobPanel
 from gui.jobs import JOBS_S, Job, Jobs, JobState
 from gui.log import log_folder
+from gui.manual import Manual
+from gui.models.manual import ATLAS
 from gui.models.page import PAGES, PageSpec, PageState, available_pages, page_states
 from gui.models.project import Project, ProjectState
 from gui.project_files import ProjectFiles
 from gui.theme import DARK, LIGHT, apply_theme, current_theme
 from gui.workers import LOG
+from lfcal.errors import LfcalError
 
 __all__ = ["MainWindow"]
 
@@ -71,6 +74,7 @@ class MainWindow(QMainWindow):
         self.context = Context(project, self.jobs, self)
         self.files = ProjectFiles(project, self.jobs, folder, self)
         self._attention: set[str] = set()
+        self._manual: Manual | None = None
         self._stopped = self._leaving = self._overdue = False
         self._pages: dict[str, BasePage] = {}
         self.specs = tuple(available_pages() if pages is None else pages)
@@ -79,6 +83,7 @@ class MainWindow(QMainWindow):
         self._build_menus()
         self.context.state_changed.connect(self._state_changed)
         self.context.go.connect(self.go)
+        self.context.help_asked.connect(self.show_manual)
         self.context.message.connect(self.log)
         self.context.attention.connect(self._set_attention)
         self.files.message.connect(self.log)
@@ -151,6 +156,7 @@ class MainWindow(QMainWindow):
         help_ = bar.addMenu("&Help")
         title, sheet = "Keyboard shortcuts", cheat_sheet(self.specs)
         self._action(help_, title, lambda: QMessageBox.information(self, title, sheet), QKeySequence("F1"))
+        self._action(help_, "Fault atlas", lambda: self.show_manual(ATLAS), None)
         self._action(help_, "Open log folder", lambda: open_folder(log_folder()), None)
         self._action(help_, "About lfcal", lambda: QMessageBox.about(self, "About lfcal", about_text()), None)
 
@@ -212,6 +218,15 @@ class MainWindow(QMainWindow):
         self.rail.setCurrentRow(row)
         if payload is not None:
             self.page(key).receive(payload)
+
+    def show_manual(self, page: str, name: str = "") -> None:
+        """Show a page of the manual, or its section about ``name``, beside the window."""
+        if self._manual is None:
+            self._manual = Manual(self)
+        try:
+            self._manual.show_page(page, name)
+        except LfcalError as error:
+            self.log(str(error))
 
     def _set_attention(self, key: str, flag: bool) -> None:
         (self._attention.add if flag else self._attention.discard)(key)
