@@ -213,6 +213,9 @@ class ImageView(QWidget):
         for axis in (self.bar.axis,):
             axis.setPen(theme.line)
             axis.setTextPen(theme.text)
+        # its label stands on the other side
+        self.bar.getAxis("left").setTextPen(theme.text)
+        self.bar.getAxis("left").label.setDefaultTextColor(pg.mkColor(theme.muted))
 
     # -- pointer ---------------------------------------------------------------------------------------
     def pixel_at(self, scene_position: QPointF) -> tuple[int, int] | None:

@@ -158,6 +158,7 @@ class PSFPanel(QWidget):
     def _aperture_card(self) -> QWidget:
         panel, column = card("Aperture from the depth-plane sum")
         row = QHBoxLayout()
+        self.sum_view.graphics.removeItem(self.sum_view.bar)  # of its shape all is said; it takes half of the room
         row.addWidget(self.sum_view, 1)
         self.aperture_text.setAlignment(Qt.AlignmentFlag.AlignVCenter)
         # in a scroll area: a label that wraps would ask the grid for height, and the pictures above would shrink
@@ -166,7 +167,7 @@ class PSFPanel(QWidget):
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setWidget(self.aperture_text)
         self.aperture_text.setAutoFillBackground(False)
-        area.setFixedWidth(168)
+        area.setFixedWidth(190)
         row.addWidget(area)
         column.addLayout(row, 1)
         return panel

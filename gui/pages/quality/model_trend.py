@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["TREND_COLUMNS", "Curve", "courses_of", "curve_of", "merits_of", "rows_of", "trend_in", "trend_words"]
 
-TREND_COLUMNS = ("What", "First", "Before", "Newest", "Unit", "Per month", "")
+TREND_COLUMNS = ("What", "Before", "Newest", "Per month", "")
 
 F8 = NDArray[np.float64]
 DAY_S = 86400.0
@@ -55,11 +55,19 @@ def rows_of(found: QualityTrend) -> list[tuple[str, ...]]:
     rows = []
     for one in courses_of(found):
         known = [value for value in one.values[:-1] if value is not None]
-        slope = f"{one.per_month:+.2g}" if one.per_month == one.per_month else ""
         change = "worse" if one.worse else "better" if one.better else ""
-        cells = (_told(known[0] if known else None), _told(known[-1] if known else None), _told(one.newest))
-        rows.append((one.scale.title, *cells, one.scale.unit, slope, change))
+        rows.append((_title(one), _told(known[-1] if known else None), _told(one.newest), _slope(one), change))
     return rows
+
+
+def _title(course: Course) -> str:
+    return f"{course.scale.title} ({course.scale.unit})" if course.scale.unit else course.scale.title
+
+
+def _slope(course: Course) -> str:
+    """Return the slope in words; one of rounding alone is none."""
+    largest = max((abs(value.value) for value in course.values if value is not None), default=0.0)
+    return f"{course.per_month:+.2g}" if abs(course.per_month) > 1e-9 * largest else ""
 
 
 def _told(value: Value | None) -> str:
@@ -87,6 +95,5 @@ def curve_of(found: QualityTrend, row: int) -> Curve:
     start = found.sessions[0].when
     days = [(session.when - start).total_seconds() / DAY_S for session in found.sessions]
     known = [(day, value.value) for day, value in zip(days, one.values, strict=True) if value is not None]
-    label = f"{one.scale.title} ({one.scale.unit})" if one.scale.unit else one.scale.title
     x, y = np.array(known, np.float64).T
-    return Curve(label, x, y, float(one.scale.good), float(one.scale.bad))
+    return Curve(_title(one), x, y, float(one.scale.good), float(one.scale.bad))

@@ -110,7 +110,7 @@ class TrendPanel(QWidget):
         self.verdict.setText(words[0])
         self.notes.setText(words[1])
         blocker = QSignalBlocker(self.table)
-        self.table.show_rows(rows, colour=lambda row, column: colours[merits[row]] if column == 3 else "")
+        self.table.show_rows(rows, colour=lambda row, column: colours[merits[row]] if column == 2 else "")
         self.table.clearSelection()
         blocker.unblock()
         self.picture_button.setEnabled(True)
@@ -128,7 +128,7 @@ class TrendPanel(QWidget):
             if np.isfinite(limit):
                 self.curve.set_curve(name, ends, np.full(2, limit), colour=colour, dashed=True)
         self.curve.set_curve("value", curve.days, curve.values, symbol="o", colour=LINES[0])
-        self.curve.plot.autoRange()
+        self.curve.plot.autoRange(padding=0.12)  # the legend stands over the ends
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

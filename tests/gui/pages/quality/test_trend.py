@@ -46,8 +46,8 @@ def test_what_got_worse_comes_first_with_its_course(
     trending.choose(str(reports))
     idle(context.jobs, qtbot)
     assert panel.verdict.text().startswith("Worse than before: ghost image") and "3 sessions" in panel.notes.text()
-    first = [panel.table.item(0, k).text() for k in range(7)]  # type: ignore[union-attr]
-    assert first[0].lower() == "ghost image" and first[-1] == "worse"
+    first = [panel.table.item(0, k).text() for k in range(5)]  # type: ignore[union-attr]
+    assert first[0].lower().startswith("ghost image") and first[-1] == "worse"
     row = next(k for k in range(panel.table.rowCount()) if "Lamp" in panel.table.item(k, 0).text())  # type: ignore[union-attr]
     panel.table.selectRow(row)
     x, y = panel.curve._curves["value"].getData()
