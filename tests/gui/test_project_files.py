@@ -313,3 +313,29 @@ def test_closing_does_not_hold_the_window_while_a_job_stops(
     go_on.set()
     qtbot.waitUntil(lambda: not window.isVisible(), timeout=GUARD_MS)
     assert not window.jobs.busy
+
+
+def test_enter_does_not_stop_what_is_at_work(window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    import threading
+
+    from lfcal.progress import Progress
+
+    going = threading.Event()
+
+    def work() -> Any:
+        while not going.wait(0.001):
+            yield Progress(0, 1, "work")
+
+    window.jobs.start("Record", "acquire", work)
+    asked: list[tuple[Any, ...]] = []
+
+    def enter(*question: Any) -> Any:
+        asked.append(question)
+        return question[-1]  # the default button
+
+    monkeypatch.setattr(QMessageBox, "question", enter)
+    assert not window.files.may_leave()
+    job = window.jobs.jobs()[0]
+    assert job.active and not job.stopping and asked[0][-1] == BUTTONS.No and "recording" in asked[0][2]
+    going.set()
+    idle(window.jobs, qtbot)

@@ -293,4 +293,4 @@ def aperture_words(aperture: Aperture) -> str:
         f"<tr><td style='padding-right:10px'>{a}</td><td style='white-space:nowrap'><b>{b}</b></td></tr>"
         for a, b in lines
     )
-    return f"{refused}<table>{cells}</table>"
+    return f"{refused}<table cellspacing='0' cellpadding='0'>{cells}</table>"

@@ -69,16 +69,26 @@ class PSFPanel(QWidget):
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(8)
-        grid.addWidget(self._controls(), 0, 0, 2, 1)
-        grid.addWidget(_titled(self.main_title, self.main_view), 0, 1)
-        grid.addWidget(_titled(self.linked_title, self.linked_view), 0, 2)
-        grid.addWidget(_titled(QLabel("Line profiles through the pixel under the pointer"), self.profile), 1, 1)
-        grid.addWidget(self._aperture_card(), 1, 2)
-        grid.addWidget(self.strip, 2, 0, 1, 3)
+        # pictures have a grid of their own: the height of the controls is not theirs
+        grid.addWidget(self._controls(), 0, 0)
+        grid.addLayout(self._pictures(), 0, 1)
+        grid.addWidget(self.strip, 1, 0, 1, 2)
         grid.setColumnStretch(1, 1)
-        grid.setColumnStretch(2, 1)
-        grid.setRowStretch(0, 3)
-        grid.setRowStretch(1, 2)
+
+    def _pictures(self) -> QGridLayout:
+        grid = QGridLayout()
+        grid.setSpacing(8)
+        grid.addWidget(_titled(self.main_title, self.main_view), 0, 0)
+        grid.addWidget(_titled(self.linked_title, self.linked_view), 0, 1)
+        profiles = _titled(QLabel("Line profiles through the pixel under the pointer"), self.profile)
+        for k, widget in enumerate((profiles, self._aperture_card())):
+            # what they would like to have takes nothing from H and HT
+            widget.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
+            grid.addWidget(widget, 1, k)
+        for k in range(2):
+            grid.setColumnStretch(k, 1)
+            grid.setRowStretch(k, 3 - k)
+        return grid
 
     # -- building --------------------------------------------------------------------------------------
     def _make_pictures(self) -> None:

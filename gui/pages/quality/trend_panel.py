@@ -83,7 +83,7 @@ class TrendPanel(QWidget):
         column.addWidget(self.table)
         self.title = QLabel("Over time")
         right, column = card(self.title)
-        self.curve = LinePlot("days since the first session", "value", legend=True)
+        self.curve = LinePlot("days since the first session", "value")
         column.addWidget(self.curve)
         parts = QSplitter(Qt.Orientation.Horizontal)
         parts.setChildrenCollapsible(False)
@@ -119,7 +119,7 @@ class TrendPanel(QWidget):
 
     def show_curve(self, curve: Curve) -> None:
         """Show a course with the limits of good and bad."""
-        self.title.setText(curve.label)
+        self.title.setText(f"{curve.label}; dashed: the limits of good and of bad")
         self.curve.clear()
         self.curve.set_labels("days since the first session", curve.label)
         ends = np.array([curve.days.min(), max(curve.days.max(), curve.days.min() + 1)])
@@ -128,7 +128,7 @@ class TrendPanel(QWidget):
             if np.isfinite(limit):
                 self.curve.set_curve(name, ends, np.full(2, limit), colour=colour, dashed=True)
         self.curve.set_curve("value", curve.days, curve.values, symbol="o", colour=LINES[0])
-        self.curve.plot.autoRange(padding=0.12)  # the legend stands over the ends
+        self.curve.plot.autoRange()
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

@@ -5,6 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QSize
+from PySide6.QtGui import QIcon
+from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
@@ -116,3 +119,19 @@ def test_an_h_without_reference_shows_itself(page: Any, context: Context, qtbot:
     assert page.intent.show == "measured" == page.panel.show_box.currentData()
     assert not page.panel.main_view.signed and page.panel.main_title.text().startswith("H,")
     assert page.panel.plane_label.text().startswith("Plane 0 (the only one)")
+
+
+def test_pictures_keep_their_height_whatever_is_said_of_the_aperture(page: Any) -> None:
+    """A label that wraps asked the grid for height, and H and HT shrank to a half."""
+    page.resize(1060, 740)
+    QApplication.processEvents()
+    before = page.panel.main_view.height()
+    page.panel.aperture_text.setText("<br>".join("a long line of many words" for _ in range(40)))
+    QApplication.processEvents()
+    assert page.panel.main_view.height() == before > 1.2 * page.panel.profile.height()
+
+
+def test_the_depth_that_is_chosen_is_not_tinted(page: Any) -> None:
+    icon = page.panel.strip.item(page.intent.z).icon()
+    size = QSize(64, 64)
+    assert icon.pixmap(size, QIcon.Mode.Selected).toImage() == icon.pixmap(size, QIcon.Mode.Normal).toImage()
