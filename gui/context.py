@@ -26,6 +26,8 @@ class Context(QObject):
         The project changed (`gui.models.project.ProjectState` before and after).
     go(page, payload)
         A page asks for another page by its key, with something to show there, e.g. ``("frames", (z, y, x))``.
+    help_asked(page, name)
+        A page of the manual is wanted, such as ``faults.md``, or its section about ``name``.
     message(text)
         A line for the log and the status bar.
     attention(page, flag)
@@ -38,6 +40,7 @@ class Context(QObject):
 
     state_changed = Signal(object, object)
     go = Signal(str, object)
+    help_asked = Signal(str, str)
     message = Signal(str)
     attention = Signal(str, bool)
     theme_changed = Signal()

@@ -68,8 +68,12 @@ class _Row(QFrame):
             words = f"{record.stage}{count}{left}"
         elif job.state is JobState.DONE and record is not None:
             words = f"done in {format_seconds(record.seconds)}"
+        if job.active and job.stopping:
+            words = "stopping …"
+            self.button.setEnabled(False)
         self.status.setText(words)
         if not job.active:
+            self.button.setEnabled(True)
             self.bar.hide()
             self.button.setText("Copy details" if job.details else "Dismiss")
         self._details = job.details

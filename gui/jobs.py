@@ -24,7 +24,7 @@ from gui.workers import Workers, keep, wait_for, words_of
 from lfcal.errors import Cancelled
 from lfcal.progress import Progress, Work
 
-__all__ = ["Job", "JobState", "Jobs"]
+__all__ = ["JOBS_S", "Job", "JobState", "Jobs"]
 
 POLL_MS = 8
 JOBS_S, COMPUTATIONS_S, LOADS_S = 30.0, 5.0, 1.0
@@ -52,7 +52,9 @@ class Job:
     state, progress
         How far it is.
     result
-        What it returned, when done.
+        What it returned, for those who are told of its end; it is not remembered.
+    stopping
+        Whether it was asked to stop; it may take a while to clean up.
     error, details
         One line in words, and the trace to copy, when failed.
     """
@@ -63,6 +65,7 @@ class Job:
     state: JobState = JobState.WAITING
     progress: Progress | None = None
     result: Any = None
+    stopping: bool = False
     error: str = ""
     details: str = ""
     started: float = field(default_factory=time.monotonic)
@@ -171,6 +174,8 @@ class Jobs(QObject):
             if opening or number in self._left:
                 self._abandoned.append(self._threads[number])
                 self._end(number, join_s=0, state=JobState.CANCELLED)
+            elif not self._jobs[number].stopping:
+                self._change(number, stopping=True)
 
     def jobs(self) -> list[Job]:
         """Return all jobs since the start, newest first."""
@@ -305,6 +310,8 @@ class Jobs(QObject):
         self._threads.pop(number).join(join_s)
         self._stops.pop(number)
         on_done, on_failed = self._callbacks.pop(number)
+        # jobs are remembered as long as the window; what they made is not
+        self._jobs[number] = replace(job, result=None)
         if self._closed:
             return
         try:
@@ -315,12 +322,12 @@ class Jobs(QObject):
         finally:  # whoever waits for the end hears of it, whatever its result met with
             self.finished.emit(job)
 
-    def close(self) -> None:
-        """Stop everything and wait for the threads; nothing reports afterwards."""
+    def close(self, wait_s: float = JOBS_S) -> None:
+        """Stop everything and wait for the threads, for jobs at most ``wait_s``; nothing reports afterwards."""
         self._closed = True
         for stop in self._stops.values():
             stop.set()
-        wait_for([thread for number, thread in self._threads.items() if number not in self._left], JOBS_S)
+        wait_for([thread for number, thread in self._threads.items() if number not in self._left], wait_s)
         wait_for([*self._abandoned, *(self._threads[number] for number in self._left)], LOADS_S)
         self._loads.close(LOADS_S)
         self._workers.close(COMPUTATIONS_S)

@@ -71,10 +71,16 @@ def current_theme() -> Theme:
     return _current[0]
 
 
+STYLED = "lfcal_styled"
+"""Property of an application whose style is set."""
+
+
 def apply_theme(app: QApplication, theme: Theme) -> None:
     """Give the whole application the colours of ``theme``."""
     _current[0] = theme
-    app.setStyle("Fusion")
+    if not app.property(STYLED):  # costs a third of a change of theme
+        app.setStyle("Fusion")
+        app.setProperty(STYLED, True)
     palette = QPalette()
     roles = QPalette.ColorRole
     for role, colour in (

@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QByteArray, QSettings, QSize, Qt
+from PySide6.QtCore import QByteArray, QSettings, QSize, Qt, QTimer
 from PySide6.QtGui import QAction, QCloseEvent, QDragEnterEvent, QDropEvent, QKeySequence
 from PySide6.QtWidgets import (
     QApplication,
@@ -28,13 +28,16 @@ from gui.crash_dialog import open_folder
 from gui.help import about_text, cheat_sheet
 from gui.icons import icon_of
 from gui.job_panel import JobPanel
-from gui.jobs import Job, Jobs, JobState
+from gui.jobs import JOBS_S, Job, Jobs, JobState
 from gui.log import log_folder
+from gui.manual import Manual
+from gui.models.manual import ATLAS
 from gui.models.page import PAGES, PageSpec, PageState, available_pages, page_states
 from gui.models.project import Project, ProjectState
 from gui.project_files import ProjectFiles
 from gui.theme import DARK, LIGHT, apply_theme, current_theme
 from gui.workers import LOG
+from lfcal.errors import LfcalError
 
 __all__ = ["MainWindow"]
 
@@ -71,7 +74,8 @@ class MainWindow(QMainWindow):
         self.context = Context(project, self.jobs, self)
         self.files = ProjectFiles(project, self.jobs, folder, self)
         self._attention: set[str] = set()
-        self._stopped = False
+        self._manual: Manual | None = None
+        self._stopped = self._leaving = self._overdue = False
         self._pages: dict[str, BasePage] = {}
         self.specs = tuple(available_pages() if pages is None else pages)
         self._build_centre()
@@ -79,6 +83,7 @@ class MainWindow(QMainWindow):
         self._build_menus()
         self.context.state_changed.connect(self._state_changed)
         self.context.go.connect(self.go)
+        self.context.help_asked.connect(self.show_manual)
         self.context.message.connect(self.log)
         self.context.attention.connect(self._set_attention)
         self.files.message.connect(self.log)
@@ -151,6 +156,7 @@ class MainWindow(QMainWindow):
         help_ = bar.addMenu("&Help")
         title, sheet = "Keyboard shortcuts", cheat_sheet(self.specs)
         self._action(help_, title, lambda: QMessageBox.information(self, title, sheet), QKeySequence("F1"))
+        self._action(help_, "Fault atlas", lambda: self.show_manual(ATLAS), None)
         self._action(help_, "Open log folder", lambda: open_folder(log_folder()), None)
         self._action(help_, "About lfcal", lambda: QMessageBox.about(self, "About lfcal", about_text()), None)
 
@@ -212,6 +218,15 @@ class MainWindow(QMainWindow):
         self.rail.setCurrentRow(row)
         if payload is not None:
             self.page(key).receive(payload)
+
+    def show_manual(self, page: str, name: str = "") -> None:
+        """Show a page of the manual, or its section about ``name``, beside the window."""
+        if self._manual is None:
+            self._manual = Manual(self)
+        try:
+            self._manual.show_page(page, name)
+        except LfcalError as error:
+            self.log(str(error))
 
     def _set_attention(self, key: str, flag: bool) -> None:
         (self._attention.add if flag else self._attention.discard)(key)
@@ -307,13 +322,33 @@ class MainWindow(QMainWindow):
         self.log(f"no page takes {', '.join(Path(p).name for p in paths)}")
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Ask about unsaved work, keep the window's state, stop the threads."""
+        """Ask about unsaved work, keep the window's state, stop the threads: the window lives until jobs have ended."""
         if not self._stopped:
-            if not self.files.may_leave():
+            if not self._leaving and not self.files.may_leave():
+                event.ignore()
+                return
+            if self.jobs.running_pages() and not self._overdue:
+                self._leave_later()
                 event.ignore()
                 return
             self.shut_down(asked=True)
         event.accept()
+
+    def _leave_later(self) -> None:
+        """Close when the jobs, which were asked to stop, have cleaned up behind themselves."""
+        if self._leaving:
+            return
+        self._leaving = True
+        for widget in (self.menuBar(), self.centralWidget()):
+            widget.setEnabled(False)
+        self.log("stopping what is at work; the window closes when that is done")
+        self.jobs.finished.connect(lambda _: None if self.jobs.running_pages() else self.close())
+        QTimer.singleShot(int(1e3 * JOBS_S), self._leave_now)
+
+    def _leave_now(self) -> None:
+        """Close, whatever is still at work."""
+        self._overdue = True
+        self.close()
 
     def shut_down(self, *, asked: bool = False) -> None:
         """Stop timers, jobs and threads; keep the window's state, and what is not saved unless the user was ``asked``.
@@ -326,7 +361,7 @@ class MainWindow(QMainWindow):
         if self.settings is not None:
             self.settings.setValue("geometry", self.saveGeometry())
             self.settings.setValue("windowState", self.saveState())
-        self.jobs.close()
+        self.jobs.close(0.0 if self._overdue else JOBS_S)
         self.context.close()
         self.files.close(answered=asked)
 

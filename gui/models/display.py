@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from lfcal.compiled import njit
 from lfcal.errors import InputError
 
-__all__ = ["COLOUR_MAPS", "Display", "bin_max", "colour_table", "levels_of", "to_uint8"]
+__all__ = ["COLOUR_MAPS", "Display", "bin_max", "colour_table", "levels_of", "shades", "to_uint8"]
 
 COLOUR_MAPS = ("viridis", "cividis", "magma", "gray")
 """Perceptually even maps offered for intensities."""
@@ -21,6 +22,9 @@ DIFFERENCE = "RdBu_r"
 
 SCALES = ("linear", "log", "gamma")
 
+DECADES_BELOW = 1e-4
+"""Of the top: what a logarithmic scale shows at most."""
+
 
 @dataclass(frozen=True)
 class Display:
@@ -29,7 +33,7 @@ class Display:
     Attributes
     ----------
     scale
-        ``"linear"``, ``"log"`` (four decades below the top) or ``"gamma"`` (square root).
+        ``"linear"``, ``"log"`` (of the value itself, at most four decades below the top) or ``"gamma"`` (square root).
     colour_map
         One of `COLOUR_MAPS`, or the map for differences.
     levels
@@ -74,17 +78,31 @@ def _table(dtype: np.dtype[np.generic], scale: str, levels: tuple[float, float])
 
 
 def _scaled(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) -> NDArray[np.uint8]:
+    return (shades(image, scale, levels) * 255.0 + 0.5).astype(np.uint8)
+
+
+def shades(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) -> NDArray[np.float32]:
+    """Return where values stand on the colour map, 0..1; not-a-number is 0.
+
+    Logarithm and root are of light: what noise takes below zero has none, and is dark as zero is.
+    """
     low, high = levels
+    if scale != "linear" and high > 0:
+        low = max(low, 0.0)
     span = high - low if high > low else 1.0
+    if scale == "log" and high > 0:
+        bottom = max(low, DECADES_BELOW * high)
+        values = np.asarray(image, np.float32) * np.float32(1.0 / bottom)
+        np.nan_to_num(values, copy=False, nan=0.0, posinf=np.float32(high / bottom), neginf=0.0)
+        np.log(np.clip(values, 1.0, max(1.0, high / bottom), out=values), out=values)
+        decades = math.log(high / bottom)
+        return values / np.float32(decades) if decades > 0 else np.asarray(values >= 0, np.float32)
     values = (np.asarray(image, np.float32) - np.float32(low)) * np.float32(1.0 / span)
     np.nan_to_num(values, copy=False, nan=0.0, posinf=1.0, neginf=0.0)
     np.clip(values, 0.0, 1.0, out=values)
     if scale == "gamma":
         np.sqrt(values, out=values)
-    elif scale == "log":  # four decades
-        np.log10(np.maximum(values, 1e-4, out=values), out=values)
-        values = values / 4 + 1
-    return (values * 255.0 + 0.5).astype(np.uint8)
+    return values
 
 
 @lru_cache(maxsize=16)

@@ -13,7 +13,7 @@ from lfcal.errors import FileFormatError, LfcalError
 from lfcal.files import read_text, replace_whole
 from lfcal.plain import parse_json
 
-__all__ = ["Project", "ProjectState", "RecentProjects", "read_project"]
+__all__ = ["Hold", "Project", "ProjectState", "RecentProjects", "read_project"]
 
 FORMAT = "lfcal-project"
 VERSION = 1
@@ -112,6 +112,32 @@ def read_project(path: Path) -> ProjectState:
     return ProjectState.from_json(read_text(path))
 
 
+@dataclass(frozen=True)
+class Hold:
+    """What of a project must stay as it is while something is at work.
+
+    Attributes
+    ----------
+    reason
+        In words.
+    fields, pages
+        Fields of the state, and pages whose settings stay.
+    tell
+        Called with the reason when a change was refused.
+    """
+
+    reason: str
+    fields: tuple[str, ...]
+    pages: tuple[str, ...] = ()
+    tell: Callable[[str], None] = lambda _: None
+
+    def concerns(self, old: ProjectState, new: ProjectState) -> bool:
+        """Return whether the change from ``old`` to ``new`` is of what stays."""
+        if any(getattr(old, name) != getattr(new, name) for name in self.fields):
+            return True
+        return any(old.settings.get(page) != new.settings.get(page) for page in self.pages)
+
+
 Listener = Callable[[ProjectState, ProjectState], None]
 
 
@@ -126,6 +152,7 @@ class Project:
         self._past: list[tuple[str, ProjectState]] = []
         self._future: list[tuple[str, ProjectState]] = []
         self._listeners: list[Listener] = []
+        self._hold: Hold | None = None
 
     # -- state -----------------------------------------------------------------------------------------
     @property
@@ -145,7 +172,7 @@ class Project:
     def update(self, label: str, **changes: Any) -> None:
         """Change the state as a new step of undo; ``label`` names it in the menu."""
         new = replace(self._state, **changes)
-        if new == self._state:
+        if new == self._state or self._refused(new):
             return
         self._past.append((label, self._state))
         del self._past[:-UNDO_STEPS]
@@ -153,13 +180,43 @@ class Project:
         self._set(new)
 
     def merge(self, label: str, **changes: Any) -> None:
-        """Change the state as part of the last change of the same label (a drag is one step of undo)."""
-        if self._past and self._past[-1][0] == label and not self._future:
-            new = replace(self._state, **changes)
-            if new != self._state:
-                self._set(new)
-        else:
+        """Change the state as part of the last change of the same label: a drag, or a number that is typed."""
+        if not self._merges(label):
             self.update(label, **changes)
+            return
+        new = replace(self._state, **changes)
+        if new == self._state or self._refused(new):
+            return
+        if new == self._past[-1][1]:  # taken back by hand: nothing is left to undo
+            self._past.pop()
+        self._set(new)
+
+    def before(self, label: str) -> ProjectState:
+        """Return what undo would lead back to after `merge` with this label."""
+        return self._past[-1][1] if self._merges(label) else self._state
+
+    def _merges(self, label: str) -> bool:
+        return bool(self._past) and self._past[-1][0] == label and not self._future
+
+    # -- holding ---------------------------------------------------------------------------------------
+    def hold(self, hold: Hold) -> None:
+        """Refuse changes of what is held until `release`, or until another project is begun."""
+        self._hold = hold
+
+    def release(self) -> None:
+        """Allow all changes again."""
+        self._hold = None
+
+    def held(self, state: ProjectState) -> str:
+        """Return why the state cannot become ``state`` now; empty: it can."""
+        hold = self._hold
+        return "" if hold is None or not hold.concerns(self._state, state) else hold.reason
+
+    def _refused(self, new: ProjectState) -> bool:
+        reason = self.held(new)
+        if reason and self._hold is not None:
+            self._hold.tell(reason)
+        return bool(reason)
 
     def _set(self, new: ProjectState) -> None:
         old, self._state = self._state, new
@@ -179,14 +236,14 @@ class Project:
 
     def undo(self) -> None:
         """Take back the last change."""
-        if self._past:
+        if self._past and not self._refused(self._past[-1][1]):
             label, state = self._past.pop()
             self._future.append((label, self._state))
             self._set(state)
 
     def redo(self) -> None:
         """Bring back the change taken back last."""
-        if self._future:
+        if self._future and not self._refused(self._future[-1][1]):
             label, state = self._future.pop()
             self._past.append((label, self._state))
             self._set(state)
@@ -216,6 +273,7 @@ class Project:
         """Begin with ``state``: nothing to undo; unsaved if its file holds something else (``saved``)."""
         self._past.clear()
         self._future.clear()
+        self.release()
         self.path, self._saved = path, state if saved is None else saved
         self._stamp = None if path is None else _stamp(path)
         self._set(state)

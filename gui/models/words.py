@@ -1,15 +1,20 @@
-"""Notes and refusals of the intake without the command line's options, which the window has widgets for. No Qt."""
+"""Words that pages share: planes by their numbers; notes without the command line's options. No Qt."""
 
 from __future__ import annotations
 
 import re
 
-__all__ = ["said_in_window"]
+__all__ = ["plane_words", "said_in_window"]
 
 BRACKETS = re.compile(r"\s*\([^()]*--[^()]*\)")
 PLANNING = re.compile(r"[:,] (?:or )?make (?:its|the) plan[^;]*lfcal plan[^;]*")
 VALUES = re.compile(r"(?<=read as )--[a-z]+ ")
 CLAUSES = re.compile(r"; |, (?=--)")
+
+
+def plane_words(z: int, count: int) -> str:
+    """Return plane ``z`` of ``count`` in words: planes count from 0, so "1 of 2" would be the last of them."""
+    return f"Plane {z} (0 to {count - 1})" if count > 1 else f"Plane {z} (the only one)"
 
 
 def said_in_window(text: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import QPointF, QRectF, QTimer, Signal
+from PySide6.QtCore import QEvent, QPointF, QRectF, QTimer, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from gui.jobs import Jobs
@@ -27,7 +27,7 @@ class FrameView(QWidget):
     Signals
     -------
     hovered(row, column, value)
-        The pixel under the pointer; row -1 when it left.
+        The pixel under the pointer, told again when the frame under it changes; row -1 when it left.
     drawn()
         A new picture is on the screen.
     """
@@ -42,6 +42,7 @@ class FrameView(QWidget):
         self._display, self._levels = Display(), (0.0, 1.0)
         self._camera: Camera | None = None
         self._tile: Tile | None = None
+        self._pointer: QPointF | None = None
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         self.graphics = pg.GraphicsLayoutWidget()
@@ -80,10 +81,12 @@ class FrameView(QWidget):
         self._frame, self._levels = frame, levels
         if frame is None:
             self.item.clear()
+            self._tell()
             return
         if before != frame.shape:
             self.show_all()
         self._render()
+        self._tell()
 
     def set_display(self, display: Display) -> None:
         """Change scaling and colour map."""
@@ -145,7 +148,8 @@ class FrameView(QWidget):
         self._jobs.compute(
             self._group,
             lambda: (tile, render_tile(frame, tile, display, levels)),
-            self._show,
+            # what is drawn too late is of a frame that is not shown any more
+            lambda result: self._show(result) if self._frame is frame else None,
         )
         self._draw_lattice()
 
@@ -172,7 +176,19 @@ class FrameView(QWidget):
             chosen = centres[types == kind]
             points.setData(chosen[:, 1], chosen[:, 0])
 
+    def _tell(self) -> None:
+        """Tell what is under a pointer that rests, so that no value of an earlier frame stays."""
+        if self._pointer is not None:
+            self._moved(self._pointer)
+
+    def leaveEvent(self, event: QEvent) -> None:
+        """Tell that the pointer left."""
+        self._pointer = None
+        self.hovered.emit(-1, -1, float("nan"))
+        super().leaveEvent(event)
+
     def _moved(self, position: QPointF) -> None:
+        self._pointer = position
         if self._frame is None or not self.plot.sceneBoundingRect().contains(position):
             self.hovered.emit(-1, -1, float("nan"))
             return

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import QPointF, QRectF, Qt, Signal
+from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QAction, QPen
 from PySide6.QtWidgets import QGraphicsItem, QMenu, QVBoxLayout, QWidget
 
-from gui.models.display import Display, colour_table, levels_of, to_uint8
+from gui.models.display import Display, colour_table, levels_of, shades, to_uint8
 from gui.saving import ask_target, write_file, write_picture
 from gui.theme import current_theme
 from gui.widgets.plots import style_axes, theme_plot
@@ -24,12 +24,16 @@ from lfcal.npy import npy_header
 __all__ = ["ImageView"]
 
 
+def bar_map(colour_map: str, scale: str, levels: tuple[float, float]) -> pg.ColorMap:
+    """Return the colours of a bar that is linear in the value from level to level, for a scaling of the picture."""
+    # where the bar begins matters to a root and a logarithm alone
+    return _bar_map(colour_map, scale, (0.0, 1.0) if scale == "linear" else levels)
+
+
 @lru_cache(maxsize=32)
-def bar_map(colour_map: str, scale: str) -> pg.ColorMap:
-    """Return the colours of a bar that is linear in the value, for a scaling of the picture."""
-    at = np.linspace(0, 1, 256)
-    index = {"gamma": np.sqrt(at), "log": np.log10(np.maximum(at, 1e-4)) / 4 + 1}.get(scale, at)
-    return pg.ColorMap(at, colour_table(colour_map)[(index * 255).astype(int)])
+def _bar_map(colour_map: str, scale: str, levels: tuple[float, float]) -> pg.ColorMap:
+    index = shades(np.linspace(*levels, 256), scale, levels)
+    return pg.ColorMap(np.linspace(0, 1, 256), colour_table(colour_map)[(index * 255).astype(int)])
 
 
 class ImageView(QWidget):
@@ -38,7 +42,7 @@ class ImageView(QWidget):
     Signals
     -------
     hovered(row, column, value)
-        The pixel under the pointer; row -1 when it left.
+        The pixel under the pointer, told again when the picture under it changes; row -1 when it left.
     clicked(row, column)
         A pixel was clicked.
     """
@@ -63,8 +67,10 @@ class ImageView(QWidget):
         self._origin = (0.0, 0.0)
         self._step = 1.0
         self._name = "image"
-        self._bar_look = ("", "")
+        self._bar_look: tuple[Any, ...] = ()
         self._bar_levels = (math.nan, math.nan)
+        self._given: tuple[float, float] | None = None
+        self._pointer: QPointF | None = None
         self._build(f"{xlabel} ({unit})", f"{ylabel} ({unit})", value_label)
         self.graphics.scene().sigMouseMoved.connect(self._moved)
         self.graphics.scene().sigMouseClicked.connect(self._clicked)
@@ -119,10 +125,11 @@ class ImageView(QWidget):
             Keep pan and zoom if the shape is the same.
         """
         before = None if self._image is None else self._image.shape
-        self._image, self._origin, self._step = image, origin, step
+        self._image, self._origin, self._step, self._given = image, origin, step, levels
         self._name = name or self._name
         if image is None:
             self.item.clear()
+            self._tell()
             return
         shown = levels or self._display.levels or levels_of(image, signed=self._signed)
         data = to_uint8(image, self._display, shown)
@@ -133,22 +140,24 @@ class ImageView(QWidget):
         self._show_bar(shown)
         if not keep_view or before != image.shape:
             self.plot.setRange(rect, padding=0.01)
+        self._tell()
 
     def _show_bar(self, levels: tuple[float, float]) -> None:
         """Change the colour bar only if need be: its axis is slow to draw."""
-        look = (self._display.colour_map, self._display.scale)
+        scale = self._display.scale
+        look = (self._display.colour_map, scale, None if scale == "linear" else levels)
         if look != self._bar_look:
             self._bar_look = look
-            self.bar.setColorMap(bar_map(*look))
+            self.bar.setColorMap(bar_map(self._display.colour_map, scale, levels))
         if levels != self._bar_levels:
             self._bar_levels = levels
             self.bar.setLevels(values=levels)
 
     def set_display(self, display: Display) -> None:
-        """Change scaling, colour map and levels."""
+        """Change scaling, colour map and levels; levels that were given with the picture stay."""
         self._display = display
         if self._image is not None:
-            self.set_image(self._image, origin=self._origin, step=self._step)
+            self.set_image(self._image, levels=self._given, origin=self._origin, step=self._step)
 
     @property
     def signed(self) -> bool:
@@ -204,6 +213,9 @@ class ImageView(QWidget):
         for axis in (self.bar.axis,):
             axis.setPen(theme.line)
             axis.setTextPen(theme.text)
+        # its label stands on the other side
+        self.bar.getAxis("left").setTextPen(theme.text)
+        self.bar.getAxis("left").label.setDefaultTextColor(pg.mkColor(theme.muted))
 
     # -- pointer ---------------------------------------------------------------------------------------
     def pixel_at(self, scene_position: QPointF) -> tuple[int, int] | None:
@@ -218,11 +230,23 @@ class ImageView(QWidget):
         return None
 
     def _moved(self, position: QPointF) -> None:
+        self._pointer = position
         pixel = self.pixel_at(position)
         if pixel is None or self._image is None:
             self.hovered.emit(-1, -1, float("nan"))
         else:
             self.hovered.emit(*pixel, float(self._image[pixel]))
+
+    def _tell(self) -> None:
+        """Tell what is under a pointer that rests, so that no value of an earlier picture stays."""
+        if self._pointer is not None:
+            self._moved(self._pointer)
+
+    def leaveEvent(self, event: QEvent) -> None:
+        """Tell that the pointer left."""
+        self._pointer = None
+        self.hovered.emit(-1, -1, math.nan)
+        super().leaveEvent(event)
 
     def _clicked(self, event: Any) -> None:
         pixel = self.pixel_at(event.scenePos())

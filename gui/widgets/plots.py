@@ -106,17 +106,24 @@ class LinePlot(QWidget):
         colour: str = "",
         symbol: str | None = None,
         dashed: bool = False,
+        line: bool = True,
     ) -> None:
-        """Draw or replace a curve."""
+        """Draw or replace a curve; without ``line`` only its symbols."""
         values = np.asarray(x, float), np.asarray(y, float)
         if name in self._curves:
             self._curves[name].setData(*values)
             return
         tone = colour or LINES[len(self._curves) % len(LINES)]
         style = Qt.PenStyle.DashLine if dashed else Qt.PenStyle.SolidLine
-        pen = pg.mkPen(tone, width=1.8, style=style)
+        pen = pg.mkPen(tone, width=1.8, style=style) if line else None
         self._curves[name] = self.plot.plot(
-            *values, pen=pen, name=name, symbol=symbol, symbolSize=6, symbolBrush=tone, symbolPen=None
+            *values,
+            pen=pen,
+            name=name,
+            symbol=symbol,
+            symbolSize=16 if symbol == "star" else 6 if line else 9,
+            symbolBrush=tone,
+            symbolPen=None,
         )
 
     def set_labels(self, xlabel: str, ylabel: str) -> None:
@@ -170,5 +177,6 @@ class LinePlot(QWidget):
         with part.open("w", encoding="utf-8") as file:
             for name, curve in self._curves.items():
                 file.write(f"# {name}: {self._labels[0]}, {self._labels[1]}\n")
-                for x, y in zip(*curve.getData(), strict=True):
+                # not their logarithms, where an axis shows these
+                for x, y in zip(*curve.getOriginalDataset(), strict=True):
                     file.write(f"{x:.9g},{y:.9g}\n")

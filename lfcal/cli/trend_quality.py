@@ -22,12 +22,13 @@ def tell_quality(paths: Sequence[Path], out: Path | None, *, force: bool, json: 
     """Hold inspections side by side; end with exit code 1 when something got worse."""
     from lfcal.cli.console import print_json
     from lfcal.cli.outputs import check_output
+    from lfcal.psf.quality.sessions import inspections_in, labels_of
     from lfcal.psf.quality.trend import draw_quality_trend, quality_trend
 
-    places = list(dict.fromkeys(found.resolve() for path in paths for found in _inspections_in(path)))
+    places = list(dict.fromkeys(found.resolve() for path in paths for found in inspections_in(path)))
     if out is not None:
         check_output(out, *places, force=force)
-    found = quality_trend([_judged(place, label) for place, label in zip(places, _labels(places), strict=True)])
+    found = quality_trend([_judged(place, label) for place, label in zip(places, labels_of(places), strict=True)])
     if out is not None:
         draw_quality_trend(found, out)
     if json:
@@ -36,35 +37,6 @@ def tell_quality(paths: Sequence[Path], out: Path | None, *, force: bool, json: 
         _show(found, out)
     if found.worse:
         raise typer.Exit(1)
-
-
-def _inspections_in(path: Path) -> list[Path]:
-    """Return what a path names: a file, or the quality.json of a report's folder, or of a folder of such folders."""
-    from lfcal.errors import InputError
-    from lfcal.psf.quality.trend import NAME
-
-    if path.is_file():
-        return [path]
-    found = [path / NAME] if (path / NAME).is_file() else []
-    if not found and path.is_dir():
-        found = sorted(path.glob(f"*/{NAME}"))
-    if not found:
-        got = "none" if path.is_dir() else "no such folder"
-        raise InputError.expected(
-            f"inspections in {path}", f"{NAME} of lfcal inspect --report, or an H file", got, "name the report's folder"
-        )
-    return found
-
-
-def _labels(places: Sequence[Path]) -> list[str]:
-    """Return short names that tell them apart: that of the file, or of the folders above it."""
-    for above in range(1, 8):
-        told = ["/".join(place.parts[-above:]) for place in places]
-        if len(set(told)) == len(told):
-            from lfcal.psf.quality.trend import NAME
-
-            return [label.removesuffix(f"/{NAME}") for label in told]
-    return [str(place) for place in places]
 
 
 def _judged(place: Path, label: str) -> Judged:

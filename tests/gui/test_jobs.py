@@ -167,3 +167,35 @@ def test_closing_waits_no_longer_for_what_is_left_than_for_a_file(
     made.close()
     go_on.set()
     assert waits == [([], JOBS_S), ([f"lfcal-job-{number}"], LOADS_S)]
+
+
+def test_what_a_job_made_is_told_and_not_remembered(jobs: Jobs, qtbot: QtBot) -> None:
+    made: list[Any] = []
+    ends: list[Job] = []
+    jobs.finished.connect(ends.append)
+    jobs.start("Short", "psf", lambda: counting(2, []), made.append)
+    qtbot.waitUntil(lambda: bool(ends), timeout=GUARD_MS)
+    assert made and ends[0].result == made[0], "whoever hears of the end gets it"
+    assert jobs.jobs()[0].state is JobState.DONE and jobs.jobs()[0].result is None
+
+
+def test_a_job_asked_to_stop_says_so_at_once(jobs: Jobs, qtbot: QtBot) -> None:
+    from gui.job_panel import JobPanel
+
+    go_on = threading.Event()
+
+    def slow() -> Generator[Progress, None, None]:
+        yield Progress(0, 2, "slow")
+        go_on.wait(GUARD_MS / 1e3)
+        yield Progress(1, 2, "slow")
+
+    panel = JobPanel(jobs)
+    qtbot.addWidget(panel)
+    number = jobs.start("Slow", "simulate", slow)
+    qtbot.waitUntil(lambda: jobs.jobs()[0].progress is not None, timeout=GUARD_MS)
+    row = panel._rows[number]
+    jobs.cancel(number)
+    assert row.status.text() == "stopping …" and not row.button.isEnabled()
+    go_on.set()
+    qtbot.waitUntil(lambda: not jobs.busy, timeout=GUARD_MS)
+    assert row.status.text() == "stopped" and row.button.text() == "Dismiss" and row.button.isEnabled()

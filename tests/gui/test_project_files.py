@@ -285,3 +285,57 @@ def test_jobs_go_on_until_everything_is_answered(
     going.set()
     idle(window.jobs, qtbot)
     assert next(job for job in window.jobs.jobs() if job.number == number).state.value == "done"
+
+
+def test_closing_does_not_hold_the_window_while_a_job_stops(
+    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import threading
+
+    from lfcal.progress import Progress
+
+    go_on = threading.Event()
+
+    def work() -> Any:
+        yield Progress(0, 2, "work")
+        go_on.wait(GUARD_MS / 1e3)
+        yield Progress(1, 2, "work")
+
+    window.jobs.start("Simulate", "simulate", work)
+    qtbot.waitUntil(lambda: window.jobs.jobs()[0].progress is not None, timeout=GUARD_MS)
+    monkeypatch.setattr(QMessageBox, "question", lambda *_: BUTTONS.Yes)
+    waits: list[float] = []
+    monkeypatch.setattr("gui.jobs.wait_for", lambda threads, seconds: waits.append(seconds))
+    assert not window.close() and window.isVisible() and not waits
+    assert "closes when that is done" in window.log_view.toPlainText() and not window.centralWidget().isEnabled()
+    assert not window.close(), "asked once is enough"
+    monkeypatch.undo()
+    go_on.set()
+    qtbot.waitUntil(lambda: not window.isVisible(), timeout=GUARD_MS)
+    assert not window.jobs.busy
+
+
+def test_enter_does_not_stop_what_is_at_work(window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    import threading
+
+    from lfcal.progress import Progress
+
+    going = threading.Event()
+
+    def work() -> Any:
+        while not going.wait(0.001):
+            yield Progress(0, 1, "work")
+
+    window.jobs.start("Record", "acquire", work)
+    asked: list[tuple[Any, ...]] = []
+
+    def enter(*question: Any) -> Any:
+        asked.append(question)
+        return question[-1]  # the default button
+
+    monkeypatch.setattr(QMessageBox, "question", enter)
+    assert not window.files.may_leave()
+    job = window.jobs.jobs()[0]
+    assert job.active and not job.stopping and asked[0][-1] == BUTTONS.No and "recording" in asked[0][2]
+    going.set()
+    idle(window.jobs, qtbot)

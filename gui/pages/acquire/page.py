@@ -26,6 +26,7 @@ class Page(BasePage):
         self.panel = AcquirePanel(context.jobs)
         self.setup = SetupTab(context, self.panel.setup, self)
         self.record = RecordTab(context, self.setup, self.panel.record, self)
+        self.record.ended.connect(lambda: self._show(context.state, folder=False))
         self.set_panel(self.panel)
         context.theme_changed.connect(self.panel.apply_theme)
         self._show(context.state, folder=True)
@@ -37,7 +38,8 @@ class Page(BasePage):
             self._show(new, folder=old.recording != new.recording)
 
     def _show(self, state: ProjectState, *, folder: bool) -> None:
-        if state.plan is None:
+        self.record.show_state(state, folder=folder)
+        if state.plan is None and not self.record.recording:  # whose buttons stay, whatever becomes of the project
             self.show_empty(
                 "Recording needs a scan plan: which positions, planes and cutout.",
                 {"Plan": lambda: self.context.go.emit("plan", None)},
@@ -45,7 +47,6 @@ class Page(BasePage):
             return
         self.show_body()
         self.setup.show_state(state)
-        self.record.show_state(state, folder=folder)
 
     def entered(self) -> None:
         """Look for devices the first time."""

@@ -301,6 +301,12 @@ class RecordPanel(QWidget):
         else:
             self.frame.clear_cutout()
 
+    def clear_frame(self) -> None:
+        """Show no frame."""
+        self.frame.set_frame(None, (0, 1))
+        self.frame.clear_cutout()
+        self.frame_title.setText("Current frame")
+
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         for widget in (self.map, self.frame, self.depth_sum, self.error):

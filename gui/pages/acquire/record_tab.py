@@ -6,12 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtWidgets import QFileDialog
 
 from gui.context import Context
 from gui.jobs import Job, JobState
-from gui.models.project import ProjectState
+from gui.models.project import Hold, ProjectState
+from gui.models.words import plane_words
 from gui.pages.acquire.after import Afterwards
 from gui.pages.acquire.model import AcquireSettings
 from gui.pages.acquire.model_recorder import FolderState, Recorder, RecordPicture, folder_state, record_picture
@@ -24,10 +25,19 @@ from lfcal.units import format_length, format_seconds
 __all__ = ["RecordTab"]
 
 POLL_MS = 120
+HELD = "a session is being recorded: camera, plan and devices stay as they are until it ends"
 
 
 class RecordTab(QObject):
-    """Run sessions on the devices of a `SetupTab`; frames and quality are fetched by a timer, never pushed."""
+    """Run sessions on the devices of a `SetupTab`; frames and quality are fetched by a timer, never pushed.
+
+    Signals
+    -------
+    ended()
+        A recording ended, in whatever way.
+    """
+
+    ended = Signal()
 
     def __init__(self, context: Context, setup: SetupTab, panel: RecordPanel, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -59,17 +69,26 @@ class RecordTab(QObject):
 
     def show_state(self, state: ProjectState, *, folder: bool) -> None:
         """Show plan, settings and folder; ``folder``: it changed."""
+        self.panel.folder.setText(state.recording)
+        if folder:
+            if not self.recording:
+                self._forget()
+            self._look_into_folder()
         if state.plan is None:
             return
         settings = AcquireSettings.of(state)
         self.panel.set_values(settings.values(state.plan), settings.extent)
         self.panel.set_planes(len(state.plan.depths_um))
-        self.panel.folder.setText(state.recording)
-        if folder:
-            if not self.recording:
-                self.recorder = None
-            self._look_into_folder()
         self.show_controls()
+        if self.recorder is None:
+            self._refresh_picture()
+
+    def _forget(self) -> None:
+        """Let go of what was recorded before: it is of another folder."""
+        self.recorder, self.folder, self._lamp = None, FolderState(), ""
+        self.panel.show_status("Not recording.", "", 0.0)
+        self.panel.clear_frame()
+        self.context.attention.emit("acquire", False)
 
     def _check_field(self, key: str, value: Any) -> str:
         state = self.context.state
@@ -78,13 +97,13 @@ class RecordTab(QObject):
                 AcquireSettings.of(state).changed(state.plan, key, value)
         except LfcalError as error:
             return str(error)
-        return ""
+        return HELD if self.recording else ""
 
     def _field_edited(self, key: str, value: Any) -> None:
         state = self.context.state
         if state.plan is not None:
             settings, plan = AcquireSettings.of(state).changed(state.plan, key, value)
-            self.context.project.update(f"change of {key.replace('_', ' ')}", plan=plan, settings=settings.into(state))
+            self.context.project.merge(f"change of {key.replace('_', ' ')}", plan=plan, settings=settings.into(state))
 
     # -- session folder --------------------------------------------------------------------------------
     def _choose_folder(self, then: Callable[[], None] | None = None) -> None:
@@ -223,6 +242,11 @@ class RecordTab(QObject):
     def _set_job(self, number: int) -> None:
         """Take the devices for a job, or give them back (0)."""
         self._job, self.setup.reserved = number, bool(number)
+        if number:
+            held = Hold(HELD, ("camera", "plan", "recording"), ("acquire",), self.context.message.emit)
+            self.context.project.hold(held)
+        else:
+            self.context.project.release()
         self.setup.show_controls()
         self.show_controls()
 
@@ -272,7 +296,7 @@ class RecordTab(QObject):
     def _show_picture(self, picture: RecordPicture, z: int, depths: tuple[float, ...]) -> None:
         if z >= len(depths):
             return
-        words = f"Plane {z} of {len(depths)}: z = {format_length(depths[z])}" + (", complete" * picture.complete)
+        words = f"{plane_words(z, len(depths))}: z = {format_length(depths[z])}" + (", complete" * picture.complete)
         self.panel.show_picture(picture, words)
         if self.recorder is None:
             self.panel.show_status("Not recording.", "", picture.done / max(1, picture.total))
@@ -322,6 +346,10 @@ class RecordTab(QObject):
             return
         self._set_job(0)
         self.poll_timer.stop()
+        if self.recorder is not None and self.recorder.folder != Path(self.context.state.recording):
+            self._forget()  # another project was begun meanwhile
+            self.ended.emit()
+            return
         self._poll()
         self._look_into_folder()
         words = {JobState.FAILED: "Stopped by a fault.", JobState.CANCELLED: "Interrupted."}.get(job.state, "")
@@ -336,3 +364,4 @@ class RecordTab(QObject):
         known = curve.words if self.recorder is not None and self.recorder.steps and curve is not None else ""
         # beside the status, which stays: the advice is written again once the folder was looked into
         self.panel.show_status(words, job.error or known, fraction)
+        self.ended.emit()

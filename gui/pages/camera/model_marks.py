@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from gui.models.project import ProjectState
-from lfcal.camera import Camera, Marks, quantities_of, value_at
+from lfcal.camera import Camera, Marks, ScanPlan, quantities_of, value_at
+from lfcal.errors import LfcalError
 
 __all__ = ["TIPS", "Assumed", "assumed_values", "confirmed", "mark_of", "path_of", "state_with", "stated"]
 
@@ -21,6 +22,9 @@ PATHS = {
     "camera.bandwidth_um": "bandwidth_um",
 }
 """Fields whose value stands elsewhere in the description."""
+
+CHOSEN = ("depths_um", "stage", "order", "exposure_s", "settle_s", "frames_averaged", "resample")
+"""What of a plan does not follow from the camera."""
 
 OF_ROWS = ("lattice.row_pitch_um", "lattice.shear_rad", "lattice.distortion")
 """Values that another kind of array does not keep."""
@@ -79,10 +83,36 @@ def stated(before: Camera, after: Camera, key: str) -> Camera:
     return confirmed(after, [path]) if path and after.marks[path] != "stated" else after
 
 
-def state_with(state: ProjectState, camera: Camera) -> dict[str, object]:
-    """Return the changes of a project that take a camera: its plan stays where images lie as they did."""
-    kept = state.plan is not None and _same_geometry(state.camera, camera)
-    return {"camera": camera, "plan": replace(state.plan, camera=camera) if kept and state.plan is not None else None}
+def state_with(state: ProjectState, camera: Camera, *, same: bool = False) -> dict[str, object]:
+    """Return the changes of a project that take a camera.
+
+    Its plan stays where images lie as they did. Of the ``same`` camera, described otherwise, it is made anew with what
+    was chosen in it: planes, exposures, stage, and cutout and anchor unless they were those that are suggested.
+    """
+    plan = state.plan
+    if plan is not None and _same_geometry(state.camera, camera):
+        plan = replace(plan, camera=camera)
+    elif plan is not None:
+        plan = carried(plan, camera) if same else None
+    return {"camera": camera, "plan": plan}
+
+
+def carried(plan: ScanPlan, camera: Camera) -> ScanPlan | None:
+    """Return a plan for the camera as it is described now; None where no such planes can be scanned with it."""
+    chosen = {name: getattr(plan, name) for name in CHOSEN}
+    try:
+        suggested = ScanPlan.for_camera(plan.camera, depths_um=plan.depths_um, resample=plan.resample)
+        for name in ("cutout", "anchor"):
+            if getattr(plan, name) != getattr(suggested, name):
+                chosen[name] = getattr(plan, name)
+    except (LfcalError, ZeroDivisionError, OverflowError):
+        return None
+    for kept in (chosen, {name: chosen[name] for name in CHOSEN}):  # a cutout or an anchor may lie outside now
+        try:
+            return ScanPlan.for_camera(camera, **kept)
+        except (LfcalError, ZeroDivisionError, OverflowError):
+            continue
+    return None
 
 
 def _same_geometry(one: Camera, other: Camera) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ class Page(BasePage):
         self.tool_button("Check …", "Hold this camera against a white image", self.choose_white)
         self.tool_button("Sensor …", "Measure gain, noise and saturation from flats and darks", self.measure_sensor)
         self.tool_button("Save …", "Write this camera as JSON", self.save_file)
-        self.panel = CameraPanel(lambda key, value: apply_change(self.context.state.camera, key, value)[1])
+        self.panel = CameraPanel(self._check)
         self.panel.edited.connect(self._edited)
         self.panel.assumed.confirmed.connect(self._confirmed)
         self.panel.check.asked.connect(self.choose_white)
@@ -66,8 +67,23 @@ class Page(BasePage):
 
     def _edited(self, key: str, value: Any) -> None:
         camera, _ = apply_change(self.context.state.camera, key, value)
-        if camera is not None:
-            self._set(camera, f"change of {key.split('.')[1].replace('_', ' ')}")
+        if camera is None:
+            return
+        label, project = f"change of {key.split('.')[1].replace('_', ' ')}", self.context.project
+        # of the plan before the field was touched: half a number must not have changed it
+        before = project.before(label)
+        changes = state_with(before, camera, same=True)
+        project.merge(label, **changes)
+        lost = before.plan is not None and changes["plan"] is None
+        if lost and self.context.state.camera == camera:
+            self.refuse("This camera cannot scan the planes of the plan, which was let go; undo brings it back")
+        else:
+            self.notice.clear()
+
+    def _check(self, key: str, value: Any) -> str:
+        camera, why = apply_change(self.context.state.camera, key, value)
+        held = "" if camera is None else self.context.project.held(replace(self.context.state, camera=camera))
+        return why or held
 
     def _set(self, camera: Camera, label: str) -> None:
         self.context.project.update(label, **state_with(self.context.state, camera))

@@ -17,7 +17,7 @@ from lfcal.camera import ScanPlan
 from lfcal.files import read_text
 from lfcal.frames.orientation import named_orientation
 from lfcal.frames.source import FrameSource, Position
-from lfcal.psf.cutout import INTERPOLATIONS, Cutout
+from lfcal.psf.cutout import INTERPOLATIONS, Cutout, Window
 from lfcal.psf.upright import CHECK
 
 if TYPE_CHECKING:
@@ -164,6 +164,8 @@ class Loaded:
         Row and column of the paraxial image, where the plan has it.
     origin
         Sensor row and column of the frame's first pixel; window and point count from it.
+    crop
+        ``(nt, ns)`` the cutout as it goes into H, before and after correction; None where it leaves the frame.
     """
 
     position: Position
@@ -174,6 +176,7 @@ class Loaded:
     window: tuple[int, int, int, int]
     point: tuple[float, float]
     origin: tuple[int, int] = (0, 0)
+    crop: tuple[NDArray[Any], NDArray[Any]] | None = None
 
 
 def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opened:
@@ -286,7 +289,7 @@ def load_frame(opened: Opened, position: Position) -> Loaded:
     info = opened.view.info(index)
     raw = turned(opened.source, opened.plan, opened.delivered.orientation).read(index)
     fixed = opened.view.samples(index)
-    cutout = Cutout.for_plan(opened.plan)
+    cutout = Cutout.for_plan(opened.plan, interpolation=opened.interpolation)
     corner = cutout.window(position)
     row, column = opened.plan.image_px(position).tolist()
     top, left = info.origin
@@ -299,4 +302,19 @@ def load_frame(opened: Opened, position: Position) -> Loaded:
         (corner.row - top, corner.column - left, *cutout.reach),
         (row - top, column - left),
         info.origin,
+        _crop(cutout, corner, (raw, fixed.values), info.origin),
     )
+
+
+def _crop(
+    cutout: Cutout, window: Window, frames: tuple[NDArray[Any], NDArray[Any]], origin: tuple[int, int]
+) -> tuple[NDArray[Any], NDArray[Any]] | None:
+    """Return the cutout of both frames, whose first pixel is ``origin``; None where it leaves them."""
+    rows, columns = cutout.region(window)
+    top, left = rows.start - origin[0], columns.start - origin[1]
+    bottom, right = rows.stop - origin[0], columns.stop - origin[1]
+    height, width = frames[0].shape
+    if top < 0 or left < 0 or bottom > height or right > width:
+        return None
+    raw, fixed = (cutout.resample(frame[top:bottom, left:right], window) for frame in frames)
+    return raw, fixed

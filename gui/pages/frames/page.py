@@ -106,6 +106,8 @@ class Page(BasePage):
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Open what the project names now."""
         changed = old.frames != new.frames or old.plan != new.plan
+        if old.frames != new.frames:
+            self.context.attention.emit("frames", False)
         if changed or FrameSettings.of(old) != FrameSettings.of(new):
             self._open()
 
@@ -173,7 +175,7 @@ class Page(BasePage):
     def _open(self) -> None:
         state, settings = self.context.state, self.settings
         self.panel.show_settings(settings)
-        self.opened = self.found = None
+        self.opened = self.found = self.loaded = None
         self.hint.setText(self.spec.hint)
         self.assemble_button.setEnabled(False)
         if not state.frames:
@@ -273,9 +275,15 @@ class Page(BasePage):
             self._show_map()
         opened = self.opened
         if opened.frames[where] < 0:
+            self.loaded = None
             self.panel.show_missing(f"z {where.z}, y {where.y}, x {where.x}: no frame")
             return
-        self.context.jobs.compute("frames load", lambda: load_frame(opened, where), self._loaded, self.refuse)
+
+        def loaded(found: Loaded) -> None:
+            if opened is self.opened and where == self.position:  # else another is looked at, which may have none
+                self._loaded(found)
+
+        self.context.jobs.compute("frames load", lambda: load_frame(opened, where), loaded, self.refuse)
 
     def _step(self, dy: int, dx: int) -> None:
         if self.opened is not None:
@@ -301,6 +309,7 @@ class Page(BasePage):
     def assemble(self, path: str = "") -> None:
         """Assemble H as a job, unless the frames are known not to lie as the plan says."""
         if self.opened is None:
+            self.refuse("there are no frames to assemble; open some first")
             return
         if self._refused():
             return

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
@@ -27,6 +29,7 @@ from gui.pages.frames.orientation import CHOICES
 from gui.theme import current_theme
 from gui.widgets.cards import card, choice_box, heading
 from gui.widgets.frame_view import FrameView
+from gui.widgets.image_view import ImageView
 from gui.widgets.period_map import PeriodMap
 from gui.widgets.plots import LinePlot
 from lfcal.camera import Camera
@@ -65,6 +68,11 @@ class FramesPanel(QWidget):
         super().__init__()
         self.view = FrameView(jobs, "frame view")
         self.view.hovered.connect(self._hovered)
+        self.crop = ImageView(value_label="counts")
+        self.crop.setFixedHeight(210)
+        self.crop_words = QLabel(" ")
+        self.crop_words.setProperty("role", "hint")
+        self.crop_words.setWordWrap(True)
         self.map = PeriodMap()
         self.map.chosen.connect(self.position_asked.emit)
         self.map.setFixedHeight(190)
@@ -98,16 +106,18 @@ class FramesPanel(QWidget):
         self.before_box.toggled.connect(self.before_toggled.emit)
         self.scale_box = choice_box(SCALES, "How intensity becomes colour (L: log, G: gamma)")
         self.scale_box.currentIndexChanged.connect(
-            lambda _: self.view.set_display(Display(scale=self.scale_box.currentData()))
+            lambda _: self._set_display(Display(scale=self.scale_box.currentData()))
         )
-        whole, cutout = QPushButton("Whole frame"), QPushButton("Cutout")
-        whole.clicked.connect(self.view.show_all)
-        cutout.clicked.connect(self._zoom_cutout)
+        whole, self.follow = QPushButton("Whole frame"), QPushButton("Follow cutout")
+        self.follow.setCheckable(True)
+        self.follow.setToolTip("Zoom to the cutout, and keep it in view as it moves along with the point")
+        whole.clicked.connect(self._show_whole)
+        self.follow.toggled.connect(lambda _: self._zoom_cutout())
         for widget in (self.lattice_box, self.before_box, self.scale_box):
             row.addWidget(widget)
         row.addStretch()
         row.addWidget(whole)
-        row.addWidget(cutout)
+        row.addWidget(self.follow)
         return row
 
     def _left(self) -> QScrollArea:
@@ -117,6 +127,9 @@ class FramesPanel(QWidget):
         column.addWidget(self.position_label)
         column.addLayout(self._plane_line())
         column.addWidget(self.map)
+        column.addWidget(heading("Cutout"))
+        column.addWidget(self.crop)
+        column.addWidget(self.crop_words)
         column.addWidget(heading("Corrections"))
         column.addLayout(self._corrections())
         column.addWidget(heading("Positions and cutout"))
@@ -225,6 +238,11 @@ class FramesPanel(QWidget):
         """Say that there is no frame."""
         self.position_label.setText(words)
         self.view.set_frame(None, (0, 1))
+        self.view.clear_cutout()
+        self._window = None
+        self.histogram.clear()
+        self.numbers.setText("")
+        self._show_crop(None, "no frame")
 
     def show_frame(self, loaded: Loaded) -> None:
         """Show a frame with its numbers."""
@@ -240,6 +258,17 @@ class FramesPanel(QWidget):
         """Show the frame before or after its correction, as chosen."""
         frame = loaded.raw if self.before_box.isChecked() else loaded.fixed
         self.view.set_frame(frame, (float(frame.min()), float(frame.max())))
+        crop = None if loaded.crop is None else loaded.crop[0 if self.before_box.isChecked() else 1]
+        words = "It leaves the frame." if crop is None else f"{crop.shape[0]} × {crop.shape[1]} px, as it goes into H"
+        self._show_crop(crop, words)
+
+    def _show_crop(self, crop: NDArray[Any] | None, words: str) -> None:
+        self.crop.set_image(crop, name="cutout")
+        self.crop_words.setText(words)
+
+    def _set_display(self, display: Display) -> None:
+        self.view.set_display(display)
+        self.crop.set_display(display)
 
     def show_overlays(self, camera: Camera, loaded: Loaded | None) -> None:
         """Show lattice, if chosen, and cutout."""
@@ -251,6 +280,7 @@ class FramesPanel(QWidget):
             return
         row, column, rows, columns = loaded.window
         self.view.set_cutout(row, column, (rows, columns), loaded.point)
+        self._zoom_cutout()
 
     def toggle_scale(self, scale: str) -> None:
         """Change between ``scale`` and linear."""
@@ -259,7 +289,7 @@ class FramesPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.view, self.map, self.histogram):
+        for widget in (self.view, self.crop, self.map, self.histogram):
             widget.apply_theme()
 
     def _play(self, on: bool) -> None:
@@ -267,8 +297,13 @@ class FramesPanel(QWidget):
         self.play_toggled.emit(on)
 
     def _zoom_cutout(self) -> None:
-        if self._window is not None:
+        """Keep the cutout in view, where that is chosen."""
+        if self.follow.isChecked() and self._window is not None:
             self.view.show_region(*self._window)
+
+    def _show_whole(self) -> None:
+        self.follow.setChecked(False)
+        self.view.show_all()
 
     def _hovered(self, row: int, column: int, value: float) -> None:
         self.readout.setText(" " if row < 0 else f"row {row}, column {column}: {value:.5g} counts")

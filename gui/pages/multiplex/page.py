@@ -109,7 +109,7 @@ class Page(BasePage):
 
     def _edited(self, key: str, value: Any) -> None:
         settings = self.settings.changed(key, value).into(self.context.state)
-        self.context.project.update(f"change of {key.replace('_', ' ')}", settings=settings)
+        self.context.project.merge(f"change of {key.replace('_', ' ')}", settings=settings)
 
     def _compared(self, ticked: tuple[str, ...]) -> None:
         settings = self.settings

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,21 +52,24 @@ class Page(BasePage):
         self.panel.show_plan(state.plan)
 
     def _check(self, key: str, value: Any) -> str:
-        plan = self.context.state.plan
-        return "" if plan is None else apply_change(plan, key, value)[1]
+        state = self.context.state
+        if state.plan is None:
+            return ""
+        plan, why = apply_change(state.plan, key, value)
+        return why or self.context.project.held(replace(state, plan=plan))
 
     def _edited(self, key: str, value: Any) -> None:
         plan = self.context.state.plan
         changed = None if plan is None else apply_change(plan, key, value)[0]
         if changed is not None:
-            self.context.project.update(f"change of {key.replace('_', ' ')}", plan=changed)
+            self.context.project.merge(f"change of {key.replace('_', ' ')}", plan=changed)
 
     def make_default(self) -> None:
         """Make the plan that the camera's geometry suggests."""
         try:
             self.context.project.update("default plan", plan=default_plan(self.context.state.camera))
         except LfcalError as error:
-            self.context.message.emit(str(error))
+            self.refuse(str(error))
 
     def open_file(self, path: str = "") -> None:
         """Take a plan, and its camera, from a file."""
@@ -83,6 +87,7 @@ class Page(BasePage):
         """Write the plan as JSON."""
         plan = self.context.state.plan
         if plan is None:
+            self.refuse("there is no plan to save; make or open one first")
             return
         path, text = path or ask_target(self, "Save plan", "plan.json", "Plans (*.json)"), plan.to_json()
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):

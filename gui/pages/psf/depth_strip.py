@@ -67,7 +67,10 @@ class DepthStrip(QListWidget):
         """Show the sum of plane ``z``."""
         item = self.item(z)
         if item is not None:
-            item.setIcon(QIcon(to_pixmap(image, self._side)))
+            picture = to_pixmap(image, self._side)
+            icon = QIcon(picture)
+            icon.addPixmap(picture, QIcon.Mode.Selected)  # else the one that is chosen is tinted
+            item.setIcon(icon)
 
     def set_current(self, z: int) -> None:
         """Mark a plane without reporting it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gui.models.display import Display
+from gui.models.words import plane_words
 from lfcal.axes import centre
 from lfcal.psf import PSFMatrix
 from lfcal.units import format_length
@@ -25,9 +27,11 @@ __all__ = [
     "aperture_words",
     "expected_in",
     "linked_pixel",
+    "pixel_words",
     "place_words",
     "read_plane",
     "resolve",
+    "shown_unit",
     "turn_pixel",
     "unit_of",
 ]
@@ -61,14 +65,14 @@ class PSFIntent:
     pixel: Pixel | None = None
     display: Display = field(default_factory=Display)
 
-    def clamped(self, shape: tuple[int, int, int, int, int]) -> PSFIntent:
-        """Return the intent with every index inside a matrix of ``shape``."""
+    def clamped(self, shape: tuple[int, int, int, int, int], *, reference: bool = True) -> PSFIntent:
+        """Return the intent with every index inside a matrix of ``shape``; without a ``reference`` H alone is shown."""
         nz, ny, nx, nt, ns = shape
         z, y, x = (min(max(v, 0), n - 1) for v, n in zip((self.z, self.y, self.x), (nz, ny, nx), strict=True))
         pixel = self.pixel
         if pixel is not None and not (0 <= pixel[0] < nt and 0 <= pixel[1] < ns):
             pixel = None
-        return replace(self, z=z, y=y, x=x, pixel=pixel)
+        return replace(self, z=z, y=y, x=x, pixel=pixel, show=self.show if reference else "measured")
 
     def moved(self, dy: int, dx: int, period: tuple[int, int]) -> PSFIntent:
         """Return the intent one or more positions further; the period wraps around."""
@@ -107,24 +111,39 @@ class PlaneData:
     depth_sum
         ``(nt, ns)`` sum of all patterns.
     levels
-        Lowest and highest value of the plane, the lowest at most 0: one scale for all its positions.
+        For what is shown of `PSFIntent` lowest and highest value in the plane: one scale for all its positions. The
+        lowest is at most 0; of a difference both are as far from it.
     """
 
     plane: LoadedPlane
     reference: LoadedPlane | None
     energy: NDArray[np.float64]
     depth_sum: NDArray[np.float64]
-    levels: tuple[float, float]
+    levels: Mapping[str, tuple[float, float]]
 
 
 def read_plane(matrix: PSFMatrix, reference: PSFMatrix | None, z: int) -> PlaneData:
     """Read plane ``z`` of H and of the reference."""
     plane = LoadedPlane(z, matrix.plane(z))
     other = None if reference is None else LoadedPlane(z, reference.plane(z))
-    low, high = float(plane.values.min()), float(plane.values.max())
     energy = plane.values.sum((2, 3), dtype=np.float64)
-    levels = (min(low, 0.0), high if high > low else low + 1)
+    levels = {"measured": _levels_of(plane.values)}
+    if other is not None:
+        levels |= {"reference": _levels_of(other.values), "difference": _difference_levels(plane, other)}
     return PlaneData(plane, other, energy, matrix.depth_sum(z), levels)
+
+
+def _levels_of(values: NDArray[Any]) -> tuple[float, float]:
+    low, high = float(values.min()), float(values.max())
+    return min(low, 0.0), high if high > low else low + 1
+
+
+def _difference_levels(plane: LoadedPlane, reference: LoadedPlane) -> tuple[float, float]:
+    """Return the ends of the scale of all differences of a plane, found row by row of positions."""
+    scale, top = plane_scale(plane, reference), 0.0
+    for own, other in zip(plane.values, reference.values, strict=True):
+        top = max(top, float(np.abs(own.astype(np.float32) - np.float32(scale) * other.astype(np.float32)).max()))
+    return -(top or 1.0), top or 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,13 +234,24 @@ def unit_of(matrix: PSFMatrix) -> str:
     return "share of the light" if "simulated" in matrix.provenance else "intensity (counts)"
 
 
+def shown_unit(intent: PSFIntent, matrix: PSFMatrix, reference: PSFMatrix | None) -> str:
+    """Return what the values shown are; a difference is taken at the light of H."""
+    return unit_of(reference if intent.show == "reference" and reference is not None else matrix)
+
+
+def pixel_words(picture: PSFPicture, pixel: Pixel, unit: str) -> str:
+    """Return the pixel (t, s) of the main picture in words, its value in ``unit``."""
+    t, s = pixel
+    return f"t {t}, s {s}: {picture.main[t, s]:.5g} {'counts' if 'counts' in unit else 'of the light'}"
+
+
 def place_words(matrix: PSFMatrix, intent: PSFIntent) -> tuple[str, str]:
     """Return plane and position in words."""
     depth = float(matrix.depths[intent.z])
     virtual = f", v = {matrix.camera.virtual_depth(depth):.2f}" if matrix.camera is not None else ""
     ny, nx = matrix.period
     return (
-        f"Plane {intent.z} of {len(matrix)}: z = {format_length(depth)}{virtual}",
+        f"{plane_words(intent.z, len(matrix))}: z = {format_length(depth)}{virtual}",
         f"Position y {intent.y}, x {intent.x} of {ny} × {nx} px",
     )
 
@@ -263,4 +293,4 @@ def aperture_words(aperture: Aperture) -> str:
         f"<tr><td style='padding-right:10px'>{a}</td><td style='white-space:nowrap'><b>{b}</b></td></tr>"
         for a, b in lines
     )
-    return f"{refused}<table>{cells}</table>"
+    return f"{refused}<table cellspacing='0' cellpadding='0'>{cells}</table>"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ from gui.pages.psf.model import (
     place_words,
     read_plane,
     resolve,
+    shown_unit,
     unit_of,
 )
 from gui.pages.psf.panel import PSFPanel
@@ -52,7 +54,7 @@ class Page(BasePage):
         self.reference_plane: LoadedPlane | None = None
         self._export_intent = ExportSettings.of(context.state).on(ExportIntent())
         self._held = False
-        self._levels = (0.0, 1.0)
+        self._levels: Mapping[str, tuple[float, float]] = {}
         self.tool_button("Open H …", "An H file, another code's (.mat, .lfc), or an .npy array", self.choose_file)
         self.tool_button("Reference …", "An H to compare with: simulated or earlier", self.choose_reference)
         self.tool_button("Export …", "H and HT for a deconvolution code", self.export)
@@ -233,7 +235,8 @@ class Page(BasePage):
         """Change what is asked for, and show it."""
         if self.matrix is None:
             return
-        self.intent = replace(self.intent, **changes).clamped(self.matrix.shape)
+        there = self.reference is not None
+        self.intent = replace(self.intent, **changes).clamped(self.matrix.shape, reference=there)
         self.panel.show_intent(self.intent, *place_words(self.matrix, self.intent))
         if self.plane is None or self.plane.z != self.intent.z:
             self._load_plane()
@@ -255,8 +258,6 @@ class Page(BasePage):
         pixel = None if row < 0 else (row, column)
         if pixel != self.intent.pixel:
             self.set_intent(pixel=pixel)
-        if pixel is not None:
-            self.panel.readout.setText(f"t {row}, s {column}: {value:.5g} counts")
 
     def _hold(self, row: int, column: int) -> None:
         self._held = not self._held
@@ -290,10 +291,11 @@ class Page(BasePage):
     def _show_picture(self) -> None:
         if self.plane is None:
             return
-        # all positions of a plane share its levels, but the reference and the difference have others
-        own = self.intent.show != "measured" or self.panel.own_scale.isChecked()
+        assert self.matrix is not None
+        own = self.panel.own_scale.isChecked()
         picture = resolve(self.intent, self.plane, self.reference_plane)
-        self.panel.show_picture(picture, self.intent, None if own else self._levels)
+        unit = shown_unit(self.intent, self.matrix, self.reference)
+        self.panel.show_picture(picture, self.intent, None if own else self._levels.get(self.intent.show), unit)
 
     def _show_aperture(self, aperture: Aperture) -> None:
         if self.matrix is not None:

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
 
 from gui.models.display import COLOUR_MAPS, Display
 from gui.pages.psf.depth_strip import DepthStrip
-from gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, aperture_words
+from gui.pages.psf.model import PlaneData, PSFIntent, PSFPicture, aperture_words, pixel_words
 from gui.widgets.cards import card, choice_box
 from gui.widgets.image_view import ImageView
 from gui.widgets.period_map import PeriodMap
@@ -37,6 +37,7 @@ __all__ = ["PSFPanel"]
 
 SHOWN = (("measured", "measured"), ("reference", "reference"), ("difference", "difference"))
 SCALES = (("linear", "linear"), ("log", "log, 4 decades"), ("gamma", "gamma 0.5"))
+HOVER = "Hover a pixel to see the voxel pattern it belongs to; click to hold it."
 Levels = tuple[float, float] | None
 
 
@@ -63,20 +64,31 @@ class PSFPanel(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
+        self._unit = ""
         self._make_pictures()
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(8)
-        grid.addWidget(self._controls(), 0, 0, 2, 1)
-        grid.addWidget(_titled(self.main_title, self.main_view), 0, 1)
-        grid.addWidget(_titled(self.linked_title, self.linked_view), 0, 2)
-        grid.addWidget(_titled(QLabel("Line profiles through the pixel under the pointer"), self.profile), 1, 1)
-        grid.addWidget(self._aperture_card(), 1, 2)
-        grid.addWidget(self.strip, 2, 0, 1, 3)
+        # pictures have a grid of their own: the height of the controls is not theirs
+        grid.addWidget(self._controls(), 0, 0)
+        grid.addLayout(self._pictures(), 0, 1)
+        grid.addWidget(self.strip, 1, 0, 1, 2)
         grid.setColumnStretch(1, 1)
-        grid.setColumnStretch(2, 1)
-        grid.setRowStretch(0, 3)
-        grid.setRowStretch(1, 2)
+
+    def _pictures(self) -> QGridLayout:
+        grid = QGridLayout()
+        grid.setSpacing(8)
+        grid.addWidget(_titled(self.main_title, self.main_view), 0, 0)
+        grid.addWidget(_titled(self.linked_title, self.linked_view), 0, 1)
+        profiles = _titled(QLabel("Line profiles through the pixel under the pointer"), self.profile)
+        for k, widget in enumerate((profiles, self._aperture_card())):
+            # what they would like to have takes nothing from H and HT
+            widget.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
+            grid.addWidget(widget, 1, k)
+        for k in range(2):
+            grid.setColumnStretch(k, 1)
+            grid.setRowStretch(k, 3 - k)
+        return grid
 
     # -- building --------------------------------------------------------------------------------------
     def _make_pictures(self) -> None:
@@ -156,6 +168,7 @@ class PSFPanel(QWidget):
     def _aperture_card(self) -> QWidget:
         panel, column = card("Aperture from the depth-plane sum")
         row = QHBoxLayout()
+        self.sum_view.graphics.removeItem(self.sum_view.bar)  # of its shape all is said; it takes half of the room
         row.addWidget(self.sum_view, 1)
         self.aperture_text.setAlignment(Qt.AlignmentFlag.AlignVCenter)
         # in a scroll area: a label that wraps would ask the grid for height, and the pictures above would shrink
@@ -164,7 +177,7 @@ class PSFPanel(QWidget):
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setWidget(self.aperture_text)
         self.aperture_text.setAutoFillBackground(False)
-        area.setFixedWidth(168)
+        area.setFixedWidth(190)
         row.addWidget(area)
         column.addLayout(row, 1)
         return panel
@@ -176,17 +189,28 @@ class PSFPanel(QWidget):
         self.plane_slider.setEnabled(len(depths) > 1)
         self.strip.set_planes(depths)
         self.show_box.setEnabled(reference)
-        for view in (self.main_view, self.linked_view, self.sum_view):
-            view.set_value_label(unit)
-        self.profile.set_labels("pixel from the cutout's centre (px)", unit)
+        self.sum_view.set_value_label(unit)
+        self._show_unit(unit)
+
+    def _show_unit(self, unit: str) -> None:
+        """Name the unit of the pictures and of the profile; their axes are slow to draw."""
+        if unit != self._unit:
+            self._unit = unit
+            for view in (self.main_view, self.linked_view):
+                view.set_value_label(unit)
+            self.profile.set_labels("pixel from the cutout's centre (px)", unit)
 
     def show_intent(self, intent: PSFIntent, plane_words: str, position_words: str) -> None:
         """Show what was asked for."""
         self.plane_label.setText(plane_words)
         self.position_label.setText(position_words)
-        blocker = QSignalBlocker(self.plane_slider)
-        self.plane_slider.setValue(intent.z)
-        blocker.unblock()
+        for widget, show in (
+            (self.plane_slider, lambda: self.plane_slider.setValue(intent.z)),
+            (self.show_box, lambda: self.show_box.setCurrentIndex(self.show_box.findData(intent.show))),
+        ):
+            blocker = QSignalBlocker(widget)
+            show()
+            blocker.unblock()
         self.strip.set_current(intent.z)
         self.map.set_position(intent.y, intent.x)
         self.h_button.setChecked(not intent.transposed)
@@ -194,7 +218,6 @@ class PSFPanel(QWidget):
 
     def show_plane(self, loaded: PlaneData, recorded: NDArray[Any]) -> None:
         """Show what holds for a whole plane: energy of each position and whether it was recorded, depth sum."""
-        self.readout.setText("Hover a pixel to see the voxel pattern it belongs to; click to hold it.")
         self.map.set_values(loaded.energy, recorded)
         nt, ns = loaded.depth_sum.shape
         self.sum_view.set_image(loaded.depth_sum, name="depth_sum", origin=(-(nt // 2), -(ns // 2)))
@@ -202,8 +225,9 @@ class PSFPanel(QWidget):
         self.expected.setData([], [])
         self.aperture_text.setText("fitting the aperture …")
 
-    def show_picture(self, picture: PSFPicture, intent: PSFIntent, levels: Levels) -> None:
-        """Show the main and the linked picture; ``levels`` None: each fills the scale."""
+    def show_picture(self, picture: PSFPicture, intent: PSFIntent, levels: Levels, unit: str) -> None:
+        """Show the main and the linked picture with values in ``unit``; ``levels`` None: each fills the scale."""
+        self._show_unit(unit)
         for view, image, cursor in (
             (self.main_view, picture.main, picture.main_cursor),
             (self.linked_view, picture.linked, picture.linked_cursor),
@@ -212,6 +236,8 @@ class PSFPanel(QWidget):
                 view.set_signed(picture.signed, intent.display)
             view.set_image(image, name="psf", levels=levels)
             view.set_cursor(*(cursor or (None, None)))
+        words = HOVER if intent.pixel is None else pixel_words(picture, intent.pixel, unit)
+        self.readout.setText(words)
         self.main_title.setText(picture.main_title)
         self.linked_title.setText(picture.linked_title)
         self._show_profile(picture.main, intent, levels)

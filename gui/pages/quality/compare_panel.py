@@ -38,8 +38,8 @@ class ComparePanel(QWidget):
 
     Signals
     -------
-    choose_asked(), compare_asked()
-        A second H is wanted; compare them.
+    choose_asked(), compare_asked(), report_asked()
+        A second H is wanted; compare them; write what was found.
     pairing_chosen(by_number)
         How planes belong together.
     row_chosen(row)
@@ -50,6 +50,7 @@ class ComparePanel(QWidget):
 
     choose_asked = Signal()
     compare_asked = Signal()
+    report_asked = Signal()
     pairing_chosen = Signal(bool)
     row_chosen = Signal(int)
     place_chosen = Signal(tuple)
@@ -89,6 +90,9 @@ class ComparePanel(QWidget):
         self.pairing.currentIndexChanged.connect(
             lambda: self.pairing_chosen.emit(self.pairing.currentData() == "number")
         )
+        self.report_button = QPushButton("Write report …")
+        self.report_button.setToolTip("A page with the pictures side by side, and all numbers for programs")
+        self.report_button.clicked.connect(lambda: self.report_asked.emit())
         self.compare_button = QPushButton("Compare")
         self.compare_button.setToolTip("Compare all positions of both (F5)")
         self.compare_button.clicked.connect(lambda: self.compare_asked.emit())
@@ -98,6 +102,7 @@ class ComparePanel(QWidget):
             "Planes",
             self.pairing,
             QWidget(),
+            self.report_button,
             self.compare_button,
             stretch=4,
         )
@@ -212,6 +217,12 @@ class ComparePanel(QWidget):
     ) -> None:
         """Show a comparison's numbers; ``words`` are its verdict and what was left out."""
         self._names, self._both = names, None
+        self._timer.stop()
+        for view in (*self.views, self.map):  # until the new ones are read
+            view.set_image(None)
+        self.map.set_cursor(None)
+        for title in (*self.titles, self.map_title):
+            title.setText(" ")
         self.verdict.setText(words[0])
         self.notes.setText(words[1])
         blocker = QSignalBlocker(self.table)

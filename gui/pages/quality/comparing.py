@@ -20,13 +20,16 @@ from gui.pages.quality.model_compare import (
     KeptDifference,
     Place,
     both_at,
+    compared_files,
     iter_compare,
+    iter_compared,
     numbers_of,
     plane_of_row,
     table_of,
     told_of,
     worst_of,
 )
+from gui.saving import may_replace
 from lfcal.errors import LfcalError
 
 if TYPE_CHECKING:
@@ -60,6 +63,7 @@ class Comparing:
         self._job = 0
         panel.choose_asked.connect(self.choose)
         panel.compare_asked.connect(self.compare)
+        panel.report_asked.connect(self.write_report)
         panel.pairing_chosen.connect(self._pairing_chosen)
         panel.row_chosen.connect(self._row_chosen)
         panel.place_chosen.connect(self.show_place)
@@ -101,6 +105,7 @@ class Comparing:
 
     def _show_buttons(self) -> None:
         self._panel.compare_button.setEnabled(self._asked is not None and not self._job)
+        self._panel.report_button.setEnabled(self.found is not None and not self._job)
         self._tell(self.busy)
 
     def choose(self, path: str = "") -> None:
@@ -169,6 +174,22 @@ class Comparing:
             self.found = found
             self._show()
         self._show_buttons()
+
+    def write_report(self, folder: str = "") -> None:
+        """Write the comparison as a page, as a job; without a folder it is asked for."""
+        found, asked = self.found, self._asked
+        if found is None or asked is None:
+            return
+        chosen = folder or QFileDialog.getExistingDirectory(self._panel, "Folder for the report")
+        if not chosen or (not folder and not may_replace(self._panel, compared_files(chosen))):
+            return
+        self._context.jobs.start(
+            f"Report on {' and '.join(asked.names)}",
+            "quality",
+            lambda: iter_compared(asked, found, chosen),
+            lambda page: self._context.message.emit(f"report written: {page}"),
+            abandon=True,
+        )
 
     # -- showing ---------------------------------------------------------------------------------------
     def _show(self) -> None:

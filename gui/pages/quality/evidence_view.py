@@ -52,7 +52,7 @@ class EvidenceView(QWidget):
         self.map_title = QLabel("Positions of a plane")
         frame, column = card(self.map_title)
         self.map = ImageView(xlabel="position x", ylabel="position y", value_label="value")
-        self.map.setToolTip("Click a position to see its frame")
+        self.map.setToolTip("Click a position to look at it")
         self.map.clicked.connect(self.position_clicked.emit)
         self.map.hovered.connect(self._hovered)
         self.marks = pg.ScatterPlotItem(size=9, symbol="s", brush=None, pen=pg.mkPen(MARK, width=1.6))
@@ -127,7 +127,7 @@ class EvidenceView(QWidget):
         self.marks.setData(positions[:, 1].astype(float), positions[:, 0].astype(float))
 
     def _hovered(self, y: int, x: int, value: float) -> None:
-        words = f"position y {y}, x {x}: {value:.4g}; click to see its frame" if y >= 0 else self._hint
+        words = f"position y {y}, x {x}: {value:.4g}; click to look at it" if y >= 0 else self._hint
         self.readout.setText(words)
 
     # -- pictures --------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QTextEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QTextBrowser, QVBoxLayout, QWidget
 
 from gui.pages.quality.evidence_view import EvidenceView
 from gui.pages.quality.model import FaultRow, MetricRow, QualitySettings, camera_choices
@@ -32,12 +32,15 @@ class InspectPanel(QWidget):
         A setting was changed.
     folder_asked()
         The camera of a saved fit is wanted.
+    fault_asked(name)
+        What the atlas tells of a fault is wanted.
     fault_chosen(row), metric_chosen(row)
         Another fault, or metric, is looked at.
     """
 
     edited = Signal(str, object)
     folder_asked = Signal()
+    fault_asked = Signal(str)
     fault_chosen = Signal(int)
     metric_chosen = Signal(int)
 
@@ -109,8 +112,9 @@ class InspectPanel(QWidget):
             table.verticalHeader().setDefaultSectionSize(ROW)
             table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
             table.itemSelectionChanged.connect(lambda t=table, s=signal: self._chosen(t, s))
-        self.words = QTextEdit()
-        self.words.setReadOnly(True)
+        self.words = QTextBrowser()
+        self.words.setOpenLinks(False)
+        self.words.anchorClicked.connect(lambda link: self.fault_asked.emit(link.path()))
         self.words.setFixedHeight(108)
         self.words.setAccessibleName("what it means, and what to do")
         column.addWidget(heading("Faults by the camera's model"))

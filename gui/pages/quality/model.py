@@ -162,8 +162,13 @@ def fault_words(inspection: Inspection, finding: Finding) -> str:
     if finding.cost is not None:
         words = "Error of a reconstruction (NRMSE), by noise alone → with the fault"
         parts.append(f"{words}: {cost_words(inspection, finding)}.")
-    parts.append(f"<b>What to do:</b> {finding.fault.advice}")
+    parts.append(f"<b>What to do:</b> {finding.fault.advice} {atlas_link(finding.name)}")
     return "<br>".join(parts)
+
+
+def atlas_link(name: str) -> str:
+    """Return a link to the fault's section of the atlas: its path is the fault's name."""
+    return f"<a href='fault:{name}'>See it in the fault atlas</a>"
 
 
 def place_words(finding: Finding) -> str:
@@ -223,7 +228,7 @@ def metric_words(inspection: Inspection, metric: Metric) -> str:
     if metric.merit in ("fair", "bad"):
         cause = inspection.settled(metric)
         if cause is not None:
-            parts.append(f"<b>See the fault “{cause.title}”</b>, which makes it.")
+            parts.append(f"<b>See the fault “{cause.title}”</b>, which makes it. {atlas_link(cause.name)}")
         elif inspection.withdrawn(metric):
             parts.append("<b>Not confirmed</b>: the comparison with the camera measured it, and found nothing of it.")
         else:

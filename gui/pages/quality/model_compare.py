@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,7 +26,9 @@ __all__ = [
     "KeptDifference",
     "Place",
     "both_at",
+    "compared_files",
     "iter_compare",
+    "iter_compared",
     "numbers_of",
     "plane_of_row",
     "table_of",
@@ -88,6 +90,25 @@ def iter_compare(asked: Asked, kept: KeptDifference) -> Work[None]:
 
     with open_psf(asked.first[0]) as a, open_psf(asked.second[0]) as b:
         kept.found = yield from iter_difference(pair(a, b, by_number=asked.by_number))
+
+
+def iter_compared(asked: Asked, found: Difference, folder: str) -> Work[Path]:
+    """Write what a comparison found, with pictures of both files, which are opened anew; return the page."""
+    from lfcal.psf import open_psf
+    from lfcal.psf.pairing import pair
+    from lfcal.psf.report.two import iter_compared_report
+
+    with open_psf(asked.first[0]) as a, open_psf(asked.second[0]) as b:
+        both = replace(found, pair=pair(a, b, by_number=asked.by_number))
+        page = yield from iter_compared_report(both, folder)
+        return page
+
+
+def compared_files(folder: str) -> list[Path]:
+    """Return the files of a comparison's report that somebody may have put into ``folder`` before."""
+    from lfcal.psf.report.two import report_files
+
+    return [Path(one) for one in report_files(Path(folder))]
 
 
 # -- numbers -----------------------------------------------------------------------------------------------

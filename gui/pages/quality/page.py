@@ -25,6 +25,7 @@ from gui.pages.quality.model import (
 from gui.pages.quality.model_run import Kept, Question, asked_of, iter_judge, iter_write_report, judged, report_files
 from gui.pages.quality.panel import QualityPanel
 from gui.pages.quality.showing import Showing
+from gui.pages.quality.trending import Trending
 from gui.saving import may_replace
 from lfcal.errors import InputError
 
@@ -51,6 +52,7 @@ class Page(BasePage):
         self.comparing = Comparing(
             self.panel.compare, context, lambda busy: self.stop_button.setEnabled(busy or bool(self._job))
         )
+        self.trending = Trending(self.panel.trend, context)
         inspect.form.check = self._check
         inspect.edited.connect(self._edited)
         inspect.folder_asked.connect(self.choose_fit)
@@ -123,18 +125,29 @@ class Page(BasePage):
             self._release()
         self.panel.inspect.show_settings(self.settings)
         self._show_buttons()
-        if stamp is None:
+        if stamp is None and not self._over_time:
             self.show_empty(
                 "No PSF to judge yet.\nAssemble frames, or open an H file on the PSF page.",
                 {
                     "Frames": lambda: self.context.go.emit("frames", None),
                     "PSF": lambda: self.context.go.emit("psf", None),
+                    "Over time": self.show_trend,
                 },
             )
-        elif self.inspection is None and not self._job:
+        elif stamp is not None and self.inspection is None and not self._job:
             self.show_empty("H has not been inspected yet.", {"Inspect": self.measure})
             if self.isVisible():
                 self.measure()
+
+    @property
+    def _over_time(self) -> bool:
+        """Whether reports of several sessions are looked at, which need no H."""
+        return self.panel.currentWidget() is self.panel.trend and self.empty is None
+
+    def show_trend(self) -> None:
+        """Look at reports of several sessions."""
+        self.panel.setCurrentWidget(self.panel.trend)
+        self.show_body()
 
     def _release(self) -> None:
         """Forget what was found of another H, and stop what is at work on it."""
@@ -169,6 +182,8 @@ class Page(BasePage):
         """Inspect H again, or compare it with another, whichever is looked at."""
         if self.panel.currentWidget() is self.panel.compare:
             self.comparing.compare()
+        elif self.panel.currentWidget() is self.panel.trend:
+            self.trending.choose()
         else:
             self.measure(force=True)
 
@@ -265,5 +280,6 @@ class Page(BasePage):
 
     def _apply_theme(self) -> None:
         self.panel.apply_theme()
+        self.trending.show()
         if not self._job:
             self._show()

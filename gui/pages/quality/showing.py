@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gui.context import Context
+from gui.models.manual import ATLAS
 from gui.pages.quality.evidence_view import CONCERNED
 from gui.pages.quality.inspect_panel import InspectPanel
 from gui.pages.quality.model import (
@@ -42,6 +43,7 @@ class Showing:
         self._z = 0
         panel.fault_chosen.connect(self._fault_chosen)
         panel.metric_chosen.connect(self._metric_chosen)
+        panel.fault_asked.connect(lambda name: context.help_asked.emit(ATLAS, name))
         evidence = panel.evidence
         evidence.plane_chosen.connect(self._plane_chosen)
         evidence.plane_asked.connect(lambda: context.go.emit("psf", (self._z, 0, 0)))

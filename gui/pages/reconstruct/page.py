@@ -117,7 +117,7 @@ class Page(BasePage):
 
     def _edited(self, key: str, value: Any) -> None:
         settings = self.settings.changed(key, value).into(self.context.state)
-        self.context.project.update(f"change of {key.replace('_', ' ')}", settings=settings)
+        self.context.project.merge(f"change of {key.replace('_', ' ')}", settings=settings)
 
     def _show_controls(self) -> None:
         running, ready = bool(self._job), self.image is not None

@@ -211,7 +211,7 @@ class VolumeView(QWidget):
         for (_, axis), line in self.lines.items():
             line.setValue(getattr(intent, axis))
             line.setVisible(not intent.projection or axis == "z")
-        self.bar.setColorMap(bar_map(intent.display.colour_map, intent.display.scale))
+        self.bar.setColorMap(bar_map(intent.display.colour_map, intent.display.scale, picture.levels))
         self.bar.setLevels(values=picture.levels)
         self.slider.blockSignals(True)
         self.slider.setValue(intent.z)

@@ -84,7 +84,7 @@ class InfluenceView(QWidget):
         pictures = (influence.without, influence.with_it, influence.difference)
         if before is None:  # colour tables take a while to load: not before a picture is there
             for bar, name in zip(self.bars, MAPS[1:], strict=True):
-                bar.setColorMap(bar_map(name, "linear"))
+                bar.setColorMap(bar_map(name, "linear", (0.0, 1.0)))
         common = levels_of(np.stack(pictures[:2]))
         levels = (common, common, levels_of(pictures[2], signed=True))
         for k, (picture, ends) in enumerate(zip(pictures, levels, strict=True)):

@@ -254,9 +254,15 @@ class Page(BasePage):
             self.context.message.emit(f"written: {path}; lfcal simulate … --effects {Path(path).name} reads it")
 
     # -- work --------------------------------------------------------------------------------------------
+    def _plan(self) -> ScanPlan | None:
+        """Return the plan; where there is none, say so."""
+        if self.context.state.plan is None:
+            self.refuse("there is no scan plan to simulate; make or open one on the page Plan")
+        return self.context.state.plan
+
     def simulate(self, path: str = "") -> None:
         """Simulate the whole H as a job, with plan and settings as they are now."""
-        plan, settings, verdict = self.context.state.plan, self.settings, self._answer()
+        plan, settings, verdict = self._plan(), self.settings, self._answer()
         if plan is None:
             return
         path = path or ask_target(self, "Simulate H", "simulated.h5", "H file (*.h5)")
@@ -290,7 +296,7 @@ class Page(BasePage):
 
     def simulate_frames(self, folder: str = "") -> None:
         """Write the frames of a simulated session as a job, with plan and settings as they are now."""
-        plan, settings, verdict = self.context.state.plan, self.settings, self._answer()
+        plan, settings, verdict = self._plan(), self.settings, self._answer()
         if plan is None:
             return
         folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the frames (new or empty)")
@@ -312,7 +318,7 @@ class Page(BasePage):
         """Measure time and error of every level, as a job."""
         from lfcal.simulate.accuracy.ladder import iter_ladder
 
-        plan = self.context.state.plan
+        plan = self._plan()
         if plan is not None:
             tolerance = self.settings.tolerance
             self.panel.show_accuracy_tab()

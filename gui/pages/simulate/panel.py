@@ -28,7 +28,7 @@ from gui.pages.simulate.model import LEVELS, STEPS, Z_STEPS, SimulateSettings, t
 from gui.pages.simulate.model_effects import Verdict
 from gui.widgets.cards import card, choice_box, heading, line
 from gui.widgets.image_view import ImageView
-from gui.widgets.plots import LinePlot
+from gui.widgets.plots import DecadeAxis, LinePlot
 from lfcal.units import format_seconds
 
 __all__ = ["SimulatePanel"]
@@ -150,7 +150,10 @@ class SimulatePanel(QWidget):
         column = QVBoxLayout(inner)
         column.setContentsMargins(0, 6, 0, 0)
         self.curve = LinePlot("processor time for the whole H (s)", "relative L1 error (%)", legend=True)
+        self.curve.plot.setAxisItems({side: DecadeAxis(side) for side in ("bottom", "left")})
         self.curve.plot.setLogMode(True, True)
+        self.curve.plot.showGrid(x=True, y=True, alpha=0.15)
+        self.curve.set_labels("processor time for the whole H (s)", "relative L1 error (%)")
         self.curve_hint = QLabel("Measure accuracy to see time and error of every level for this camera.")
         self.curve_hint.setProperty("role", "hint")
         self.curve_hint.setWordWrap(True)
@@ -181,16 +184,24 @@ class SimulatePanel(QWidget):
         self.view.set_image(image, name="preview")
 
     def show_ladder(self, ladder: Any) -> None:
-        """Show measured time and error of every level, and the one that the tolerance picks."""
+        """Show measured time and error of every level, and the one that the tolerance picks.
+
+        Rungs are of different engines: no line leads from one to the next.
+        """
         self.curve.clear()
         rungs = [rung for rung in ladder.rungs if rung.error > 0]  # the axes are logarithmic
         seconds = [rung.whole_seconds for rung in rungs]
-        self.curve.set_curve("measured", seconds, [100 * rung.error for rung in rungs], symbol="o")
+        errors = [100 * rung.error for rung in rungs]
+        self.curve.set_curve("measured", seconds, errors, symbol="o", line=False)
         chosen = ladder.chosen
+        if chosen is not None and chosen.error > 0:
+            x, y = [chosen.whole_seconds], [100 * chosen.error]
+            self.curve.set_curve("chosen by the tolerance", x, y, symbol="star", line=False)
+        self.curve.plot.autoRange(padding=0.1)
         if chosen is not None:
-            self.curve.set_curve("chosen by the tolerance", [chosen.whole_seconds], [100 * chosen.error], symbol="star")
             self.curve_hint.setText(
-                f"{chosen.label}: {100 * chosen.error:.2g} % error, about {format_seconds(chosen.whole_seconds)} for H"
+                f"{chosen.label}: {100 * chosen.error:.2g} % error, about {format_seconds(chosen.whole_seconds)} "
+                "for H. On the page Accuracy every point has its name, and a click uses it."
             )
 
     def apply_theme(self) -> None:

@@ -34,3 +34,15 @@ def test_binning_keeps_every_point_source(step: int, dtype: str) -> None:
     blocks = image[: rows * step, : columns * step].reshape(rows, step, columns, step)
     np.testing.assert_array_equal(binned, blocks.max((1, 3)))
     assert bin_max(image, 100) is image
+
+
+def test_zero_light_is_dark_whatever_noise_takes_below_it() -> None:
+    """Log is of the value, not of its distance to the lowest one: that drew zero counts in the middle of the scale."""
+    values = np.array([[-20.0, 0.0, 1.0, 100.0, 10_000.0]])
+    assert to_uint8(values, Display("log"), (-20.0, 10_000.0)).tolist() == [[0, 0, 0, 128, 255]]
+    assert to_uint8(values, Display("gamma"), (-20.0, 10_000.0))[0, :2].tolist() == [0, 0]
+    offset = np.array([[100.0, 1000.0, 10_000.0]])
+    assert to_uint8(offset, Display("log"), (100.0, 10_000.0)).tolist() == [[0, 128, 255]]
+    for scale in ("log", "gamma"):  # no light at all
+        assert to_uint8(-values, Display(scale), (-10_000.0, 0.0)).tolist()[0][0] == 255
+        assert to_uint8(np.full((1, 2), 3.0), Display(scale), (3.0, 3.0)).shape == (1, 2)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gui.models.project import Project, ProjectState, RecentProjects
+from gui.models.project import Hold, Project, ProjectState, RecentProjects
 from gui.pages.frames.model import FrameSettings
 from gui.pages.plan.model import default_plan
 from gui.pages.simulate.model import SimulateSettings
@@ -167,3 +167,37 @@ def test_recent_projects(tmp_path: Path) -> None:
     assert [p.name for p in recent.paths()] == ["b", "c"]
     recent.store.write_text("broken")
     assert recent.paths() == []
+
+
+def test_what_is_typed_and_taken_back_leaves_nothing_to_undo() -> None:
+    project = Project()
+    project.update("rename", name="a")
+    for name in ("b", "bc"):
+        project.merge("typing", name=name)
+    assert project.before("typing").name == "a" and project.before("other").name == "bc"
+    project.merge("typing", name="a")
+    assert project.undo_label == "rename" and project.before("typing").name == "a"
+
+
+def test_what_is_held_stays_until_it_is_released() -> None:
+    project, told = Project(), list[str]()
+    project.update("settings", settings={"acquire": {"darks": 1}, "plan": {}})
+    project.update("rename", name="a")
+    project.hold(Hold("recording", ("recording",), ("acquire",), told.append))
+    project.update("folder", recording="x")
+    project.merge("folder", recording="y")
+    project.update("darks", settings={"acquire": {"darks": 2}, "plan": {}})
+    project.update("other page", settings={"acquire": {"darks": 1}, "plan": {"seen": True}}, name="b")
+    assert project.state.recording == "" and project.state.name == "b" and told == ["recording"] * 3
+    for _ in range(3):  # back to the settings, which are held
+        project.undo()
+    assert project.state.settings["acquire"] == {"darks": 1} and told == ["recording"] * 4
+    assert project.held(ProjectState(recording="x")) == "recording"
+    project.release()
+    project.undo()
+    assert project.state == ProjectState()
+    project.hold(Hold("recording", ("recording",), (), told.append))
+    project.redo()
+    project.start(ProjectState(recording="z"))
+    project.update("folder", recording="x")
+    assert project.state.recording == "x", "another project is not held by what was at work in this one"

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
@@ -36,3 +38,12 @@ def test_legends_take_the_colours_of_another_theme(qapp: QApplication, qtbot: Qt
         plot.apply_theme()
         (_, label), *_ = plot.plot.legend.items
         assert theme.text in label.item.toHtml()
+
+
+def test_a_logarithmic_plot_saves_the_values_themselves(qtbot: QtBot, tmp_path: Path) -> None:
+    plot = LinePlot("value (counts)", "pixels")
+    qtbot.addWidget(plot)
+    plot.plot.setLogMode(False, True)
+    plot.set_curve("pixels", [1.0, 2.0], [10.0, 1000.0])
+    plot.save_data(str(tmp_path / "plot.csv"))
+    assert np.loadtxt(tmp_path / "plot.csv", delimiter=",").tolist() == [[1, 10], [2, 1000]]

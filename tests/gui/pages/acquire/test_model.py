@@ -181,6 +181,23 @@ def test_stations_open_and_refuse() -> None:
         open_station(PLAN, "sim", {"nonsense": "1"})
 
 
+def test_the_window_s_simulator_shows_a_plenoptic_camera() -> None:
+    """It refused every optics but a spot: no image of a lenslet array could be recorded in the window."""
+    plain = open_station(PLAN, "sim", {})
+    lenslets = open_station(PLAN, "sim", {"optics": "geometric"})
+    try:
+        frames = []
+        for station in (plain, lenslets):
+            station.move(target_of(PLAN, 0))
+            frame = station.look(0.02, PLAN).frame
+            assert frame is not None
+            frames.append(frame.data.astype(float))
+        assert frames[1].max() > frames[1].min() and np.corrcoef(frames[0].ravel(), frames[1].ravel())[0, 1] < 0.9
+    finally:
+        plain.close()
+        lenslets.close()
+
+
 def test_a_recording_becomes_pictures(station: Station, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     assert folder_state(str(folder)).words() == "a new session"

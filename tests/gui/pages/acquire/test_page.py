@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from gui.pages.acquire.page import Page
 from gui.theme import DARK, LIGHT, apply_theme
 from lfcal.acquire import Options
 from lfcal.acquire.recording.source import RecordingSource
+from lfcal.camera import preset
 from lfcal.psf import open_psf
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
@@ -276,3 +278,51 @@ def test_dialogs_choose_folder_and_file(
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path / "chosen"))
     page.panel.record.folder_asked.emit()
     qtbot.waitUntil(lambda: context.state.recording == str(tmp_path / "chosen"), timeout=GUARD_MS)
+
+
+@pytest.fixture
+def recording(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> Iterator[Page]:
+    """Return the page while it records, held."""
+    context.project.update("folder", recording=str(tmp_path / "session"))
+    page.record.start()
+    qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
+    page.record.pause()
+    yield page
+    if page.record.recorder is not None:
+        page.record.recorder.control.abort()
+    qtbot.waitUntil(lambda: not page.record.recording, timeout=GUARD_MS)
+
+
+def test_a_recording_keeps_its_plan_and_its_buttons(recording: Page, context: Context, qtbot: QtBot) -> None:
+    said: list[str] = []
+    context.message.connect(said.append)
+    before, buttons = context.state, recording.panel.record.buttons
+    context.project.update("keystroke", camera=preset("r29"), plan=None)
+    recording.setup._devices_edited("folder", (), "")
+    context.project.undo()
+    assert context.state == before and len([words for words in said if "being recorded" in words]) == 3
+    context.project.start(ProjectState())  # another project, as the user may after being asked
+    assert recording.empty is None and all(buttons[key].isEnabled() for key in ("pause", "stop", "abort"))
+    qtbot.mouseClick(buttons["abort"], Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: not recording.record.recording, timeout=GUARD_MS)
+    assert recording.empty is not None and recording.record.recorder is None
+    context.project.update("plan", plan=PLAN)
+
+
+def test_another_project_shows_nothing_of_the_recording_before(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    page.setup._devices_edited("sim", (("faults", "vanishes@26"),), "")
+    context.project.update("folder", recording=str(tmp_path / "s"))
+    page.record.start()
+    panel, seen = page.panel.record, list[tuple[str, bool]]()
+    qtbot.waitUntil(lambda: "fault" in panel.status.text(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: panel.buttons["assemble"].isEnabled(), timeout=GUARD_MS)
+    context.attention.connect(lambda *found: seen.append(found))
+    context.project.start(ProjectState())
+    context.project.update("plan", plan=PLAN, camera=PLAN.camera)
+    qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
+    assert panel.status.text() == "Not recording." and panel.detail.text() == "" and panel.folder_words.text() == ""
+    assert panel.buttons["start"].text() == "Start" and not panel.buttons["assemble"].isEnabled()
+    assert panel.frame.item.image is None and np.ptp(np.nan_to_num(panel.map.item.image)) == 0
+    assert seen[-1] == ("acquire", False)

@@ -135,3 +135,23 @@ def test_values_in_the_wrong_unit_are_questioned() -> None:
     assert camera is not None and not error
     assert "did you mean 5.5 µm" in camera_form.facts(camera)
     assert "⚠" not in camera_form.facts(preset("bench"))
+
+
+def test_the_plan_of_a_camera_described_otherwise_keeps_what_was_chosen_in_it() -> None:
+    camera = preset("bench")
+    plan = ScanPlan.for_camera(camera, virtual_depths=(3.0, 4.0), exposure_s=(0.01, 0.02), order="raster")
+    state = ProjectState(camera=camera, plan=plan)
+    slower = replace(camera, optics=replace(camera.optics, f_number=8.0))  # type: ignore[type-var]
+    made = model_marks.state_with(state, slower, same=True)["plan"]
+    suggested = ScanPlan.for_camera(slower, depths_um=plan.depths_um)
+    assert isinstance(made, ScanPlan) and made.camera == slower
+    assert (made.depths_um, made.exposure_s, made.order) == (plan.depths_um, (0.01, 0.02), "raster")
+    assert (made.cutout, made.anchor) == (suggested.cutout, suggested.anchor) != (plan.cutout, plan.anchor)
+    chosen = replace(plan, cutout=(41, 43), anchor=(100.0, 120.0))
+    kept = model_marks.state_with(ProjectState(camera=camera, plan=chosen), slower, same=True)["plan"]
+    assert isinstance(kept, ScanPlan) and (kept.cutout, kept.anchor) == ((41, 43), (100.0, 120.0))
+    pixels = replace(camera, sensor=replace(camera.sensor, pixel_um=2 * camera.sensor.pixel_um))
+    halved = model_marks.state_with(state, pixels, same=True)["plan"]
+    assert isinstance(halved, ScanPlan) and halved.period != plan.period
+    small = replace(camera, sensor=replace(camera.sensor, shape=(20, 20)))
+    assert model_marks.state_with(state, small, same=True)["plan"] is None

@@ -11,6 +11,7 @@ from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
+from gui.models.project import Hold
 from gui.window import MainWindow
 from lfcal.camera import (
     PRESETS,
@@ -198,3 +199,46 @@ def test_dropped_files(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None
     window.take_files([str(tmp_path / "o.yaml")])
     idle(window.jobs, qtbot)
     assert window.project.state.camera.name == "o"
+
+
+def test_typing_a_number_is_one_step_and_keeps_the_plan(open_page: OpenPage, context: Context) -> None:
+    page = open_page("camera")
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,), exposure_s=0.003, frames_averaged=4)
+    context.project.update("made", plan=plan)
+    editor = page.panel.forms["MainLens"].editor("optics.working_distance_um")
+    said: list[str] = []
+    for text in ("3", "31", "310", "310."):
+        editor.setText(text)
+        editor.textEdited.emit(text)
+        said.append(page.notice.label.text() if page.notice.isVisibleTo(page) else "")
+    state = context.state
+    assert state.camera.optics.working_distance_um == 310e3
+    assert state.plan is not None and (state.plan.depths_um, state.plan.frames_averaged) == (plan.depths_um, 4)
+    assert state.plan.camera == state.camera and said[-1] == ""
+    context.project.undo()
+    assert context.state.plan == plan and context.state.camera == preset("bench")
+
+
+def test_a_camera_that_cannot_scan_the_plan_says_that_it_is_let_go(open_page: OpenPage, context: Context) -> None:
+    page = open_page("camera")
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,))
+    context.project.update("made", plan=plan)
+    editor = page.panel.forms["sensor"].editor("sensor.rows")
+    editor.setText("20")
+    editor.textEdited.emit("20")
+    assert context.state.plan is None and "undo brings it back" in page.notice.label.text()
+    context.project.undo()
+    assert context.state.plan == plan
+
+
+def test_nothing_of_the_camera_changes_while_it_records(open_page: OpenPage, context: Context) -> None:
+    camera, plan_page = open_page("camera"), open_page("plan")
+    context.project.update("made", plan=ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,)))
+    before = context.state
+    context.project.hold(Hold("a session is being recorded", ("camera", "plan")))
+    for form, key in ((camera.panel.forms["MainLens"], "optics.f_number"), (plan_page.panel.form, "cutout_rows")):
+        form.editor(key).setText("5")
+        form.editor(key).textEdited.emit("5")
+        assert form.error == "a session is being recorded"
+    context.project.undo()
+    assert context.state == before

@@ -1,14 +1,19 @@
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
-from PySide6.QtWidgets import QComboBox, QLineEdit
+import numpy as np
+import pytest
+from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton
 from pytestqt.qtbot import QtBot
 
 from gui.context import Context
 from gui.pages.frames.model import FrameSettings
 from lfcal.cli.sample import sample_recording
-from tests.gui.waiting import GUARD_MS
+from lfcal.frames.source import Position
+from tests.cli.conftest import SHAPE, small_plan, true_frame
+from tests.gui.waiting import GUARD_MS, idle
 
 
 def test_a_recorded_session_opens_by_dropping_it(qtbot: QtBot, context: Context, open_page: Any) -> None:
@@ -36,3 +41,73 @@ def test_what_the_settings_say_is_what_the_widgets_show(qtbot: QtBot, context: C
     context.project.undo()
     context.project.undo()
     assert pattern.text() == "" and box.currentData() == ""
+
+
+GONE = (0, 1, 2)
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Path:
+    """Write a scan whose frame of position `GONE` is missing."""
+    folder, rows = tmp_path / "scan", ["file,z,y,x"]
+    folder.mkdir()
+    for z, y, x in np.ndindex(SHAPE):
+        if (z, y, x) != GONE:
+            np.save(folder / f"{z}_{y}_{x}.npy", true_frame(z, y, x))
+            rows.append(f"{z}_{y}_{x}.npy,{z},{y},{x}")
+    (folder / "manifest.csv").write_text("\n".join(rows) + "\n")
+    (folder / "plan.json").write_text(small_plan().to_json())
+    return folder
+
+
+@pytest.fixture
+def scanned(scan: Path, open_page: Any, context: Context, qtbot: QtBot) -> Any:
+    page = open_page("frames")
+    page.open_folder(str(scan))
+    idle(context.jobs, qtbot)
+    return page
+
+
+def test_the_cutout_is_followed_and_shown_as_it_goes_into_h(scanned: Any, context: Context, qtbot: QtBot) -> None:
+    page, panel, plan = scanned, scanned.panel, small_plan()
+    nt, ns = plan.cutout
+    panel.follow.setChecked(True)
+    for place in ((0, 0, 0), (1, 1, 1), (0, 2, 3)):
+        page.go_to(Position(*place))
+        idle(context.jobs, qtbot)
+        row, column = (round(v) for v in plan.image_px(place))
+        part = true_frame(*place)[row - nt // 2 :, column - ns // 2 :][:nt, :ns]
+        np.testing.assert_allclose(panel.crop.image, part, atol=0.5)
+        seen = panel.view.plot.vb.viewRect()
+        assert seen.contains(column, row) and seen.height() < 2 * nt
+        assert abs(seen.center().x() - column) <= 0.5 and abs(seen.center().y() - row) <= 0.5
+    panel.before_box.setChecked(True)
+    np.testing.assert_array_equal(panel.crop.image, part)
+    panel.scale_box.setCurrentIndex(panel.scale_box.findData("log"))
+    assert panel.crop.display.scale == "log"
+    for button in panel.findChildren(QPushButton):
+        if button.text() == "Whole frame":
+            button.click()
+    assert not panel.follow.isChecked() and panel.view.plot.vb.viewRect().width() > 40
+
+
+def test_where_there_is_no_frame_nothing_of_another_is_shown(scanned: Any, context: Context, qtbot: QtBot) -> None:
+    page, panel = scanned, scanned.panel
+    page.go_to(Position(0, 1, 1))  # which is still being read when the next is asked for
+    page.go_to(Position(*GONE))
+    idle(context.jobs, qtbot)
+    assert "no frame" in panel.position_label.text() and panel.view.item.image is None
+    assert panel.numbers.text() == "" and panel.crop.image is None and panel.view.cutout.getData()[0].size == 0
+    assert not panel.histogram._curves
+    panel.before_box.setChecked(True)
+    panel.lattice_box.setChecked(True)
+    assert panel.view.item.image is None and panel.view.cutout.getData()[0].size == 0
+    page.go_to(Position(0, 0, 0))
+    idle(context.jobs, qtbot)
+    assert panel.numbers.text() and panel.crop.image is not None
+
+
+def test_without_frames_assembling_says_so(open_page: Any) -> None:
+    page = open_page("frames")
+    page.assemble()
+    assert "no frames" in page.notice.label.text()

@@ -15,6 +15,8 @@ def test_plan_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> Non
     window.go("plan")
     page: Any = window.page("plan")
     assert page.empty is not None, "no plan yet: the page says what to do"
+    page.save_file()
+    assert "no plan to save" in page.notice.label.text()
     page.make_default()
     plan = window.project.state.plan
     assert plan is not None and page.empty is None

@@ -4,10 +4,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
+from PySide6.QtCore import QSize
+from PySide6.QtGui import QIcon
+from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
+from gui.context import Context
 from gui.window import MainWindow
 from lfcal.psf import PSFMatrix, save
+from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
 
 
@@ -53,3 +59,79 @@ def test_a_damaged_h_says_so(window: MainWindow, qtbot: QtBot, tmp_path: Path) -
     idle(window.jobs, qtbot)
     assert page.matrix is None and "HDF5" in page.empty.label.text()
     assert "HDF5" in window.log_view.toPlainText()
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[str, str, str]:
+    """Write a signed H in counts, a simulated reference of it, and another H without one."""
+    rng = np.random.default_rng(1)
+    values = rng.random((2, 3, 4, 5, 7)).astype(np.float32) * 900 - 30
+    save(PSFMatrix(values, depths=[-10, 10]), tmp_path / "H.h5")
+    save(PSFMatrix(values + 9, depths=[-10, 10], provenance={"simulated": {}}), tmp_path / "R.h5")
+    save(PSFMatrix(values[:1, :2], depths=[-10]), tmp_path / "other.h5")
+    return tuple(str(tmp_path / name) for name in ("H.h5", "R.h5", "other.h5"))  # type: ignore[return-value]
+
+
+@pytest.fixture
+def page(open_page: OpenPage, context: Context, qtbot: QtBot, files: tuple[str, str, str]) -> Any:
+    context.project.update("open", psf=files[0], reference=files[1])
+    made = open_page("psf")
+    idle(context.jobs, qtbot)
+    return made
+
+
+def test_the_readout_follows_the_picture(page: Any, context: Context, qtbot: QtBot) -> None:
+    panel = page.panel
+    panel.main_view.hovered.emit(2, 3, 0.0)
+    for change in ({"transposed": True}, {"x": 0}, {"transposed": False}, {"show": "reference"}, {"z": 0}):
+        page.set_intent(**change)
+        idle(context.jobs, qtbot)
+        unit = "of the light" if page.intent.show == "reference" else "counts"
+        assert panel.readout.text() == f"t 2, s 3: {panel.main_view.image[2, 3]:.5g} {unit}", change
+    assert panel.main_view.bar.getAxis("left").labelText == "share of the light"
+    page.set_intent(show="measured")
+    assert panel.main_view.bar.getAxis("left").labelText == "intensity (counts)"
+    panel.main_view.hovered.emit(-1, -1, float("nan"))
+    assert panel.readout.text().startswith("Hover")
+
+
+@pytest.mark.parametrize("show", ["measured", "reference", "difference"])
+def test_h_and_ht_share_one_scale_whatever_is_chosen(page: Any, show: str) -> None:
+    panel = page.panel
+    panel.show_box.setCurrentIndex(panel.show_box.findData(show))
+    before = panel.main_view.bar.levels()
+    for change in ({"y": 0, "x": 1}, {"transposed": True}):
+        page.set_intent(**change)
+        assert panel.main_view.bar.levels() == panel.linked_view.bar.levels() == before
+        assert before[0] <= panel.main_view.image.min() and panel.main_view.image.max() <= before[1]
+    panel.map_box.setCurrentIndex(2)
+    panel.toggle_scale("log")
+    assert panel.main_view.bar.levels() == before
+    panel.own_scale.setChecked(True)
+    assert panel.main_view.bar.levels() != before
+
+
+def test_an_h_without_reference_shows_itself(page: Any, context: Context, qtbot: QtBot, files: Any) -> None:
+    page.set_intent(show="difference")
+    assert page.panel.main_view.signed
+    context.project.update("open", psf=files[2])
+    idle(context.jobs, qtbot)
+    assert page.intent.show == "measured" == page.panel.show_box.currentData()
+    assert not page.panel.main_view.signed and page.panel.main_title.text().startswith("H,")
+    assert page.panel.plane_label.text().startswith("Plane 0 (the only one)")
+
+
+def test_pictures_keep_their_height_whatever_is_said_of_the_aperture(page: Any) -> None:
+    """A label that wraps asked the grid for height, and H and HT shrank to a half."""
+    page.resize(1060, 740)
+    QApplication.processEvents()
+    before = page.panel.main_view.height()
+    page.panel.aperture_text.setText("<br>".join("a long line of many words" for _ in range(40)))
+    QApplication.processEvents()
+    assert page.panel.main_view.height() == before > 1.2 * page.panel.profile.height()
+
+
+def test_the_depth_that_is_chosen_is_not_tinted(page: Any) -> None:
+    icon = page.panel.strip.item(page.intent.z).icon()
+    size = QSize(64, 64)
+    assert icon.pixmap(size, QIcon.Mode.Selected).toImage() == icon.pixmap(size, QIcon.Mode.Normal).toImage()

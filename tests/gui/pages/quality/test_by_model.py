@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QUrl
 from pytestqt.qtbot import QtBot
 
 from gui.models.fitted import FittedCamera
@@ -185,3 +187,15 @@ def test_the_report_tells_what_the_page_shows(page: Page, qtbot: QtBot, tmp_path
 def test_settings_that_are_none_are_refused(changes: dict[str, object]) -> None:
     with pytest.raises(InputError):
         replace(SECONDS, **changes)  # type: ignore[arg-type]
+
+
+def test_a_fault_leads_to_its_section_of_the_atlas(page: Page, qtbot: QtBot) -> None:
+    found, asked = found_by(page, qtbot), list[tuple[str, str]]()
+    page.context.help_asked.connect(lambda *wanted: asked.append(wanted))
+    inspect = page.panel.inspect
+    for row, finding in enumerate(found.findings):
+        inspect.faults.selectRow(row)
+        link = re.search(r'href="(fault:\w+)"', inspect.words.toHtml())
+        assert link is not None
+        inspect.words.anchorClicked.emit(QUrl(link[1]))
+        assert asked[-1] == ("faults.md", finding.name)

@@ -151,3 +151,28 @@ def test_rows_of_the_table_name_their_planes(page: Page, qtbot: QtBot, tmp_path:
     compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
     assert page.comparing.found is not None
     assert [plane_of_row(page.comparing.found, row) for row in range(3)] == [None, 0, 1]
+
+
+def test_nothing_of_an_earlier_pair_stays_while_the_next_is_read(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
+    panel, comparing = page.panel.compare, page.comparing
+    assert comparing.found is not None and comparing._asked is not None
+    panel.show_numbers(comparing._asked.names, ("", ""), [], [], [])
+    assert all(view.image is None for view in (*panel.views, panel.map))
+    assert all(title.text() == " " for title in (*panel.titles, panel.map_title))
+
+
+def test_the_comparison_is_written_as_a_page(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    panel = page.panel.compare
+    assert not panel.report_button.isEnabled()
+    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
+    assert panel.report_button.isEnabled()
+    page.comparing.write_report(str(tmp_path / "report"))
+    idle(page.context.jobs, qtbot)
+    assert {one.name for one in (tmp_path / "report").iterdir()} == {
+        "index.html",
+        "compare.json",
+        "patterns.png",
+        "positions.png",
+    }
+    assert "earlier.h5" in (tmp_path / "report" / "index.html").read_text()

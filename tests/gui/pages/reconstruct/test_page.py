@@ -18,7 +18,7 @@ from gui.theme import DARK, LIGHT, apply_theme
 from lfcal.reconstruct.volumes import load_volume
 from tests.gui.conftest import OpenPage
 from tests.gui.pages.reconstruct.test_model import matrix_file
-from tests.gui.waiting import GUARD_MS
+from tests.gui.waiting import GUARD_MS, idle
 
 
 @pytest.fixture
@@ -116,7 +116,8 @@ def test_faults_come_in_words(page: Page, context: Context, qtbot: QtBot, tmp_pa
     assert not page.accept_drop([str(tmp_path)])
 
 
-def test_form_and_project_follow_each_other(page: Page, context: Context) -> None:
+def test_form_and_project_follow_each_other(page: Page, context: Context, qtbot: QtBot) -> None:
+    idle(context.jobs, qtbot)  # the form is shown once H is open
     form = page.panel.form
     editor: Any = form.editor("iterations")
     assert isinstance(editor, QLineEdit)

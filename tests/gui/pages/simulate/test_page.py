@@ -4,12 +4,14 @@ import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from pytestqt.qtbot import QtBot
 
 import gui.pages.simulate.page as simulate_page
+from gui.context import Context
 from gui.jobs import JobState
 from gui.pages.simulate.model import SimulateSettings, preview, tolerance_of
 from gui.pages.simulate.model_effects import Verdict, verdict_of
@@ -101,3 +103,26 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
     idle(window.jobs, qtbot)
     assert asked[0] == ((), "geometric"), "rays, which need no planner"
     assert all("vignetting" in names for names, _ in asked[1:]) and len(asked) > 1
+
+
+def test_without_a_plan_no_button_is_dead(open_page: Any, context: Context) -> None:
+    page = open_page("simulate")
+    for press in (page.simulate, page.simulate_frames, page.ladder):
+        page.notice.clear()
+        press()
+        assert "no scan plan" in page.notice.label.text()
+
+
+def test_the_curve_of_accuracy_has_points_and_no_line_between_engines(open_page: Any, context: Context) -> None:
+    context.project.update("plan", plan=small_plan())
+    page = open_page("simulate")
+    rung = SimpleNamespace(label="wave, 2 nodes", whole_seconds=4.0, error=0.02)
+    others = [SimpleNamespace(label="rays", whole_seconds=0.2, error=0.4), SimpleNamespace(whole_seconds=9.0, error=0)]
+    page.panel.show_ladder(SimpleNamespace(rungs=[rung, *others], chosen=rung))
+    curve = page.panel.curve
+    assert all(item.opts["pen"] is None for item in curve._curves.values()) and len(curve._curves) == 2
+    x, y = curve._curves["measured"].getOriginalDataset()
+    assert x.tolist() == [4.0, 0.2] and y.tolist() == [2.0, 40.0]
+    axis = curve.plot.getAxis("bottom")
+    (_, ticks), *_ = axis.tickValues(-1.0, 1.0, 300)
+    assert "0.1" in axis.tickStrings(ticks, 1.0, 1.0) and "page Accuracy" in page.panel.curve_hint.text()

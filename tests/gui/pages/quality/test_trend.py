@@ -1,0 +1,70 @@
+"""Reports of several sessions in the window: what got worse, and its course."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pytestqt.qtbot import QtBot
+
+from gui.context import Context
+from gui.pages.quality.page import Page
+from lfcal.plain import plain
+from lfcal.psf.quality import inspect
+from tests.cli.test_trend_quality import write
+from tests.gui.conftest import OpenPage
+from tests.gui.waiting import idle
+from tests.psf.test_report import matrix
+
+
+@pytest.fixture(scope="module")
+def record() -> dict[str, Any]:
+    """Return an inspection as its file holds it."""
+    found: dict[str, Any] = json.loads(json.dumps(plain(inspect(matrix()).to_dict())))
+    return found
+
+
+@pytest.fixture
+def reports(tmp_path: Path, record: dict[str, Any]) -> Path:
+    """Write three inspections, the newest with a lamp that drifts and a fault."""
+    for month, lamp in ((5, (1.0, "good")), (6, (2.0, "good")), (7, (3.5, "fair"))):
+        write(tmp_path / f"m{month}", record, month, lamp, {"ghost image": 0.02} if month == 7 else {})
+    return tmp_path
+
+
+def test_what_got_worse_comes_first_with_its_course(
+    open_page: OpenPage, context: Context, qtbot: QtBot, reports: Path
+) -> None:
+    page: Page = open_page("quality")
+    assert page.empty is not None
+    page.show_trend()
+    panel, trending = page.panel.trend, page.trending
+    assert page.empty is None and not panel.picture_button.isEnabled()
+    trending.choose(str(reports))
+    idle(context.jobs, qtbot)
+    assert panel.verdict.text().startswith("Worse than before: ghost image") and "3 sessions" in panel.notes.text()
+    first = [panel.table.item(0, k).text() for k in range(5)]  # type: ignore[union-attr]
+    assert first[0].lower().startswith("ghost image") and first[-1] == "worse"
+    row = next(k for k in range(panel.table.rowCount()) if "Lamp" in panel.table.item(k, 0).text())  # type: ignore[union-attr]
+    panel.table.selectRow(row)
+    x, y = panel.curve._curves["value"].getData()
+    np.testing.assert_allclose(x, [0, 31, 61])
+    np.testing.assert_allclose(y, [1, 2, 3.5])
+    assert "Lamp" in panel.title.text() and {"good", "bad"} <= panel.curve._curves.keys()
+    trending.save_picture(str(reports / "trend.png"))
+    idle(context.jobs, qtbot)
+    assert (reports / "trend.png").stat().st_size > 1000
+    page.entered()
+    assert page.empty is None, "reports need no H"
+
+
+def test_a_folder_without_reports_is_said(open_page: OpenPage, context: Context, qtbot: QtBot, reports: Path) -> None:
+    page: Page = open_page("quality")
+    page.show_trend()
+    for folder, words in ((reports / "none", "inspections in"), (reports / "m5", "two or more")):
+        page.trending.choose(str(folder))
+        idle(context.jobs, qtbot)
+        assert words in page.panel.trend.message.text() and page.panel.trend.stack.currentIndex() == 0
