@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
+from scipy.ndimage import convolve, median_filter
 
 from lfcal.inspect.evidence import Evidence
 from lfcal.inspect.faults.sensor_lines import BRIGHT
@@ -21,8 +21,11 @@ __all__ = ["FAULTS", "BadPixels", "Mosaic", "NotLinear"]
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
-DEAD = 0.22
-"""Share of the light that a single pixel must lack."""
+DEAD, DUSTY = 0.3, 0.2
+"""Share of the light that a single pixel must lack, and that each of several together must."""
+
+TOGETHER = 4
+"""Pixels of three by three that make a spot of dust."""
 
 UNEVEN = 0.04
 """Share by which the four pixels of a colour mosaic differ at least."""
@@ -66,7 +69,9 @@ class BadPixels(Fault):
         # at the edges of the scanned part a few patterns' tails tell little
         lit = total.light > SEEN * float(total.light.max())
         dim, dim_told = _apart(each.gain, each.gain_sigma, lit)
-        bad = ((hot_told > SURE) & (hot > 10 * BRIGHT * peak)) | ((dim_told < -SURE) & (dim < -DEAD) & lit)
+        dark = (dim_told < -SURE) & (dim < -DUSTY) & lit
+        spots = convolve(dark.astype(np.intp), np.ones((3, 3), np.intp), mode="constant") >= TOGETHER
+        bad = ((hot_told > SURE) & (hot > 10 * BRIGHT * peak)) | (dark & ((dim < -DEAD) | spots))
         # a line has a fault of its own
         for axis in (0, 1):
             many = bad.sum(1 - axis) > 0.2 * bad.shape[1 - axis]
