@@ -11,7 +11,7 @@ from lfcal.inspect.faults.scan import WORTH_PX
 from lfcal.inspect.faults.sensor_lines import BRIGHT as HOT
 from lfcal.inspect.inspection import EXPLAINED
 from lfcal.progress import drain
-from tests.inspect.common import PEAK, added, clean, evidence_of, faults_of, light, matrix, noisy, sensor
+from tests.inspect.common import PEAK, added, clean, evidence_of, faults_of, light, matrix, sensor
 from tests.inspect.test_inspection import inspected
 from tests.inspect.test_levels_order_pupil import put_in
 from tests.inspect.test_stage_faults import displaced, grid
@@ -70,6 +70,7 @@ def test_the_first_rows_of_swapped_planes_tell_no_depth() -> None:
     assert "strangers" in found and found["strangers"].positions[:, 1].max() < 4
 
 
+@pytest.mark.long
 def test_frames_that_a_metric_names_cost_what_they_cost_here() -> None:
     found = inspected(matrix(put_in("repeated frames", 20)))
     duplicates = found.quality["duplicates"]
@@ -97,4 +98,3 @@ def test_positions_just_beyond_the_limit_are_told() -> None:
     y, _ = grid()
     found = faults_of(displaced(*np.random.default_rng(5).normal(0, scatter, (2, *y.shape))))
     assert set(found) == {"jitter"}
-    assert not faults_of(noisy(light()))
