@@ -36,6 +36,12 @@ def _turned(degrees: float) -> Camera:
     return replace(camera, lattice=replace(camera.lattice, rotation_rad=math.radians(degrees)))
 
 
+def _whole_60x() -> Camera:
+    """Return a `lfm_60x12` whose lenslets are 15 pixels apart, and not 15.4: no whole number of these is a period."""
+    camera = preset("lfm_60x12")
+    return replace(camera, sensor=replace(camera.sensor, pixel_um=camera.lattice.pitch_um / 15))
+
+
 def _plans() -> Iterator[tuple[str, ScanPlan]]:
     def of(camera: Camera, *virtual: float) -> ScanPlan:
         return ScanPlan.for_camera(camera, virtual_depths=virtual)
@@ -49,7 +55,7 @@ def _plans() -> Iterator[tuple[str, ScanPlan]]:
     yield "r29-like", of(CAMERAS["r29-like"]().camera, 3.0, 4.0)
     yield "lfm_20x05", CAMERAS["lfm_20x05"]()
     yield "lfm_20x05, above focus", ScanPlan.for_camera(preset("lfm_20x05"), depths_um=(15.0, 30.0))
-    yield "lfm_60x12", CAMERAS["lfm_60x12"]()
+    yield "lfm_60x12", ScanPlan.for_camera(_whole_60x(), depths_um=(-4.0, -3.0))
 
 
 def clean_cameras(count: int) -> Iterator[tuple[str, Recording, F4]]:

@@ -144,7 +144,7 @@ def _faults() -> Iterator[Injected]:
     yield one("lamp that flickers", "of the light", (0.03, 0.08, 0.2), "flicker", lit(flicker))
     yield one("one frame brighter", "times", (1.5, 3.0, 10.0), "exposure", lit(odd(1)))
     yield one("frames darker", "times", (0.7, 0.4, 0.1), "exposure missing", lit(odd(6)))
-    yield one("automatic exposure", "exponent", (0.3, 0.6, 1.0), "flicker lamp exposure", lit(equalised))
+    yield one("automatic exposure", "exponent", (0.3, 0.6, 1.0), "auto_exposure", lit(equalised))
     yield one("focus that drifts", "of the depth", (0.015, 0.04, 0.08), "focus_drift", focus)
     yield one("one plane at another depth", "of the depth", (0.01, 0.03, 0.1), "depth_label depth", deep(0))
     yield one("all planes too deep", "of the depth", (0.01, 0.03, 0.1), "depth_label depth", deep(0, 1))

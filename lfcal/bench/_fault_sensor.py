@@ -34,7 +34,7 @@ def compressed(values: F4, quality: float) -> F4:
 
     out = np.empty_like(values)
     for k, frame in enumerate(values.reshape(-1, *values.shape[3:])):
-        bytes_ = np.clip(frame / PEAK * 230 + 10, 0, 255).astype(np.uint8)
+        bytes_ = np.clip(np.rint(frame / PEAK * 230 + 10), 0, 255).astype(np.uint8)
         done, packed = cv2.imencode(".jpg", bytes_, [cv2.IMWRITE_JPEG_QUALITY, int(quality)])
         assert done
         back = np.asarray(cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE), np.float32)

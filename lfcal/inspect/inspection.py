@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from lfcal.fit.setup import Setup
+from lfcal.inspect.compared import iter_evidence
 from lfcal.inspect.cost import iter_costs
-from lfcal.inspect.evidence import Evidence, Unlike, iter_evidence
+from lfcal.inspect.evidence import Evidence, Unlike
 from lfcal.inspect.finding import Finding
+from lfcal.inspect.metric_costs import as_findings, with_costs
 from lfcal.inspect.search import iter_search
 from lfcal.inspect.suspects import suspects
 from lfcal.progress import Work
@@ -226,8 +228,11 @@ def iter_inspection(
         why = f"its camera leaves {format_share(misfit)} of the light unexplained"
         why += "; find the true one with lfcal fit, and name it" if setup is None else ""
         return Inspection(quality, sure, 0, misfit, why, evidence.seconds)
-    costs = yield from iter_costs(cleaned, found, COST_OF * seconds if patterns is None else None)
-    found = tuple(replace(one, cost=cost) for one, cost in zip(found, costs.costs, strict=True))
+    told = dict(as_findings(Inspection(quality, found, len(evidence), 0.0, "", 0.0).alarms, cleaned))
+    several = (*found, *told.values())
+    costs = yield from iter_costs(cleaned, several, COST_OF * seconds if patterns is None else None)
+    quality = with_costs(quality, dict(zip(told, costs.costs[len(found) :], strict=True)))
+    found = tuple(replace(one, cost=cost) for one, cost in zip(found, costs.costs, strict=False))
     ranked = tuple(sorted(found, key=worst_first))
     took = time.perf_counter() - start
     return Inspection(quality, ranked, len(evidence), cleaned.misfit, "", took, costs.clean, costs.as_it_is)

@@ -22,8 +22,8 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-FIRST = 4
-"""Patterns of a plane by which its depth is looked for."""
+SOME = 5
+"""Patterns of a plane, spread over it, by which its depth is looked for."""
 
 STEP_PX = 0.2
 """Displacement of the source of which its derivative is made (pixels)."""
@@ -176,7 +176,8 @@ def depths_seen(known: Behind, index: NDArray[np.intp], data: F4) -> F8:
     """Return by what share of the virtual depth planes look to be elsewhere than stated; as a rule 0."""
     found = np.zeros(known.plan.shape[0])
     for z in np.unique(index[:, 0]).tolist():
-        some = np.flatnonzero(index[:, 0] == z)[:FIRST]
+        own = np.flatnonzero(index[:, 0] == z)
+        some = own[np.linspace(0, len(own) - 1, min(SOME, len(own))).astype(int)]
         places, still = index[some, 1:], np.zeros((len(some), 2))
         best = _best_alike(data[some], plane_of(known, z, 0.0).patterns(places, still))
         if best > POOR:

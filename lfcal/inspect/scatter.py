@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 
 from lfcal.psf import PSFMatrix
 
-__all__ = ["misfit", "noise_of", "noise_terms", "start_of", "variance_of"]
+__all__ = ["misfit", "noise_of", "noise_terms", "rounding_of", "start_of", "variance_of"]
 
 F4 = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -20,6 +20,18 @@ FEW = 12
 
 BINS = 24
 """Bins of brightness that the noise is told in."""
+
+LOOKED_AT = 200_000
+"""Values at most by which it is told whether they come in steps."""
+
+DARK = 3e-3
+"""Share of the brightest light below which samples show noise alone."""
+
+SAME = 0.2
+"""Share of dark samples of one value from which on noise is cut off."""
+
+EACH = 8
+"""Values of each level, on average, that make steps of them."""
 
 
 def noise_terms(matrix: PSFMatrix, light: F4, left: F4, valid: Flags) -> tuple[float, float]:
@@ -60,6 +72,23 @@ def start_of(data: F4, valid: Flags) -> F4:
     spread = 1.4826 * float(np.median(np.abs(steps))) / math.sqrt(2) if steps.size else 1.0
     least = 1e-6 * max(float(np.abs(data).max()), 1e-30)
     return np.full(data.shape, max(spread, least) ** 2, np.float32)
+
+
+def rounding_of(data: F4, model: F4, valid: Flags) -> float:
+    """Return the variance that values have at least where many are the same, in steps or cut off at zero; else 0.
+
+    Medians of what is left tell nothing of their noise then.
+    """
+    some = data[valid]
+    some = some[:: max(1, some.size // LOOKED_AT)]
+    levels = np.unique(some)
+    found = 0.0
+    if len(levels) > 1 and len(levels) * EACH < some.size:
+        found = float(np.quantile(np.diff(levels.astype(np.float64)), 0.25)) ** 2 / 12
+    dark = data[valid & (model < DARK * float(model.max()))]
+    if dark.size >= FEW and np.unique(dark, return_counts=True)[1].max() > SAME * dark.size:
+        found = max(found, float(np.var(np.clip(dark, *np.quantile(dark, (0.005, 0.995))), dtype=np.float64)))
+    return found
 
 
 def variance_of(residual: F4, light: F4, valid: Flags) -> tuple[F4, float]:

@@ -20,7 +20,7 @@ def page() -> str:
 
 
 def test_every_fault_is_put_in() -> None:
-    assert set(INJECTIONS) == {fault.name for fault in FAULTS}, "add it to tests/inspect/atlas.py"
+    assert set(INJECTIONS) == {fault.name for fault in FAULTS}, "add it to tests/inspect/injections.py"
 
 
 @pytest.mark.parametrize("name", INJECTIONS)

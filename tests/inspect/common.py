@@ -20,6 +20,7 @@ __all__ = [
     "Values",
     "added",
     "clean",
+    "compared",
     "compressed",
     "evidence_of",
     "faults_of",
@@ -87,6 +88,12 @@ def evidence_of(values: Values, patterns: int = PATTERNS) -> Evidence:
     found = drain(iter_evidence(matrix(values), patterns=patterns))
     assert isinstance(found, Evidence), found
     return found
+
+
+@cache
+def compared() -> NDArray[np.intp]:
+    """Return the positions ``(n, 3)`` that `evidence_of` compares, whatever is in the others."""
+    return evidence_of(clean()).index
 
 
 def faults_of(values: Values, patterns: int = PATTERNS) -> dict[str, Finding]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfcal.fit.model import Fineness, PlaneModel
 from lfcal.fit.setup import Setup, described_effects
-from tests.inspect.common import PEAK, Values, clean, faults_of, light, noisy, plan, scaled
+from tests.inspect.common import PEAK, Values, clean, compared, faults_of, light, noisy, plan, scaled
 
 
 @cache
@@ -26,15 +26,21 @@ def _patterns(dy: float, dx: float, depth_um: float = 0.0) -> Values:
     return found.reshape(*plan().period, *plan().cutout)
 
 
-def displaced(dy: NDArray[np.float64], dx: NDArray[np.float64]) -> Values:
-    """Return a noisy recording, sources of both planes' positions displaced by fields ``(ny, nx)``; plane 0 alone."""
+def displaced(dy: NDArray[np.float64], dx: NDArray[np.float64], *, everywhere: bool = False) -> Values:
+    """Return a noisy recording, sources of both planes' positions displaced by fields ``(ny, nx)``.
+
+    Only the patterns that are compared are, as no others are looked at; or ``everywhere``.
+    """
     camera = plan().camera
     setup = Setup(camera, described_effects(camera), (0.0, 0.0))
-    places = np.argwhere(np.ones(plan().period, np.bool_))
-    moved = np.stack([dy.ravel(), dx.ravel()], 1)
-    planes = [PlaneModel(setup, plan(), z, Fineness.coarse).patterns(places, moved) for z in (0, 1)]
-    values = np.stack(planes).reshape(plan().shape)
-    return noisy(values * np.float32(_scale()))
+    values = light()
+    for z in (0, 1):
+        own = compared()[compared()[:, 0] == z, 1:]
+        places = np.argwhere(np.ones(plan().period, np.bool_)) if everywhere else own
+        moved = np.stack([dy[tuple(places.T)], dx[tuple(places.T)]], 1)
+        found = PlaneModel(setup, plan(), z, Fineness.coarse).patterns(places, moved)
+        values[(z, *places.T)] = found * np.float32(_scale())
+    return noisy(values)
 
 
 def grid() -> tuple[NDArray[np.float64], NDArray[np.float64]]:

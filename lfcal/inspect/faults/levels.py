@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.inspect.evidence import Evidence
-from lfcal.inspect.faults.scan import place_map
+from lfcal.inspect.faults.places import place_map
+from lfcal.inspect.faults.series import SURE, usual
 from lfcal.inspect.finding import Fault, Finding, Picture
 
 __all__ = ["FAULTS", "Background", "Saturated"]
 
 F4 = NDArray[np.float32]
-
-SURE = 7.0
-"""Standard deviations that a background stands out by."""
 
 BAND = 0.01
 """Part of the highest value that samples at a ceiling lie within."""
@@ -95,12 +93,10 @@ class Background(Fault):
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the background in the middle of all patterns."""
         values, sigmas = evidence.column("background")
-        good = np.isfinite(sigmas)
-        if good.sum() < 8:
+        most = usual(values, sigmas)
+        if most is None:
             return
-        level = float(np.median(values[good]))
-        scatter = 1.4826 * float(np.median(np.abs(values[good] - level)))
-        error = max(scatter, float(np.median(sigmas[good]))) / np.sqrt(good.sum())
+        level, error = most.middle, most.error
         peak, total = float(evidence.light.max()), float(evidence.light.sum((1, 2)).mean())
         share = abs(level) * evidence.light[0].size / max(total, 1e-300)
         if abs(level) < max(BRIGHT * peak, SURE * error) or share < MUCH:

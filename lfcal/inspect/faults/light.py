@@ -10,17 +10,14 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.inspect.evidence import Evidence
-from lfcal.inspect.faults.scan import late, only_recorded, place_map, share_of
-from lfcal.inspect.faults.series import robust, scan_order, sharpest_step
+from lfcal.inspect.faults.places import late, only_recorded, place_map, share_of
+from lfcal.inspect.faults.series import SURE, robust, scan_order, sharpest_step, usual
 from lfcal.inspect.finding import Fault, Finding, Picture, PutIn
 from lfcal.inspect.patch import Patch
 
 __all__ = ["FAULTS", "Exposure", "Flicker", "FocusDrift", "Lamp"]
 
 F8 = NDArray[np.float64]
-
-SURE = 7.0
-"""Standard deviations that a trend stands out by."""
 
 WORTH = 0.02
 """Change of the light that is worth a word."""
@@ -61,11 +58,11 @@ class Exposure(Fault):
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield frames whose light is far off that of all others."""
         gains, sigmas = _gains(evidence)
-        good = np.isfinite(sigmas)
-        if good.sum() < 8:
+        most = usual(gains, sigmas)
+        if most is None:
             return
-        scatter = max(1e-4, 1.4826 * float(np.median(np.abs(gains[good]))))
-        bad = np.flatnonzero(good & (np.abs(gains) > max(ODD, 10 * scatter)) & (np.abs(gains) > SURE * sigmas))
+        scatter = max(1e-4, most.scatter)
+        bad = np.flatnonzero(most.good & (np.abs(gains) > max(ODD, 10 * scatter)) & (np.abs(gains) > SURE * sigmas))
         if not bad.size or evidence.extent(bad) > 0.2:
             return
         worst = bad[np.argmax(np.abs(gains[bad]))]
@@ -101,10 +98,14 @@ class Lamp(Fault):
         time = _within(evidence.plan, evidence.index)
         found, errors, _ = robust(np.stack([*rows, time], 1), gains, sigmas)
         trend, error = float(found[-1]), float(errors[-1])
-        step = sharpest_step(evidence.index, gains, sigmas)
+        step = sharpest_step(scan_order(evidence.index), gains, sigmas)
+        each = sharpest_step(np.argsort(time, kind="stable"), gains, sigmas) if len(rows) > 1 else None
+        if step is None or (each is not None and each.sigmas > step.sigmas):
+            step = each
         if step is not None and step.sigmas > SURE and abs(step.size) > WORTH:
             first = tuple(int(v) for v in evidence.index[step.after[0]])
-            detail, told, size = f"{100 * step.size:+.1f} % from {first} on", step.sigmas, abs(step.size)
+            where = f"{first[1:]} on in every plane" if step is each else f"{first} on"
+            detail, told, size = f"{100 * step.size:+.1f} % from {where}", step.sigmas, abs(step.size)
         elif abs(trend) > SURE * error and abs(trend) > WORTH:
             detail, told, size = f"{100 * trend:+.1f} % over the scan of a plane", abs(trend) / error, abs(trend)
         else:
@@ -112,7 +113,10 @@ class Lamp(Fault):
 
         def light(index: NDArray[np.intp]) -> F8:
             if step is not None and abs(step.size) == size:
-                after = late(evidence.plan, index, evidence.index[step.after[0]])
+                if step is each:
+                    after = _within(evidence.plan, index) >= time[step.after[0]]
+                else:
+                    after = late(evidence.plan, index, evidence.index[step.after[0]])
                 return np.where(after, 1 + step.size / 2, 1 - step.size / 2)[:, None, None]
             return (1 + trend * _within(evidence.plan, index))[:, None, None]
 
@@ -140,11 +144,11 @@ class Flicker(Fault):
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the scatter of the light beyond its own error."""
         gains, sigmas = _gains(evidence)
-        good = np.isfinite(sigmas)
-        if good.sum() < 8:
+        most = usual(gains, sigmas)
+        if most is None:
             return
         order = scan_order(evidence.index)
-        order = order[good[order]]
+        order = order[most.good[order]]
         # of neighbours in time: what changes slowly is the lamp's course
         scatter = 1.4826 * float(np.median(np.abs(np.diff(gains[order])))) / np.sqrt(2)
         chance = float(np.median(sigmas[order]))

@@ -12,7 +12,8 @@ from scipy import fft as sf
 
 from lfcal.camera import LensletLattice, ScanPlan
 from lfcal.inspect.evidence import Evidence
-from lfcal.inspect.faults.scan import share_of
+from lfcal.inspect.faults.places import share_of
+from lfcal.inspect.faults.series import SURE
 from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, adding
 from lfcal.inspect.patch import Patch
 
@@ -20,9 +21,6 @@ __all__ = ["FAULTS", "DepthLabel", "Ghost", "TypeLight"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
-
-SURE = 7.0
-"""Standard deviations that a fault stands out by."""
 
 DEEP = 0.004
 """Change of the virtual depth that is worth a word."""
@@ -193,7 +191,7 @@ class TypeLight(Fault):
             float(abs(gains[k]) / errors[k]),
             float(abs(gains[k]) / types),
             picture=Picture(100 * gains, "%", "light of each lens type beside the others", ("lens type",)),
-            repair=adding(evidence.index, evidence.model * now.values[:, 0, None, None] - now.light),
+            repair=adding(evidence.index, now.left - replace(evidence, values=now.values).left),
             put_in=_dimmed(1 + gains),
         )
 

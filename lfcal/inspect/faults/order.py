@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.inspect.evidence import Evidence
-from lfcal.inspect.faults.scan import place_map
+from lfcal.inspect.faults.places import place_map
 from lfcal.inspect.finding import Fault, Finding, PutIn
 from lfcal.inspect.modelled import correlation, plane_of
 from lfcal.inspect.patch import Patch

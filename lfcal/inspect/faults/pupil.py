@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lfcal.errors import InputError
 from lfcal.fit.expected import Behind
 from lfcal.inspect.evidence import Evidence
+from lfcal.inspect.faults.series import SURE
 from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, adding
 from lfcal.inspect.modelled import cut, plane_of
 from lfcal.inspect.patch import Patch
@@ -22,14 +23,12 @@ __all__ = ["FAULTS", "Pupil", "TypeFocus"]
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
-SURE = 7.0
-"""Standard deviations that a fault stands out by."""
-
 TOLD = 2.5
 """Root of the mean square of what parts are off by, over their errors, from which on they are tried."""
 
-BLOCKS = 11
-"""Parts of a cutout along each axis whose light is told."""
+BLOCKS = (11, 11, 21, 41, 83)
+"""Parts of a cutout along each axis whose light is told, one turn after the other: coarse ones are told apart from
+displacements, fine ones follow the edge of a shadow."""
 
 LIT = 0.02
 """Share of the light of the brightest part from which on one counts."""
@@ -39,9 +38,6 @@ UNEVEN = 0.03
 
 DARKEST = 0.02
 """Share of the light that a part has at least: none would be told no more of."""
-
-TURNS = 5
-"""Times that parts are told again: what looked like a displacement at first comes out as light that is missing."""
 
 EXPLAINS = 0.3
 """Share of what is left of patterns that it must explain."""
@@ -73,13 +69,15 @@ class Pupil(Fault):
         """Yield how uneven the light is over the cutouts."""
         now, lit = evidence, np.ones((evidence.plan.shape[0], *evidence.plan.cutout))
         told, before = 0.0, _excess(evidence)
-        for turn in range(TURNS):
-            gains, sigmas = _parts(now)
+        for turn, blocks in enumerate(BLOCKS):
+            gains, sigmas = _parts(now, blocks)
             if turn == 0:
                 told = float(np.sqrt(np.square(gains / sigmas).mean()))
                 if told < TOLD:
                     return
-            lit = np.clip(lit * np.clip(1 + gains, 0.2, 5.0), DARKEST, 2.0)
+            # less what chance adds: small parts are told by a few samples
+            sure = np.clip(1 - np.square(sigmas) / np.maximum(np.square(gains), 1e-12), 0, 1)
+            lit = np.clip(lit * np.clip(1 + sure * gains, 0.2, 5.0), DARKEST, 2.0)
             own = lit[evidence.index[:, 0]].astype(np.float32)
             shaded = replace(evidence, model=evidence.model * own, columns=evidence.columns * own[:, None])
             now = shaded.with_data(evidence.data, evidence.valid)
@@ -89,9 +87,12 @@ class Pupil(Fault):
             return
         z = int(np.argmax((weight * np.square(lit - 1)).sum((1, 2))))
         image = np.where(weight[z] > LIT * weight[z].max(), lit[z], 1.0)
-        y, x = np.unravel_index(int(np.argmin(image)), image.shape)
-        middle = (np.array(image.shape) - 1) / 2
-        side = np.degrees(np.arctan2(y - middle[0], x - middle[1]))
+        y, x = np.indices(image.shape)
+        lost = weight[z] * np.clip(1 - image, 0, None)
+        light = weight[z] * (image > 0)
+        # from the middle of the light to that of what is missing
+        down, across = ((lost * k).sum() / lost.sum() - (light * k).sum() / light.sum() for k in (y, x))
+        side = np.degrees(np.arctan2(down, across))
         yield Finding(
             self,
             f"down to {100 * float(image.min()):.0f} % of the light {side:.0f}° from the right, downwards, "
@@ -99,7 +100,7 @@ class Pupil(Fault):
             told,
             scatter / 2,
             picture=Picture(100 * lit[z], "%", f"light over that of the camera, plane {z}", ("row", "column")),
-            repair=adding(evidence.index, evidence.model * now.values[:, 0, None, None] - now.light),
+            repair=adding(evidence.index, now.left - replace(evidence, values=now.values).left),
             put_in=_shaded(lit),
         )
 
@@ -119,17 +120,17 @@ def _excess(evidence: Evidence) -> float:
     return evidence.misfit**2
 
 
-def _parts(evidence: Evidence) -> tuple[F8, F8]:
+def _parts(evidence: Evidence, blocks: int) -> tuple[F8, F8]:
     """Return what the light of each part of the cutouts is off by ``(nz, nt, ns)``, and its standard deviation."""
     shape = (evidence.plan.shape[0], *evidence.plan.cutout)
     gains, sigmas = np.zeros(shape), np.full(shape, np.inf)
-    rows, columns = (np.minimum(np.arange(n) * BLOCKS // n, BLOCKS - 1) for n in shape[1:])
-    where = rows[:, None] * BLOCKS + columns
+    rows, columns = (np.minimum(np.arange(n) * min(blocks, n) // n, blocks - 1) for n in shape[1:])
+    where = rows[:, None] * blocks + columns
     for z in np.unique(evidence.index[:, 0]).tolist():
         own = evidence.index[:, 0] == z
         w, v, r = (part[own].astype(np.float64) for part in (evidence.weight, evidence.light, evidence.left))
         by, power, light = (
-            np.bincount(where.ravel(), part.sum(0).ravel(), BLOCKS**2) for part in (w * r * v, w * v * v, v)
+            np.bincount(where.ravel(), part.sum(0).ravel(), blocks**2) for part in (w * r * v, w * v * v, v)
         )
         good = light > LIT * light.max()
         gain = np.where(good, by / np.maximum(power, 1e-300), 0.0)

@@ -8,20 +8,17 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import ScanPlan
-from lfcal.inspect.evidence import COLUMNS, Evidence
-from lfcal.inspect.faults.series import BETTER, Step, robust, sharpest_step
-from lfcal.inspect.finding import Fault, Finding, Picture, PutIn
+from lfcal.inspect.evidence import Evidence
+from lfcal.inspect.faults.places import late, only_recorded, place_map, share_of
+from lfcal.inspect.faults.series import BETTER, SURE, Step, robust, scan_order, sharpest_step, usual
+from lfcal.inspect.finding import Fault, Finding, PutIn
 from lfcal.inspect.modelled import REACH_PX
 from lfcal.inspect.patch import Patch
 
-__all__ = ["FAULTS", "Backlash", "FrameShift", "Jitter", "StageAxes", "Strangers", "late", "only_recorded"]
+__all__ = ["FAULTS", "Backlash", "FrameShift", "Jitter", "StageAxes", "Strangers"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
-
-SURE = 7.0
-"""Standard deviations that a trend stands out by."""
 
 FLOOR_PX = 0.004
 """What displacements are known to at best: the model's own error (pixels)."""
@@ -231,7 +228,7 @@ class FrameShift(Fault):
         """Yield the sharpest step of the cutouts' displacements in the order of the scan."""
         for name, along in (("window_y", "down"), ("window_x", "across")):
             values, sigmas = evidence.column(name)
-            step: Step | None = sharpest_step(evidence.index, values, np.hypot(sigmas, FLOOR_PX))
+            step: Step | None = sharpest_step(scan_order(evidence.index), values, np.hypot(sigmas, FLOOR_PX))
             if step is None or abs(step.size) < 2 * WORTH_PX or step.sigmas < SURE:
                 yield from self._all(evidence, name, along)
                 continue
@@ -249,12 +246,10 @@ class FrameShift(Fault):
     def _all(self, evidence: Evidence, name: str, along: str) -> Iterable[Finding]:
         """Yield the displacement that all cutouts have."""
         values, sigmas = evidence.column(name)
-        good = np.isfinite(sigmas)
-        if good.sum() < 8:
+        most = usual(values, np.hypot(sigmas, FLOOR_PX))
+        if most is None:
             return
-        middle = float(np.median(values[good]))
-        scatter = 1.4826 * float(np.median(np.abs(values[good] - middle)))
-        error = max(scatter, FLOOR_PX) / np.sqrt(good.sum())
+        middle, error = most.middle, most.error
         if abs(middle) < max(ANCHOR_PX, SURE * error):
             return
         yield Finding(
@@ -329,41 +324,6 @@ def _whose(evidence: Evidence, k: int, far: F8, *, unlike: bool) -> str:
     if np.hypot(*window) > np.hypot(*far):
         return f"{place} is that of another place: its light lies {np.hypot(*window):.1f} px off in its cutout"
     return f"the source of {place} is {np.hypot(*far):.2f} px off"
-
-
-def share_of(evidence: Evidence, amount: float, names: tuple[str, ...]) -> float:
-    """Return the share of the light (relative L1) that so much of columns of `COLUMNS` changes."""
-    light = max(float(np.abs(evidence.model).sum(dtype=np.float64)), 1e-300)
-    change = [float(np.abs(evidence.columns[:, COLUMNS.index(n) - 2]).sum(dtype=np.float64)) for n in names]
-    return amount * float(np.mean(change)) / light
-
-
-def late(plan: ScanPlan, index: NDArray[np.intp], first: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return which positions ``(n, 3)`` come no earlier than ``first``, plane by plane and row by row."""
-    shape = plan.shape[:3]
-    found: NDArray[np.bool_] = np.ravel_multi_index(tuple(index.T), shape) >= np.ravel_multi_index(tuple(first), shape)
-    return found
-
-
-def only_recorded(positions: NDArray[np.intp]) -> PutIn:
-    """Return what puts the recorded patterns of some positions into those that the camera should give."""
-    bad = set(map(tuple, positions.tolist()))
-
-    def put_in(patch: Patch) -> F4:
-        own = np.array([tuple(place) in bad for place in patch.index.tolist()], np.bool_)
-        return np.where(own[:, None, None], patch.recorded(), patch.light) if own.any() else patch.light
-
-    return put_in
-
-
-def place_map(evidence: Evidence, values: F8, unit: str, title: str) -> Picture:
-    """Return values of patterns as a map over the positions of the plane that they stand out most in."""
-    z = evidence.index[:, 0]
-    worst = max(np.unique(z).tolist(), key=lambda k: float(np.ptp(values[z == k])))
-    found = np.full(evidence.plan.period, np.nan)
-    own = z == worst
-    found[evidence.index[own, 1], evidence.index[own, 2]] = values[own]
-    return Picture(found, unit, f"{title}, plane {worst}", ("position y", "position x"))
 
 
 FAULTS = (StageAxes(), Backlash(), Jitter(), FrameShift(), Strangers())

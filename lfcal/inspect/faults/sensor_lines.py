@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from lfcal.inspect.evidence import Evidence
+from lfcal.inspect.faults.series import SURE
 from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, Repair
 from lfcal.inspect.sensor_map import Lines, SensorMap, sensor_map
 
@@ -19,9 +20,6 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 AXES = ("row", "column")
-
-SURE = 7.0
-"""Standard deviations by which a line stands out of its neighbours."""
 
 DIM = 0.08
 """Share of the light that a line must lack: pixels themselves differ by a percent or two."""

@@ -1,4 +1,4 @@
-"""Pixels of the sensor that are dead or hot, a colour mosaic left in, values that are not linear, compression."""
+"""Pixels of the sensor that are dead or hot, a colour mosaic left in, values that are not linear."""
 
 from __future__ import annotations
 
@@ -7,26 +7,37 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
+from scipy.ndimage import convolve, median_filter
 
 from lfcal.inspect.evidence import Evidence
-from lfcal.inspect.faults.sensor_lines import BRIGHT, SURE
+from lfcal.inspect.faults.sensor_lines import BRIGHT
+from lfcal.inspect.faults.series import SURE
 from lfcal.inspect.finding import Fault, Finding, Picture, PutIn, Repair
+from lfcal.inspect.modelled import correlation
 from lfcal.inspect.sensor_map import SensorMap, sensor_map
 
-__all__ = ["FAULTS", "BadPixels", "Compression", "Mosaic", "NotLinear"]
+__all__ = ["FAULTS", "BadPixels", "Mosaic", "NotLinear"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
-DEAD = 0.3
-"""Share of the light that a single pixel must lack."""
+DEAD, DUSTY = 0.3, 0.2
+"""Share of the light that a single pixel must lack, and that each of several together must."""
+
+TOGETHER = 4
+"""Pixels of three by three that make a spot of dust."""
 
 UNEVEN = 0.04
 """Share by which the four pixels of a colour mosaic differ at least."""
 
 CURVED = 0.02
 """Difference of an exponent from 1 that is worth a word."""
+
+STRONG = 0.1
+"""The same from which on it is looked for: a derivative tells no more of it."""
+
+EXPONENTS = np.geomspace(0.3, 3.0, 41)
+"""Exponents that are tried."""
 
 LITTLE = 1e-4
 """Share of the light that pixels must add or take away."""
@@ -36,18 +47,6 @@ WIDE = 9
 
 SEEN = 0.05
 """Share of the light of the best lit pixel that one must have had to be called dead."""
-
-BLOCK = 8
-"""Pixels along a block of the usual compressions."""
-
-DARK = 0.005
-"""Share of the brightest light below which neighbours are compared."""
-
-SPIKE = 4.0
-"""Times the mean difference of neighbours that counts at most."""
-
-STEPS = 1.1
-"""Times by which neighbours across blocks differ more than those within."""
 
 AXES = ("row of the sensor (px)", "column of the sensor (px)")
 
@@ -67,10 +66,12 @@ class BadPixels(Fault):
         each = total.pixels()
         peak = float(evidence.light.max())
         hot, hot_told = _apart(each.offset, each.offset_sigma)
-        dim, dim_told = _apart(each.gain, each.gain_sigma)
         # at the edges of the scanned part a few patterns' tails tell little
         lit = total.light > SEEN * float(total.light.max())
-        bad = ((hot_told > SURE) & (hot > 10 * BRIGHT * peak)) | ((dim_told < -SURE) & (dim < -DEAD) & lit)
+        dim, dim_told = _apart(each.gain, each.gain_sigma, lit)
+        dark = (dim_told < -SURE) & (dim < -DUSTY) & lit
+        spots = convolve(dark.astype(np.intp), np.ones((3, 3), np.intp), mode="constant") >= TOGETHER
+        bad = ((hot_told > SURE) & (hot > 10 * BRIGHT * peak)) | (dark & ((dim < -DEAD) | spots))
         # a line has a fault of its own
         for axis in (0, 1):
             many = bad.sum(1 - axis) > 0.2 * bad.shape[1 - axis]
@@ -105,11 +106,16 @@ def _put_in(bad: NDArray[np.bool_], hot: F8, hot_told: F8, dim: F8) -> PutIn:
     return lambda patch: patch.light * patch.seen(gains) + patch.seen(lit)
 
 
-def _apart(values: F8, sigmas: F8) -> tuple[F8, F8]:
+def _apart(values: F8, sigmas: F8, usual: NDArray[np.bool_] | None = None) -> tuple[F8, F8]:
+    """Return pixels less the median of those about them, and by how many standard deviations they differ from it.
+
+    The scatter of pixels among themselves, of those that are ``usual`` of all, counts as noise.
+    """
     good = np.isfinite(sigmas)
     filled = np.where(good, values, 0.0)
     off = filled - median_filter(filled, size=WIDE, mode="nearest")
-    common = 1.4826 * float(np.median(np.abs(off[good]))) if good.any() else 0.0
+    own = good if usual is None or not (good & usual).any() else good & usual
+    common = 1.4826 * float(np.median(np.abs(off[own]))) if own.any() else 0.0
     return off, np.where(good, off / np.hypot(np.where(good, sigmas, 1.0), common), 0.0)
 
 
@@ -198,7 +204,7 @@ class NotLinear(Fault):
     rank = 13
     title = "values not proportional to the light"
     advice = "Switch the camera's gamma and contrast off, or linearise the frames, and import them anew."
-    settles: ClassVar[tuple[str, ...]] = ("background", "clipped", "leak")
+    settles: ClassVar[tuple[str, ...]] = ("background", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[Finding]:
         """Yield the exponent of the light that values follow."""
@@ -207,7 +213,7 @@ class NotLinear(Fault):
         found, sigma = _bend(evidence)
         if abs(found) < CURVED or abs(found) < SURE * sigma:
             return
-        exponent = 1 + found
+        exponent = 1 + found if abs(found) < STRONG else _likeliest(evidence)
         for _ in range(2):  # the derivative is that at an exponent of 1
             straight = np.sign(evidence.data) * peak * (np.abs(evidence.data) / peak) ** np.float32(1 / exponent)
             exponent *= 1 + _bend(evidence.with_data(straight.astype(np.float32), evidence.valid))[0]
@@ -227,6 +233,16 @@ class NotLinear(Fault):
             repair=repair,
             put_in=lambda patch: _bent(patch.light, exponent, peak),
         )
+
+
+def _likeliest(evidence: Evidence) -> float:
+    """Return the exponent without which patterns are most like those of the camera at their places."""
+    model = np.where(evidence.valid, evidence.model, np.float32(0))
+    alike = [
+        np.median(correlation(model, np.sign(evidence.data) * np.abs(evidence.data) ** np.float32(1 / exponent)))
+        for exponent in EXPONENTS
+    ]
+    return float(EXPONENTS[int(np.argmax(alike))])
 
 
 def _bent(light: F4, exponent: float, peak: float) -> F4:
@@ -264,59 +280,4 @@ def _tone(evidence: Evidence, light: F4, peak: float) -> Picture:
     return Picture(means, "counts", "mean value over the light it should be", ("light (counts)",), edges[:-1])
 
 
-class Compression(Fault):
-    """Blocks of a lossy compression."""
-
-    name = "compression"
-    needs_camera = False
-    rank = 9
-    title = "lossy compression"
-    advice = "Record without compression: what it took away cannot be brought back."
-    settles: ClassVar[tuple[str, ...]] = (
-        "jitter",
-        "flicker",
-        "snr",
-        "background",
-        "stage_gain",
-        "depth",
-        "lamp",
-        "misplaced",
-        "drift",
-        "pitch",
-    )
-    explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
-
-    def found(self, evidence: Evidence) -> Iterable[Finding]:
-        """Yield by how much neighbours across blocks differ more than those within."""
-        left = evidence.left
-        # where there is light, lost detail is larger than what blocks are made of
-        dark = evidence.valid & (evidence.light < DARK * float(evidence.light.max()))
-        most_of = SPIKE * float(np.abs(np.diff(left, axis=2)).mean())  # a single pixel makes no blocks
-        for what, corners in (("sensor", evidence.corners()), ("cutout", np.zeros((len(left), 2), np.intp))):
-            ratios, sigmas = [], []
-            for axis in (0, 1):
-                squares, counts = np.zeros(BLOCK), np.zeros(BLOCK)
-                for k, one in enumerate(left):
-                    both = dark[k][1:] & dark[k][:-1] if axis == 0 else dark[k][:, 1:] & dark[k][:, :-1]
-                    lines = np.where(both, np.minimum(np.abs(np.diff(one, axis=axis)), most_of), 0.0).sum(1 - axis)
-                    at = (np.arange(lines.size) + corners[k, axis]) % BLOCK
-                    squares += np.bincount(at, lines, BLOCK)
-                    counts += np.bincount(at, both.sum(1 - axis), BLOCK)
-                each = squares / np.maximum(counts, 1)
-                most = int(np.argmax(each))
-                ratios.append(each[most] / max(float(np.delete(each, most).mean()), 1e-300))
-                # means of so many magnitudes scatter by 0.75 over the root of their number; lost detail by more
-                sigmas.append((ratios[-1] - 1) * np.sqrt(max(float(counts.min()), 1.0)) / 2.0)
-            if min(ratios) > STEPS and min(sigmas) > SURE:
-                yield Finding(
-                    self,
-                    f"neighbours across blocks of {BLOCK} x {BLOCK} pixels of the {what} differ "
-                    f"{min(ratios):.2f} times as much as within",
-                    float(min(sigmas)),
-                    float(np.sqrt(np.square(left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
-                    put_in=lambda patch: patch.recorded(),
-                )
-                return
-
-
-FAULTS = (BadPixels(), Mosaic(), NotLinear(), Compression())
+FAULTS = (BadPixels(), Mosaic(), NotLinear())

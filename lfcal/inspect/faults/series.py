@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BETTER", "Step", "robust", "scan_order", "sharpest_step"]
+__all__ = ["BETTER", "FEW", "SURE", "Step", "Usual", "robust", "scan_order", "sharpest_step", "usual"]
 
 F8 = NDArray[np.float64]
+
+SURE = 7.0
+"""Standard deviations that a fault stands out by."""
 
 BETTER = 0.6
 """Ratio of two terms from which on they are alike."""
@@ -22,6 +26,21 @@ MOST = 0.6
 
 FEW = 6
 """Patterns on either side of a step, at least."""
+
+ENOUGH = 8
+"""Patterns that tell what is usual, at least."""
+
+
+class Usual(NamedTuple):
+    """What most values are: their median, how far they scatter about it (by medians), and the error of the median.
+
+    ``good`` says which values ``(n,)`` are known.
+    """
+
+    middle: float
+    scatter: float
+    error: float
+    good: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +60,16 @@ class Step:
     size: float
     sigmas: float
     after: NDArray[np.intp]
+
+
+def usual(values: F8, sigmas: F8) -> Usual | None:
+    """Return what most of the values ``(n,)`` with known errors are; None where too few are known."""
+    good = np.isfinite(sigmas)
+    if good.sum() < ENOUGH:
+        return None
+    middle = float(np.median(values[good]))
+    scatter = 1.4826 * float(np.median(np.abs(values[good] - middle)))
+    return Usual(middle, scatter, max(scatter, float(np.median(sigmas[good]))) / float(np.sqrt(good.sum())), good)
 
 
 def robust(design: F8, values: F8, sigmas: F8) -> tuple[F8, F8, F8]:
@@ -85,9 +114,8 @@ def scan_order(index: NDArray[np.intp]) -> NDArray[np.intp]:
     return found
 
 
-def sharpest_step(index: NDArray[np.intp], values: F8, sigmas: F8) -> Step | None:
-    """Return the jump that explains what values do in the order of the scan; None where a line does as well."""
-    order = scan_order(index)
+def sharpest_step(order: NDArray[np.intp], values: F8, sigmas: F8) -> Step | None:
+    """Return the jump that explains what values do in an ``order`` of them; None where a line does as well."""
     order = order[np.isfinite(sigmas[order])]
     if len(order) < 2 * FEW:
         return None

@@ -1,0 +1,136 @@
+"""Patterns of an H compared with what its camera should give: which, how many, and where their models are computed."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.checks import check_number
+from lfcal.errors import InputError
+from lfcal.fit.expected import Behind, behind, plan_of
+from lfcal.fit.setup import Setup
+from lfcal.fit.spread import spread_out
+from lfcal.inspect.evidence import Evidence, Unlike, fitted
+from lfcal.inspect.modelled import Starts, correlation, depths_seen, modelled, parts, windows_seen
+from lfcal.inspect.scatter import rounding_of
+from lfcal.progress import Clock, Work
+from lfcal.psf import PSFMatrix
+from lfcal.psf.half_cell import copied_positions
+from lfcal.simulate.engines.base import EnergyError
+
+__all__ = ["iter_evidence"]
+
+F8 = NDArray[np.float64]
+
+MOST_SAMPLES = 6_000_000
+"""Samples of patterns that are compared at most: each takes some forty bytes."""
+
+FIRST = 4
+"""Patterns by which it is told how long one takes."""
+
+FEWEST = 24
+"""Patterns that are compared whatever time they take."""
+
+TURNS = 3
+"""Times that models follow what was fitted."""
+
+ALIKE = 0.5
+"""Correlation with the best fit by a camera that most patterns have if they are its own."""
+
+
+def iter_evidence(
+    matrix: PSFMatrix,
+    *,
+    setup: Setup | None = None,
+    seconds: float = 10.0,
+    patterns: int | None = None,
+    suspected: NDArray[np.intp] | None = None,
+) -> Work[Evidence | Unlike]:
+    """Compare patterns of H with its camera; without one, or where it does not explain H, say why not.
+
+    Parameters
+    ----------
+    matrix
+        H.
+    setup
+        The camera as it was found by a fit; None takes what H says of it.
+    seconds
+        Time that it may take: as many patterns are compared as it allows.
+    patterns
+        Compare so many instead, however long they take.
+    suspected
+        Positions ``(n, 3)`` that are compared too, for what is known of them.
+    """
+    check_number("seconds of a comparison", seconds, above=0)
+    start = time.perf_counter()
+    clock = Clock("comparing with the camera", 100)
+    yield clock.at(0)
+    recorded = np.argwhere((matrix.recorded > 0) & ~copied_positions(matrix))
+    if len(recorded) < FIRST:
+        return Unlike(f"only {len(recorded)} positions were recorded")
+    first = recorded[spread_out(recorded, FIRST, matrix.period)]
+    if matrix.camera is None:
+        return Unlike("H has no camera")
+    if matrix.pixel_scale != (1.0, 1.0):
+        return Unlike("H is on resampled pixels; assemble it without resampling to compare it")
+    took = time.perf_counter()
+    try:
+        plan = plan_of(matrix)  # says what is wrong with the description
+        assert plan is not None
+        known = behind(matrix, first) if setup is None else Behind(setup, plan, 0.0)
+        if known is None:
+            return Unlike("no engine computes its camera")
+        took = time.perf_counter()
+        modelled(known, first)
+    except (InputError, EnergyError) as error:
+        return Unlike(str(error))
+    each = (time.perf_counter() - took) / FIRST
+    size = int(np.prod(matrix.cutout))
+    many = patterns or max(FEWEST, int(0.6 * seconds / max(each, 1e-6)))
+    many = min(many, max(FEWEST, MOST_SAMPLES // size), len(recorded))
+    index = recorded[spread_out(recorded, many, matrix.period)] if many < len(recorded) else recorded
+    asked = np.zeros(len(index), np.bool_)
+    if suspected is not None and len(suspected):
+        chosen = set(map(tuple, index.tolist()))
+        odd = set(map(tuple, suspected.tolist())) & set(map(tuple, recorded.tolist()))
+        index = np.array(sorted(chosen | odd), np.intp)
+        asked = np.array([place not in chosen for place in map(tuple, index.tolist())], np.bool_)
+    data = np.stack([np.asarray(matrix[z, y, x], np.float32) for z, y, x in index.tolist()])
+    valid = np.stack([matrix.valid(z, y, x) for z, y, x in index.tolist()]) & np.isfinite(data)
+    data[~valid] = 0.0
+    if not data.max(initial=0.0) > 0:
+        return Unlike("H shows no light")
+    model, columns = (np.empty((len(index), *shape), np.float32) for shape in (matrix.cutout, (5, *matrix.cutout)))
+    starts = Starts.none(len(index), len(matrix))
+    starts = replace(starts, depth=depths_seen(known, index, data))
+    for part in parts(index, np.arange(len(index))):
+        model[part], columns[part] = modelled(known, index[part], starts.of(part))
+        yield clock.at(int(80 * (part[-1] + 1) / len(index)))
+    starts = replace(starts, window=windows_seen(index, data, model))
+    again = starts.window.any(1)
+    rounding = rounding_of(data, model, valid)
+    for turn in range(TURNS):
+        for part in parts(index, np.flatnonzero(again)):
+            model[part], columns[part] = modelled(known, index[part], starts.of(part))
+            yield clock.at(80 + 5 * turn)
+        found = fitted(matrix, known, index, data, valid, model, columns, starts, rounding)
+        moved = starts.nearer(found.values, index[:, 0])
+        again = moved.apart_from(starts, index[:, 0])
+        if not again.any() or (patterns is None and time.perf_counter() - start > seconds):
+            break
+        starts = starts.only(moved, again)
+    yield clock.at(100)
+    if not np.median(found.values[:, 0]) > 0:
+        return Unlike("H shows no light where its camera has some")
+    alike = float(np.median(_alike(found)))
+    if alike < ALIKE:
+        return Unlike(f"patterns have little in common with those of the camera (correlation {alike:.2f})")
+    return replace(found, asked=asked, seconds=time.perf_counter() - start)
+
+
+def _alike(found: Evidence) -> F8:
+    """Return the correlation of each pattern with what fits it best ``(n,)``."""
+    return correlation(np.where(found.valid, found.data - found.left, np.float32(0)), found.data)

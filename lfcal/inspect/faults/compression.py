@@ -1,0 +1,160 @@
+"""Traces of a lossy compression: steps between blocks, and fine structure that is gone in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.fft import dctn
+
+from lfcal.inspect.evidence import Evidence
+from lfcal.inspect.faults.series import SURE
+from lfcal.inspect.finding import Fault, Finding, Picture
+
+__all__ = ["FAULTS", "Compression"]
+
+F8 = NDArray[np.float64]
+
+BLOCK = 8
+"""Pixels along a block of the usual compressions."""
+
+DARK = 0.005
+"""Share of the brightest light below which neighbours are compared."""
+
+SPIKE = 4.0
+"""Times the mean difference of neighbours that counts at most."""
+
+STEPS = 1.1
+"""Times by which neighbours across blocks differ more than those within."""
+
+LIT = 0.02
+"""Share of the brightest light that a block has to have for its finest structure to tell anything."""
+
+SMALL = 0.3
+"""Times the usual size of a coefficient of the finest structure below which it is gone."""
+
+GONE = 0.15
+"""Share of them that is gone in blocks of a compression, beyond that in blocks of pixels beside them."""
+
+FEW = 500
+"""Coefficients for each place of blocks that tell it."""
+
+WINDOWS = 60_000
+"""Blocks at most that are looked at."""
+
+BESIDE = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if y or x)
+
+
+class Compression(Fault):
+    """Blocks of a lossy compression."""
+
+    name = "compression"
+    needs_camera = False
+    rank = 9
+    title = "lossy compression"
+    advice = "Record without compression: what it took away cannot be brought back."
+    settles: ClassVar[tuple[str, ...]] = (
+        "jitter",
+        "flicker",
+        "snr",
+        "background",
+        "stage_gain",
+        "depth",
+        "lamp",
+        "misplaced",
+        "drift",
+        "pitch",
+    )
+    explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
+
+    def found(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield by how much neighbours across blocks differ more than those within."""
+        left = evidence.left
+        # where there is light, lost detail is larger than what blocks are made of
+        dark = evidence.valid & (evidence.light < DARK * float(evidence.light.max()))
+        most_of = SPIKE * float(np.abs(np.diff(left, axis=2)).mean())  # a single pixel makes no blocks
+        for what, corners in (("sensor", evidence.corners()), ("cutout", np.zeros((len(left), 2), np.intp))):
+            ratios, sigmas = [], []
+            for axis in (0, 1):
+                squares, counts = np.zeros(BLOCK), np.zeros(BLOCK)
+                for k, one in enumerate(left):
+                    both = dark[k][1:] & dark[k][:-1] if axis == 0 else dark[k][:, 1:] & dark[k][:, :-1]
+                    lines = np.where(both, np.minimum(np.abs(np.diff(one, axis=axis)), most_of), 0.0).sum(1 - axis)
+                    at = (np.arange(lines.size) + corners[k, axis]) % BLOCK
+                    squares += np.bincount(at, lines, BLOCK)
+                    counts += np.bincount(at, both.sum(1 - axis), BLOCK)
+                each = squares / np.maximum(counts, 1)
+                most = int(np.argmax(each))
+                ratios.append(each[most] / max(float(np.delete(each, most).mean()), 1e-300))
+                # means of so many magnitudes scatter by 0.75 over the root of their number; lost detail by more
+                sigmas.append((ratios[-1] - 1) * np.sqrt(max(float(counts.min()), 1.0)) / 2.0)
+            if min(ratios) > STEPS and min(sigmas) > SURE:
+                yield Finding(
+                    self,
+                    f"neighbours across blocks of {BLOCK} x {BLOCK} pixels of the {what} differ "
+                    f"{min(ratios):.2f} times as much as within",
+                    float(min(sigmas)),
+                    float(np.sqrt(np.square(left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
+                    put_in=lambda patch: patch.recorded(),
+                )
+                return
+        yield from self._rounded(evidence)
+
+    def _rounded(self, evidence: Evidence) -> Iterable[Finding]:
+        """Yield by how much more of the finest structure is gone in blocks of one place than in those beside it."""
+        for what, corners in (("sensor", evidence.corners()), ("cutout", np.zeros((len(evidence), 2), np.intp))):
+            gone, counts = _gone(evidence, corners)
+            if counts.min() < FEW:
+                continue
+            beside = np.mean([np.roll(gone, by, (0, 1)) for by in BESIDE], axis=0)
+            more = gone - beside
+            k = np.unravel_index(int(np.argmax(more)), more.shape)
+            told = float(more[k] / np.sqrt(beside[k] * (1 - beside[k]) / counts[k] * (1 + 1 / len(BESIDE))))
+            if more[k] < GONE or told < SURE:
+                continue
+            yield Finding(
+                self,
+                f"{100 * gone[k]:.0f} % of the finest structure in blocks of {BLOCK} x {BLOCK} pixels of the {what} "
+                f"is gone, and {100 * beside[k]:.0f} % in those beside them",
+                told,
+                float(np.sqrt(np.square(evidence.left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
+                picture=Picture(
+                    100 * gone, "%", "finest structure that is gone, by where blocks begin", ("row", "column")
+                ),
+                put_in=lambda patch: patch.recorded(),
+            )
+            return
+
+
+def _gone(evidence: Evidence, corners: NDArray[np.intp]) -> tuple[F8, F8]:
+    """Return the share of fine structure that is next to nothing, by where blocks begin, and how much was looked at."""
+    gone, counts = np.zeros((BLOCK, BLOCK)), np.zeros((BLOCK, BLOCK))
+    data = np.where(evidence.valid, evidence.data, np.float32(0))
+    nt, ns = (n - BLOCK + 1 for n in data.shape[1:])
+    if min(nt, ns) < 2 * BLOCK:
+        return gone, counts
+    some = np.linspace(0, len(data) - 1, max(1, min(len(data), WINDOWS // (nt * ns)))).astype(int)
+    u = np.arange(BLOCK)
+    fine = (u[:, None] + u) > BLOCK
+    bright = LIT * float(data.max())
+    each = []
+    for k in some.tolist():
+        windows = sliding_window_view(data[k], (BLOCK, BLOCK))
+        lit = windows.max((2, 3)) > bright
+        if lit.any():
+            y, x = np.nonzero(lit)
+            sizes = np.abs(dctn(windows[y, x], axes=(1, 2), norm="ortho"))[:, fine]
+            each.append(((y + corners[k, 0]) % BLOCK, (x + corners[k, 1]) % BLOCK, sizes))
+    if not each:
+        return gone, counts
+    small = SMALL * float(np.median(np.concatenate([sizes.ravel() for _, _, sizes in each])))
+    for y, x, sizes in each:
+        np.add.at(gone, (y, x), (sizes < small).sum(1))
+        np.add.at(counts, (y, x), sizes.shape[1])
+    return gone / np.maximum(counts, 1), counts
+
+
+FAULTS = (Compression(),)

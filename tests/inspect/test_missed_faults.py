@@ -1,0 +1,100 @@
+"""Faults that leave little of what a comparison needs: dead pixels, bent or rounded values, a pupil dark in a part."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lfcal.inspect import iter_search
+from lfcal.inspect.faults.levels import BRIGHT, MUCH
+from lfcal.inspect.faults.scan import WORTH_PX
+from lfcal.inspect.faults.sensor_lines import BRIGHT as HOT
+from lfcal.inspect.inspection import EXPLAINED
+from lfcal.progress import drain
+from tests.inspect.common import PEAK, added, clean, evidence_of, faults_of, light, matrix, sensor
+from tests.inspect.test_inspection import inspected
+from tests.inspect.test_levels_order_pupil import put_in
+from tests.inspect.test_stage_faults import displaced, grid
+
+
+def test_single_dead_pixels_and_dust_are_named_with_their_places() -> None:
+    found = faults_of(put_in("dead pixels", 4))
+    assert set(found) == {"bad_pixels"} and {(22, 38), (21, 47)} <= {*map(tuple, found["bad_pixels"].pixels.tolist())}
+    dust = faults_of(put_in("dust on the sensor", 0.3))
+    assert set(dust) == {"bad_pixels"} and len(dust["bad_pixels"].pixels) > 8
+
+
+@pytest.mark.parametrize("exponent", [2.2, pytest.param(0.5, marks=pytest.mark.long)])
+def test_a_strong_gamma_is_measured(exponent: float) -> None:
+    found = faults_of(put_in("gamma above 1", exponent))
+    told = float(found["not_linear"].detail.split("power of ")[1].split()[0])
+    assert told == pytest.approx(exponent, rel=0.06)
+
+
+def test_a_slight_compression_leaves_its_blocks() -> None:
+    found = faults_of(put_in("JPEG", 95))
+    assert "of the cutout is gone" in found["compression"].detail
+
+
+def test_values_of_eight_bits_are_no_fault() -> None:
+    step = np.float32(PEAK / 230)
+    evidence = evidence_of(np.rint(clean() / step) * step)
+    assert evidence.rounding == pytest.approx(step**2 / 12, rel=0.1)
+    assert not drain(iter_search(evidence))[0]
+
+
+def test_a_lamp_that_jumps_in_every_plane() -> None:
+    found = faults_of(put_in("lamp that jumps", 0.3))
+    assert set(found) == {"lamp"} and found["lamp"].detail.endswith("on in every plane")
+
+
+def test_light_that_follows_the_pattern_is_told_with_its_power() -> None:
+    found = inspected(matrix(put_in("automatic exposure", 1.0)))
+    (one,) = found.findings
+    assert one.name == "auto_exposure" and "power of -1.0" in one.detail
+    assert one.cost is not None and 0.05 < one.cost < 0.19, "what it costs a large reconstruction is 0.094"
+
+
+@pytest.mark.parametrize("part", [0.6, pytest.param(0.3, marks=pytest.mark.long)])
+def test_a_blade_far_in_is_explained(part: float) -> None:
+    found, cleaned = drain(iter_search(evidence_of(put_in("blade stuck", part))))
+    assert [one.name for one in found] == ["pupil"] and cleaned.misfit < EXPLAINED / 2
+    side = float(found[0].detail.split("light ")[1].split("°")[0])
+    assert side == pytest.approx(np.degrees(0.6), abs=8)
+
+
+def test_the_first_rows_of_swapped_planes_tell_no_depth() -> None:
+    evidence = evidence_of(put_in("planes swapped", 0.2))
+    assert not evidence.starts.depth.any()
+    found = {one.name: one for one in drain(iter_search(evidence))[0]}
+    assert "strangers" in found and found["strangers"].positions[:, 1].max() < 4
+
+
+@pytest.mark.long
+def test_frames_that_a_metric_names_cost_what_they_cost_here() -> None:
+    found = inspected(matrix(put_in("repeated frames", 20)))
+    duplicates = found.quality["duplicates"]
+    assert duplicates in found.alarms
+    assert 0.025 < duplicates.cost < 0.1, "0.049 in a large reconstruction, 0.21 by the table"
+
+
+# -- just above the limit below which a finder says nothing ------------------------------------------------
+def test_a_background_just_above_the_limit_is_told() -> None:
+    some = light()
+    samples = some.shape[3] * some.shape[4]
+    level = 1.3 * max(BRIGHT * PEAK, MUCH * float(some.sum((3, 4)).mean()) / samples)
+    assert set(faults_of(clean() + np.float32(level))) == {"background"}
+
+
+def test_a_hot_pixel_just_above_the_limit_is_told() -> None:
+    image = sensor(0.0)
+    image[29, 36] = 1.5 * 10 * HOT * PEAK
+    found = faults_of(added(clean(), image))
+    assert set(found) == {"bad_pixels"} and found["bad_pixels"].pixels.tolist() == [[29, 36]]
+
+
+def test_positions_just_beyond_the_limit_are_told() -> None:
+    scatter = 1.3 * WORTH_PX / np.sqrt(2)
+    y, _ = grid()
+    found = faults_of(displaced(*np.random.default_rng(5).normal(0, scatter, (2, *y.shape))))
+    assert set(found) == {"jitter"}
