@@ -8,16 +8,49 @@ from __future__ import annotations
 
 import functools
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, Generic, ParamSpec, TypeVar
 
-__all__ = ["Kernel", "njit"]
+__all__ = ["Kernel", "njit", "preparing_seconds"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 _LOCK = threading.RLock()
+
+
+class _Spent(threading.local):
+    """What this thread spent on loading and compiling kernels (CPU-seconds), and whether it is at it."""
+
+    seconds = 0.0
+    at_it = False
+
+
+_SPENT = _Spent()
+
+
+def preparing_seconds() -> float:
+    """Return the CPU-seconds that this thread has spent on loading numba, and on loading and compiling kernels.
+
+    Work that is timed to foretell more of it takes the difference off: kernels are prepared once in a process.
+    """
+    return _SPENT.seconds
+
+
+@contextmanager
+def _preparing() -> Iterator[None]:
+    """Count the CPU time of the block; a kernel that is compiled for another one is counted once."""
+    if _SPENT.at_it:
+        yield
+        return
+    start, _SPENT.at_it = time.thread_time(), True
+    try:
+        yield
+    finally:
+        _SPENT.seconds += time.thread_time() - start
+        _SPENT.at_it = False
 
 
 class Kernel(Generic[P, R]):
@@ -44,7 +77,7 @@ class Kernel(Generic[P, R]):
 
     def compiled(self) -> Any:
         """Return numba's own object for this kernel."""
-        with _LOCK:
+        with _LOCK, _preparing():
             if self._compiled is None:
                 import numba
 
@@ -58,6 +91,7 @@ class Kernel(Generic[P, R]):
                 made = numba.njit(**self._options)(self.function)
                 _drop_unreadable_cache(made)
                 _run_without_cache(made)
+                _clock(made)
                 self._compiled = made
             return self._compiled
 
@@ -90,6 +124,17 @@ def _run_without_cache(dispatcher: Any) -> None:
             save(signature, data)
 
     cache.save_overload = save_if_possible
+
+
+def _clock(dispatcher: Any) -> None:
+    """Count the time that numba spends on a kernel for each new kind of arguments: from the disk, or compiling."""
+    compile_for = dispatcher.compile
+
+    def counted(signature: Any) -> Any:
+        with _preparing():
+            return compile_for(signature)
+
+    dispatcher.compile = counted
 
 
 def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 import lfcal
-from lfcal.compiled import Kernel, njit
+from lfcal.compiled import Kernel, njit, preparing_seconds
 from lfcal.errors import InputError, LfcalError, StorageError
 from lfcal.registry import Registry
 from tests.distribution import install
@@ -148,3 +149,26 @@ def test_two_parts_of_one_name_are_a_mistake_of_ours(package: str, tmp_path: Pat
     )
     with pytest.raises(ValueError, match="two kinds are called 'one'"):
         Registry("kind", package, "PART", "lfcal.kinds").names()
+
+
+def test_time_for_kernels_is_counted_once() -> None:
+    """Of a kernel and one that it calls: no more than the thread's own time, and nothing once they are there."""
+    start, before = time.thread_time(), preparing_seconds()
+    assert outer(3.0) == 10.0
+    spent, taken = preparing_seconds() - before, time.thread_time() - start
+    assert 0 < spent <= taken
+    again = preparing_seconds()
+    assert outer(4.0) == 17.0
+    assert preparing_seconds() == again
+    assert outer(4) == 17  # another kind of arguments is compiled anew
+    assert preparing_seconds() > again
+
+
+@njit(cache=False)
+def inner(x: float) -> float:
+    return x * x
+
+
+@njit(cache=False)
+def outer(x: float) -> float:
+    return inner(x) + 1

@@ -5,15 +5,18 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.errors import InputError
+from lfcal.simulate.accuracy import forecast
 from lfcal.simulate.accuracy.forecast import predict_seconds
 from lfcal.simulate.accuracy.ladder import Ladder, Rung, _marked, _places, draw_ladder, iter_ladder, ladder, rung_label
 from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import simulate_psf
 from tests.simulate.common import BASE, small_camera, small_plan
 
@@ -100,3 +103,22 @@ def test_seconds_are_foretold(case: str) -> None:
     simulate_psf(plan.camera, plan, effects, tolerance=0.12, workers=1)
     spent = time.process_time() - start
     assert spent / 4 < foretold < 4 * spent + 0.1
+
+
+@pytest.mark.parametrize(("probes", "counted"), [((0.5, 0.1), 0.1), ((3.0, 0.1), 3.0)])
+def test_what_a_session_makes_once_is_not_foretold(
+    probes: tuple[float, ...], counted: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A short probe is timed again when kernels and shared tables are there; a long one is not worth it."""
+    camera = small_camera()
+    plan = replace(ScanPlan.for_camera(camera, virtual_depths=[4.0], cutout=21), period=(2, 2))
+    now, costs, real = [0.0], list(probes), PlaneResponse.engine
+
+    def engine(self: PlaneResponse, *given: Any) -> Any:
+        now[0] += costs.pop(0)
+        return real(self, *given)
+
+    monkeypatch.setattr(PlaneResponse, "engine", engine)
+    monkeypatch.setattr(forecast, "engine_clock", lambda: now[0])
+    monkeypatch.setattr(forecast, "plane_seconds", lambda engine: 2.0)
+    assert predict_seconds(plan, (), tolerance=0.2) == pytest.approx(counted + 2.0 + forecast.PER_PLANE, abs=1e-3)

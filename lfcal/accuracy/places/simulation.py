@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,7 +12,7 @@ from lfcal.accuracy.place import Measuring, Place, Step, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import ScanPlan
 from lfcal.simulate import plan_effects
-from lfcal.simulate.accuracy.forecast import plane_seconds, whole_of
+from lfcal.simulate.accuracy.forecast import engine_clock, plane_seconds, whole_of
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import Budget, budgeted
@@ -79,12 +78,12 @@ def _rung(
 
 def _whole_seconds(plan: ScanPlan, z: int, budget: Budget, response: PlaneResponse) -> float:
     """Return the CPU-seconds of the whole H: of the probe of each plane, the tables and all positions."""
-    start = time.thread_time()
+    start = engine_clock()
     response.engine()
-    probe = time.thread_time() - start
-    start = time.thread_time()
+    probe = engine_clock() - start
+    start = engine_clock()
     engine = engine_for(response.scene, response.level, response.wanted)
-    setup = time.thread_time() - start
+    setup = engine_clock() - start
     shares = whole_of(plan, z, budget, response.level, response.runs)
     return plan.shape[0] * probe + shares.seconds(setup, plane_seconds(engine))
 
