@@ -25,6 +25,7 @@ __all__ = [
     "replace_whole",
     "require_space",
     "storage_errors",
+    "sweep_scratch",
     "system_error",
 ]
 
@@ -206,6 +207,16 @@ def _unlink(path: Path) -> bool:
         path.unlink(missing_ok=True)
         return True
     return False
+
+
+def sweep_scratch(folder: Path) -> None:
+    """Remove what programs that were killed left in ``folder`` of files they were writing."""
+    left = {path.name[1:].rsplit(".", 2)[0] for path in folder.glob(".*.*.part")}
+    left |= {path.name[1:].removesuffix(".lock") for path in folder.glob(".*.lock")}
+    for name in left:
+        target = folder / name
+        with suppress(StorageError), only_writer(target) as alone:
+            _sweep(target, alone=alone)
 
 
 def _sweep(target: Path, *, alone: bool) -> None:

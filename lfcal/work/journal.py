@@ -20,7 +20,7 @@ from lfcal.errors import InputError, LfcalError
 from lfcal.files import read_text, storage_errors
 from lfcal.system import is_alive
 
-__all__ = ["JOURNAL", "Journal", "RunState", "UnitState", "read_run"]
+__all__ = ["JOURNAL", "Journal", "RunState", "UnitState", "read_run", "read_seals"]
 
 JOURNAL = "run.jsonl"
 
@@ -116,6 +116,15 @@ class RunState:
         at_a_time = 1 if self.executor == "threads" else self.workers
         left = sum(u.state in ("waiting", "under way") for u in self.units)
         return left * sum(took) / len(took) / at_a_time
+
+
+def read_seals(folder: Path) -> dict[str, str]:
+    """Return the seals of the files that runs in ``folder`` wrote, by name (see `lfcal.work.unit.seal_of`)."""
+    path = folder / JOURNAL
+    if not path.exists():
+        return {}
+    records = _records(read_text(path).splitlines())
+    return {str(r["file"]): str(r["seal"]) for r in records if "file" in r and "seal" in r}
 
 
 def read_run(folder: Path, now: float | None = None) -> RunState:

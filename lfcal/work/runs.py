@@ -6,16 +6,17 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from lfcal.errors import InputError, StorageError
-from lfcal.files import only_writer, storage_errors
-from lfcal.progress import Progress, Work
+from lfcal.files import only_writer, storage_errors, sweep_scratch
+from lfcal.progress import Clock, Progress, Work
 from lfcal.work.executors.base import Ended, Event, Executor, What
-from lfcal.work.journal import JOURNAL, Journal, read_run
-from lfcal.work.unit import Job, Unit, file_name
+from lfcal.work.journal import JOURNAL, Journal, read_run, read_seals
+from lfcal.work.unit import Job, Unit, file_name, seal_of
 
 __all__ = ["check_begun", "discard", "iter_run", "parts_folder"]
 
@@ -59,7 +60,8 @@ def iter_run(
     """Do what is not done of ``units``; yields progress over all of them.
 
     A unit is done when its file is in ``folder`` under a name that holds its fingerprint: a run that was killed goes on
-    where it was, and one with other inputs or settings begins anew. Files of other fingerprints are removed.
+    where it was, and one with other inputs or settings begins anew. Files of other fingerprints are removed, and one
+    that is no longer what was written is done again.
 
     Parameters
     ----------
@@ -96,9 +98,13 @@ def iter_run(
             Job(k, unit, str(folder.absolute() / file_name(unit, unit.fingerprint()))) for k, unit in enumerate(units)
         ]
         _sweep(folder, {Path(job.out).name for job in jobs})
-        with Journal.open(folder) as journal, executor:
-            journal.begin(title, [u.name for u in units], executor.name, executor.workers, executor.place)
-            yield from _Run(jobs, executor, journal, attempts).steps()
+        seals = read_seals(folder)
+        try:
+            with Journal.open(folder) as journal, executor:
+                journal.begin(title, [u.name for u in units], executor.name, executor.workers, executor.place)
+                yield from _Run(jobs, executor, journal, attempts).steps(seals)
+        finally:
+            sweep_scratch(folder)  # what workers that were killed have left
     return tuple(Path(job.out) for job in jobs)
 
 
@@ -121,17 +127,10 @@ class _Run:
         self.later: list[tuple[float, Job]] = []
         self.stage = ""
 
-    def steps(self) -> Work[None]:
-        began = time.perf_counter()
-        for job in self.jobs:
-            if Path(job.out).exists():
-                self.shares[job.number] = 1.0
-                self.journal.note("kept", unit=job.unit.name)
-            else:
-                self.open.add(job.number)
-                self.executor.submit(job)
-        kept = sum(self.shares)
+    def steps(self, seals: Mapping[str, str]) -> Work[None]:
         try:
+            yield from self._look(seals)
+            began, kept = time.perf_counter(), sum(self.shares)
             while self.open:
                 self._submit_due()
                 events = self.executor.events()
@@ -144,6 +143,24 @@ class _Run:
             self.journal.note("stopped")
             raise
         self.journal.note("end")
+
+    def _look(self, seals: Mapping[str, str]) -> Work[None]:
+        """Keep what is there and whole, and submit the rest."""
+        clock = Clock("looking at what is there", len(self.jobs))
+        for job in self.jobs:
+            path, name = Path(job.out), job.unit.name
+            there = path.exists()
+            # a file that was not noted was moved into place whole, and its run killed right after
+            if there and seals.get(path.name) in (None, seal_of(path)):
+                self.shares[job.number] = 1.0
+                self.journal.note("kept", unit=name)
+                yield clock.at(job.number + 1)
+                continue
+            if there:
+                self.journal.note("damaged", unit=name, reason="its file was damaged")
+                path.unlink()
+            self.open.add(job.number)
+            self.executor.submit(job)
 
     def _submit_due(self) -> None:
         """Give back to the executor what was lost a while ago."""
@@ -172,7 +189,9 @@ class _Run:
         elif event.what is What.ADVANCED:
             self.shares[number] = min(event.share, 0.999)  # whole when its file is there
             return
-        told = {} if event.seconds is None else {"seconds": event.seconds}
+        told: dict[str, Any] = {} if event.seconds is None else {"seconds": event.seconds}
+        if event.what is What.DONE:
+            told |= {"file": Path(job.out).name, "seal": event.seal}
         reason = {} if event.error is None else {"reason": str(event.error)}
         self.journal.note(event.what.value, unit=job.unit.name, worker=event.worker, **told, **reason)
         if event.what in Ended:

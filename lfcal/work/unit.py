@@ -6,6 +6,7 @@ import hashlib
 import importlib
 import json
 import os
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,10 +18,13 @@ from lfcal.files import storage_errors
 from lfcal.plain import plain
 from lfcal.progress import Work
 
-__all__ = ["Job", "Task", "Unit"]
+__all__ = ["Job", "Task", "Unit", "file_name", "seal_of"]
 
 Task = Callable[[Mapping[str, Any], Path, int], Work[None]]
 """Does a unit: its arguments, the file to write whole or not at all, and how many threads it may use."""
+
+PIECE = 1 << 22
+"""Bytes of a file that are read at a time."""
 
 DIGITS = 16
 """Of a fingerprint; 64 bits tell the units of any run apart."""
@@ -96,12 +100,28 @@ class Job:
     unit: Unit
     out: str
 
-    def steps(self, workers: int) -> Work[None]:
-        """Do it with so many threads; yields progress, and closing it stops."""
+    def steps(self, workers: int) -> Work[str]:
+        """Do it with so many threads; yields progress, returns the `seal_of` its file, and closing it stops."""
         path = Path(self.out)
         yield from self.unit.function()({**self.unit.arguments, **self.unit.hints}, path, workers)
         if not path.exists():
             raise InputError.expected(f"unit {self.unit.name}", f"the file {path.name}", "none", "mend its task")
+        return seal_of(path)
+
+
+def seal_of(path: Path) -> str:
+    """Return size and checksum (CRC-32) of a file, by which it is known again.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be read.
+    """
+    size = check = 0
+    with storage_errors(path), path.open("rb") as file:
+        while block := file.read(PIECE):
+            size, check = size + len(block), zlib.crc32(block, check)
+    return f"{size}-{check:08x}"
 
 
 def file_name(unit: Unit, fingerprint: str) -> str:

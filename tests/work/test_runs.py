@@ -10,7 +10,7 @@ import pytest
 
 from lfcal.errors import InputError, StorageError
 from lfcal.files import only_writer
-from lfcal.progress import drain
+from lfcal.progress import Progress, drain
 from lfcal.work import iter_run, read_run
 from lfcal.work.executors.processes import Processes, TaskFailed, WorkerLost
 from lfcal.work.executors.threads import Threads
@@ -116,6 +116,7 @@ def test_a_unit_whose_worker_always_ends_is_given_up(folder: Path, tmp_path: Pat
     with pytest.raises(WorkerLost, match=r"plane 0: its process ended \(signal 9\) in each of 2 attempts"):
         drain(iter_run(units, folder, Processes(1), attempts=2))
     assert read_run(folder).units[0].state == "failed"
+    assert [path.name for path in folder.iterdir()] == [JOURNAL]
 
 
 def test_faults_in_processes_are_told(folder: Path) -> None:
@@ -143,6 +144,7 @@ def test_closing_ends_the_processes(folder: Path, tmp_path: Path) -> None:
             break
     work.close()
     assert not is_alive(int(begun.read_text()))
+    assert [path.name for path in folder.iterdir()] == [JOURNAL]
     parts = drain(iter_run([unit("b", text="whole")], folder, Threads(1)))
     assert texts(parts) == ["whole"]
 
@@ -158,6 +160,29 @@ def test_what_an_earlier_run_left_is_asked_about(folder: Path) -> None:
     discard(folder)
     check_begun(folder, resume=False)
     discard(folder)
+
+
+@pytest.mark.parametrize("harm", ["cut", "changed", "empty"])
+def test_a_file_that_was_damaged_is_done_again(folder: Path, tmp_path: Path, harm: str) -> None:
+    seen = tmp_path / "seen"
+    units = [unit(f"plane {k}", text=f"text {k}", seen=str(seen)) for k in range(3)]
+    parts = drain(iter_run(units, folder, Threads(1)))
+    parts[1].write_text({"cut": "tex", "changed": "text x", "empty": ""}[harm])
+    records: list[Progress] = []
+    assert texts(drain(iter_run(units, folder, Threads(1)), records.append)) == ["text 0", "text 1", "text 2"]
+    assert done(seen) == 4
+    assert records[-1].note == "3 of 3 done; 2 by an earlier run"
+    assert "damaged" in (folder / JOURNAL).read_text()
+    drain(iter_run(units, folder, Threads(1)))
+    assert done(seen) == 4
+
+
+def test_files_that_nobody_noted_are_kept(folder: Path, tmp_path: Path) -> None:
+    seen = tmp_path / "seen"
+    drain(iter_run([unit("a", seen=str(seen))], folder, Threads(1)))
+    (folder / JOURNAL).unlink()
+    drain(iter_run([unit("a", seen=str(seen))], folder, Threads(1)))
+    assert done(seen) == 1
 
 
 # -- the journal -----------------------------------------------------------------------------------------

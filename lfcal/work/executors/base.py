@@ -44,6 +44,8 @@ class Event:
         That the unit took, where the worker says it.
     error
         Of `What.FAILED` and `What.LOST`.
+    seal
+        Of `What.DONE`: that of its file (see `lfcal.work.unit.seal_of`).
     """
 
     job: Job
@@ -53,6 +55,7 @@ class Event:
     stage: str = ""
     seconds: float | None = None
     error: Exception | None = None
+    seal: str = ""
 
 
 Ended = (What.DONE, What.FAILED, What.LOST)

@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from typing import Any, Self
 
 from lfcal.errors import InputError, LfcalError
+from lfcal.progress import drain
 from lfcal.threads import bounded_threads, worker_count
 from lfcal.work.executors.base import Event, ExecutorKind, What
 from lfcal.work.executors.processes import MOMENT, WorkerLost, news
@@ -20,19 +21,18 @@ REACHED = 20.0
 """Seconds within which a scheduler has to answer."""
 
 
-def do(job: Job) -> tuple[str, str, float, Exception | None]:
-    """Do a unit on a worker; return what happened, the worker's address, seconds, and the error there was."""
+def do(job: Job) -> tuple[str, str, dict[str, Any]]:
+    """Do a unit on a worker; return what happened, the worker's address, and what else an `Event` tells of it."""
     from distributed import get_worker
 
     here, began = str(get_worker().address), time.perf_counter()
     try:
         with bounded_threads(1):
-            for _ in job.steps(1):
-                pass
+            seal = drain(job.steps(1))
     except Exception as error:
         what, told = news(error)
-        return what.value, here, time.perf_counter() - began, told
-    return What.DONE.value, here, time.perf_counter() - began, None
+        return what.value, here, {"seconds": time.perf_counter() - began, "error": told}
+    return What.DONE.value, here, {"seconds": time.perf_counter() - began, "seal": seal}
 
 
 class Dask:
@@ -107,8 +107,8 @@ class Dask:
 
     def _ended(self, job: Job, future: Any) -> Event:
         if future.status == "finished":
-            what, worker, seconds, error = future.result()
-            return Event(job, What(what), worker, seconds=seconds, error=error)
+            what, worker, told = future.result()
+            return Event(job, What(what), worker, **told)
         reason = future.exception() if future.status == "error" else None
         if isinstance(reason, LfcalError):
             return Event(job, What.FAILED, error=reason)

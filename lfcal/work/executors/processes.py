@@ -13,6 +13,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, Self
 
 from lfcal.errors import LfcalError, StorageError
+from lfcal.progress import Progress, drain
 from lfcal.threads import bounded_threads, worker_count
 from lfcal.work.executors.base import Event, ExecutorKind, What
 from lfcal.work.unit import Job
@@ -54,18 +55,26 @@ def _serve(link: Connection) -> None:
     with bounded_threads(1), suppress(EOFError, BrokenPipeError):
         while True:
             job: Job = link.recv()
-            last = 0.0
             try:
-                for record in job.steps(1):
-                    now = time.monotonic()
-                    if now - last >= MOMENT:
-                        last = now
-                        link.send((What.ADVANCED, record.fraction, record.stage, None))
+                seal = drain(job.steps(1), _Teller(link))
             except Exception as error:
                 what, told = news(error)
-                link.send((what, 0.0, "", told))
+                link.send((what, {"error": told}))
             else:
-                link.send((What.DONE, 1.0, "", None))
+                link.send((What.DONE, {"share": 1.0, "seal": seal}))
+
+
+class _Teller:
+    """Tells of progress through a link, now and then."""
+
+    def __init__(self, link: Connection) -> None:
+        self.link, self.last = link, 0.0
+
+    def __call__(self, record: Progress) -> None:
+        now = time.monotonic()
+        if now - self.last >= MOMENT:
+            self.last = now
+            self.link.send((What.ADVANCED, {"share": record.fraction, "stage": record.stage}))
 
 
 def _end_with_parent() -> None:
@@ -155,10 +164,10 @@ class Processes:
             code = self._replace(worker)
             how = f"signal {-code}" if code < 0 else f"exit code {code}"
             return Event(job, What.LOST, worker.name, error=WorkerLost(f"its process ended ({how})"))
-        what, share, stage, error = message
+        what, told = message
         if what is not What.ADVANCED:
             worker.job = None
-        return Event(job, what, worker.name, share, stage, error=error)
+        return Event(job, what, worker.name, **told)
 
     def _replace(self, worker: _Worker) -> int:
         """Let go of a worker that ended; return its exit code."""

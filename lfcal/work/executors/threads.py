@@ -21,7 +21,7 @@ class Threads:
     def __init__(self, workers: int | None = None) -> None:
         self.workers = worker_count(workers)
         self._waiting: deque[Job] = deque()
-        self._current: tuple[Job, Work[None]] | None = None
+        self._current: tuple[Job, Work[str]] | None = None
 
     def __enter__(self) -> Self:
         """Start."""
@@ -49,9 +49,9 @@ class Threads:
         job, steps = self._current
         try:
             record = next(steps)
-        except StopIteration:
+        except StopIteration as end:
             self._current = None
-            return [Event(job, What.DONE, share=1.0)]
+            return [Event(job, What.DONE, share=1.0, seal=end.value)]
         except Exception as error:
             self._current = None
             return [Event(job, What.FAILED, error=error)]
