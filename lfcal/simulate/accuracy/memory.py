@@ -29,7 +29,7 @@ TRIED, GRID_JUDGE = 2, 3
 FAST = 2.5
 """F-number below which windows and coarse grids may all fall short, and the finest grid judges another."""
 
-FAINT = 0.01
+FAINT = 0.02
 """Share of the light under which a cutout's errors are large beside what it sees: any step may be tried."""
 
 FIELD_MADE, FIELD_KEPT = 72, 16
