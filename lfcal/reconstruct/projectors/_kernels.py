@@ -28,7 +28,7 @@ __all__ = [
 
 Array = NDArray[Any]
 
-LANES = 64
+LANES = 128
 """Lattice positions summed at once: sums and sources of all phases stay in the caches."""
 
 
@@ -172,16 +172,19 @@ def gather_sums(entries: Entries, values_in: Array, values_out: Array, base: int
             if begin == end:
                 continue
             sums[:] = 0
-            # whole blocks have a length known at compile time; what is left of lanes and entries goes one by one
-            fours = begin + (end - begin) // 4 * 4 if lanes == LANES else begin
+            fours = begin + (end - begin) // 4 * 4
             for e in range(begin, fours, 4):
                 a, b, c, d = value[e], value[e + 1], value[e + 2], value[e + 3]
-                pa = values_in[offset[e] + first : offset[e] + first + LANES]
-                pb = values_in[offset[e + 1] + first : offset[e + 1] + first + LANES]
-                pc = values_in[offset[e + 2] + first : offset[e + 2] + first + LANES]
-                pd = values_in[offset[e + 3] + first : offset[e + 3] + first + LANES]
-                for q in range(LANES):
-                    sums[q] += (a * pa[q] + b * pb[q]) + (c * pc[q] + d * pd[q])
+                pa = values_in[offset[e] + first : offset[e] + first + lanes]
+                pb = values_in[offset[e + 1] + first : offset[e + 1] + first + lanes]
+                pc = values_in[offset[e + 2] + first : offset[e + 2] + first + lanes]
+                pd = values_in[offset[e + 3] + first : offset[e + 3] + first + lanes]
+                if lanes == LANES:  # a length known at compile time is quicker
+                    for q in range(LANES):
+                        sums[q] += (a * pa[q] + b * pb[q]) + (c * pc[q] + d * pd[q])
+                else:
+                    for q in range(lanes):
+                        sums[q] += (a * pa[q] + b * pb[q]) + (c * pc[q] + d * pd[q])
             for e in range(fours, end):
                 a = value[e]
                 pa = values_in[offset[e] + first : offset[e] + first + lanes]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lfcal.reconstruct.projectors._kernels import Tiling, gather_windows, overlap_add
 from lfcal.reconstruct.projectors.grid import Grid
+from lfcal.reconstruct.projectors.nodes import Nodes
 from lfcal.reconstruct.projectors.planes import trim
 from lfcal.threads import for_each_chunk, one_blas_thread, worker_count
 
@@ -53,15 +54,24 @@ def cells_at_once(rows: int, width: int, itemsize: int) -> int:
 class Direct:
     """Project with dense matrix products; H needs no preparation and may be read plane by plane.
 
-    ``phases`` (ny, nx) selects image phases: rows of the patterns that hold none of them are left out.
+    ``phases`` (ny, nx) selects image phases: rows of the patterns that hold none of them are left out. With ``nodes``
+    only positions at nodes have patterns, ``(my, mx, nt, ns)``: see `image_of` and `cells_of`.
     """
 
     name = "direct"
 
     def __init__(
-        self, grid: Grid, dtype: np.dtype[Any], workers: int | None = None, phases: NDArray[np.bool_] | None = None
+        self,
+        grid: Grid,
+        dtype: np.dtype[Any],
+        workers: int | None = None,
+        phases: NDArray[np.bool_] | None = None,
+        nodes: Nodes | None = None,
     ) -> None:
         self.grid = grid
+        self.nodes = nodes
+        ny, nx = grid.period
+        self.sources = (np.arange(ny), np.arange(nx)) if nodes is None else (nodes.y.at, nodes.x.at)
         self.dtype = dtype
         self.workers = worker_count(workers)
         self.rounding = float(np.finfo(dtype).tiny)
@@ -81,37 +91,47 @@ class Direct:
         """Return the image of pairs (operand, volume plane)."""
         total = np.zeros(self.grid.image_shape, self.dtype)
         for operand, plane in planes:
-            cells = self._by_row_phase(self.grid.pack(plane, self.dtype))
-
-            def work(start: int, stop: int, operand: NDArray[Any] = operand, cells: Any = cells) -> NDArray[Any]:
-                image, scratch = self._empty_image(operand), _Scratch(self.dtype)
-                for y in range(start, stop):
-                    self._spread(cells[y], operand, y, image, scratch)
-                return image
-
-            # threads over row phases, each with an image of its own: BLAS's threads on top would only queue
-            with one_blas_thread():
-                for image in for_each_chunk(work, self.grid.period[0], self.workers, parts_per_worker=1):
-                    total += self.grid.unpack(image, before=_centre(operand))
+            total += self.image_of(operand, self._by_row_phase(self.grid.pack(plane, self.dtype)))
         return total if self.mask is None else total * self.mask
+
+    def image_of(self, operand: NDArray[Any], cells: NDArray[Any]) -> NDArray[Any]:
+        """Return the image of sources ``cells`` ``(rows, lattice cells, columns)``, those of nodes where it has any."""
+        total = np.zeros(self.grid.image_shape, self.dtype)
+
+        def work(start: int, stop: int) -> NDArray[Any]:
+            image, scratch = self._empty_image(operand), _Scratch(self.dtype)
+            for row in range(start, stop):
+                self._spread(cells[row], operand, row, image, scratch)
+            return image
+
+        # threads over row phases, each with an image of its own: BLAS's threads on top would only queue
+        with one_blas_thread():
+            for image in for_each_chunk(work, len(operand), self.workers, parts_per_worker=1):
+                total += self.grid.unpack(image, before=_centre(operand))
+        return total
 
     def adjoint(self, image: NDArray[Any], operands: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
         """Yield the back projection of ``image`` for each operand."""
         masked = image if self.mask is None else image * self.mask
         (ny, nx), (cells_y, cells_x) = self.grid.period, self.grid.cells
         for operand in operands:
-            packed = self.grid.pack(masked, self.dtype, before=_centre(operand), after=_centre(operand))
-            cells = np.empty((ny, cells_y * cells_x, nx), self.dtype)
-
-            def work(start: int, stop: int, operand: Any = operand, packed: Any = packed, cells: Any = cells) -> None:
-                scratch = _Scratch(self.dtype)
-                for y in range(start, stop):
-                    self._collect(packed, operand, y, cells[y], scratch)
-
-            with one_blas_thread():
-                for_each_chunk(work, ny, self.workers)
+            cells = self.cells_of(operand, masked)
             plane = cells.reshape(ny, cells_y, cells_x, nx).transpose(1, 0, 2, 3).reshape(cells_y * ny, cells_x * nx)
             yield np.ascontiguousarray(self.grid.unpack(plane))
+
+    def cells_of(self, operand: NDArray[Any], image: NDArray[Any]) -> NDArray[Any]:
+        """Return the patterns' products with ``image``, ``(rows, lattice cells, columns)``: transpose of `image_of`."""
+        packed = self.grid.pack(image, self.dtype, before=_centre(operand), after=_centre(operand))
+        cells = np.empty((len(operand), self.grid.cells[0] * self.grid.cells[1], operand.shape[1]), self.dtype)
+
+        def work(start: int, stop: int) -> None:
+            scratch = _Scratch(self.dtype)
+            for row in range(start, stop):
+                self._collect(packed, operand, row, cells[row], scratch)
+
+        with one_blas_thread():
+            for_each_chunk(work, len(operand), self.workers)
+        return cells
 
     # -- steps -----------------------------------------------------------------------------------------
     def _by_row_phase(self, packed: NDArray[Any]) -> NDArray[Any]:
@@ -124,31 +144,31 @@ class Direct:
         return np.zeros((cells_y * ny + nt - 1, cells_x * nx + ns - 1), self.dtype)
 
     def _spread(
-        self, sources: NDArray[Any], operand: NDArray[Any], y: int, image: NDArray[Any], scratch: _Scratch
+        self, sources: NDArray[Any], operand: NDArray[Any], row: int, image: NDArray[Any], scratch: _Scratch
     ) -> None:
-        """Add the patterns of row phase ``y``, weighted by ``sources`` (cells, nx), to the padded ``image``."""
-        (ny, nx), cells_x = self.grid.period, self.grid.cells[1]
-        for rows, band in self._bands(operand, y, scratch):
+        """Add the patterns of a row of sources, weighted by ``sources`` (cells, columns), to the padded ``image``."""
+        (ny, nx), cells_x, y = self.grid.period, self.grid.cells[1], int(self.sources[0][row])
+        for rows, band in self._bands(operand, row, scratch):
             for first, stop in self._blocks(len(sources), band.shape[1:]):
                 windows = scratch.array("windows", (stop - first, *band.shape[1:]))
-                np.matmul(sources[first:stop], band.reshape(nx, -1), out=windows.reshape(stop - first, -1))
+                np.matmul(sources[first:stop], band.reshape(len(band), -1), out=windows.reshape(stop - first, -1))
                 # windows of neighbouring cells overlap: a pattern is wider than the period
                 overlap_add(windows, image, Tiling(y + rows.start, cells_x, ny, nx), first)
 
     def _collect(
-        self, packed: NDArray[Any], operand: NDArray[Any], y: int, cells: NDArray[Any], scratch: _Scratch
+        self, packed: NDArray[Any], operand: NDArray[Any], row: int, cells: NDArray[Any], scratch: _Scratch
     ) -> None:
-        """Write the patterns' products with the padded image into ``cells`` (cells, nx): transpose of `_spread`."""
-        (ny, nx), cells_x = self.grid.period, self.grid.cells[1]
+        """Write the patterns' products with the padded image into ``cells``: the transpose of `_spread`."""
+        (ny, nx), cells_x, y = self.grid.period, self.grid.cells[1], int(self.sources[0][row])
         cells[:] = 0
-        for rows, band in self._bands(operand, y, scratch):
+        for rows, band in self._bands(operand, row, scratch):
             for first, stop in self._blocks(len(cells), band.shape[1:]):
                 windows = scratch.array("windows", (stop - first, *band.shape[1:]))
                 gather_windows(windows, packed, Tiling(y + rows.start, cells_x, ny, nx), first)
-                cells[first:stop] += windows.reshape(stop - first, -1) @ band.reshape(nx, -1).T
+                cells[first:stop] += windows.reshape(stop - first, -1) @ band.reshape(len(band), -1).T
 
-    def _bands(self, operand: NDArray[Any], y: int, scratch: _Scratch) -> Iterator[tuple[slice, NDArray[Any]]]:
-        """Yield runs of pattern rows and the banded matrix ``(nx, rows, nx + ns - 1)`` of each.
+    def _bands(self, operand: NDArray[Any], row: int, scratch: _Scratch) -> Iterator[tuple[slice, NDArray[Any]]]:
+        """Yield runs of pattern rows and the banded matrix ``(columns, rows, nx + ns - 1)`` of each.
 
         Pattern ``x`` lies ``x`` columns to the right: seen through a view whose rows are one longer, that is a
         plain copy.
@@ -156,13 +176,19 @@ class Direct:
         nx, (nt, ns) = self.grid.period[1], operand.shape[2:]
         width = nx + ns - 1
         step = rows_at_once(nt, width, self.dtype.itemsize)
-        for rows in self._row_runs(nt, y, step):
+        for rows in self._row_runs(nt, int(self.sources[0][row]), step):
             count = rows.stop - rows.start
             # What lies beside the patterns is never written, so the zeros of the first use last.
+            if self.nodes is not None:
+                moved = scratch.array(f"band of {count} rows", (len(self.sources[1]), count, width))
+                for k, x in enumerate(self.sources[1].tolist()):
+                    moved[k, :, x : x + ns] = operand[row, k, rows]
+                yield rows, moved
+                continue
             band = scratch.array(f"band of {count} rows", (nx * count * width + nx,))
             item = self.dtype.itemsize
             strides = ((count * width + 1) * item, width * item, item)
-            np.lib.stride_tricks.as_strided(band, (nx, count, ns), strides)[...] = operand[y, :, rows]
+            np.lib.stride_tricks.as_strided(band, (nx, count, ns), strides)[...] = operand[row, :, rows]
             yield rows, band[: nx * count * width].reshape(nx, count, width)
 
     def _row_runs(self, nt: int, y: int, step: int) -> Iterator[slice]:

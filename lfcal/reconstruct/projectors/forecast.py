@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,18 @@ from lfcal.reconstruct.projectors import rates
 from lfcal.reconstruct.projectors.direct import cells_at_once, rows_at_once
 from lfcal.reconstruct.projectors.engine import Cost
 from lfcal.reconstruct.projectors.grid import Grid
+from lfcal.reconstruct.projectors.nodes import Nodes
 from lfcal.reconstruct.projectors.planes import PlaneReader
 from lfcal.reconstruct.projectors.tiles import TilePlan
 from lfcal.units import format_bytes, format_seconds
 
-__all__ = ["METHODS", "Problem", "ProjectionForecast", "forecast"]
+__all__ = ["METHODS", "REDUCED", "Problem", "ProjectionForecast", "forecast", "reading_seconds", "reduced_seconds"]
 
 METHODS = ("polyphase", "direct", "sparse", "fft")
-"""Ways to project."""
+"""Ways to project that are exact."""
+
+REDUCED = "reduced"
+"""The way that takes a tolerance."""
 
 PAIRS = 20
 """Projections forward and back over which the set-up is shared out when methods are compared."""
@@ -47,6 +52,8 @@ class Problem:
         Share of the entries of H that are not zero.
     read_s
         Seconds to read one plane of H.
+    kept
+        Spacing of nodes to the share of entries that H reduced to them keeps; empty where no tolerance is given.
     """
 
     grid: Grid
@@ -56,6 +63,7 @@ class Problem:
     workers: int
     density: float = 1.0
     read_s: float = 0.0
+    kept: Mapping[float, float] = field(default_factory=dict)
 
     @property
     def plane_bytes(self) -> int:
@@ -114,10 +122,11 @@ def forecast(problem: Problem, method: str, memory_limit: int) -> ProjectionFore
     InputError
         If the method is unknown or nothing fits into the memory.
     """
-    if method not in ("auto", *METHODS):
-        raise InputError.expected("projection method", " or ".join(("auto", *METHODS)), repr(method), "choose one")
+    known = ("auto", *METHODS, REDUCED)
+    if method not in known:
+        raise InputError.expected("projection method", " or ".join(known), repr(method), "choose one")
     options: list[Option] = []
-    for name in METHODS if method == "auto" else (method,):
+    for name in (*METHODS, REDUCED) if method == "auto" else (method,):
         if name == "polyphase":
             options += _polyphase(problem, memory_limit)
         elif name == "direct":
@@ -125,6 +134,8 @@ def forecast(problem: Problem, method: str, memory_limit: int) -> ProjectionFore
         # below half density the indices of a sparse matrix cost less than its zeros
         elif name == "sparse" and (method != "auto" or problem.density < 0.5):
             options.append((_resident(_sparse(problem), problem, memory_limit), None, None))
+        elif name == REDUCED and (problem.kept or method != "auto"):
+            options.append((_resident(_reduced(problem), problem, memory_limit), None, None))
         # one transform per phase: beyond 16 phases it is never the quickest
         elif name == "fft" and (method != "auto" or problem.grid.phases <= 16):
             options.append((_resident(_fft(problem), problem, memory_limit), None, None))
@@ -186,40 +197,72 @@ def _fft(problem: Problem) -> Cost:
 
 
 def _direct(problem: Problem) -> Cost:
+    forward, adjoint = _direct_seconds(problem, problem.grid.period)
+    scratch = 4 * problem.image_bytes + problem.workers * (2 * problem.image_bytes + (8 << 20))
+    each, planes = problem.planes * problem.read_s, problem.planes
+    return Cost("direct", each, planes * forward, planes * adjoint, planes * problem.plane_bytes, scratch)
+
+
+def _direct_seconds(problem: Problem, sources: tuple[int, int]) -> tuple[float, float]:
+    """Return the seconds forward and back of a plane with patterns at ``sources`` (rows, columns) of a period."""
     grid, workers, dtype = problem.grid, problem.workers, problem.dtype.str
-    (ny, nx), (nt, ns), cells = grid.period, grid.cutout, grid.cells[0] * grid.cells[1]
-    width = nx + ns - 1
+    nx, (nt, ns), cells = grid.period[1], grid.cutout, grid.cells[0] * grid.cells[1]
+    (down, across), width = sources, nx + ns - 1
     rows = rows_at_once(nt, width, problem.dtype.itemsize)
     block = min(cells, cells_at_once(rows, width, problem.dtype.itemsize))
     share = problem.pixels / grid.phases
-    runs = ny * nt / rows * cells / block * share * problem.planes
+    runs = down * nt / rows * cells / block * share
     add, gather = rates.window_seconds(rows, width, dtype, workers)
     values = block * rows * width
-    forward = runs * (rates.gemm_seconds(block, nx, rows * width, dtype, workers) + add * values)
-    back = rates.gemm_seconds(block, rows * width, nx, dtype, workers, turned=True)
-    adjoint = runs * (back + gather * values)
-    bands = problem.planes * ny * nx * nt * (width + ns) / rates.copy_rate(dtype, workers) / 2
-    scratch = 4 * problem.image_bytes + workers * (2 * problem.image_bytes + (8 << 20))
-    return Cost(
-        "direct",
-        problem.planes * problem.read_s,
-        forward + bands,
-        adjoint + bands,
-        problem.planes * problem.plane_bytes,
-        scratch,
-    )
+    ahead = rates.gemm_seconds(block, across, rows * width, dtype, workers)
+    back = rates.gemm_seconds(block, rows * width, across, dtype, workers, turned=True)
+    bands = down * across * nt * (width + ns) / rates.copy_rate(dtype, workers) / 2
+    return runs * (ahead + add * values) + bands, runs * (back + gather * values) + bands
+
+
+def reduced_seconds(problem: Problem, spacing: float, kept: float) -> tuple[float, float]:
+    """Return the seconds forward and back of a plane with nodes ``spacing`` apart and a share ``kept`` of entries.
+
+    Spacing 1 is the plane as it is.
+    """
+    if spacing == 1:
+        return _direct_seconds(problem, problem.grid.period)
+    forward, back = _direct_seconds(problem, Nodes.of(problem.grid.period, spacing).shape)
+    # sums for the nodes, and what is interpolated from them: some passes over the image
+    passes = 12 * problem.grid.pixels / rates.copy_rate(problem.dtype.str, 1)
+    more = _sparse_seconds(problem, kept) + passes
+    return forward + more, back + more
+
+
+def _reduced(problem: Problem) -> Cost:
+    planes, once = problem.planes, problem.plane_bytes
+    seconds = {g: reduced_seconds(problem, g, kept) for g, kept in {**problem.kept, 1.0: 1.0}.items()}
+    best = min(seconds, key=lambda g: sum(seconds[g]))
+    forward, back = seconds[best]
+    nodes, kept = (1.0, 0.0) if best == 1 else (1 / best**2, problem.kept[best])
+    entries = once / problem.dtype.itemsize
+    operand = int(planes * (nodes * once + kept * entries * 2 * (4 + problem.dtype.itemsize)))
+    prepare = problem.read_s + entries * (8e-9 / problem.workers + 3e-9 + kept * 35e-9)
+    scratch = 2 * once + 8 * problem.image_bytes + problem.workers * (2 * problem.image_bytes + (8 << 20))
+    return Cost(REDUCED, planes * prepare, planes * forward, planes * back, operand, scratch)
 
 
 def _sparse(problem: Problem) -> Cost:
     grid = problem.grid
     entries = problem.density * grid.phases * grid.cutout[0] * grid.cutout[1] * problem.pixels / grid.phases
-    positions = grid.cells[0] * (grid.cells[1] + grid.reach[1])
-    rate = rates.gather_rate(grid.phases, positions, problem.dtype.str, problem.workers)
-    once = problem.planes * entries * positions / rate
+    once = problem.planes * _sparse_seconds(problem, problem.density)
     sorting = grid.phases * grid.cutout[0] * grid.cutout[1] * (3e-9 + problem.density * 35e-9)
     operand = int(problem.planes * entries * 2 * (4 + problem.dtype.itemsize))
     scratch = problem.plane_bytes + 8 * problem.image_bytes
     return Cost("sparse", problem.planes * (problem.read_s + sorting), once, once, operand, scratch)
+
+
+def _sparse_seconds(problem: Problem, density: float) -> float:
+    """Return the seconds of one projection of a plane of which a share ``density`` of entries is not zero."""
+    grid = problem.grid
+    entries = density * grid.cutout[0] * grid.cutout[1] * problem.pixels
+    positions = grid.cells[0] * (grid.cells[1] + grid.reach[1])
+    return entries * positions / rates.gather_rate(grid.phases, positions, problem.dtype.str, problem.workers)
 
 
 def _polyphase(problem: Problem, limit: int) -> list[Option]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.axes import check_psf_shape
 from lfcal.errors import InputError
+from lfcal.reconstruct.projectors.reduction import sampled_share
 
 __all__ = ["PlaneReader", "trim"]
 
@@ -81,6 +84,24 @@ class PlaneReader:
             limit = self.threshold * float(np.abs(patterns).max(initial=0.0))
             filled += int(np.count_nonzero(np.abs(patterns) >= limit if limit > 0 else patterns))
         return filled / (nz * count * self.shape[3] * self.shape[4])
+
+    def reduced(self, tolerance: float, spacings: Sequence[float], *, planes: int = 3) -> dict[float, float]:
+        """Estimate the share of entries kept by spacing of nodes (see `lfcal.reconstruct.projectors.reduction`).
+
+        From a few positions of some planes.
+        """
+        nz, *period = self.shape[:3]
+        chosen = sorted({z * (nz - 1) // max(1, planes - 1) for z in range(planes)})
+        found: dict[float, float] = {}
+        for spacing in spacings:
+            each = [
+                sampled_share(partial(self._pattern, z), (period[0], period[1]), spacing, tolerance) for z in chosen
+            ]
+            found[spacing] = sum(each) / len(each)
+        return found
+
+    def _pattern(self, z: int, y: int, x: int) -> NDArray[Any]:
+        return np.ascontiguousarray(self.H[z, y, x], self.dtype)
 
 
 def trim(plane: NDArray[Any]) -> NDArray[Any]:

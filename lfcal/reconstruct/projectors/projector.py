@@ -11,15 +11,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from lfcal.checks import check_number
 from lfcal.errors import InputError
 from lfcal.progress import Clock, Work, drain
 from lfcal.reconstruct.projectors.direct import Direct
 from lfcal.reconstruct.projectors.engine import Engine
-from lfcal.reconstruct.projectors.forecast import Problem, ProjectionForecast, forecast, reading_seconds
+from lfcal.reconstruct.projectors.forecast import (
+    REDUCED,
+    Problem,
+    ProjectionForecast,
+    forecast,
+    reading_seconds,
+    reduced_seconds,
+)
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.planes import PlaneReader
 from lfcal.reconstruct.projectors.polyphase import Polyphase
 from lfcal.reconstruct.projectors.position_fft import PositionFFT
+from lfcal.reconstruct.projectors.reduced import Reduced
+from lfcal.reconstruct.projectors.reduction import SPACINGS
 from lfcal.reconstruct.projectors.sparse import Sparse
 from lfcal.threads import worker_count
 
@@ -46,12 +56,16 @@ class Projector:
         A pixel (row, column) at which the source of position (0, 0) is imaged; by default that of ``H``, else
         (0, 0). Rounded down to whole pixels.
     method
-        ``"polyphase"``, ``"direct"``, ``"sparse"``, ``"fft"`` (the per-position reference), or ``"auto"``: the
-        cheapest by the `forecast`.
+        ``"polyphase"``, ``"direct"``, ``"sparse"``, ``"reduced"`` (with a ``tolerance``), ``"fft"`` (the per-position
+        reference), or ``"auto"``: the cheapest by the `forecast`.
     dtype
         float32 or float64.
     threshold
         Entries of H below this share of their plane's peak are taken as zero.
+    tolerance
+        Share of the light that projections may miss, in [0, 1): |(H - Hs) g|_1 is at most ``tolerance`` times the
+        sum of g_v |H_v|_1 over all voxels, for volumes g that are nowhere negative. H that changes slowly from
+        position to position is projected several times quicker then; 0 is exact.
     memory_limit
         Bytes a projection may use; by default half of the memory that is free now.
     workers
@@ -74,10 +88,16 @@ class Projector:
         *,
         dtype: DTypeLike = np.float32,
         threshold: float = 0.0,
+        tolerance: float = 0.0,
         memory_limit: int | None = None,
         workers: int | None = None,
         phases: ArrayLike | None = None,
     ) -> None:
+        check_number("tolerance of the projection", tolerance, at_least=0, below=1)
+        if method == REDUCED and tolerance == 0:
+            what = f"projection method {REDUCED}"
+            raise InputError.expected(what, "a tolerance above 0", 0, "give one, such as 0.005")
+        self._tolerance = float(tolerance)
         data = H if hasattr(H, "shape") else np.asarray(H)
         self._reader = PlaneReader(data, np.dtype(dtype), threshold)
         _, ny, nx, nt, ns = self._reader.shape
@@ -88,7 +108,8 @@ class Projector:
         self._workers = worker_count(workers)
         self._requested = method
         self._limit = _free_memory() // 2 if memory_limit is None else int(memory_limit)
-        self._forecast = forecast(self._problem(method), method, self._limit)
+        self._problem = self._described(method)
+        self._forecast = forecast(self._problem, method, self._limit)
         self._engine = self._build()
         self._operands: dict[int, Any] = {}
         self._lock = threading.Lock()
@@ -173,6 +194,7 @@ class Projector:
             self.method,
             dtype=self.dtype,
             threshold=self._reader.threshold,
+            tolerance=self._tolerance,
             memory_limit=self._limit,
             workers=self._workers,
             phases=phases,
@@ -183,6 +205,7 @@ class Projector:
         settings: dict[str, Any] = {
             "dtype": self.dtype,
             "threshold": self._reader.threshold,
+            "tolerance": self._tolerance,
             "memory_limit": self._limit,
             "workers": self._workers,
             "phases": self._phases,
@@ -204,11 +227,12 @@ class Projector:
         return self
 
     # -- inside ----------------------------------------------------------------------------------------
-    def _problem(self, method: str) -> Problem:
+    def _described(self, method: str) -> Problem:
         pixels = self._grid.phases if self._phases is None else int(self._phases.sum())
         density = self._reader.density() if method in ("auto", "sparse") else 1.0
         nz = self._reader.shape[0]
-        return Problem(self._grid, nz, pixels, self.dtype, self._workers, density, reading_seconds(self._reader))
+        kept = self._reader.reduced(self._tolerance, SPACINGS) if self._tolerance > 0 else {}
+        return Problem(self._grid, nz, pixels, self.dtype, self._workers, density, reading_seconds(self._reader), kept)
 
     def _build(self) -> Engine:
         chosen = self._forecast
@@ -216,8 +240,13 @@ class Projector:
         args = (self.dtype, 1 if small else self._workers, self._phases)
         if chosen.plan is not None:
             return Polyphase(self._grid, chosen.plan, *args, band=chosen.band)
+        if chosen.chosen.method == REDUCED:
+            return Reduced(self._grid, *args, tolerance=self._tolerance, seconds=self._seconds_reduced)
         kinds: dict[str, Callable[..., Engine]] = {"direct": Direct, "sparse": Sparse, "fft": PositionFFT}
         return kinds[chosen.chosen.method](self._grid, *args)
+
+    def _seconds_reduced(self, spacing: float, kept: float) -> float:
+        return sum(reduced_seconds(self._problem, spacing, kept))
 
     def _operand(self, z: int) -> Any:
         with self._lock:
