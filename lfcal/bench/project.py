@@ -49,6 +49,9 @@ def command(
     full: bool = typer.Option(False, "--full", help="With --r29: all 11 planes instead of one, scaled."),
     side: int = typer.Option(2000, "--side", help="With --r29: side of the image region (px)."),
     density: float = typer.Option(1.0, "--density", help="With --r29: share of H that is not zero."),
+    tolerance: str = typer.Option(
+        "", "--tolerance", help="With --r29: a simulated plane instead, exactly and within these shares: 0.002,0.005."
+    ),
     folder: FolderOption = None,
     workers: WorkersOption = None,
     json: JsonOption = False,
@@ -60,9 +63,19 @@ def command(
     """
     from lfcal.bench._r29 import run_r29
     from lfcal.cli.console import print_json
+    from lfcal.cli.plan import parse_depths
+    from lfcal.errors import InputError
     from lfcal.threads import worker_count
 
     count = worker_count(workers)
+    if tolerance:
+        from lfcal.bench._reduced import run_reduced, show_reduced
+
+        if not r29:
+            raise InputError.expected("--tolerance", "the R29 problem", "another one", "give --r29, too")
+        within = run_reduced(side, parse_depths(tolerance, lengths=False), count)
+        print_json({"side": side, "workers": count, "rows": within}) if json else show_reduced(within, side)
+        return
     if r29:
         found = run_r29(side, density, full, folder, count)
         print_json(found) if json else found.show()

@@ -58,8 +58,13 @@ def command(
     suffix: str = typer.Option(".tif", "--format", help="With --batch: .tif, .h5 or .npy."),
     solver: str = typer.Option("rl", "--solver", help="Solver; --solver list shows all."),
     iterations: int = typer.Option(20, "--iterations", "-n", help="Iterations."),
-    method: str = typer.Option("auto", "--method", help="Projection: auto, polyphase, direct, sparse or fft."),
+    method: str = typer.Option("auto", "--method", help="Projection: auto, polyphase, direct, sparse, reduced or fft."),
     threshold: float = typer.Option(0.0, "--threshold", help="Take entries of H below this share of the peak as 0."),
+    within: float = typer.Option(
+        0.0,
+        "--within",
+        help="Share of the light that projections may miss: 0.005 is several times quicker; 0 is exact.",
+    ),
     dark: Path | None = typer.Option(None, "--dark", help="Dark frame, or a folder of them to average."),
     white: Path | None = typer.Option(None, "--white", help="White frame, or a folder of them to average."),
     resample: bool = typer.Option(
@@ -128,13 +133,14 @@ def command(
             method,
             dtype="float64" if double else "float32",
             threshold=threshold,
+            tolerance=within,
             memory_limit=None if memory is None else int(memory * 1e9),
             workers=workers,
         )
         if forecast or out is None:
             _show_forecast(P, choice, len(task.frames), json)
             return
-        shared = Settings(psf, dark, white, lattice, resample, anchor, method, double, threshold)
+        shared = Settings(psf, dark, white, lattice, resample, anchor, method, double, threshold, within)
         seconds = P.forecast().chosen.prepare_s + len(task.frames) * choice.iterations * P.forecast().chosen.pair_s
         run = run_choice(
             out, executor, scheduler, workers, resume=resume, force=force, seconds=seconds, units="frame by frame"
@@ -179,7 +185,7 @@ class _Task:
 
     def details(self, P: Projector) -> dict[str, Any]:
         """Return what is written into the volume about how it was made."""
-        return {"solver": asdict(self.choice), "method": P.method, "anchor": P.grid.anchor}
+        return {"solver": asdict(self.choice), "method": P.method, "within": P.tolerance, "anchor": P.grid.anchor}
 
 
 def _solve(task: _Task, P: Projector, clean: Cleaner, view: Resampling | None, save: Save) -> tuple[FrameResult, ...]:

@@ -42,6 +42,7 @@ class Settings:
     method: str
     double: bool
     threshold: float
+    within: float
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -164,6 +165,7 @@ def _made(settings: Settings, shape: tuple[int, ...], how: tuple[str, int, int],
             how[0],
             dtype="float64" if settings.double else "float32",
             threshold=settings.threshold,
+            tolerance=settings.within,
             memory_limit=how[1],
             workers=how[2],
         )

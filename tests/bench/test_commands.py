@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.bench import _r29, aperture
+from lfcal.bench import _r29, _reduced, aperture
 from lfcal.bench import multiplex as multiplex_bench
 from lfcal.bench import reconstruct as reconstruct_bench
 from lfcal.cli import main
@@ -154,6 +154,19 @@ def test_projection_of_the_r29_on_a_small_copy(bench: Bench, monkeypatch: pytest
     # how wide the times are decides where a line breaks
     assert "(1 measured, scaled)" in " ".join(bench("project", *options).split())
     assert list(tmp_path.iterdir()) == [], "the synthetic plane is gone"
+
+
+def test_projection_within_tolerances(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_reduced, "CAMERA", "bench")
+    options = ("project", "--r29", "--side", 150, "--workers", 1, "--tolerance", "0.005,0.05")
+    exact, fine, coarse = bench.json(*options)["rows"]
+    assert (exact["tolerance"], fine["tolerance"], coarse["tolerance"]) == (0, 0.005, 0.05)
+    assert (exact["method"], coarse["method"]) == ("direct", "reduced")
+    assert exact["worst"] == 0 and 0 < coarse["worst"] <= 0.05 and fine["worst"] <= 0.005
+    assert coarse["operand_bytes"] < exact["operand_bytes"]
+    assert "times quicker" in " ".join(bench(*options).split())
+    assert "expected the R29 problem" in bench("project", "--tolerance", "0.005", code=2)
+    assert "tolerance of the projection" in bench("project", "--r29", "--tolerance", "2", code=2)
 
 
 @pytest.fixture

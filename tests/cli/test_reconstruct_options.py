@@ -51,6 +51,7 @@ CASES: dict[str, tuple[tuple[object, ...], dict[str, Any], dict[str, Any]]] = {
     "strength": (("--solver", "rl-tv", "--strength", 0.05), {}, {"name": "rl-tv", "strength": 0.05}),
     "tolerance": (("--iterations", 50, "--tolerance", 0.2), {}, {"iterations": 50, "tolerance": 0.2}),
     "threshold": (("--threshold", 0.2), {"threshold": 0.2}, {}),
+    "within": (("--within", 0.3, "--method", "reduced"), {"tolerance": 0.3, "method": "reduced"}, {}),
     "anchor": (("--anchor", "2,3"), {"anchor": (2, 3)}, {}),
 }
 

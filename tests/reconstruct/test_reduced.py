@@ -12,7 +12,7 @@ from lfcal.reconstruct import Projector
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.nodes import AxisNodes, Nodes
 from lfcal.reconstruct.projectors.reduced import Reduced
-from lfcal.reconstruct.projectors.reduction import reduce_plane, sampled_share
+from lfcal.reconstruct.projectors.reduction import quickest_spacing, reduce_plane, sampled_share
 from tests.reconstruct.oracles import dense, lenslet_psf
 
 DOUBLE = np.dtype(np.float64)
@@ -36,8 +36,8 @@ def slow_psf(period=(9, 10), cutout=(15, 13), *, noise=0.0, signed=False):
 def engine(H, image, anchor=(0, 0), tolerance=0.05, *, spacing=None, phases=None, workers=2):
     """Return an engine that takes nodes as far apart as they can be, or those ``spacing`` apart."""
     grid = Grid(image, H.shape[1:3], H.shape[3:], anchor)
-    seconds = (lambda g, kept: 1 / g) if spacing is None else (lambda g, kept: abs(g - spacing) if g > 1 else 99.0)
-    return Reduced(grid, DOUBLE, workers, phases, tolerance=tolerance, seconds=seconds)
+    work = (lambda g, kept: 1 / g) if spacing is None else (lambda g, kept: abs(g - spacing) if g > 1 else 99.0)
+    return Reduced(grid, DOUBLE, workers, phases, tolerance=tolerance, work=work)
 
 
 def matrix_of(reduced, H, image):
@@ -125,6 +125,12 @@ def test_positions_without_light_stay_without_light():
     assert not truth[:, voxel].any()
     assert np.abs(ahead[:, voxel]).max() <= 1e-15
     assert operand.error <= 0.05
+
+
+def test_the_least_work_is_taken_and_the_whole_plane_where_nothing_helps():
+    assert quickest_spacing({2.0: 0.02, 4.0: 0.06, 8.0: 0.2}) == 4.0
+    assert quickest_spacing({2.0: 0.4, 4.0: 0.5}) == 1.0
+    assert quickest_spacing({}) == 1.0
 
 
 def test_noise_is_projected_whole():

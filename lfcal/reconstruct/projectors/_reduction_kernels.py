@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.compiled import njit
 
-__all__ = ["BINS", "left_over"]
+__all__ = ["BINS", "Corners", "left_over"]
 
 BINS = 512
 """Of the sizes of entries, by which those that may be left out are told."""
+
+
+class Corners(NamedTuple):
+    """The nodes about a position."""
+
+    which: NDArray[Any]  # their numbers, (k,)
+    at: NDArray[Any]  # positions to each, (k, 2)
+    shares: NDArray[Any]  # of each in what is interpolated, (k,)
 
 
 @njit(fastmath={"contract", "reassoc"}, error_model="numpy")
@@ -29,9 +37,7 @@ def _add(pattern: NDArray[Any], share: float, onto: NDArray[Any]) -> None:
 def left_over(
     pattern: NDArray[Any],
     nodes: NDArray[Any],
-    which: NDArray[Any],
-    at: NDArray[Any],
-    shares: NDArray[Any],
+    corners: Corners,
     tolerance: float,
     rest: NDArray[Any],
 ) -> tuple[int, float]:
@@ -41,12 +47,8 @@ def left_over(
     ----------
     pattern
         ``(nt, ns)``.
-    nodes, which
-        Patterns of nodes, ``(any, nt, ns)``, and the numbers of those about it, ``(k,)``.
-    at
-        Where these are, ``(k, 2)`` positions from the pattern's.
-    shares
-        Of each in what is interpolated, ``(k,)``.
+    nodes, corners
+        Patterns of nodes, ``(any, nt, ns)``, and those about it.
     tolerance
         Largest sum of the sizes that are left out, of the sum of the pattern's.
     rest
@@ -59,6 +61,7 @@ def left_over(
         Entries kept, and the share of the pattern that is left out.
     """
     nt, ns = pattern.shape
+    which, at, shares = corners.which, corners.at, corners.shares
     my, mx = (rest.shape[0] - nt) // 2, (rest.shape[1] - ns) // 2
     rest[:] = 0
     for k in range(len(which)):

@@ -17,10 +17,11 @@ from lfcal.reconstruct.projectors.engine import Cost
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.nodes import Nodes
 from lfcal.reconstruct.projectors.planes import PlaneReader
+from lfcal.reconstruct.projectors.reduction import quickest_spacing
 from lfcal.reconstruct.projectors.tiles import TilePlan
 from lfcal.units import format_bytes, format_seconds
 
-__all__ = ["METHODS", "REDUCED", "Problem", "ProjectionForecast", "forecast", "reading_seconds", "reduced_seconds"]
+__all__ = ["METHODS", "REDUCED", "Problem", "ProjectionForecast", "forecast", "reading_seconds"]
 
 METHODS = ("polyphase", "direct", "sparse", "fft")
 """Ways to project that are exact."""
@@ -220,31 +221,18 @@ def _direct_seconds(problem: Problem, sources: tuple[int, int]) -> tuple[float, 
     return runs * (ahead + add * values) + bands, runs * (back + gather * values) + bands
 
 
-def reduced_seconds(problem: Problem, spacing: float, kept: float) -> tuple[float, float]:
-    """Return the seconds forward and back of a plane with nodes ``spacing`` apart and a share ``kept`` of entries.
-
-    Spacing 1 is the plane as it is.
-    """
-    if spacing == 1:
-        return _direct_seconds(problem, problem.grid.period)
-    forward, back = _direct_seconds(problem, Nodes.of(problem.grid.period, spacing).shape)
-    # sums for the nodes, and what is interpolated from them: some passes over the image
-    passes = 12 * problem.grid.pixels / rates.copy_rate(problem.dtype.str, 1)
-    more = _sparse_seconds(problem, kept) + passes
-    return forward + more, back + more
-
-
 def _reduced(problem: Problem) -> Cost:
     planes, once = problem.planes, problem.plane_bytes
-    seconds = {g: reduced_seconds(problem, g, kept) for g, kept in {**problem.kept, 1.0: 1.0}.items()}
-    best = min(seconds, key=lambda g: sum(seconds[g]))
-    forward, back = seconds[best]
-    nodes, kept = (1.0, 0.0) if best == 1 else (1 / best**2, problem.kept[best])
+    spacing = quickest_spacing(problem.kept)
+    nodes, kept = Nodes.of(problem.grid.period, spacing).shape, problem.kept.get(spacing, 0.0)
+    forward, back = _direct_seconds(problem, nodes)
+    beside = _sparse_seconds(problem, kept)
     entries = once / problem.dtype.itemsize
-    operand = int(planes * (nodes * once + kept * entries * 2 * (4 + problem.dtype.itemsize)))
+    share = nodes[0] * nodes[1] / problem.grid.phases
+    operand = int(planes * (share * once + kept * entries * 2 * (4 + problem.dtype.itemsize)))
     prepare = problem.read_s + entries * (8e-9 / problem.workers + 3e-9 + kept * 35e-9)
     scratch = 2 * once + 8 * problem.image_bytes + problem.workers * (2 * problem.image_bytes + (8 << 20))
-    return Cost(REDUCED, planes * prepare, planes * forward, planes * back, operand, scratch)
+    return Cost(REDUCED, planes * prepare, planes * (forward + beside), planes * (back + beside), operand, scratch)
 
 
 def _sparse(problem: Problem) -> Cost:

@@ -61,6 +61,15 @@ class AxisNodes:
         """Share of the node after each position in what is interpolated there, in [0, 1), ``(period,)``."""
         return -self.back / (self.ahead - self.back)
 
+    @cached_property
+    def shares(self) -> NDArray[np.float64]:
+        """Share of each node in what is interpolated at each position, ``(m + 1, period)``; the last is the next's."""
+        found = np.zeros((len(self.at) + 1, self.period))
+        everywhere = np.arange(self.period)
+        found[self.before, everywhere] = 1 - self.weight
+        found[self.before + 1, everywhere] += self.weight
+        return found
+
     @property
     def farthest(self) -> int:
         """Most positions from one to a node that counts there."""
@@ -105,37 +114,33 @@ class Nodes:
         numpy.ndarray
             ``(my, cells_y cells_x, mx)``.
         """
-        rows = _sums(packed, self.y)
-        (my, mx), cells_y = self.shape, packed.shape[0] // self.y.period
-        both = np.ascontiguousarray(_sums(rows.T, self.x).T)
-        return both.reshape(cells_y, my, -1, mx).swapaxes(0, 1).reshape(my, -1, mx)
+        ny, nx = self.y.period, self.x.period
+        rows = _carried(np.matmul(self.y.shares.astype(packed.dtype), packed.reshape(-1, ny, packed.shape[1])))
+        columns = np.matmul(rows.reshape(-1, packed.shape[1] // nx, nx), self.x.shares.T.astype(packed.dtype))
+        both = _carried(columns.swapaxes(0, 1).swapaxes(1, 2)).swapaxes(1, 2)  # (cells_x, cells_y my, mx)
+        my, mx = self.shape
+        return both.reshape(len(both), -1, my, mx).transpose(2, 1, 0, 3).reshape(my, -1, mx)
 
     def spread(self, values: NDArray[Any], cells: tuple[int, int]) -> NDArray[Any]:
         """Return ``(cells_y ny, cells_x nx)`` interpolated from nodes ``(my, cells, mx)``: transpose of `collected`."""
         (my, mx), (cells_y, cells_x) = self.shape, cells
-        lattice = values.reshape(my, cells_y, cells_x, mx).swapaxes(0, 1).reshape(cells_y * my, cells_x * mx)
-        rows = _between(lattice, self.y, cells_y)
-        return np.ascontiguousarray(_between(rows.T, self.x, cells_x).T)
+        both = values.reshape(my, cells_y, cells_x, mx).transpose(2, 1, 0, 3).reshape(cells_x, cells_y * my, mx)
+        columns = _with_next(both.swapaxes(1, 2)).swapaxes(1, 2).swapaxes(0, 1)
+        rows = np.matmul(columns, self.x.shares.astype(values.dtype)).reshape(cells_y, my, -1)
+        out: NDArray[Any] = np.matmul(self.y.shares.T.astype(values.dtype), _with_next(rows))
+        return out.reshape(cells_y * self.y.period, -1)
 
 
-def _sums(values: NDArray[Any], nodes: AxisNodes) -> NDArray[Any]:
-    """Return the weighted sums over the first axis."""
-    cells, rest = values.shape[0] // nodes.period, values.shape[1:]
-    weight = np.tile(nodes.weight, cells).astype(values.dtype).reshape(-1, *([1] * len(rest)))
-    starts = (np.arange(cells)[:, None] * nodes.period + nodes.at).ravel()
-    later = np.add.reduceat(values * weight, starts, axis=0)
-    found: NDArray[Any] = np.add.reduceat(values * (1 - weight), starts, axis=0)
-    found[1:] += later[:-1]
+def _carried(sums: NDArray[Any]) -> NDArray[Any]:
+    """Return ``(cells, m, n)`` of sums ``(cells, m + 1, n)``: the last ones belong to the next cell's first node."""
+    found = sums[:, :-1].copy()
+    found[1:, 0] += sums[:-1, -1]
     return found
 
 
-def _between(values: NDArray[Any], nodes: AxisNodes, cells: int) -> NDArray[Any]:
-    """Return values interpolated along the first axis: the transpose of `_sums`."""
-    rest = values.shape[1:]
-    weight = np.tile(nodes.weight, cells).astype(values.dtype).reshape(-1, *([1] * len(rest)))
-    before = (np.arange(cells)[:, None] * len(nodes.at) + nodes.before).ravel()
-    after = np.minimum(before + 1, len(values) - 1)
-    found: NDArray[Any] = values[before] * (1 - weight)
-    # nothing lies beyond the last node, where `_sums` drops what comes to it
-    found += np.where((before + 1 < len(values)).reshape(weight.shape), weight, 0) * values[after]
+def _with_next(values: NDArray[Any]) -> NDArray[Any]:
+    """Return values ``(cells, m, n)`` and the next cell's first beside them: the transpose of `_carried`."""
+    found = np.zeros((len(values), values.shape[1] + 1, values.shape[2]), values.dtype)
+    found[:, :-1] = values
+    found[:-1, -1] = values[1:, 0]
     return found

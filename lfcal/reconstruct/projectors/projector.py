@@ -22,7 +22,6 @@ from lfcal.reconstruct.projectors.forecast import (
     ProjectionForecast,
     forecast,
     reading_seconds,
-    reduced_seconds,
 )
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.planes import PlaneReader
@@ -108,8 +107,7 @@ class Projector:
         self._workers = worker_count(workers)
         self._requested = method
         self._limit = _free_memory() // 2 if memory_limit is None else int(memory_limit)
-        self._problem = self._described(method)
-        self._forecast = forecast(self._problem, method, self._limit)
+        self._forecast = forecast(self._problem(method), method, self._limit)
         self._engine = self._build()
         self._operands: dict[int, Any] = {}
         self._lock = threading.Lock()
@@ -154,6 +152,15 @@ class Projector:
     def rounding(self) -> float:
         """Error of a projected value relative to the largest one; smaller values are not to be divided by."""
         return self._engine.rounding
+
+    @property
+    def tolerance(self) -> float:
+        """Share of the light that projections may miss; 0 of an exact one."""
+        return self._tolerance
+
+    def operand_bytes(self) -> int:
+        """Return the bytes of the planes that are prepared and kept."""
+        return sum(self._engine.operand_bytes(operand) for operand in self._operands.values())
 
     @property
     def camera(self) -> Any:
@@ -227,7 +234,7 @@ class Projector:
         return self
 
     # -- inside ----------------------------------------------------------------------------------------
-    def _described(self, method: str) -> Problem:
+    def _problem(self, method: str) -> Problem:
         pixels = self._grid.phases if self._phases is None else int(self._phases.sum())
         density = self._reader.density() if method in ("auto", "sparse") else 1.0
         nz = self._reader.shape[0]
@@ -241,12 +248,9 @@ class Projector:
         if chosen.plan is not None:
             return Polyphase(self._grid, chosen.plan, *args, band=chosen.band)
         if chosen.chosen.method == REDUCED:
-            return Reduced(self._grid, *args, tolerance=self._tolerance, seconds=self._seconds_reduced)
+            return Reduced(self._grid, *args, tolerance=self._tolerance)
         kinds: dict[str, Callable[..., Engine]] = {"direct": Direct, "sparse": Sparse, "fft": PositionFFT}
         return kinds[chosen.chosen.method](self._grid, *args)
-
-    def _seconds_reduced(self, spacing: float, kept: float) -> float:
-        return sum(reduced_seconds(self._problem, spacing, kept))
 
     def _operand(self, z: int) -> Any:
         with self._lock:

@@ -13,7 +13,13 @@ from lfcal.reconstruct.projectors.direct import Direct
 from lfcal.reconstruct.projectors.grid import Grid
 from lfcal.reconstruct.projectors.nodes import Nodes
 from lfcal.reconstruct.projectors.planes import trim
-from lfcal.reconstruct.projectors.reduction import SPACINGS, reduce_plane, sampled_share
+from lfcal.reconstruct.projectors.reduction import (
+    SPACINGS,
+    quickest_spacing,
+    reduce_plane,
+    relative_work,
+    sampled_share,
+)
 from lfcal.reconstruct.projectors.sparse import Sparse, SparseOperand
 
 __all__ = ["Reduced", "ReducedOperand"]
@@ -46,9 +52,8 @@ class Reduced:
         As in `lfcal.reconstruct.projectors.direct.Direct`.
     tolerance
         Largest share of a pattern (L1) that is left out.
-    seconds
-        Of one projection of a plane whose nodes lie so far apart and of which such a share of entries is kept; spacing
-        1 is the whole plane. Each plane takes the quickest.
+    work
+        Of one projection with nodes so far apart and such a share of entries kept; each plane takes the least.
     """
 
     name = "reduced"
@@ -61,10 +66,10 @@ class Reduced:
         phases: NDArray[np.bool_] | None = None,
         *,
         tolerance: float,
-        seconds: Callable[[float, float], float],
+        work: Callable[[float, float], float] = relative_work,
     ) -> None:
         self.grid, self.dtype, self.phases = grid, dtype, phases
-        self.tolerance, self.seconds = tolerance, seconds
+        self.tolerance, self.work = tolerance, work
         self.whole = Direct(grid, dtype, workers, phases)
         self.workers, self.rounding = self.whole.workers, self.whole.rounding
         # what lies beyond the last nodes falls to those of one more cell
@@ -82,11 +87,9 @@ class Reduced:
 
     def _quickest(self, plane: Array) -> float:
         """Return the spacing that is quickest for a plane, by some of its positions."""
-        took = {1.0: self.seconds(1.0, 1.0)}
-        for spacing in SPACINGS:
-            kept = sampled_share(lambda y, x: plane[y, x], self.grid.period, spacing, self.tolerance)
-            took[spacing] = self.seconds(spacing, kept)
-        return min(took, key=lambda spacing: took[spacing])
+        period, tolerance = self.grid.period, self.tolerance
+        kept = {g: sampled_share(lambda y, x: plane[y, x], period, g, tolerance) for g in SPACINGS}
+        return quickest_spacing(kept, self.work)
 
     def operand_bytes(self, operand: ReducedOperand) -> int:
         """Return the bytes of patterns and entries."""
