@@ -206,10 +206,12 @@ def test_it_travels_as_what_it_is_made_of(tmp_path: Path) -> None:
     phases = np.ones((3, 4), bool)
     phases[0] = False
     with open_psf(tmp_path / "H.h5") as H:
-        for how in ({}, {"dtype": np.float64, "phases": phases}, {"threshold": 0.9, "anchor": (5, 6)}):
+        within = {"method": "reduced", "tolerance": 0.9}
+        for how in ({}, {"dtype": np.float64, "phases": phases}, {"threshold": 0.9, "anchor": (5, 6)}, within):
             P = Projector(H, image.shape, **how).prepare()  # type: ignore[arg-type]
             said = pickle.dumps(P)
             assert len(said) < 10_000
             other = pickle.loads(said)
             assert repr(other) == repr(P)
+            assert other.tolerance == P.tolerance
             np.testing.assert_array_equal(other.adjoint(image), P.adjoint(image))
