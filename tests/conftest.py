@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import zlib
 from collections import defaultdict
 
 import pytest
+
+# Workers and the programs that tests start find compiled modules on disk: without them each compiles numba and scipy
+# anew, which takes it longer than all else it does.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
