@@ -95,7 +95,8 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
 sys.path.insert(0, {str(tmp_path)!r})
 import kernels_without_cache
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    # -B: a compiled module cut short by the limit would end every program that loads it from then on
+    done = subprocess.run([sys.executable, "-B", "-c", code], capture_output=True, text=True)
     assert done.returncode == 0 and done.stdout.strip() == "2.0", done.stderr
     assert not list(tmp_path.rglob("*.nb?"))
 
