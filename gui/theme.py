@@ -72,15 +72,18 @@ def current_theme() -> Theme:
 
 
 STYLED = "lfcal_styled"
-"""Property of an application whose style is set."""
+"""Property of an application whose style is set: the name of its theme."""
 
 
 def apply_theme(app: QApplication, theme: Theme) -> None:
-    """Give the whole application the colours of ``theme``."""
+    """Give the whole application the colours of ``theme``; the theme it has already costs nothing."""
     _current[0] = theme
-    if not app.property(STYLED):  # costs a third of a change of theme
+    styled = app.property(STYLED)
+    if styled == theme.name:  # a style sheet that is set again is worked out anew for every widget
+        return
+    if not styled:  # costs a third of a change of theme
         app.setStyle("Fusion")
-        app.setProperty(STYLED, True)
+    app.setProperty(STYLED, theme.name)
     palette = QPalette()
     roles = QPalette.ColorRole
     for role, colour in (

@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import zlib
 from collections import defaultdict
 
 import pytest
 
+# Workers and the programs that tests start find compiled modules on disk: without them each compiles numba and scipy
+# anew, which takes it longer than all else it does.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="run the tests that take minutes, and every variant of others")
+
+
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Give each worker a run of neighbours, which share what a module prepares; who is through takes from the others.
+
+    By default pytest-xdist deals tests out by turns, and every worker prepares everything.
+    """
+    asked = any(str(one).startswith("--dist") for one in config.invocation_params.args)
+    if getattr(config.option, "dist", "no") == "load" and not asked:
+        config.option.dist = "worksteal"
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

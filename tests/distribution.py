@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,6 +18,14 @@ DOCS = Path(__file__).parents[1] / "docs"
 def code_of(page: str) -> list[str]:
     """Return the Python blocks of a page of the documentation."""
     return re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
+
+
+def names_of(page: str) -> dict[str, Any]:
+    """Return the names that the only Python block of a page makes, run as it stands."""
+    (block,) = code_of(page)
+    names: dict[str, Any] = {}
+    exec(block, names)
+    return names
 
 
 def install(monkeypatch: pytest.MonkeyPatch, folder: Path, module: str, source: str, points: dict[str, str]) -> None:

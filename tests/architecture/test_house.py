@@ -7,9 +7,8 @@ import statistics
 from functools import cache
 from pathlib import Path
 
-import pytest
+from tests.architecture.sources import ROOT, text_of, tree_of
 
-ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted(p for package in ("lfcal", "gui") for p in (ROOT / package).rglob("*.py"))
 
 MEDIAN_LINES, MOST_LINES = 150, 450
@@ -26,15 +25,10 @@ MODULES = {name_of(path): path for path in FILES}
 
 
 @cache
-def tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
-@cache
 def imports(path: Path) -> set[tuple[str, str]]:
     """Return (module, name) of every import anywhere in a file; the name is empty where a module is imported."""
     found: set[tuple[str, str]] = set()
-    for node in ast.walk(tree(path)):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             found |= {(alias.name, "") for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -83,17 +77,23 @@ def test_circles_are_found() -> None:
     assert circles({"a": {"b"}, "b": set()}) == []
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_no_private_name_crosses_a_package(path: Path) -> None:
+def private(path: Path) -> list[str]:
+    """Return the private modules and names of other packages that a file imports."""
     here = name_of(path) if path.name == "__init__.py" else name_of(path).rpartition(".")[0]
+    found = []
     for module, name in imports(path):
         if not module.startswith(("lfcal", "gui")):
             continue
         home, _, last = module.rpartition(".")
-        if last.startswith("_") and not last.startswith("__"):
-            assert home == here, f"{path.name} imports the private module {module}"
-        if name.startswith("_") and not name.startswith("__"):
-            assert module.rpartition(".")[0] == here or module == here, f"{path.name} imports {name} from {module}"
+        if last.startswith("_") and not last.startswith("__") and home != here:
+            found.append(module)
+        if name.startswith("_") and not name.startswith("__") and here not in (home, module):
+            found.append(f"{module}.{name}")
+    return found
+
+
+def test_no_private_name_crosses_a_package() -> None:
+    assert not {str(path.relative_to(ROOT)): found for path in FILES if (found := private(path))}
 
 
 def test_no_qt_where_the_window_keeps_its_models() -> None:
@@ -106,7 +106,7 @@ def functions() -> list[tuple[str, int, int]]:
     """Return name, lines without the docstring, and positional parameters (self left out) of every function."""
     found = []
     for path in FILES:
-        for node in ast.walk(tree(path)):
+        for node in ast.walk(tree_of(path)):
             if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 continue
             lines = (node.end_lineno or node.lineno) - node.lineno + 1
@@ -120,7 +120,7 @@ def functions() -> list[tuple[str, int, int]]:
 
 
 def test_files_and_functions_of_a_size() -> None:
-    lengths = [len(path.read_text(encoding="utf-8").splitlines()) for path in FILES]
+    lengths = [len(text_of(path).splitlines()) for path in FILES]
     assert statistics.median(lengths) <= MEDIAN_LINES
     assert max(lengths) <= MOST_LINES
     found = functions()
@@ -132,4 +132,4 @@ def test_files_and_functions_of_a_size() -> None:
 
 def test_the_formatter_is_never_told_to_look_away() -> None:
     for path in FILES:
-        assert "# fmt:" not in path.read_text(encoding="utf-8"), path
+        assert "# fmt:" not in text_of(path), path

@@ -11,11 +11,13 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.architecture.sources import ROOT, text_of, tree_of
+
 MOST = 6
 EXCEPTIONS: dict[str, str] = {}
 """Kernels that take more arguments, and why; two at most."""
@@ -69,25 +71,34 @@ def too_many(tree: ast.Module) -> list[str]:
     return [k.name for k in kernels(tree) if len(k.args.posonlyargs) + len(k.args.args) > MOST]
 
 
-def files() -> list[Path]:
+@cache
+def trees() -> dict[str, ast.Module]:
+    """Return the files that hold kernels, by their names."""
     found = [path for package in ("lfcal", "gui") for path in sorted((ROOT / package).rglob("*.py"))]
-    return [path for path in found if any(kernels(ast.parse(path.read_text(encoding="utf-8"))))]
+    parsed = {str(path.relative_to(ROOT)): tree_of(path) for path in found if "njit" in text_of(path)}
+    return {name: tree for name, tree in parsed.items() if any(kernels(tree))}
 
 
-@pytest.mark.parametrize("path", files(), ids=lambda p: str(p.relative_to(ROOT)))
-def test_kernels_of(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    assert not set(too_many(tree)) - set(EXCEPTIONS), "group scalars and arrays into a record"
-    assert not unseen(tree), "a record, kernel or constant that a kernel uses stands in the kernel's own file"
-    assert not [k.name for k in kernels(tree) if not ast.get_docstring(k)]
+def test_kernels_take_few_arguments() -> None:
+    many = {name: set(too_many(tree)) - set(EXCEPTIONS) for name, tree in trees().items()}
+    assert not {name: found for name, found in many.items() if found}, "group scalars and arrays into a record"
+
+
+def test_kernels_use_what_stands_in_their_file() -> None:
+    taken = {name: unseen(tree) for name, tree in trees().items()}
+    assert not {name: found for name, found in taken.items() if found}, (
+        "a record, kernel or constant that a kernel uses stands in the kernel's own file"
+    )
+
+
+def test_kernels_say_what_they_do() -> None:
+    assert not [(name, k.name) for name, tree in trees().items() for k in kernels(tree) if not ast.get_docstring(k)]
 
 
 def test_all_kernels_were_found() -> None:
-    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in files()]
-    assert sum(len(list(kernels(tree))) for tree in trees) > 50
-    assert {"respond", "select", "draw_spots", "arcs_radius", "transpose_batches"} <= {
-        k.name for tree in trees for k in kernels(tree)
-    }
+    found = [kernel.name for tree in trees().values() for kernel in kernels(tree)]
+    assert len(found) > 50
+    assert {"respond", "select", "draw_spots", "arcs_radius", "transpose_batches"} <= set(found)
     assert len(EXCEPTIONS) <= 2
 
 
@@ -117,9 +128,14 @@ KERNEL = "from lfcal.compiled import njit\n\n@njit()\ndef ratio(p):\n    return 
 
 
 def run(folder: Path, code: str) -> str:
-    """Return what ``code`` prints with ``folder`` first on the path, in a process of its own; the cache stays there."""
+    """Return what ``code`` prints with ``folder`` first on the path, in a process of its own; the cache stays there.
+
+    Python's own cache (-B) takes a file that changed within a second, and not in size, for the one it was.
+    """
     paths = f"import sys; sys.path[:0] = [{str(folder)!r}, {str(ROOT)!r}]; "
-    done = subprocess.run([sys.executable, "-c", paths + code], capture_output=True, text=True, check=True, cwd=folder)
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", paths + code], capture_output=True, text=True, check=True, cwd=folder
+    )
     assert list(folder.rglob("*.nbi")), "nothing was cached"
     return done.stdout.strip()
 

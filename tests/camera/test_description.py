@@ -195,14 +195,14 @@ def test_every_entry_must_be_there(path: tuple[Any, ...]) -> None:
 
 
 @pytest.mark.parametrize("path", _entries(PLAN), ids=lambda p: ".".join(map(str, p)))
-@pytest.mark.parametrize("value", [True, "x", [], {}, [[]], -1e300, 1e300, 2**63 - 1, -1, None])
-def test_every_entry_is_of_its_type(path: tuple[Any, ...], value: object) -> None:
+def test_every_entry_is_of_its_type(path: tuple[Any, ...]) -> None:
     """What is accepted can be used; all else is one line."""
-    whole, inner = _at(path)
-    inner[path[-1]] = value
-    try:
-        plan = ScanPlan.from_dict(whole)
-    except InputError as error:
-        assert len(str(error)) < 500
-        return
-    assert ScanPlan.from_json(plan.to_json()) == plan
+    for value in (True, "x", [], {}, [[]], -1e300, 1e300, 2**63 - 1, -1, None):
+        whole, inner = _at(path)
+        inner[path[-1]] = value
+        try:
+            plan = ScanPlan.from_dict(whole)
+        except InputError as error:
+            assert len(str(error)) < 500, value
+        else:
+            assert ScanPlan.from_json(plan.to_json()) == plan, value

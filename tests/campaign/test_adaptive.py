@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -28,7 +27,7 @@ from lfcal.errors import InputError
 from lfcal.fit.judge import ModelError
 from lfcal.fit.setup import described_effects
 from lfcal.frames.source import Position
-from lfcal.progress import drain
+from lfcal.progress import Work, drain
 from lfcal.simulate.effects.described import Entry, entries_json
 from tests.acquire.rigs import frames_of, rig_for
 from tests.fit.common import small_plan
@@ -57,14 +56,36 @@ def adapted(place: Path, goal: Goal = GOAL, *, resume: bool = False, faults: str
         return drain(iter_adaptive(place / "s", PLAN, own, goal, options, resume=resume, workers=1, **more))
 
 
+class Whole(NamedTuple):
+    """A session from its beginning to its end: folder, what came of it, steps and notes that were told on the way."""
+
+    place: Path
+    found: Adapted
+    seen: list[AdaptiveStep]
+    notes: list[str]
+
+
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Adapted, list[AdaptiveStep]]:
-    place, seen = tmp_path_factory.mktemp("whole"), list[AdaptiveStep]()
-    return place, adapted(place, seen=seen.append), seen
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    place, seen, notes = tmp_path_factory.mktemp("whole"), list[AdaptiveStep](), list[str]()
+
+    def noted(work: Work[Adapted]) -> Work[Adapted]:
+        while True:
+            try:
+                one = next(work)
+            except StopIteration as end:
+                found: Adapted = end.value
+                return found
+            notes.extend([one.note] if one.stage == "error of H" else [])
+            yield one
+
+    with rig(place) as own:
+        work = iter_adaptive(place / "s", PLAN, own, GOAL, OPTIONS, workers=1, seen=seen.append)
+        return Whole(place, drain(noted(work)), seen, notes)
 
 
-def test_a_session_ends_when_h_is_as_good_as_wanted(whole: tuple[Path, Adapted, list[AdaptiveStep]]) -> None:
-    place, found, seen = whole
+def test_a_session_ends_when_h_is_as_good_as_wanted(whole: Whole) -> None:
+    place, found, seen, _ = whole
     assert found.how == "reached" and found.outcome.how == "complete" and tuple(seen) == found.steps
     assert len(seen) > 1 and seen[0].positions == 6 and seen[-1].positions == found.outcome.acknowledged < 40
     assert seen[0].expected_error > GOAL.error >= seen[-1].expected_error
@@ -107,10 +128,9 @@ def test_it_is_stopped_between_positions_and_during_fits(tmp_path: Path) -> None
 
 
 @pytest.mark.long
-def test_a_model_that_does_not_suffice_ends_it(whole: tuple[Path, Adapted, list[AdaptiveStep]]) -> None:
+def test_a_model_that_does_not_suffice_ends_it(whole: Whole) -> None:
     """Focal lengths that are none of the unknowns: the gap alone does not explain the patterns."""
-    place, _, _ = whole
-    found = adapted(place, Goal(1e-3, first=6, unknowns=("iris",), candidates=40), resume=True)
+    found = adapted(whole.place, Goal(1e-3, first=6, unknowns=("iris",), candidates=40), resume=True)
     assert found.how == "incomplete" and not found.steps[-1].complete and "model incomplete" in str(found.steps[-1])
     assert len(found.steps) <= 3
 
@@ -177,11 +197,6 @@ def test_frames_of_unknown_noise_are_not_fitted(tmp_path: Path) -> None:
         drain(iter_session_patterns(tmp_path / "s"))
 
 
-def test_progress_says_the_error(tmp_path: Path) -> None:
-    notes = []
-    goal = SimpleNamespace(**{name: getattr(GOAL, name) for name in GOAL.__slots__} | {"error": 0.5})
-    with rig(tmp_path) as own:
-        work = iter_adaptive(tmp_path / "s", PLAN, own, goal, OPTIONS, workers=1)  # type: ignore[arg-type]
-        for one in work:
-            notes += [one.note] if one.stage == "error of H" else []
-    assert len(notes) == 1 and notes[0].startswith("6 positions: error of H")
+def test_progress_says_the_error(whole: Whole) -> None:
+    assert len(whole.notes) == len(whole.seen) > 1 and whole.notes[0].startswith("6 positions: error of H")
+    assert whole.notes == [str(step) for step in whole.seen]

@@ -103,6 +103,15 @@ def _stopped() -> Iterator[object]:
     raise AssertionError("it went on")
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Let Ctrl-C be felt: a shell starts what it runs beside itself with it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("json", [False, True])
 def test_ctrl_c_keeps_what_was_measured(
     lfcal: Lfcal, h: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, json: bool

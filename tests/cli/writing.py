@@ -146,7 +146,8 @@ class Shell:
         self.child = self._start()
 
     def _start(self) -> subprocess.Popen[str]:
-        command = [sys.executable, "-c", self.code]
+        # -B: a compiled module cut short by the limit on files would end every program that loads it from then on
+        command = [sys.executable, "-B", "-c", self.code]
         return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def run(self, words: Sequence[str], folder: Path, limit: int = 0) -> Answer:

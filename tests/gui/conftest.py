@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
@@ -56,6 +57,8 @@ def window(qapp: QApplication, place: Path, qtbot: QtBot) -> Iterator[MainWindow
     made.shut_down()
     made.close()
     made.deleteLater()
+    # else the next change of theme is worked out for the widgets of every window before
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
 
 
 @pytest.fixture

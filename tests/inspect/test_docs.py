@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 
 from lfcal.inspect import Fault
 from lfcal.inspect.faults.series import scan_order
+from tests.distribution import DOCS, names_of
 from tests.inspect.common import clean, evidence_of, light, noisy, plan
-
-PAGE = Path(__file__).parents[2] / "docs" / "adding_a_fault.md"
 
 
 def documented() -> Fault:
-    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(blocks) == 1
-    names: dict[str, Any] = {}
-    exec(blocks[0], names)
-    fault = names["FRINGES"]
+    fault = names_of("adding_a_fault.md")["FRINGES"]
     assert isinstance(fault, Fault)
     return fault
 
@@ -44,5 +35,5 @@ def test_a_clean_recording_has_none() -> None:
 
 
 def test_the_documentation_leads_to_it() -> None:
-    for page in (PAGE.parents[1] / "README.md", PAGE.parent / "quality.md"):
+    for page in (DOCS.parent / "README.md", DOCS / "quality.md"):
         assert "adding_a_fault.md)" in page.read_text(encoding="utf-8")

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from lfcal.camera import Camera, LensletLattice, MainLens, Sensor, preset
 from lfcal.errors import InputError
@@ -201,25 +204,30 @@ def test_blank_and_textured_images_are_refused_with_a_reason(name: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+@cache
+def plain() -> NDArray[np.uint16]:
+    return draw_white().frame
+
+
 @pytest.mark.parametrize(
     ("frame", "options"),
     [
-        (np.zeros((3, 400, 400)), {}),
-        (np.zeros((12, 12)), {}),
-        (np.full((400, 400), np.nan), {}),
-        (np.array([["a"]]), {}),
-        (draw_white().frame, {"kind": "round"}),
-        (draw_white().frame, {"pitch_px": 1.0}),
-        (draw_white().frame, {"pitch_px": 200.0}),
-        (draw_white().frame, {"pitch_px": 18.0}),
-        (draw_white().frame, {"pitch_px": math.nan}),
-        (draw_white().frame, {"kind": "square"}),
-        (draw_white().frame, {"dark": np.zeros((3, 3))}),
-        (draw_white(dead=0.6).frame, {}),
-        (draw_white(pitch=15.4).frame[:70, :70], {}),
+        (lambda: np.zeros((3, 400, 400)), {}),
+        (lambda: np.zeros((12, 12)), {}),
+        (lambda: np.full((400, 400), np.nan), {}),
+        (lambda: np.array([["a"]]), {}),
+        (plain, {"kind": "round"}),
+        (plain, {"pitch_px": 1.0}),
+        (plain, {"pitch_px": 200.0}),
+        (plain, {"pitch_px": 18.0}),
+        (plain, {"pitch_px": math.nan}),
+        (plain, {"kind": "square"}),
+        (plain, {"dark": np.zeros((3, 3))}),
+        (lambda: draw_white(dead=0.6).frame, {}),
+        (lambda: draw_white(pitch=15.4).frame[:70, :70], {}),
     ],
 )
-def test_unusable_input_is_one_clear_line(frame: Any, options: dict[str, Any]) -> None:
+def test_unusable_input_is_one_clear_line(frame: Callable[[], Any], options: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="expected") as caught:
-        fit_lattice(frame, **options)
+        fit_lattice(frame(), **options)
     assert "\n" not in str(caught.value)

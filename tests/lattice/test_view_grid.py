@@ -136,6 +136,7 @@ def between(pixels: list[list[float]], y: float, x: float) -> float:
     return (i + 1 - y) * ((j + 1 - x) * a + (x - j) * b) + (y - i) * ((j + 1 - x) * c + (x - j) * d)
 
 
+@pytest.mark.few(16)
 @pytest.mark.parametrize("where", ORIGINS)
 @pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("kind", KINDS)

@@ -17,7 +17,7 @@ from lfcal.camera import preset
 from lfcal.errors import InputError, StorageError
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import METRICS, MetricSpec, QualityReport, inspect
-from lfcal.psf.report import iter_report, report
+from lfcal.psf.report import iter_report, report, report_files
 
 MISSING, COPY = (0, 1, 2), (1, 2, 3)
 
@@ -84,6 +84,12 @@ def folder(H: PSFMatrix, quality: QualityReport, tmp_path_factory: pytest.TempPa
 @pytest.fixture(scope="module")
 def page(folder: Path) -> Page:
     return Page((folder / "index.html").read_text(encoding="utf-8"))
+
+
+def test_it_has_the_report_on_paper_as_a_file(folder: Path) -> None:
+    paper = (folder / "report.pdf").read_bytes()
+    assert paper.startswith(b"%PDF") and paper.rstrip().endswith(b"%%EOF") and paper.count(b"/Type /Page /") > 2
+    assert folder / "report.pdf" in report_files(folder)
 
 
 def test_page_stands_alone(folder: Path, page: Page) -> None:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from lfcal.psf import PSFMatrix
 from lfcal.psf.quality import QualityReport, inspect
-from lfcal.psf.report import report, report_files
 from lfcal.psf.report.beside import Beside, ToldFault
 from lfcal.psf.report.pdf import Block, blocks, iter_pages
 from lfcal.psf.report.pictures import pictures
@@ -71,10 +68,3 @@ def test_a_heading_stands_with_what_it_is_about() -> None:
     content = [Block("x", 9) for _ in range(66)] + [Block("heading", keep=True), Block("words", 60)]
     pages = texts(content)
     assert len(pages) == 2 and "heading" in pages[1] and "words" in pages[1]
-
-
-def test_a_report_has_it_as_a_file(H: PSFMatrix, quality: QualityReport, tmp_path: Path) -> None:
-    report(H, tmp_path / "out", quality=quality)
-    paper = (tmp_path / "out" / "report.pdf").read_bytes()
-    assert paper.startswith(b"%PDF") and paper.rstrip().endswith(b"%%EOF") and paper.count(b"/Type /Page /") > 2
-    assert tmp_path / "out" / "report.pdf" in report_files(tmp_path / "out")

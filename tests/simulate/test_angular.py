@@ -27,9 +27,16 @@ def edge_plan(v: float) -> ScanPlan:
     return small_plan(v, small_camera(160, 3000), anchor=(70.0, 2800.0))
 
 
-@pytest.mark.few(3)
-@pytest.mark.parametrize("v", [4.0, -3.0, 2.2, 0.5])
-@pytest.mark.parametrize("edge", [False, True])
+@pytest.mark.parametrize(
+    ("v", "edge"),
+    [
+        (4.0, True),
+        (0.5, False),
+        *(pytest.param(v, edge, marks=pytest.mark.long) for v in (-3.0, 2.2) for edge in (False, True)),
+        pytest.param(4.0, False, marks=pytest.mark.long),
+        pytest.param(0.5, True, marks=pytest.mark.long),
+    ],
+)
 def test_estimate_is_honest(v: float, edge: bool) -> None:
     plan, effect = (edge_plan if edge else small_plan)(v), AngularResponse(math.radians(15))
     measured = switched(plan, effect)
@@ -69,7 +76,7 @@ def test_waves_lose_what_the_angular_spectrum_does(v: float, accept: tuple[float
     assert relative_error(wave, seen) < share * effect + 0.004
 
 
-@pytest.mark.parametrize("v", [3.0, 0.4])
+@pytest.mark.parametrize("v", [3.0, pytest.param(0.4, marks=pytest.mark.long)])
 def test_rays_lose_as_much_light(v: float) -> None:
     scene = camera_scene(v, cutout=(41, 41), accept=OBLIQUE)
     without = replace(scene, accept=(0.0, 0.0, 0.0))

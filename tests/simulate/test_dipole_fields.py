@@ -74,7 +74,8 @@ def test_the_reference_is_the_sum(name: str) -> None:
     assert relative_error(found, wanted(name)) < 1e-4
 
 
-@pytest.mark.parametrize("turn_rad", [0.01, pytest.param(0.3, marks=pytest.mark.long)])
+@pytest.mark.few(1)
+@pytest.mark.parametrize("turn_rad", [0.01, 0.3])
 @pytest.mark.parametrize("name", QUICK[1:])
 def test_turned_arrays(name: str, turn_rad: float) -> None:
     scene = CASES[name]()
@@ -115,7 +116,7 @@ def truth_of(name: str, z_um: float) -> np.ndarray:
     return np.stack([fields.response(scene, scene.source_um(y, x), (y, x)) for y, x in PLACES])
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("level", ["grid", "debye"])
 @pytest.mark.parametrize(("name", "z_um"), DEPTHS)
 def test_the_error_that_is_stated_is_the_one_there_is(name: str, z_um: float, level: str) -> None:

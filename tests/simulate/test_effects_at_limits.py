@@ -68,7 +68,7 @@ def plan_at(v: float, side: bool) -> ScanPlan:
     return small_plan(v, small_camera(160, 8000), anchor=(70.0, 7900.0), cutout=31)
 
 
-@pytest.mark.few(10)
+@pytest.mark.few(5)
 @pytest.mark.parametrize(
     "side", [pytest.param(False, id="axis", marks=pytest.mark.long), pytest.param(True, id="edge")]
 )

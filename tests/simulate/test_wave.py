@@ -130,7 +130,7 @@ def test_a_single_lenslet_is_the_fresnel_pattern_of_its_aperture():
     assert relative_error(found[inner, inner], wanted[inner, inner]) < 6e-3
 
 
-@pytest.mark.parametrize("v", [4.0, 0.4])
+@pytest.mark.parametrize("v", [4.0, pytest.param(0.4, marks=pytest.mark.long)])
 def test_single_precision_is_enough(v):
     scene = camera_scene(v)
     single, double = (WavePlane(scene, Sampling(nodes_per_px=3, double=d)).point(4.0, 7.0) for d in (False, True))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
@@ -14,8 +13,7 @@ import pytest
 from lfcal.psf import PSFMatrix, save
 from lfcal.psf.quality import METRICS, MetricSpec, inspect
 from tests.cli.conftest import Run, lfcal  # noqa: F401  the fixture
-
-PAGE = Path(__file__).parents[3] / "docs" / "adding_a_metric.md"
+from tests.distribution import names_of
 
 
 @pytest.fixture
@@ -45,11 +43,7 @@ def declare(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 
 def documented() -> MetricSpec:
-    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(blocks) == 1
-    names: dict[str, Any] = {}
-    exec(blocks[0], names)
-    spec = names["ROW_OFFSETS"]
+    spec = names_of("adding_a_metric.md")["ROW_OFFSETS"]
     assert isinstance(spec, MetricSpec)
     return spec
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,11 +10,11 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from gui.models.project import ProjectState
-from gui.pages.fit.model_run import Kept, Question, asked_of, iter_fit
+from gui.pages.fit.model_run import Kept, Question
 from gui.pages.fit.page import Page
-from lfcal.progress import Progress, Work, drain
+from lfcal.progress import Progress, Work
 from tests.gui.conftest import OpenPage
-from tests.gui.pages.fit.common import GEOMETRY, project_of, saved
+from tests.gui.pages.fit.common import fit_of, project_of, saved, with_outlier
 from tests.gui.waiting import idle
 
 
@@ -29,17 +30,20 @@ def page(open_page: OpenPage, qtbot: QtBot) -> Page:
     return made
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def known(tmp_path_factory: pytest.TempPathFactory) -> Kept:
     """Return what a fit of the tiny H tells and finds, computed once."""
-    kept, project = Kept(), project_of(saved(tmp_path_factory.mktemp("fit") / "H.h5"))
-    drain(iter_fit(asked_of(project, GEOMETRY), kept))
-    return kept
+    return fit_of(saved(tmp_path_factory.mktemp("fit") / "H.h5"))
 
 
-@pytest.fixture
-def fitted(page: Page, known: Kept, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> Page:
-    """Return the page after a fit, whose result was computed before."""
+@pytest.fixture(scope="session")
+def known_outlier(tmp_path_factory: pytest.TempPathFactory) -> Kept:
+    """Return the same of the H in which one pattern is not like the others."""
+    return fit_of(saved(tmp_path_factory.mktemp("outlier") / "outlier.h5", with_outlier()))
+
+
+def told(known: Kept) -> Callable[[Question, Kept], Work[None]]:
+    """Return the work of a fit whose result was computed before."""
 
     def again(asked: Question, kept: Kept) -> Work[None]:
         yield Progress(0, 1, "known")
@@ -47,7 +51,13 @@ def fitted(page: Page, known: Kept, qtbot: QtBot, monkeypatch: pytest.MonkeyPatc
         kept.rounds += known.rounds
         kept.found = replace(known.found, question=asked)
 
-    monkeypatch.setattr("gui.pages.fit.page.iter_fit", again)
+    return again
+
+
+@pytest.fixture
+def fitted(page: Page, known: Kept, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> Page:
+    """Return the page after a fit, whose result was computed before."""
+    monkeypatch.setattr("gui.pages.fit.page.iter_fit", told(known))
     page.fit_button.click()
     idle(page.context.jobs, qtbot)
     assert page.found is not None

@@ -35,17 +35,19 @@ from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects import Crosstalk, Zernike
 from lfcal.simulate.simulate import simulate_psf
 from tests.fit.common import few_patterns
-from tests.gui.pages.fit.common import GEOMETRY, found_in, project_of, saved, with_outlier
+from tests.gui.pages.fit.common import GEOMETRY, project_of, saved
 
 
-@pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
-    return found_in(saved(tmp_path_factory.mktemp("fit") / "H.h5"))
+@pytest.fixture
+def found(known: Kept) -> Found:
+    assert known.found is not None
+    return known.found
 
 
-@pytest.fixture(scope="module")
-def found_outlier(tmp_path_factory: pytest.TempPathFactory) -> Found:
-    return found_in(saved(tmp_path_factory.mktemp("fit") / "H.h5", with_outlier()))
+@pytest.fixture
+def found_outlier(known_outlier: Kept) -> Found:
+    assert known_outlier.found is not None
+    return known_outlier.found
 
 
 # -- choices -----------------------------------------------------------------------------------------------

@@ -30,6 +30,7 @@ from gui.window import MainWindow
 from lfcal.progress import Progress, Work
 from tests.fit.common import few_patterns
 from tests.gui.pages.fit.common import GEOMETRY, saved, with_outlier
+from tests.gui.pages.fit.conftest import told
 from tests.gui.waiting import GUARD_MS, idle
 
 
@@ -119,7 +120,10 @@ def test_parameters_are_sorted_by_number_and_copied(fitted: Page, qtbot: QtBot) 
     assert len(QApplication.clipboard().text().splitlines()) == 2
 
 
-def test_an_outlier_is_found_by_its_line(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+def test_an_outlier_is_found_by_its_line(
+    page: Page, known_outlier: Kept, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gui.pages.fit.page.iter_fit", told(known_outlier))
     page.context.project.update("open", psf=str(saved(tmp_path / "outlier.h5", with_outlier())))
     page.fit()
     idle(page.context.jobs, qtbot)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,11 +16,12 @@ from gui.models.fitted import FittedCamera
 from gui.models.project import ProjectState
 from gui.models.stamp import stamp_of
 from gui.pages.quality.model import QualitySettings, fault_words, metric_rows, worst_positions
-from gui.pages.quality.model_run import asked_of
+from gui.pages.quality.model_run import Kept, Question, asked_of, iter_judge
 from gui.pages.quality.page import Page
 from lfcal.errors import InputError
 from lfcal.fit.setup import Setup, called_for
 from lfcal.inspect import Inspection
+from lfcal.progress import Work, drain
 from lfcal.psf import save
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
@@ -38,11 +40,40 @@ def faulty(path: Path) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return faulty(tmp_path_factory.mktemp("faulty") / "H.h5")
+
+
 @pytest.fixture
-def state(tmp_path: Path) -> ProjectState:
+def state(written: Path, tmp_path: Path) -> ProjectState:
     """Return a project of a faulty H."""
-    state = replace(ProjectState(), psf=str(faulty(tmp_path / "H.h5")))
+    state = replace(ProjectState(), psf=str(shutil.copy(written, tmp_path / "H.h5")))
     return replace(state, settings=SECONDS.into(state))
+
+
+@pytest.fixture(scope="module")
+def judged_once(written: Path) -> Kept:
+    """Return what the faulty H is found to be."""
+    stamp, kept = stamp_of(str(written)), Kept()
+    assert stamp is not None
+    drain(iter_judge(asked_of(stamp, SECONDS, None), kept))
+    assert kept.inspection is not None and kept.inspection.compared
+    return kept
+
+
+@pytest.fixture
+def known(judged_once: Kept, state: ProjectState, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the page's job know what the faulty H is found to be; all else that is asked is measured."""
+    first = stamp_of(state.psf)
+
+    def at_once(asked: Question, kept: Kept) -> Work[None]:
+        if asked.stamp == first and asked.seconds == SECONDS.seconds and asked.setup is None and not asked.folder:
+            kept.report, kept.depths, kept.inspection = judged_once.report, judged_once.depths, judged_once.inspection
+        else:
+            yield from iter_judge(asked, kept)
+
+    monkeypatch.setattr("gui.pages.quality.page.iter_judge", at_once)
 
 
 @pytest.fixture
@@ -83,6 +114,7 @@ def test_faults_come_first_with_what_shows_them(page: Page, qtbot: QtBot) -> Non
     assert page.redo_button.text() == f"Send {len(found.redo())} to Acquire"
 
 
+@pytest.mark.usefixtures("known")
 def test_metrics_that_a_fault_makes_point_at_it(page: Page, qtbot: QtBot) -> None:
     found = found_by(page, qtbot)
     told = {row.key: row.told for row in metric_rows(found)}
@@ -93,12 +125,14 @@ def test_metrics_that_a_fault_makes_point_at_it(page: Page, qtbot: QtBot) -> Non
     assert "which makes it" in inspect.words.toPlainText() and not inspect.faults.selectedIndexes()
 
 
+@pytest.mark.usefixtures("known")
 def test_positions_to_record_again_are_those_of_the_whole_inspection(page: Page, qtbot: QtBot) -> None:
     found = found_by(page, qtbot)
     page.send()
     assert page.context.state.redo == worst_positions(found) == tuple(place for place, _ in found.redo())
 
 
+@pytest.mark.usefixtures("known")
 def test_nothing_of_an_earlier_h_stays(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     found_by(page, qtbot)
     save(matrix(clean()), tmp_path / "other.h5")
@@ -109,6 +143,7 @@ def test_nothing_of_an_earlier_h_stays(page: Page, qtbot: QtBot, tmp_path: Path)
     assert "hot" not in page.panel.inspect.words.toPlainText().split("(")[0] and not page.redo_button.isEnabled()
 
 
+@pytest.mark.usefixtures("known")
 def test_a_file_written_anew_is_inspected_anew(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     found_by(page, qtbot)
     save(matrix(clean()[:, :, :, 4:-4, 4:-4]), tmp_path / "H.h5")
@@ -135,6 +170,7 @@ def test_stopped_while_it_compares_the_metrics_stay(page: Page, qtbot: QtBot) ->
     assert "comparing with the camera" in seen and not page.stop_button.isEnabled()
 
 
+@pytest.mark.usefixtures("known")
 def test_without_time_only_the_metrics_are_measured(page: Page, qtbot: QtBot) -> None:
     found_by(page, qtbot)
     page.panel.inspect.form.edited.emit("seconds", 0.0)
@@ -155,6 +191,7 @@ def test_the_camera_of_page_fit_is_taken_where_it_is_of_this_h(page: Page, tmp_p
     assert asked_of(stamp, replace(SECONDS, camera="own"), fitted).setup is None
 
 
+@pytest.mark.usefixtures("known")
 def test_a_fit_found_later_is_offered(page: Page, qtbot: QtBot) -> None:
     found_by(page, qtbot)
     stamp = stamp_of(page.context.state.psf)
@@ -175,6 +212,7 @@ def test_a_folder_that_is_no_fit_is_said(page: Page, qtbot: QtBot, tmp_path: Pat
     assert page.inspection is None and page.empty is not None and "fit.json" in page.empty.label.text()
 
 
+@pytest.mark.usefixtures("known")
 def test_the_report_tells_what_the_page_shows(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     found = found_by(page, qtbot)
     page.write_report(str(tmp_path / "report"))
@@ -189,6 +227,7 @@ def test_settings_that_are_none_are_refused(changes: dict[str, object]) -> None:
         replace(SECONDS, **changes)  # type: ignore[arg-type]
 
 
+@pytest.mark.usefixtures("known")
 def test_a_fault_leads_to_its_section_of_the_atlas(page: Page, qtbot: QtBot) -> None:
     found, asked = found_by(page, qtbot), list[tuple[str, str]]()
     page.context.help_asked.connect(lambda *wanted: asked.append(wanted))
