@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.errors import InputError
 from lfcal.fit.judge import eliminated
 from lfcal.fit.normal import Columns
 from lfcal.fit.parameters import GROUPS, Unknown, Vector
@@ -15,6 +16,7 @@ from lfcal.fit.problem import Point, Problem
 from lfcal.fit.solver import with_prior
 from lfcal.fit.spread import spread_out
 from lfcal.progress import Work
+from lfcal.simulate.engines.base import EnergyError
 
 __all__ = ["StandIns", "iter_held_beside", "stand_ins", "standing_in"]
 
@@ -100,7 +102,11 @@ def iter_held_beside(problem: Problem, point: Point, columns: Columns, groups: S
     u = np.concatenate([point.u, np.zeros(len(vector) - len(old))])
     at = Point(u, local, point.model[keep], levels, point.seen.of(keep), point.sampling, point.doubtful)
     held = range(len(old), len(vector))
-    found = yield from part.columns(at, held, "what else may have changed", own=False)
+    try:
+        found = yield from part.columns(at, held, "what else may have changed", own=False)
+    except (InputError, EnergyError):
+        # a camera that cannot have them all at once has been found all the same
+        return ()
     shared = found.shared
     shared[own] = columns.shared[own][:, keep]
     beside = None if columns.own is None else columns.own[:, keep]
