@@ -90,7 +90,7 @@ class Fit:
     chi_square
         Of the fitted patterns.
     left_out_error
-        Error of the model's patterns, from patterns that were never fitted.
+        Error of the model's patterns, from patterns that were never fitted; where it does not suffice, from all.
     correlations
         Of the parameters, in their order ``(k, k)``.
     held
